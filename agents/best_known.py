@@ -14,8 +14,6 @@ Done in lots of episodes; a lot that is in docs/results/optimal.json is kept, so
 Writes docs/results/optimal.{json,md}; `python -m agents.table` shows the policies' distance from it.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Mapping

@@ -7,8 +7,6 @@ What it has learnt is written to --out. `act` is a policy for `flexarm bench sui
 reads the file that the environment variable AGENT names.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import time

@@ -7,8 +7,6 @@ Leaves figures, the trained run and report.md in the folder. What is there alrea
 the first one stopped (--fresh begins anew).
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Mapping, Sequence

@@ -8,8 +8,6 @@ essentials are copied to agents/trained/NAME-SEED, and the best seed's (on the v
 package, as flexarm_env/data/policies/NAME/policy.npz. `python -m agents.table` judges them.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import sys

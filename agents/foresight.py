@@ -6,8 +6,6 @@ whole state; it is played in the task itself, sensors and all, where it must giv
 `python -m agents.suite --only foresight`.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 import time

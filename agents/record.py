@@ -7,8 +7,6 @@ found, and the record so far. The search of `agents.foresight` goes on from the 
 of its steps bring less than `ENOUGH` of the mean return.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass

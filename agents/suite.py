@@ -12,8 +12,6 @@ policy with the highest mean return on the validation episodes is judged. --free
 made from.
 """
 
-from __future__ import annotations
-
 import hashlib
 import sys
 import time

@@ -7,8 +7,6 @@ Writes docs/results/control.{md,json} and the figures docs/figures/control_*.png
 agents/families.py. How far they are from the best known is taken from docs/results/optimal.json (agents.best_known).
 """
 
-from __future__ import annotations
-
 import csv
 import os
 import sys

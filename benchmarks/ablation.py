@@ -7,8 +7,6 @@ Absent: features are compile-time tags. The step of an arm that has none of them
 as they are and from a copy whose lines for these features are cut out, and callgrind counts what both execute.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import dataclasses

@@ -10,8 +10,6 @@ written as soon as it is there: a run that was stopped goes on. --only: cases wh
 --most N: at most so many (a process keeps all it compiles); --list: names alone. Cases: `benchmarks.bits_cases`.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json

@@ -5,8 +5,6 @@ tasks; controllers; derivatives of control periods, linear models, runs; every s
 with every kind of load, motion, joint and link under every formulation and its options.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from functools import partial

@@ -11,8 +11,6 @@ candidate (sum of both costs in a vector) that reaches the aim in both, or else 
 exit code is 1 where the package's defaults are not good enough. A few minutes of CPU time.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

@@ -5,8 +5,6 @@ python -m benchmarks.circle [--seeds N] [--steps N] [--targets N] [--page] [--ou
 What is done, and why, says docs/tutorials/circle.md; here at full length, for several seeds.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import ctypes

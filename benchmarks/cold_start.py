@@ -10,8 +10,6 @@ takes in the same minutes, for a machine that others share is slower at times. "
 has one kind grows by with each other kind: memory in MB.
 """
 
-from __future__ import annotations
-
 import argparse
 import compileall
 import importlib.util

@@ -8,8 +8,6 @@ from it two others come out: finite differences on a staggered grid in plain Num
 (`tests/oracle_exact.py`), and Exudyn where it is installed. `--check` only prints, `--cross-check` runs the two alone.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

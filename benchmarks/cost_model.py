@@ -6,8 +6,6 @@ Operations are counted (`benchmarks.operations`), the machine's ceiling is measu
 multiplications that depend on nothing but themselves, and so are steps of 5 ms, of one arm and of eight in lanes.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

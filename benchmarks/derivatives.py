@@ -8,8 +8,6 @@ period, and linear models where they are compiled. Each kind is measured in a pr
 names have one of the words, while the rows of the others stay as they are in the folder.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import itertools

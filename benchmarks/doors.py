@@ -6,8 +6,6 @@ Arms as C libraries beside Python, their steps timed in C with allocations count
 its controller; packets of all kinds at a served arm. Needs a C compiler and the extra `fmi`; a few minutes.
 """
 
-from __future__ import annotations
-
 import argparse
 import ctypes
 import json

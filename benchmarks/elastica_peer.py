@@ -8,8 +8,6 @@ before the root, so that the middle of its first element is there. Its two-link 
 left out.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from typing import Any

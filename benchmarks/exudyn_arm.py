@@ -9,8 +9,6 @@ extrapolated (Richardson). Rigid ends are local positions of bodies on the beams
 torsional springs whose offsets are the motors' angles.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from typing import Any

@@ -9,8 +9,6 @@ its loop: the torque set, the period solved, the tip and hub read. No observatio
 the comparison is generous to it.
 """
 
-from __future__ import annotations
-
 import itertools
 import sys
 import time

@@ -8,8 +8,6 @@ by differences do not get there, and steps are halved or the solver gives up. Fo
 twice a step; the steps are 200 to 3200, so that they take a few milliseconds of a run.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from typing import Any

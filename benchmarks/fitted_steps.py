@@ -7,8 +7,6 @@ shorter lead from the same state, on the same mesh. Steps: all that were taken, 
 compiled control period of one arm, the least of five rounds.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import itertools

@@ -1,7 +1,5 @@
 """What `benchmarks.formulations` measures and draws: exact beam, elastica and reduction to modes, one function each."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

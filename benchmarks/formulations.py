@@ -7,8 +7,6 @@ what it leaves out; the reduction's error against deflection and time. The exit 
 should be.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from typing import Any

@@ -5,8 +5,6 @@ python -m benchmarks.from_a_log [--steps N] [--episodes N] [--page] [--out FOLDE
 What is done, and why, says the page.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import json

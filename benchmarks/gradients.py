@@ -9,8 +9,6 @@ best policy is judged on the test episodes, which neither training nor the choic
 benchmark that was stopped goes on, and with --kept they alone are told of.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import json

@@ -3,8 +3,6 @@
 python -m benchmarks.hardware [--page] [--out FOLDER] [--figures FOLDER]     stopped, it goes on where it was
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import json

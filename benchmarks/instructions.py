@@ -12,8 +12,6 @@ Valgrind shows programs a Haswell, without AVX-512: code of that kind is made be
 in a folder that goes again (or --cache).
 """
 
-from __future__ import annotations
-
 import argparse
 import ctypes
 import json

@@ -3,8 +3,6 @@
 python -m benchmarks.lines [COMMIT ...]
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections import Counter

@@ -5,8 +5,6 @@ where a row names one, since whole links reduced to modes are not made for full 
 defaults but for what a row names. Energy is looked at each time the torque switches.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """One way to parse a benchmark's command line, to describe the machine, and to write a file, whole or not at all."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import platform

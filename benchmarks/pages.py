@@ -7,8 +7,6 @@
 A script gives what it measures, and the lines of each block; `--page` writes the blocks anew from the record alone.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import io

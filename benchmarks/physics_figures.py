@@ -6,8 +6,6 @@ Spin-up past the first frequency; centre of mass and energy of free flight at rh
 integrator. The exit code is 1 where a figure is not what it should be.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

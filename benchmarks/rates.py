@@ -1,7 +1,5 @@
 """Environment steps a second: single and vector, ours and others', measured in turn so that ratios are of one run."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field

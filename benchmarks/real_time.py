@@ -5,8 +5,6 @@ python -m benchmarks.real_time [--periods N] [--page] [--out FOLDER]
 An arm served in one process, driven by PD from another, on loopback, each on a core of its own; about half an hour.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import multiprocessing

@@ -1,7 +1,5 @@
 """Many cases, one after the other or on several cores: progress on a terminal, results kept so that a run can go on."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import json

@@ -3,8 +3,6 @@
 python -m benchmarks.space [--out FOLDER] [--page]; figures to docs/figures.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import math

@@ -1,7 +1,5 @@
 """How exact `SpatialFlexArm-v0` is under random torques and under PD, and how fast: docs/environments/spatial.md."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

@@ -1,7 +1,5 @@
 """Maps of the stability sweep: in each cell the outcomes of its cases side by side."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

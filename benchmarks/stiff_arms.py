@@ -6,8 +6,6 @@ tip's angle is more than 1 % off, or a kinetic energy is negative.
 A part of `benchmarks.stability`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

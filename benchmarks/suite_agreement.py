@@ -7,8 +7,6 @@ has the higher return (less the task's price times cost). A pair of equal return
 latest version at least 95 % of at least 30 pairs are asked for.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from pathlib import Path

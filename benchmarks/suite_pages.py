@@ -5,8 +5,6 @@
 A task's page shows the player docs/players/ID.json where there is one.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from textwrap import fill
 

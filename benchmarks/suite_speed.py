@@ -6,8 +6,6 @@
 machine).
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

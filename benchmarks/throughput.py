@@ -8,8 +8,6 @@ round counts, for others may share the machine. `Pendulum-v1` is the yardstick. 
 "standard" throughout. `benchmarks.suite_speed` writes the part on the suite's tasks.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import json

@@ -9,8 +9,6 @@ installed; PyElastica, which steps explicitly, for at most 4 s a run (--full: 12
 size takes about ten minutes; results are kept in runs/benchmarks while it runs, so that it can be stopped.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import itertools

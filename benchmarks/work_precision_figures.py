@@ -1,7 +1,5 @@
 """Figures of run time against error: one a scene, one of all fronts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@ What is drawn is defined in both: denominators are not 0, whole numbers stay wit
 arrays, what becomes a whole number is finite. A name keeps its type.
 """
 
-from __future__ import annotations
-
 import re
 from random import Random
 

@@ -1,7 +1,5 @@
 """What the tests of the environments share: the ids, exact comparison, an episode."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -7,8 +7,6 @@ bent by a fifth of their length and more (links reduced to modes as a whole: by 
 ``python -m tests.feature_matrix`` prints all cells, the worst last.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import sys

@@ -1,7 +1,5 @@
 """What the tests of linear models, modes and equilibria share: the formulations, arms, scenes at rest."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

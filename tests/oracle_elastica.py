@@ -3,8 +3,6 @@
 Nothing here uses the package's mechanics: Lagrange polynomials are products, slopes complex steps.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -5,8 +5,6 @@ two ends of each link; strains are differences there, masses are lumped, and Sci
 share a position, not an angle.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 from typing import Any

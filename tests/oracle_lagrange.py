@@ -4,8 +4,6 @@ quadratic forms (exact likewise).
 Arrays of coordinates may have any leading axes: the derivatives for all coordinates are taken at once.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Fresh interpreters, for what a test's own one cannot show."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

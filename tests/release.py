@@ -13,8 +13,6 @@ something fails; the table at the end says what was tried, and `python -m tests.
 docs/results/releases.md.
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import shutil

@@ -1,7 +1,5 @@
 """Arms, scenes and room for lanes that tests share."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The estimated error of a run: its parts, the status it leads to, and how it compares with converged solutions."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Training, resuming, exporting and judging: small runs from the command line and from Python."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import json

@@ -1,7 +1,5 @@
 """What training is made of: configuration, arguments, measures, files, films; what programs say when broken off."""
 
-from __future__ import annotations
-
 import dataclasses
 import errno
 import importlib

@@ -1,7 +1,5 @@
 """The reference results: what is run in which order, how it goes on, the best known, references from results."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Named arms: their numbers against sources, TOML and errors."""
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path

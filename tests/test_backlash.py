@@ -1,7 +1,5 @@
 """Play in elastic gears: free flight across it, the period of an oscillator with a gap, books, agreement, refusals."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The command line: what it prints, writes and refuses, and that its help loads nothing heavy."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

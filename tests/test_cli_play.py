@@ -1,7 +1,5 @@
 """Playing from the command line, and the commands that hand on to a checkout's scripts."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """Controllers: what they are derived from, and what they reach."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import json

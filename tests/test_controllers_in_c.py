@@ -1,7 +1,5 @@
 """Controllers as C: the numbers of the Python classes, over whole episodes."""
 
-from __future__ import annotations
-
 import ctypes
 import re
 import shutil

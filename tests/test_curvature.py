@@ -1,7 +1,5 @@
 """Links that are bent without stress: rest, the moment that straightens them, frequencies, large motion."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Jacobians and cotangents of a control period: against differences of the period itself, and against one another."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

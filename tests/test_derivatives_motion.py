@@ -1,7 +1,5 @@
 """Derivatives of arms that follow prescribed motions, against differences of the environment itself."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

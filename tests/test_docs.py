@@ -1,7 +1,5 @@
 """The documentation: its code runs as printed, every public name has its place and its docstring."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import re

@@ -1,7 +1,5 @@
 """The commands and programs of docs/doors.md, as they are printed there."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Dual lanes: every rule of differentiation against complex steps or differences, and values that keep their bits."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

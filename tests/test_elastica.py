@@ -1,7 +1,5 @@
 """The elastica: known answers, energy, orders of convergence, the slender strip against the exact beam, lanes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

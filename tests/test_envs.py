@@ -1,7 +1,5 @@
 """The single environments: Gymnasium's rules, the specification in the docstrings."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from typing import Any

@@ -1,7 +1,5 @@
 """What the environments refuse: wrong arguments, options, actions and seeds are named, and change nothing."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Sensors, motors, controllers, moving targets, randomised arms: each against what it is meant to be."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

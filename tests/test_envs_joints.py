@@ -1,7 +1,5 @@
 """Arms with motors, gears and friction in the environments: lanes, what info tells, currents and voltages."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

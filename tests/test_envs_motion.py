@@ -1,7 +1,5 @@
 """Episodes with prescribed motion, and the replay of scenes through an environment."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import math

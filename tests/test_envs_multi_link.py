@@ -1,7 +1,5 @@
 """MultiLinkFlexArm-v0 where it is not as the others are: spaces, goals, controllers, how exact it is."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

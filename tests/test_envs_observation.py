@@ -1,7 +1,5 @@
 """What is observed: entries by name, what sensors measure, and several observations in one."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import pickle

@@ -1,7 +1,5 @@
 """States gone back to, copies, pickles; other processes and threads."""
 
-from __future__ import annotations
-
 import copy
 import multiprocessing
 import pickle

@@ -1,7 +1,5 @@
 """The native vector environments: the single one, bit for bit, in any number, on any threads, across autoresets."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """Equilibria: statics by hand and by elliptic integrals, stability, what has no answer."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What befalls an arm in an episode: costs, pushes, payloads gripped and let go; each against its meaning."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

@@ -1,7 +1,5 @@
 """The geometrically exact beam, compiled: references, known answers, orders of convergence, the stiff strip, lanes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

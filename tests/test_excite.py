@@ -1,7 +1,5 @@
 """Torques that tell what an arm is: their bounds, their spectrum, how they are played."""
 
-from __future__ import annotations
-
 import dataclasses
 import threading
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Policies for other machines: what C and ONNX decide beside NumPy."""
 
-from __future__ import annotations
-
 import ctypes
 import dataclasses
 import itertools

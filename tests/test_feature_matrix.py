@@ -1,7 +1,5 @@
 """Every feature under every formulation, on a bent arm (`feature_matrix.py`): tip, torque, losses, energy, damping."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

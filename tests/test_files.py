@@ -1,7 +1,5 @@
 """Files that users give: a good object or a sentence that names the file, whatever is in them; counted by kind."""
 
-from __future__ import annotations
-
 import ast
 import copy
 import dataclasses

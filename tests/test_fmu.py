@@ -1,7 +1,5 @@
 """Arms as functional mock-up units, by the standard's own functions: the bits of Python, states, refusals."""
 
-from __future__ import annotations
-
 import ctypes
 import shutil
 import zipfile

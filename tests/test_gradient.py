@@ -1,7 +1,5 @@
 """Learning by gradients: the gradient itself, a run like any other, resumed bit for bit."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From logs to arms: what a known truth comes out as, what cannot be told, and which logs are refused."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

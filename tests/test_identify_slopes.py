@@ -1,7 +1,5 @@
 """Derivatives of what an arm's sensors read, against differences of whole runs at a tolerance of 1e-12."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

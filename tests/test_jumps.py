@@ -1,7 +1,5 @@
 """Prescribed velocities that jump, with Kelvin-Voigt damping: motion and energy books against known answers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

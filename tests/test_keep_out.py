@@ -1,7 +1,5 @@
 """What an arm is to stay out of: info beside runs of scenes, single beside vector, in the plane and in space."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

@@ -1,7 +1,5 @@
 """Compiled code on disk: nobody loads what is damaged or was written for something else, nobody has to have it."""
 
-from __future__ import annotations
-
 import ast
 import errno
 import hashlib

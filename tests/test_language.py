@@ -1,7 +1,5 @@
 """The language of kernels: what it means is what Python means, bit for bit, and what it does not have is refused."""
 
-from __future__ import annotations
-
 import importlib.util
 import linecache
 import math

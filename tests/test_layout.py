@@ -1,7 +1,5 @@
 """One declaration of a layout: what NumPy packs is what kernels find."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What libraries of reinforcement learning look for in the environments: words of errors, bases, infos, specs."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from typing import Any

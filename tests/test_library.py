@@ -1,7 +1,5 @@
 """Arms as C libraries: the same bits as Python's, no allocation after the first, clear refusals."""
 
-from __future__ import annotations
-
 import ctypes
 import dataclasses
 import shutil

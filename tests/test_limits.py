@@ -1,7 +1,5 @@
 """Work without bound is refused with a sentence, and what takes long hears Ctrl-C."""
 
-from __future__ import annotations
-
 import dataclasses
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Linear models and modes against known answers and against the nonlinear solver itself."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Links whose sections vary: known frequencies, masses, what a constant one is equal to, TOML and errors."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

@@ -1,7 +1,5 @@
 """LQG: what its filter finds of the arm, and what it reaches on what sensors read."""
 
-from __future__ import annotations
-
 import dataclasses
 from types import SimpleNamespace
 

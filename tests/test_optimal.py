@@ -1,7 +1,5 @@
 """Optimal control: against Riccati, against known times, and what plans and the receding horizon promise."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import gymnasium as gym

@@ -1,7 +1,5 @@
 """What the wheel and the source distribution hold."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

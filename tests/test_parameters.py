@@ -1,7 +1,5 @@
 """Sections, links, arms and settings: what is taken, what is refused and how the refusal reads."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import math

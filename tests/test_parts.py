@@ -1,7 +1,5 @@
 """Kernels as their users meet them: called from Python and from kernels, from disk, beside others' functions."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """A payload whose centre of mass is not at the tip: known frequencies, a pendulum, large motion, books, errors."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

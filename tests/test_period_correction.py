@@ -1,7 +1,5 @@
 """The exact beam's correction of the integrator's period, against known answers and the converged solutions."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

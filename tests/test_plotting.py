@@ -1,7 +1,5 @@
 """Figures: they are written whole, in the format asked for, and show what the run holds."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The trained policies that come with the package."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import pytest
 

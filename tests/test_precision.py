@@ -1,7 +1,5 @@
 """Arms of any stiffness: right against the rigid arm, or refused with a sentence that names field, value and limit."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

@@ -3,8 +3,6 @@
 Few draws by default; the same properties over many draws are marked slow.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """README.md: its code runs as printed, its links lead somewhere."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The recipes of docs/architecture.md: each change is made in a copy of the package, and what it says holds there."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Recorded episodes: kept whole, written and read back, replayed to the last bit, given to Minari."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Reference trajectories: where they are from, how good they are, and which files are refused."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Arms served in real time: packets and their enemies, the watchdog, limits, a circle over loopback."""
 
-from __future__ import annotations
-
 import json
 import math
 import socket

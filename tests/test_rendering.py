@@ -1,7 +1,5 @@
 """Pictures: what is to be seen is there, where it belongs, without a display and without being asked twice."""
 
-from __future__ import annotations
-
 import copy
 import logging
 import pickle

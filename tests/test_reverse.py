@@ -1,7 +1,5 @@
 """Kernels backwards: loops, branches, arrays written in place; cotangents against tangents of the same kernels."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from random import Random
 from typing import Any

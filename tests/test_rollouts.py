@@ -1,7 +1,5 @@
 """Derivatives through many control periods: against differences, tangent against adjoint, in NumPy and in PyTorch."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

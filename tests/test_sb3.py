@@ -1,7 +1,5 @@
 """A Gymnasium VectorEnv as a Stable-Baselines3 VecEnv: what every algorithm and wrapper of theirs relies on."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, ClassVar
 

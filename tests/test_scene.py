@@ -1,7 +1,5 @@
 """Scenes: the named ones against the page that declares them, checks, kinks and settings."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import pickle

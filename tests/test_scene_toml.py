@@ -1,7 +1,5 @@
 """Scenes as TOML: what is written is read back, and every wrong key is named by its path."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

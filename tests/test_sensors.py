@@ -1,8 +1,6 @@
 """Sensors against their definitions: noise, bias, gain, quantisation, delay, filters; each alone, then in environments
 and over the trajectory of a scene."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """Shapes: distances that are known, slopes by differences, kernels beside NumPy, drawings on the surface."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What turns the joints of arms in space: rotors on axes that turn, gears, play, friction; motors in environments."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

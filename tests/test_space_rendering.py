@@ -1,7 +1,5 @@
 """Pictures of arms in space: what is to be seen is where it belongs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Sensors of arms in space against known answers, beside the plane, and in environments."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

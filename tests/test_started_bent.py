@@ -1,7 +1,5 @@
 """Scenes that start at rest under their loads: they stay there, or go from there when they are let go."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Scenes that start turning and moving: energies against the rigid arm's, no jump where motions go on alike."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

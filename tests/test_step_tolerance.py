@@ -1,7 +1,5 @@
 """Steps fitted to a tolerance: in environments bit for bit the same in any number, in scenes with an honest error."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

@@ -1,7 +1,5 @@
 """The suite: tasks as data, frozen by their digests, made through Gymnasium's registry."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 import warnings

@@ -1,7 +1,5 @@
 """Judging on the suite: policies of every kind, results files and their page."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import sys

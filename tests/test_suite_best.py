@@ -1,7 +1,5 @@
 """Records: the best that was ever played, replayed to the bit."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

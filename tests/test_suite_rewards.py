@@ -1,8 +1,6 @@
 """Reward and success of every task, from the formula that docs/suite.md has, on recorded episodes: NumPy alone, from
 tips, deflections, targets and actions."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

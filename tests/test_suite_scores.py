@@ -1,7 +1,5 @@
 """Scores on the suite: interquartile means, their intervals, references."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

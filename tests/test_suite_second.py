@@ -1,7 +1,5 @@
 """The second hundred of episodes: seeds that follow from the policy, and what tells one that has learnt by heart."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 from itertools import combinations

@@ -1,7 +1,5 @@
 """Time functions: values and derivatives against formulas and differences, kinks, tables and their errors."""
 
-from __future__ import annotations
-
 import copy
 import math
 import pickle

@@ -1,7 +1,5 @@
 """Trajectories: what they record, what is written to files and read back, and how they compare with references."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

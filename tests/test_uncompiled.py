@@ -1,7 +1,5 @@
 """FLEXARM_COMPILER=python: the same numbers from plain Python, for a debugger to step through."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The player's page, without a browser (that is tests/browser): what is in it, its size, what `flexarm view` takes."""
 
-from __future__ import annotations
-
 import base64
 import dataclasses
 import hashlib

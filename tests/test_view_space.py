@@ -1,7 +1,5 @@
 """The player's page of arms in space, without a browser: what is in it, and what goes into it."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """Who waits for the compiler is told: once a wait, and only where something is compiled."""
 
-from __future__ import annotations
-
 import logging
 import time
 from pathlib import Path

@@ -1,8 +1,6 @@
 """What every formulation owes the integrator, on plain Python numbers: damping forces that come from a potential, and
 coordinates that move as they say; `test_uncompiled.py` runs this file with FLEXARM_COMPILER=python."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

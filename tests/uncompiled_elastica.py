@@ -3,8 +3,6 @@
 The kernels are the very ones that are compiled elsewhere; here all sizes and features come at no compile time.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -3,8 +3,6 @@
 The kernels are the very ones that are compiled elsewhere; here all orders, damping and gravity come at no compile time.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from typing import Any

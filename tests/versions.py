@@ -7,8 +7,6 @@ agree within 1e-12 of each case's largest number (observations, which are float3
 of one NumPy bit for bit. The exit code is 1 where something fails.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

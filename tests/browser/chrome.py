@@ -1,7 +1,5 @@
 """Headless Chromium by the DevTools protocol, over two pipes: no driver and no package of its own."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os

@@ -1,7 +1,5 @@
 """One browser for the whole lane, one page of each kind of run."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The player in a real browser: what it draws, against the run itself; its keys, its charts, its look."""
 
-from __future__ import annotations
-
 from functools import cache
 from itertools import pairwise
 from pathlib import Path

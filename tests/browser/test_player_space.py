@@ -1,7 +1,5 @@
 """The player of arms in space in a real browser: where the arm is, how it is turned and followed, its look."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 from typing import Any

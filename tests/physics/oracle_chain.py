@@ -4,8 +4,6 @@ Nothing here uses the package's mechanics. The frame of a body (`oracle_bodies.p
 Kinetic energy, potentials and Rayleigh's function are sums over its points.
 """
 
-from __future__ import annotations
-
 import itertools
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Floating frames in a chain without multipliers: the oracle itself, equations, lanes, and scenes in both frames."""
 
-from __future__ import annotations
-
 import itertools
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Known answers of the floating frame: spin-up, free flight, order of the integrator, frequencies, segments."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Rotors, elastic gears and friction: frequencies, limits, large motion, stick and slip, the books."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

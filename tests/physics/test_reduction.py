@@ -1,7 +1,5 @@
 """Reduction to modes: its error against the exact beam, the range it reports, and its stop before it breaks down."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@
 The kernels are the very ones that are compiled elsewhere; here all meshes, frames and features come at no compile time.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

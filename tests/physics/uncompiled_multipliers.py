@@ -3,8 +3,6 @@
 `test_floating_frame.py` runs this file, on plain Python numbers: the kernels are those that are compiled elsewhere.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
