@@ -6,8 +6,6 @@
 behind the command go to the script, and its exit code comes back.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import json

@@ -5,8 +5,6 @@ something is missing; 3 a run is inaccurate, asked for by --strict; 130 interrup
 standard error.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from typing import Any, NoReturn

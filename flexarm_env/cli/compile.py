@@ -1,7 +1,5 @@
 """`flexarm compile`: everything compiled beforehand, for a machine and all the processes that will work on it."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import dataclasses

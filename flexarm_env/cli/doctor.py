@@ -1,7 +1,5 @@
 """`flexarm doctor`: versions, processors, the folder of compiled code, and a self-test."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import platform

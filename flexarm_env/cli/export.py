@@ -1,7 +1,5 @@
 """`flexarm export`: a trained policy as ONNX or as C, a controller as C; an arm as a C library."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """`flexarm excite` and `identify`: torques for a log, and from logs to an arm."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from contextlib import closing

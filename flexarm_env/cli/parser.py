@@ -1,7 +1,5 @@
 """Arguments and help texts of `flexarm`; nothing heavy is imported here."""
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import os

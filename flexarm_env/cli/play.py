@@ -1,7 +1,5 @@
 """`flexarm play`: an environment in a window or a film, under the keyboard, a controller or a trained policy."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

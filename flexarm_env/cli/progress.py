@@ -1,7 +1,5 @@
 """A progress bar on a terminal, and the one way to print results."""
 
-from __future__ import annotations
-
 import json
 import math
 import sys

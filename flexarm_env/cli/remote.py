@@ -1,7 +1,5 @@
 """`flexarm serve` and `flexarm run`: an arm that answers packets in real time, and a policy that drives one."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import math

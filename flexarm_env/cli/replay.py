@@ -1,7 +1,5 @@
 """`flexarm replay` and `flexarm simulate`: run a scene, report, compare, write, draw."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import time

@@ -1,7 +1,5 @@
 """`flexarm scenes`: what there is to replay."""
 
-from __future__ import annotations
-
 import argparse
 import json
 

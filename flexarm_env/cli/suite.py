@@ -1,7 +1,5 @@
 """`flexarm bench suite` and `flexarm bench page`: policies judged on the suite's tasks, a page of results."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path

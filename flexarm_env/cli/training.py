@@ -1,7 +1,5 @@
 """`flexarm train`, `evaluate` and `tune`: programs of `flexarm_env.training`, which read their flags themselves."""
 
-from __future__ import annotations
-
 import argparse
 import importlib
 

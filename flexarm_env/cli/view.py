@@ -1,7 +1,5 @@
 """`flexarm view`: a page that plays scenes, trajectories, episodes, controllers and policies in a browser."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import webbrowser

@@ -4,8 +4,6 @@ Whole numbers have 64 bits and wrap around. Floor division and remainder take th
 0 (Python raises), and a float's is NaN. A shift by 64 or more leaves 0. Numbers that are known are reckoned by Python.
 """
 
-from __future__ import annotations
-
 import math
 import operator
 from typing import Any

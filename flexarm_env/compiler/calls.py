@@ -1,7 +1,5 @@
 """Calls in kernels: words of the language, named tuples, kernels, choices among kernels, straight-line code."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Hashable
 from typing import Any

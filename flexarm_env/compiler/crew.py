@@ -10,8 +10,6 @@ it; who is done takes from the ends of the others' parts, so that nobody waits f
 run. All of it by compare and swap: of two sides one gets it.
 """
 
-from __future__ import annotations
-
 import functools
 import os
 import threading

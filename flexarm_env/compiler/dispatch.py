@@ -1,7 +1,5 @@
 """Functions that are chosen when a kernel is compiled, by the class of an argument."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from typing import Any

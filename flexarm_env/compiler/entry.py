@@ -7,8 +7,6 @@ compiled function through `entry`, which is a function of C's that Python calls 
 Kernels can be called with arguments of all kinds as well (`call`): these are placed for the length of the call.
 """
 
-from __future__ import annotations
-
 import ctypes
 import struct
 from collections import OrderedDict

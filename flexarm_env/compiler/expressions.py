@@ -1,7 +1,5 @@
 """Expressions of kernels: what each stands for, and the instructions that it takes."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Callable, Sequence
 from types import ModuleType

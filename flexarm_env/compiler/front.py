@@ -5,8 +5,6 @@ None, sizes, tags, functions, is settled while it is written: of `if x is not No
 get several values live in slots on the stack, which LLVM makes registers of. The language: docs, "the compiler".
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -13,8 +13,6 @@ tangents, L numbers each that say how it changes along a direction, and every op
 Here the words are what Python runs where compilation is disabled; what the front end writes for them stands in `words`.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

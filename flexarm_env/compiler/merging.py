@@ -1,7 +1,5 @@
 """Where two ways meet, or a name gets a second value: what is wide enough for both."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from . import arithmetic

@@ -7,8 +7,6 @@ behind a line of JSON: reading one runs nothing. Nothing is read that others tha
 Kernels of other files than the package's name themselves in the line: file, digest, and the values of what they read.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import hashlib

@@ -4,8 +4,6 @@ Every program has one function of three whole numbers that returns one. It is gi
 arguments, or, called directly, of its one named tuple and two whole numbers (see `entry`).
 """
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import os

@@ -1,7 +1,5 @@
 """Rooms of words that a `Tape` keeps numbers in: on the stack while there are few, otherwise from the system."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any

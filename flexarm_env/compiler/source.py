@@ -1,6 +1,5 @@
 """The source text of kernels, parsed: looked for where Python keeps it, and refused where it is not what is running."""
 
-from __future__ import annotations
 import __future__
 
 import ast

@@ -12,8 +12,6 @@ time throughout. Same operations in the same order, hence the same bits; where c
 plain numbers.
 """
 
-from __future__ import annotations
-
 import functools
 import inspect
 import types as python

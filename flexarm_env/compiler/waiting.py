@@ -4,8 +4,6 @@ It goes to the logger `flexarm_env`, which writes to standard error unless told 
 `logging.getLogger("flexarm_env").setLevel("ERROR")` silences it.
 """
 
-from __future__ import annotations
-
 import logging
 import threading
 import time

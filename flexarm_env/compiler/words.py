@@ -3,8 +3,6 @@
 In Python's own run they are the functions themselves; compiled, what stands beside them here.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Functions of lanes that physics and tasks need: the same bits for a batch and a single arm."""
 
-from __future__ import annotations
-
 import math
 
 from ..compiler import absolute, kernel, load, select_lt, square_root, store

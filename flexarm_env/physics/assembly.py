@@ -1,7 +1,5 @@
 """Scene and settings to System and Drive: which formulation assembles, and what is driven by functions of time."""
 
-from __future__ import annotations
-
 import dataclasses
 import importlib
 from typing import Any

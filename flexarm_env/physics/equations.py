@@ -1,7 +1,5 @@
 """Entry points from Python: the equations of motion themselves, to be differentiated and solved in `linear`; gauges."""
 
-from __future__ import annotations
-
 from ..compiler import SINGLE, kernel, store
 from .protocol import RESIDUAL_ALONE, assemble, constrain, gauge, out_of_range, task_poses
 

@@ -3,8 +3,6 @@
 Floating-frame bodies resolve it as the mean curvature between two drawing stations; the others give it at the point.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any

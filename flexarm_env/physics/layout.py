@@ -1,7 +1,5 @@
 """Where things are in what every formulation reads or writes: inputs, motions, link poses, an arm's books."""
 
-from __future__ import annotations
-
 from ..layout import Field, Layout
 
 POSES = Layout(

@@ -4,8 +4,6 @@ Entry (i, j) of an n x n matrix with half widths `below` and `above` lies at `A[
 with `width = 2*below + above + 1`: the extra `below` columns take the fill that row exchanges cause.
 """
 
-from __future__ import annotations
-
 from ..compiler import absolute, kernel, largest, load, store
 
 

@@ -10,8 +10,6 @@ A law is given its strain times a length l, then l, then what its section has be
 `BENDING`), and returns an `Answer`. docs/architecture.md shows two others.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 from ..compiler import kernel

@@ -1,7 +1,5 @@
 """What `shapes` describes, for kernels: signed distances and their slopes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

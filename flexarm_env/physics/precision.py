@@ -11,8 +11,6 @@ so that the first must stay small, and the second is made so where the tolerance
 tau_d / h) times the turn of a step: no more where a step resolves the motion.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -13,8 +13,6 @@ beyond. The chain is an elastica of N springs. With f given, joints and tip foll
 two equations, tip(f) = p, in two unknowns, whatever N is (Newton's method, with steps halved where they do not help).
 """
 
-from __future__ import annotations
-
 import math
 
 from ..compiler import kernel

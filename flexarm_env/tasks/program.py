@@ -1,7 +1,5 @@
 """All that the compiled environment works on: what is where in an arm's memory, and the tuple that holds everything."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """A task: the tip of a chain of links is brought to a point, and kept there."""
 
-from __future__ import annotations
-
 import math
 
 from ..compiler import kernel, load, select_lt, sincos, size, splat, square_root

@@ -1,7 +1,5 @@
 """A task: one link turns its tip to a polar angle, and keeps it there."""
 
-from __future__ import annotations
-
 import math
 
 from ..compiler import absolute, kernel, load, select_lt, sincos, splat

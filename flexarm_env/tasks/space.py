@@ -1,7 +1,5 @@
 """A task: in space, the tip of a chain of links is brought to a point, and kept there."""
 
-from __future__ import annotations
-
 from ..compiler import kernel, load, sincos, size, splat, square_root
 from ..physics.layout import SPACE_POSE
 from .program import TARGET

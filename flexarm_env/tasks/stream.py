@@ -1,7 +1,5 @@
 """The arms' streams of random numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..compiler import kernel

@@ -21,8 +21,6 @@ and for one arm, whose `record` is its own (`program.RECORD`):
     in_hub_frame(task, cosine, sine, x, y)     a target's two numbers as an observation shows them
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

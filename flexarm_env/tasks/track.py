@@ -1,7 +1,5 @@
 """Moving targets: where they are, how fast they move, and what the observation sees of what comes."""
 
-from __future__ import annotations
-
 from ..compiler import arms, kernel, load, sincos, size, splat, stack, store
 from ..physics.arithmetic import clip
 from ..physics.layout import POSE

@@ -1,7 +1,5 @@
 """Derivatives backwards of the elastica's solve, residual and poses, from their sources (`compiler.vjp_of`)."""
 
-from __future__ import annotations
-
 from ...compiler import kernel, vjp_of
 from ..model import Elastica
 from ..protocol import State, register

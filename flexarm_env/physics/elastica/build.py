@@ -1,7 +1,5 @@
 """Scene and settings to a Model of elasticas: the constants that its kernels read, and where coordinates stand."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -6,8 +6,6 @@ w_j = along_j + i across_j: what is real elsewhere is complex. Its force A acts 
 P_ij of the chain's masses gets m_p conj(w_i) w_j. Where the root moves with the centre of mass beta is complex as well.
 """
 
-from __future__ import annotations
-
 from ...compiler import kernel, load, size, splat, stack, store
 from ..materials import bending
 from .layout import OWN, X, Y, bends_at, constants, eccentric_at, node_angles, weighted

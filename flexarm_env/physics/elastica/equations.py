@@ -8,8 +8,6 @@ can move it is at x - sum_j beta_j e_j, with x the last two rows: beta = 0 where
 the centre of mass, so that steps keep momentum to round-off.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

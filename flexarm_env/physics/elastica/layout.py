@@ -1,7 +1,5 @@
 """Where things are in an elastica's data and coordinates."""
 
-from __future__ import annotations
-
 from ...compiler import kernel, load, size, splat, store
 from ...layout import Field, Layout
 from ..materials import BENDING

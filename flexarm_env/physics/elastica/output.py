@@ -1,7 +1,5 @@
 """What is read off an elastica's state: energies, ports, poses, shape (equations of motion: `equations`)."""
 
-from __future__ import annotations
-
 from ...compiler import kernel, load, sincos, size, splat, stack, store
 from ..arithmetic import share_of
 from ..layout import OF_LOAD, POSE

@@ -13,8 +13,6 @@ too large where the error is small (below 0.3 % of the length). Links that whip 
 estimate then counts is a companion run that is softer (`Notes.softer`), if that is further away.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 

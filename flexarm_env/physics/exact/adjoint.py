@@ -1,7 +1,5 @@
 """Derivatives backwards of a chain of exact beams' residual and poses, from their sources (`compiler.vjp_of`)."""
 
-from __future__ import annotations
-
 from ...compiler import kernel, vjp_of
 from ..model import ExactBeam
 from ..protocol import RESIDUAL_ALONE, register

@@ -6,8 +6,6 @@ p + 1 points for the consistent mass, which is constant. Coordinates are those o
 quadratic-velocity terms.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray

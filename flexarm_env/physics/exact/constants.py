@@ -4,8 +4,6 @@
 the two it is, is known by then. None of this is compiled: what is left are the products that it returns.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from ..materials import BENDING, NORMAL_AND_SHEAR

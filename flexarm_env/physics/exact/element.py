@@ -16,8 +16,6 @@ element (`layout.Varying`) k1 and k2 are those of each point, and bending and in
 interior. All of this runs when a kernel is compiled (`compiler.trace`): what is left are the operations on values.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 from ...compiler import kernel, load, sincos, splat, store, traced

@@ -9,8 +9,6 @@ positive in it). A free hinge passes only forces on to the link before it: its a
 Where all that is in coordinates and in S is told in `layout`: CHAIN and FACTORS.
 """
 
-from __future__ import annotations
-
 from ...compiler import kernel, load, sincos, splat, store
 from ..arithmetic import add
 from ..layout import OF_LOAD

@@ -1,7 +1,5 @@
 """What correcting the period of a chain of geometrically exact beams takes: M a alone, and rotating its vectors."""
 
-from __future__ import annotations
-
 from ...compiler import kernel, load, splat, store
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from .element import momentum, rotate_pair

@@ -1,7 +1,5 @@
 """Where things are in a chain of geometrically exact beams: coordinates, factors of the tangent, constants."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 from ...compiler import kernel, load, store

@@ -1,7 +1,5 @@
 """What is read off a chain of geometrically exact beams: ports, energies, poses, shape; and Newton's first guess."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...compiler import kernel, load, sincos, splat, store

@@ -7,8 +7,6 @@ in its middle. The matrix leaves out that a lever turns while it accelerates (te
 inertia). A payload whose centre is not at the tip is at the far point of one more lever, behind the last.
 """
 
-from __future__ import annotations
-
 from ...compiler import kernel, load, sincos, splat, store
 from ..layout import LEVER
 from ..model import PAYLOAD_MASS

@@ -3,8 +3,6 @@
 What takes values of run time (`Sums` and what follows it) is for traced functions.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 from typing import Any

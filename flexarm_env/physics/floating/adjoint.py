@@ -1,8 +1,6 @@
 """Derivatives backwards of a chain of floating frames' solve, residual and poses, from their sources
 (`compiler.vjp_of`)."""
 
-from __future__ import annotations
-
 from ...compiler import kernel, vjp_of
 from ..model import FloatingChain
 from ..protocol import RESIDUAL_ALONE, register

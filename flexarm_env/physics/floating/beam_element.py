@@ -4,8 +4,6 @@ Nodal coordinates (u1, v1, phi1, u2, v2, phi2) in the body frame, length l, shea
 mu = 1 / (1 + 12 EI / (C l^2)); mu = 1 is Euler-Bernoulli.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -8,8 +8,6 @@ a change of what lies before are as few: three numbers each way (docs: theory, s
 E = [[0, -1], [1, 0]] turns a quarter; d/dt of R y is R (y' + w E y).
 """
 
-from __future__ import annotations
-
 from ...compiler import kernel, load, sincos, size, splat, store, unrolled
 from ..model import STIFFNESS_FACTOR, TAU_D
 from .layout import KNOWN, NOW, PASSED, body_at, factors_at, span_at, strain_at, vectors_at, window

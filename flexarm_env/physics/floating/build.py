@@ -3,8 +3,6 @@
 Each link is cut into `segments` bodies joined rigidly, of finite elements or reduced to `modes`.
 """
 
-from __future__ import annotations
-
 from copy import deepcopy
 from itertools import pairwise
 from typing import Any

@@ -8,8 +8,6 @@ the whole tangent): the cost is linear in the number of bodies.
 S holds `ROOT`, then a `JOINT` for each elbow and `FACTORS` for each body, then `LEVER_FACTORS` of rigid ends.
 """
 
-from __future__ import annotations
-
 from ...compiler import kernel, load, size, splat, stack, store
 from ..arithmetic import fall
 from ..layout import OF_LOAD

@@ -3,8 +3,6 @@
 model: `physics.model.FloatingChain`, whose table is None, or `FloatingFrame`, whose bodies have frames of their own.
 """
 
-from __future__ import annotations
-
 from ...compiler import WIDEST, absolute, kernel, load, select_lt, sincos, size, splat, stack, store, unrolled
 from ..arithmetic import fall
 from ..layout import OF_LOAD, POSE

@@ -5,8 +5,6 @@ root section's. All inertia enters through constants that are computed here once
 A body reduced to bending modes has the same constants plus those of its foreshortening (`reduction.py`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

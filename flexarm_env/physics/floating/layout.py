@@ -1,7 +1,5 @@
 """Where things are in a floating-frame Model's arrays: in `table` (a row a body), `data` (a block a body) and S."""
 
-from __future__ import annotations
-
 from ...compiler import kernel, size
 from ...layout import Field, Layout
 

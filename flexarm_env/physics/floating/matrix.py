@@ -3,8 +3,6 @@
 Rows and columns: the body's n elastic coordinates, then x, y of the acceleration of its origin and its angle.
 """
 
-from __future__ import annotations
-
 from ...compiler import kernel, load, size, splat, store, unrolled
 from ..model import STIFFNESS_FACTOR
 from .body import constants, damping_time, dot, turn_of_root

@@ -8,8 +8,6 @@ holds it with lies at its tip as any force does.
 S holds the band, the pivots of its factors, and room for one body's `FACTORS`. One arm at a time: rows are exchanged.
 """
 
-from __future__ import annotations
-
 from ...compiler import kernel, load, size, splat, stack, store
 from ..arithmetic import fall
 from ..layout import OF_MOTION

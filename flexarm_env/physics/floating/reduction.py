@@ -5,8 +5,6 @@ the axis along the section's normal keeps its length, as the exact beam's does. 
 with what it carries lumped at its tip (docs: theory, section 4).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 

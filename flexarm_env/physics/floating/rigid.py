@@ -6,8 +6,6 @@ its far point, l e away, a + l (alpha n - w^2 e), n = E e. A force there is a mo
 a mass in its middle, and an elbow's mass at its far point.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 from ...compiler import kernel, load, sincos, splat, store
