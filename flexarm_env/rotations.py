@@ -30,6 +30,14 @@ def matrices(psi: Any) -> Array:
     return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * hat + 0.5 * half**2 * hat @ hat)
 
 
+def slope(psi: Array) -> Array:
+    """T (3, 3) of a rotation vector (3,) rad: exp(psi^ + d psi^) is exp(psi^) exp((T d psi)^)."""
+    angle, hat = float(np.sqrt((psi**2).sum())), skew(psi)
+    half = np.sinc(angle / (2.0 * np.pi))
+    third = (angle - np.sin(angle)) / angle**3 if angle > 1e-2 else (1.0 - angle**2 / 20.0) / 6.0
+    return np.asarray(np.eye(3) - 0.5 * half**2 * hat + third * hat @ hat)
+
+
 def quaternions(A: Any) -> Array:
     """(..., 4): w >= 0 first, of matrices (..., 3, 3)."""
     A = np.asarray(A, np.float64)

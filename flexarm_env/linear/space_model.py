@@ -5,8 +5,8 @@ of the rates. Rotations do not add up: exp(d^) moves on by d' = e - w x d with t
 
     d' = e - W d,        M e' + C e + K d = B u,
 
-M, C, K being the residual's slopes at constant other quantities. What the solver does in a step is linear in d and e
-about a rest alone: elsewhere its rotations depend, in second order of what a step turns by, on Newton's way.
+M, C, K being the residual's slopes at constant other quantities. What the solver does in a step is its own derivative,
+in dual lanes: its rotations depend, in second order of what a step turns by, on Newton's way.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import rotations
-from .. import validation as check
-from ..compiler import SINGLE, uncompiled
+from ..compiler import SINGLE, dual, uncompiled
 from ..physics.equations import read_gauges, read_poses
 from ..physics.gauges import curvature_rows
-from ..physics.integrator.work import Work
+from ..physics.integrator.step import advance
+from ..physics.integrator.work import Work, unpack, work_size
 from ..physics.layout import SPACE_POSE, SPACE_POSES
 from ..physics.protocol import difference, update
 from ..simulation import Simulation
@@ -32,8 +32,8 @@ from .stability import eigenpairs, growing
 
 Array = NDArray[np.float64]
 
-AT_REST = 1e-6
-"""Largest increment of a step (rad, lengths of the arm) of an arm that rests."""
+AT_ONCE = 6
+"""Columns of the solver's derivative that go side by side."""
 
 SHOWN = {
     "": "angle", "_rate": "rate", "deflection_y": "deflection", "deflection_z": "deflection",
@@ -44,7 +44,8 @@ SHOWN = {
 
 
 class Tangent:
-    """The arm of a simulation about the state in a work array: its rows that can move, and slopes there."""
+    """The arm of a simulation about the state in a work array: its rows that can move, and M, C, K (f, f), W (f, f) and
+    B (f, inputs) there."""
 
     def __init__(self, simulation: Simulation, model: Any, w: Work) -> None:
         self.motions = SmallMotions(simulation)
@@ -56,10 +57,6 @@ class Tangent:
         self.inputs, self._places = list(found), list(found.values())
         first = [int(k) for k in self.rows if names[k].endswith("rx") or ".rx" in names[k]]
         self.turning: Rows = np.array([[at[k + i] for i in range(3)] for k in first], np.int64).reshape(-1, 3)
-        self.look(w)
-
-    def look(self, w: Work) -> None:
-        """M, C, K (f, f) at the state in the work array, W (f, f) and B (f, inputs)."""
         self.q, self.v, self.a = w.q.copy(), w.v.copy(), w.a.copy()
         self.motions.about(self.v, self.a, w.u)
         self.M, self.C, self.K = (self.motions.slopes(self.q, which, self.rows) for which in (2, 1, 0))
@@ -72,6 +69,13 @@ class Tangent:
         found = np.zeros((len(self.rows),) * 2)
         for i in self.turning:
             found[np.ix_(i, i)] = rotations.skew(change[i])
+        return found
+
+    def slope(self, q: Array) -> Array:
+        """(f, f): increments by coordinates at q, which for rotation vectors are not the same."""
+        found = np.eye(len(self.rows))
+        for i in self.turning:
+            found[np.ix_(i, i)] = rotations.slope(q[self.rows[i]])
         return found
 
     def reduced(self) -> Reduced:
@@ -169,33 +173,55 @@ def _period(
 ) -> dict[str, Array]:
     """A, B and the state after a period (increments of rotations and of all else from the start, and rates)."""
     steps, h = steps_of(simulation, dt)
-    s, rows, f = simulation.scheme, tangent.rows, len(tangent.rows)
-    am, af, beta, gamma = s.alpha_m, s.alpha_f, s.beta, s.gamma
-    one, n = np.eye(f), 2 * f + len(tangent.inputs)
-    q: Array
-    v: Array
-    q, v, a = (np.zeros((f, n)) for _ in range(3))
-    q[:, :f], v[:, f : 2 * f], a[:] = one, one, right
-    b, begun = a, w.q.copy()
+    model, rows, f, inputs = simulation.model, tangent.rows, len(tangent.rows), tangent.inputs
+    n, links = 2 * f + len(inputs), simulation.scene.arm.n_links
+    starts = {name: np.zeros((len(getattr(w, name)), n)) for name in "qvabu"}
+    starts["q"][rows, :f] = np.linalg.inv(tangent.slope(w.q))
+    starts["v"][rows, range(f, 2 * f)] = 1.0
+    starts["a"][rows] = starts["b"][rows] = right
+    starts["u"][inputs, range(2 * f, n)] = 1.0
+    some = [slice(at, at + AT_ONCE) for at in range(0, n, AT_ONCE)]
+    chunks = [_Dual(simulation, w, {name: x[:, own] for name, x in starts.items()}) for own in some]
+    begun, way = w.q.copy(), np.zeros(len(w.q))
     for step in range(steps):
-        before, way = w.q.copy(), np.zeros(len(w.q))
         advance_steps(simulation, simulation.drive, flat, w, simulation.t + step * h, h, 1)
-        uncompiled(difference)(SINGLE, simulation.model, before, w.q, way)
-        tangent.look(w)
-        if np.abs(way * simulation.model.weight).max() > AT_REST:
-            what = "must be 'zoh' in space where the arm does not rest: its rotations depend on Newton's way"
-            raise check.InvalidValue("method", "solver", what)
-        ahead, v_ahead = h * v + h * h * (0.5 - beta) * b, v + h * (1.0 - gamma) * b
-        c_b = 1.0 / (beta * h * h)
-        c_v, c_m = gamma * h * c_b, c_b * (1.0 - am) / (1.0 - af)
-        stiff = c_m * tangent.M + c_v * tangent.C
-        rest = stiff @ (q + ahead) + tangent.M @ ((af * a - am * b) / (1.0 - af)) - tangent.C @ v_ahead
-        rest[:, 2 * f :] += tangent.B
-        after = np.linalg.solve(stiff + tangent.K, rest)
-        new_b = c_b * (after - q - ahead)
-        q, v = np.asarray(after, np.float64), v_ahead + gamma * h * new_b
-        a, b = ((1.0 - am) * new_b - af * a + am * b) / (1.0 - af), new_b
-    way = np.zeros(len(w.q))
-    uncompiled(difference)(SINGLE, simulation.model, begun, w.q, way)
-    change = np.vstack([q, v])
+        for chunk in chunks:
+            chunk.step(w.u[:links], simulation.t + step * h, h)
+    q, v = (np.hstack([chunk.tangents(name) for chunk in chunks])[rows, :n] for name in "qv")
+    uncompiled(difference)(SINGLE, model, begun, w.q, way)
+    change = np.vstack([tangent.slope(w.q) @ q, v])
     return {"A": change[:, : 2 * f], "B": change[:, 2 * f :], "rate": np.concatenate([way[rows], w.v[rows]])}
+
+
+class _Dual:
+    """The arm in a work array with tangents, which go through the solver's own steps: what rotations add up to depends
+    on Newton's way."""
+
+    def __init__(self, simulation: Simulation, w: Work, tangents: dict[str, Array]) -> None:
+        self.simulation, self.lane = simulation, dual(SINGLE, AT_ONCE)
+        model, motions, many = simulation.model, simulation.n_motions, len(self.lane)
+        self.flat = np.zeros(int(uncompiled(work_size)(many, model, motions)))
+        self.work = uncompiled(unpack)(self.lane, model, self.flat, motions)
+        self.par = np.zeros(len(simulation.par) * many)
+        self.par[::many] = simulation.par
+        for name, own in tangents.items():
+            both = self.numbers(name)
+            both[:, 0], both[:, 1 : 1 + own.shape[1]] = getattr(w, name), own
+        loads = simulation.drive.entries >= simulation.scene.arm.n_links  # torques are given with their tangents
+        self.drive = simulation.drive._replace(
+            entries=simulation.drive.entries[loads], terms=simulation.drive.terms[loads]
+        )
+
+    def numbers(self, name: str) -> Array:
+        """Values and tangents (rows, 1 + AT_ONCE) of a field of the work array, a view."""
+        return np.asarray(getattr(self.work, name)).reshape(-1, len(self.lane))
+
+    def tangents(self, name: str) -> Array:
+        """(rows, AT_ONCE)."""
+        return self.numbers(name)[:, 1:]
+
+    def step(self, torques: Array, t: float, h: float) -> None:
+        """A step of h from t under joint torques (N,)."""
+        own = self.simulation
+        self.numbers("u")[: len(torques), 0] = torques
+        advance(self.lane, own.model, self.drive, self.par, self.flat, own.n_motions, t, h, 1, own.scheme, None)

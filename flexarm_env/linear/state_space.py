@@ -96,8 +96,7 @@ def linearize(
         formulation, options: of a Scene, as for `simulate`.
         discrete: period, s, over which the torques are held; None for the continuous model.
         method: "solver": the derivative of what the solver does in a period (accelerations afresh, then steps of at
-            most the settings' dt), along the motion, in space about rests alone; "zoh": the exponential of the
-            continuous model.
+            most the settings' dt), along the motion; "zoh": the exponential of the continuous model.
         motions: True: prescribed coordinates and their rates are states, their accelerations inputs (continuous, or
             method "zoh"); False: they are neither.
         gauges: (link, place from 0 at its root to 1 at its tip) of curvatures among the outputs; times half the
