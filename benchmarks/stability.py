@@ -23,7 +23,7 @@ import sys
 import time
 import traceback
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -46,6 +46,8 @@ TIME_LIMIT = 20.0
 """s that the run itself, and each of its companions, may take."""
 GAIN, LOSS, TIP, TRUST = 1e-2, 0.1, 0.01, 5.0
 """What makes a run wrong: energy found or taken, as shares; tip error as a share of L, and over the estimate."""
+TURN = 0.2
+"""What an error of a rad of the tip's axes counts in space, over L."""
 REFERENCE_SPREAD = 0.003
 LONG_STEP_TIP = 0.05
 """Of the runs with long steps on the paper's scenes."""
@@ -55,19 +57,21 @@ ALWAYS = ("damping", "damped and bent")
 OUTCOMES = ("ok", "inaccurate", "failed", "silently wrong", "broken")
 
 
-def measure(case: Case) -> dict[str, Any]:
-    """One case: how it ended, its energy, and how far its tip is from the converged one."""
+def measure(
+    case: Case, scene_of: Callable[..., Any] = scene_of, reference_of: Callable[..., Any] = reference_of
+) -> dict[str, Any]:
+    """One case: how it ended, its energy, and how far its tip is from the converged one; of what makes scenes of it."""
     case = dict(case)
     check = case.pop("check", False)
     clock = time.process_time()
     try:
-        row = _measure(case, check)
+        row = _measure(case, scene_of, reference_of if check else None)
     except Exception:  # a crash is a result here
         row = {"status": "crashed", "trace": traceback.format_exc(limit=-3)}
     return {**row, "cpu": round(time.process_time() - clock, 3)}
 
 
-def _measure(case: Case, check: bool) -> dict[str, Any]:
+def _measure(case: Case, scene_of: Callable[..., Any], reference_of: Callable[..., Any] | None) -> dict[str, Any]:
     scene, formulation, options = scene_of(case)
     try:
         run = simulate(scene, formulation, time_limit=TIME_LIMIT, **options)
@@ -79,8 +83,8 @@ def _measure(case: Case, check: bool) -> dict[str, Any]:
     row["estimate"] = _number(run.error_estimate)
     row["parts"] = {name: _number(value) for name, value in run.error_parts.items()}
     row["gain"], row["loss"] = _energy(run)
-    if check and run.status in ("ok", "inaccurate") and not case["mass_damping"]:
-        row |= _tip_error(case, run)
+    if reference_of is not None and run.status in ("ok", "inaccurate") and not case.get("mass_damping"):
+        row |= _tip_error(case, run, reference_of)
     return row
 
 
@@ -96,18 +100,28 @@ def _energy(run: Trajectory) -> tuple[float, float]:
     return round(float(run.balance.max()) / have, 9), round(-float(run.balance.min()) / have, 9)
 
 
-def _tip_error(case: Case, run: Trajectory) -> dict[str, Any]:
-    tips = []
+def _tip_error(case: Case, run: Trajectory, reference_of: Callable[..., Any]) -> dict[str, Any]:
+    found = []
     for fine in (True, False):
         scene, options = reference_of(case, fine)
-        found = simulate(scene, "geometrically_exact", estimate_error=False, time_limit=TIME_LIMIT, **options)
-        if not found.finished or found.tip.shape != run.tip.shape:
+        one = simulate(scene, "geometrically_exact", estimate_error=False, time_limit=TIME_LIMIT, **options)
+        if not one.finished or one.tip.shape != run.tip.shape:
             return {"reference": "failed"}
-        tips.append(found.tip[:, :2])
-    spread = float(np.hypot(*(tips[0] - tips[1]).T).max())
-    if spread > REFERENCE_SPREAD:
+        found.append(one)
+    spread, spread_of_turn = apart(*found)
+    if spread > REFERENCE_SPREAD or TURN * spread_of_turn > REFERENCE_SPREAD:
         return {"reference": "not converged", "spread": spread}
-    return {"reference": "good", "tip_error": float(np.hypot(*(run.tip[:, :2] - tips[0]).T).max()), "spread": spread}
+    error, turn = apart(run, found[0])
+    return {"reference": "good", "tip_error": error, "turn_error": turn, "spread": spread}
+
+
+def apart(one: Trajectory, two: Trajectory) -> tuple[float, float]:
+    """Largest distance of tips, m; largest angle between their axes, rad, in space."""
+    if not one.scene.spatial:
+        return float(np.hypot(*(one.tip - two.tip)[:, :2].T).max()), 0.0
+    axes: list[Any] = [run.tip_rotation for run in (one, two)]  # type: ignore[attr-defined]
+    cosines = np.abs((axes[0] * axes[1]).sum(axis=1)).min()
+    return float(np.linalg.norm(one.tip - two.tip, axis=1).max()), 2.0 * float(np.arccos(min(1.0, cosines)))
 
 
 def outcome(row: dict[str, Any]) -> str:
@@ -120,9 +134,8 @@ def outcome(row: dict[str, Any]) -> str:
         return "failed"
     if row["gain"] > GAIN or row["loss"] > LOSS:
         return "silently wrong"
-    if row.get("tip_error") is not None and row["tip_error"] > max(TIP, TRUST * row["estimate"]):
-        return "silently wrong"
-    return "ok"
+    off = max(row.get("tip_error", 0.0), TURN * row.get("turn_error", 0.0))
+    return "silently wrong" if off > max(TIP, TRUST * (row["estimate"] or 0.0)) else "ok"
 
 
 # ------------------------------------------------------------------- a peer
@@ -211,7 +224,7 @@ def _not_asked(rows: Sequence[dict[str, Any]]) -> dict[str, int]:
     reasons: Counter[str] = Counter()
     for row in rows:
         if row["status"] == "ok" and row.get("reference") != "good":
-            drag = "drag, which the exact beam has not" if row["case"]["mass_damping"] else "not among the fourth asked"
+            drag = "drag, which the exact beam has not" if row["case"].get("mass_damping") else "not among those asked"
             reasons[f"converged solution: {row['reference']}" if row.get("reference") else drag] += 1
     return dict(reasons)
 
@@ -225,11 +238,24 @@ def _ratios(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
     return {f"{p} %": round(float(np.percentile(ratio, p)), 3) for p in (0, 1, 10, 50, 90, 99)}
 
 
-def blocks(found: pages.Found) -> pages.Blocks:
-    """Tables of the page."""
+def table_of_cases(found: pages.Found) -> list[str]:
+    """Of the page: what was asked of how many cases, and how they ended."""
     reasons = ", ".join(f"{k}: {v}" for k, v in found["tip_not_asked"].items())
     ratios = ", ".join(f"{k}: {v:g}" for k, v in found["estimate_over_error"].items())
     counted = [[key, *(counts.get(name, 0) for name in OUTCOMES)] for key, counts in found["outcomes"].items()]
+    return [
+        f"{found['cases']} cases, {found['case_seconds']:.0f} s in all, the longest {found['longest_case']:.1f} s. "
+        f"Energy (i) was asked of the {found['energy_checked']} that ended with status `ok`; the tip (ii) of "
+        f"{found['tip_checked']} of those. The tips of the other ones are not known to be right ({reasons}).",
+        "", *table(" | ".join(["", *OUTCOMES]), counted), "",
+        f"Estimate over true error, percentiles over the cases with an error above 0.1 % of L: {ratios}. "
+        f"{found['needlessly_inaccurate']} runs were called inaccurate although their tip was within 1 % of L.",
+        "", f"Statuses: {', '.join(f'{k} {v}' for k, v in sorted(found['statuses'].items()))}.",
+    ]  # fmt: skip
+
+
+def blocks(found: pages.Found) -> pages.Blocks:
+    """Tables of the page."""
     hard = [
         (row["program"], row["method"], row["status"],
          *("–" if row[key] is None else f"{100 * row[key]:.2g}" for key in ("error", "estimate")))
@@ -237,15 +263,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
         if (row["scene"], row["dt"], row["elements"]) == ("robot_arm_motion", 0.1, 5)
     ]  # fmt: skip
     lines = {
-        "cases": [
-            f"{found['cases']} cases, {found['case_seconds']:.0f} s in all, the longest {found['longest_case']:.1f} s. "
-            f"Energy (i) was asked of the {found['energy_checked']} that ended with status `ok`; the tip (ii) of "
-            f"{found['tip_checked']} of those. The tips of the other ones are not known to be right ({reasons}).",
-            "", *table(" | ".join(["", *OUTCOMES]), counted), "",
-            f"Estimate over true error, percentiles over the cases with an error above 0.1 % of L: {ratios}. "
-            f"{found['needlessly_inaccurate']} runs were called inaccurate although their tip was within 1 % of L.",
-            "", f"Statuses: {', '.join(f'{k} {v}' for k, v in sorted(found['statuses'].items()))}.",
-        ],
+        "cases": table_of_cases(found),
         "long steps": table("program | runs | failed | ended wrong by more than 5 % of L without a word",
                             [[program, *counts.values()] for program, counts in found["hard_steps"].items()]),
         "hardest": table("program | method | status | error, % of L | estimate, % of L", hard),

@@ -153,25 +153,26 @@ def cases(full: bool = False) -> list[Case]:
     return list(found.values())
 
 
-def _grid(**axes: Any) -> Iterator[Case]:
+def grid(**axes: Any) -> Iterator[Case]:
+    """Every combination of the axes' values."""
     for values in itertools.product(*axes.values()):
         yield dict(zip(axes, values, strict=True))
 
 
 def _step(more: int) -> Iterator[Case]:
     h = np.geomspace(1e-4, 0.5, 10 * more).tolist()
-    yield from _grid(
+    yield from grid(
         method=MAIN, h=h, rho=[0.0, 0.3, 0.6, 0.8, 0.9, 1.0], drive=["pulse", "ramp", "thrown"], amplitude=[0.3]
     )
-    yield from _grid(method=FORMS, h=h, rho=[0.0, 0.9, 1.0], drive=["pulse", "ramp"], amplitude=[0.3])
+    yield from grid(method=FORMS, h=h, rho=[0.0, 0.9, 1.0], drive=["pulse", "ramp"], amplitude=[0.3])
 
 
 def _stiffness(more: int) -> Iterator[Case]:
-    yield from _grid(
+    yield from grid(
         method=MAIN, slender=np.geomspace(1e1, 1e9, 8 * more + 1).tolist(),
         payload=np.geomspace(1e-4, 1e4, 9).tolist(), drive=["pulse", "ramp"], amplitude=[0.3],
     )  # fmt: skip
-    yield from _grid(
+    yield from grid(
         method=FORMS, slender=np.geomspace(1e1, 1e9, 4 * more + 1).tolist(),
         payload=np.geomspace(1e-4, 1e4, 5).tolist(), drive=["pulse"], amplitude=[0.3],
     )  # fmt: skip
@@ -180,27 +181,27 @@ def _stiffness(more: int) -> Iterator[Case]:
 def _spin(more: int) -> Iterator[Case]:
     methods = (*MAIN, "one frame", "one frame, paper", "one frame, linear")
     rates = [0.1, 0.3, 0.6, 0.9, 1.2, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0]
-    yield from _grid(method=FORMS, amplitude=rates, h=np.geomspace(5e-4, 0.05, 3 * more).tolist(), drive=["spin"])
-    yield from _grid(method=methods, amplitude=rates, h=np.geomspace(5e-4, 0.05, 4 * more).tolist(), drive=["spin"],
+    yield from grid(method=FORMS, amplitude=rates, h=np.geomspace(5e-4, 0.05, 3 * more).tolist(), drive=["spin"])
+    yield from grid(method=methods, amplitude=rates, h=np.geomspace(5e-4, 0.05, 4 * more).tolist(), drive=["spin"],
                      slender=[1e3, 1e6])  # fmt: skip
 
 
 def _bang(more: int) -> Iterator[Case]:
-    yield from _grid(
+    yield from grid(
         method=(*MAIN, "one frame"), amplitude=np.geomspace(0.1, 100.0, 10).tolist(), dwell=[0.01, 0.1, 0.7],
         h=[0.002, 0.007, 0.03], drive=["bang"], seed=list(range(2 * more)),
     )  # fmt: skip
-    yield from _grid(method=FORMS, amplitude=np.geomspace(0.1, 100.0, 7).tolist(), dwell=[0.01, 0.7],
+    yield from grid(method=FORMS, amplitude=np.geomspace(0.1, 100.0, 7).tolist(), dwell=[0.01, 0.7],
                      h=[0.002, 0.03], drive=["bang"], seed=list(range(more)))  # fmt: skip
 
 
 def _damping(more: int) -> Iterator[Case]:
     zeta = [0.0, 1e-3, 0.01, 0.1, 0.5, 1.0, 2.0, 5.0]
-    yield from _grid(method=FORMS, zeta=zeta, h=np.geomspace(1e-3, 0.3, 4 * more).tolist(), drive=["pulse"],
+    yield from grid(method=FORMS, zeta=zeta, h=np.geomspace(1e-3, 0.3, 4 * more).tolist(), drive=["pulse"],
                      amplitude=[0.5])  # fmt: skip
-    yield from _grid(method=MAIN, zeta=zeta, h=np.geomspace(1e-3, 0.3, 6 * more).tolist(), drive=["pulse", "ramp"],
+    yield from grid(method=MAIN, zeta=zeta, h=np.geomspace(1e-3, 0.3, 6 * more).tolist(), drive=["pulse", "ramp"],
                      amplitude=[0.5])  # fmt: skip
-    yield from _grid(method=["one frame", "clamped modes"], mass_damping=[0.01, 1.0, 30.0], h=[0.003, 0.03, 0.2],
+    yield from grid(method=["one frame", "clamped modes"], mass_damping=[0.01, 1.0, 30.0], h=[0.003, 0.03, 0.2],
                      drive=["pulse", "ramp"], amplitude=[0.5])  # fmt: skip
 
 
@@ -208,11 +209,11 @@ def _bent(more: int) -> Iterator[Case]:
     """Damped arms that are bent by a fifth of their length and more: by their weight, by full torques."""
     methods = (*MAIN, *FORMS, "one frame")
     zeta = [1e-3, 0.01, 0.05, 0.2, 1.0]
-    yield from _grid(method=methods, zeta=zeta, gravity=[0.7, 2.0], links=[1, 2], h=[0.002, 0.01],
+    yield from grid(method=methods, zeta=zeta, gravity=[0.7, 2.0], links=[1, 2], h=[0.002, 0.01],
                      drive=["gravity", "pulse"], amplitude=[0.5], horizon=[1.5])  # fmt: skip
-    yield from _grid(method=methods, zeta=zeta, drive=["bang"], dwell=[0.7], amplitude=[1.0, 2.5], h=[0.002, 0.01],
+    yield from grid(method=methods, zeta=zeta, drive=["bang"], dwell=[0.7], amplitude=[1.0, 2.5], h=[0.002, 0.01],
                      seed=list(range(more)))  # fmt: skip
-    yield from _grid(method=methods, zeta=zeta, drive=["root", "spin"], amplitude=[1.0], h=[0.002, 0.01])
+    yield from grid(method=methods, zeta=zeta, drive=["root", "spin"], amplitude=[1.0], h=[0.002, 0.01])
 
 
 def _sizes(more: int) -> Iterator[Case]:
@@ -232,41 +233,41 @@ def _sizes(more: int) -> Iterator[Case]:
                 yield {"method": method, "options": given, "amplitude": amplitude, "h": h, "horizon": 1.0}
     yield from (
         {**row, "horizon": 1.0, "hub": 0.02}
-        for row in _grid(method=MAIN, links=list(range(1, 9)), drive=["pulse", "ramp", "thrown"], amplitude=[0.3, 2.0],
+        for row in grid(method=MAIN, links=list(range(1, 9)), drive=["pulse", "ramp", "thrown"], amplitude=[0.3, 2.0],
                          h=[0.01, 0.002])
     )  # fmt: skip
 
 
 def _kinks(more: int) -> Iterator[Case]:
-    yield from _grid(method=MAIN, drive=["jumps"], dwell=[0.003, 0.03, 0.3], h=[0.003, 0.02, 0.1], amplitude=[0.2, 2.0],
+    yield from grid(method=MAIN, drive=["jumps"], dwell=[0.003, 0.03, 0.3], h=[0.003, 0.02, 0.1], amplitude=[0.2, 2.0],
                      rho=[None, 1.0], seed=list(range(2 * more)))  # fmt: skip
-    yield from _grid(method=MAIN, drive=["root"], h=[0.002, 0.01, 0.05], amplitude=[0.2, 1.0, 5.0], rho=[None, 1.0])
-    yield from _grid(method=MAIN, drive=["elbow"], links=[2, 3], h=[0.002, 0.01, 0.05], amplitude=[0.2, 1.0, 5.0],
+    yield from grid(method=MAIN, drive=["root"], h=[0.002, 0.01, 0.05], amplitude=[0.2, 1.0, 5.0], rho=[None, 1.0])
+    yield from grid(method=MAIN, drive=["elbow"], links=[2, 3], h=[0.002, 0.01, 0.05], amplitude=[0.2, 1.0, 5.0],
                      rho=[None, 1.0], horizon=[1.5])  # fmt: skip
 
 
 def _gravity(more: int) -> Iterator[Case]:
-    yield from _grid(method=(*MAIN, *FORMS), drive=["gravity"], gravity=[0.1, 1.0, 10.0], h=[0.001, 0.01, 0.05],
+    yield from grid(method=(*MAIN, *FORMS), drive=["gravity"], gravity=[0.1, 1.0, 10.0], h=[0.001, 0.01, 0.05],
                      links=[1, 2], rho=[None, 1.0], zeta=[1e-6, 0.05], horizon=[1.5])  # fmt: skip
 
 
 def _fitted(more: int) -> Iterator[Case]:
     given = [{"step_tolerance": 10.0**-k} for k in ((3, 5) if more == 1 else (2, 3, 4, 5))]
-    yield from _grid(method=MAIN, drive=["pulse", "ramp", "bang", "jumps", "thrown"], h=[0.02, 0.1, 0.4],
+    yield from grid(method=MAIN, drive=["pulse", "ramp", "bang", "jumps", "thrown"], h=[0.02, 0.1, 0.4],
                      amplitude=[0.3, 5.0], options=given, horizon=[1.5])  # fmt: skip
 
 
 def _corrected(more: int) -> Iterator[Case]:
     """The exact beam with its period corrected: step, stiffness, drives, damping, as they come."""
     given: list[Case] = [{"period_correction": True}]
-    yield from _grid(method=["exact"], drive=["pulse", "ramp", "bang", "jumps"], options=given,
+    yield from grid(method=["exact"], drive=["pulse", "ramp", "bang", "jumps"], options=given,
                      h=np.geomspace(1e-3, 0.5, 5 * more).tolist(), amplitude=[0.3, 2.0, 10.0],
                      rho=[None, 1.0, 0.0])  # fmt: skip
-    yield from _grid(method=["exact"], drive=["pulse", "thrown"], options=given, slender=[1e2, 1e4, 1e8],
+    yield from grid(method=["exact"], drive=["pulse", "thrown"], options=given, slender=[1e2, 1e4, 1e8],
                      h=[0.003, 0.03], links=[1, 2], horizon=[1.5])  # fmt: skip
-    yield from _grid(method=["exact"], drive=["pulse", "ramp"], options=given, zeta=[0.01, 0.5, 5.0],
+    yield from grid(method=["exact"], drive=["pulse", "ramp"], options=given, zeta=[0.01, 0.5, 5.0],
                      h=[0.003, 0.03, 0.2], amplitude=[0.5], rho=[None, 1.0])  # fmt: skip
-    yield from _grid(method=["exact"], drive=["spin"], options=given, amplitude=[0.3, 1.2, 5.0], slender=[1e3, 1e6],
+    yield from grid(method=["exact"], drive=["spin"], options=given, amplitude=[0.3, 1.2, 5.0], slender=[1e3, 1e6],
                      h=[0.002, 0.02], rho=[None, 0.9, 1.0])  # fmt: skip
 
 

@@ -42,7 +42,8 @@ and counts ten times as much."""
 
 @dataclass(frozen=True)
 class Probe:
-    """A companion run: instants t (n,) s, tips (n, 2) m, in space (n, 3), and whether it came to its end."""
+    """A companion run: instants t (n,) s, tips (n, 2) m, in space places and axes as long as a fifth of the arm,
+    (n, 4, 3) m, and whether it came to its end."""
 
     t: Array
     tip: Array
@@ -243,14 +244,15 @@ def _step_of(lengths: Array, settings: Settings, sample: float) -> float:
 
 
 def distance(one: Probe, other: Probe) -> float:
-    """Largest distance of two tips, m, over the instants of the one with fewer; infinite where either failed."""
+    """Largest distance of two tips, or of their axes' ends, m, over the instants of the one with fewer; infinite where
+    either failed."""
     if not (one.good and other.good):
         return math.inf
     if one.t.size > other.t.size:
         one, other = other, one
     at = np.clip(np.searchsorted(other.t, one.t * (1.0 - 1e-12) - 1e-15), 0, other.t.size - 1)
     common = np.abs(other.t[at] - one.t) <= 1e-9 * max(1.0, float(one.t[-1]))
-    return float(reduce(np.hypot, (other.tip[at] - one.tip)[common].T).max())
+    return float(reduce(np.hypot, np.moveaxis((other.tip[at] - one.tip)[common], -1, 0)).max())
 
 
 def estimate(

@@ -418,14 +418,14 @@ def judge(
     """
     if trajectory.status != STATUS[OK]:
         return trajectory
-    scene, settings, end = trajectory.scene, trajectory.settings, float(trajectory.t[-1])
+    scene, settings, t, levels = trajectory.scene, trajectory.settings, trajectory.t, trajectory.step_levels
     parts, why = {"energy": accuracy.energy_part(trajectory.balance, trajectory.turned_over), **trajectory.notes}, ""
     if companions:
-        companion = partial(_probe, end=end, allowed=time_limit)
-        mine = accuracy.Probe(trajectory.t, trajectory.tip if scene.spatial else trajectory.tip[:, :2], True)
-        found, why = accuracy.estimate(scene, settings, mine, end, interval, companion, trajectory.step_levels)
-        more = accuracy.followed(scene, settings, mine, interval, companion, trajectory.step_levels, trajectory.notes)
-        parts |= found | more
+        companion = partial(_probe, end=float(t[-1]), allowed=time_limit)
+        tips = tips_of(scene, settings, {"q": trajectory.q}) if scene.spatial else trajectory.tip[:, :2]
+        mine = accuracy.Probe(t, tips, True)
+        found, why = accuracy.estimate(scene, settings, mine, float(t[-1]), interval, companion, levels)
+        parts |= found | accuracy.followed(scene, settings, mine, interval, companion, levels, trajectory.notes)
     total = accuracy.total(parts)
     changes: dict[str, Any] = {"error_estimate": total if companions else math.nan, "error_parts": parts}
     if (message := accuracy.missed(settings, trajectory.step_error)) or not total <= error_limit:

@@ -347,7 +347,7 @@ def kind_of(scene: Scene) -> type[Trajectory]:
 
 
 def tips_of(scene: Scene, settings: Settings, fields: Mapping[str, Array]) -> Array:
-    """Places of the tip, (n, 2) m, in space (n, 3), of what `Simulation.record` returns."""
+    """Places of the tip, (n, 2) m, in space with its axes, (n, 4, 3), of what `Simulation.record` returns."""
     if scene.spatial:
         return tips_in_space(scene.arm, settings, fields["q"])
     return fields["poses"][:, -1, TIP][:, :2]

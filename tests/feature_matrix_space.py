@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks import pages
 from benchmarks.machine import DOCS, table
 from flexarm_env.bodies import RigidLink
-from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+from flexarm_env.parameters import Arm, Elbow, Joint, Link, Payload, Section
 from flexarm_env.scene import JointTorque, Load, Motion, PointLoad, Scene
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import constant, cycloid, sine, spin_up
@@ -61,6 +61,7 @@ class Draft:
     link: Callable[[float], Link] = field(default=lambda length: Link(length, STRIP))
     motions: list[Motion] = field(default_factory=list)
     loads: list[Load] = field(default_factory=list)
+    joint: dict[str, Any] = field(default_factory=dict)
 
     def scene(self) -> Scene:
         """The scene: one link of 1 m, or two of 0.6 and 0.4 m, perhaps behind a pillar."""
@@ -77,6 +78,7 @@ class Draft:
             elbows=tuple(elbows),
             payload=self.payload,
             tau_d=self.tau_d,
+            joints=tuple(Joint(**JOINT | self.joint) for _ in range(n)) if self.joint else (),
             **self.hub,
         )
         p = self.push
@@ -158,6 +160,14 @@ def _own_damping(d: Draft) -> None:
     d.link = lambda length: dataclasses.replace(made(length), tau_d=next(taus))
 
 
+def _driven_motor(d: Draft) -> None:
+    d.joint |= {"damping": 0.02}
+    d.motions.append(Motion("motor0", cycloid(1.8, 0.6, 0.2)))
+
+
+JOINT = {"stiffness": 40.0, "damping": 1e-3, "motor_inertia": 2e-4, "gear_ratio": 10.0, "backlash": 1e-12,
+         "friction_viscous": 1e-12, "friction_coulomb": 1e-12}  # fmt: skip
+"""What joints have where one of their features is asked for: they share one compiled form."""
 ENDS = {"root_mass": 0.05, "root_inertia": 1e-4, "tip_mass": 0.04, "tip_inertia": 2e-4}
 FEATURES: dict[str, Callable[[Draft], None]] = {
     "torques and tip load": _sets(),
@@ -188,8 +198,19 @@ FEATURES: dict[str, Callable[[Draft], None]] = {
     "soft": _changed(lambda length, link: Link(length, dataclasses.replace(STRIP, EA=400.0, C=150.0, C_y=200.0))),
     "held start": _resting("held"),
     "rest start": _resting("equilibrium"),
+    "elastic gear": lambda d: d.joint.update(stiffness=12.0, damping=0.02),
+    "fast rotor": lambda d: d.joint.update(motor_inertia=5e-4, gear_ratio=20.0),
+    "viscous friction": lambda d: d.joint.update(friction_viscous=0.15),
+    "dry friction": lambda d: d.joint.update(friction_coulomb=0.25),
+    "friction of the link": lambda d: d.joint.update(
+        friction_coulomb=0.15, friction_viscous=0.05, friction_side="link"
+    ),
+    "backlash": lambda d: d.joint.update(backlash=0.06, damping=0.02),
+    "driven motor": _driven_motor,
 }
 """In the order in which they are applied."""
+JOINTED = {*list(FEATURES)[list(FEATURES).index("elastic gear") :]}
+"""Those of joints."""
 
 SINGLE = [(name,) for name in FEATURES]
 PAIRS = [
@@ -204,6 +225,9 @@ PAIRS = [
     ("light damping", "prescribed hub"),
     ("heavy damping", "free flight"), ("gravity", "shaken base"), ("tapered", "gravity"),
     ("elbow", "held start"), ("elbow", "rest start"), ("prescribed elbow", "held start"),
+    ("elbow", "fast rotor"), ("elastic gear", "shaken base"), ("elastic gear", "payload"),
+    ("elastic gear", "rigid ends"), ("fast rotor", "pillar"), ("viscous friction", "fast rotor"),
+    ("dry friction", "curved"), ("backlash", "gravity"), ("driven motor", "payload"), ("driven motor", "dry friction"),
     ("rigid ends", "held start"), ("curved", "held start"), ("curved", "rest start"), ("payload", "rest start"),
 ]  # fmt: skip
 METHODS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -236,9 +260,10 @@ def times() -> Array:
     return np.linspace(0.0, DURATION, round(DURATION / SAMPLE) + 1)
 
 
-def computed(features: tuple[str, ...], n: int = 6) -> dict[str, Array]:
-    """The oracle's run."""
-    return SpatialOracle(scene_of(features), n, soft=not {"soft", "tapered"}.isdisjoint(features)).run(times())
+def computed(features: tuple[str, ...], n: int = 6, at: Array | None = None) -> dict[str, Array]:
+    """The oracle's run; at: instants, s, instead of those that are compared."""
+    oracle = SpatialOracle(scene_of(features), n, soft=not {"soft", "tapered"}.isdisjoint(features))
+    return oracle.run(times() if at is None else at)
 
 
 def row_of(features: tuple[str, ...], found: dict[str, Array], own: float) -> dict[str, Array]:

@@ -27,9 +27,12 @@ from scipy.spatial.transform import Rotation
 from flexarm_env.bodies import RigidLink
 from flexarm_env.scene import JointTorque, PointLoad, Scene
 from flexarm_env.time_functions import Side
+from tests.oracle_joints import Joints
 
 Array = NDArray[Any]
 X = np.array([1.0, 0.0, 0.0])
+GAUGE = 0.3
+"""Where links' curvatures are read."""
 LEVI = np.array([np.cross(np.eye(3), axis) for axis in np.eye(3)])  # LEVI[k] b: e_k x b, turned about
 
 
@@ -111,6 +114,13 @@ class Beam:
             return np.full(s.shape, float(own))
         return np.interp(s, *np.array(own).T)
 
+    def curvatures(self, q: Array, place: float) -> Array:
+        """Torsion and curvatures about y and z at a place between root (0) and tip (1), 1/m."""
+        s = np.array([place * self.link.length])
+        P = np.polynomial.legendre.legvander(2.0 * s / self.link.length - 1.0, self.P.shape[1] - 1)
+        k = q[self.first : self.first + self.count].reshape(self.strains, -1)[:3]
+        return np.asarray((P @ k.T)[0] + [0.0, 0.0, self._curvature(s)[0]])
+
     def points(self, root: Point, q: Array, v: Array) -> Point:
         """The places of the quadrature and the beam's end, in this order."""
         n = self.P.shape[1]
@@ -148,9 +158,10 @@ class Beam:
 
 
 class SpatialOracle:
-    """The chain of a scene; `n` polynomials a strain. Columns: the base's place and rotation, joints, strains."""
+    """The chain of a scene; `n` polynomials a strain. Columns: the base's place and rotation, joints, strains, motors
+    behind gears that give."""
 
-    def __init__(self, scene: Scene, n: int = 6, points: int = 10, soft: bool = False) -> None:
+    def __init__(self, scene: Scene, n: int = 6, points: int = 10, soft: bool = False, carried: bool = False) -> None:
         self.scene, self.arm = scene, scene.arm
         links = self.arm.links
         largest, shares = self.arm.damping
@@ -161,6 +172,10 @@ class SpatialOracle:
             beam = None if link.rigid else Beam(link, tau, at, n, points, soft)
             self.beams.append(beam)
             at += 0 if beam is None else beam.count
+        motors = [k for k in range(len(links)) if self.arm.joint(k).elastic]
+        turned = [at + motors.index(k) if k in motors else 6 + k for k in range(len(links))]
+        at += len(motors)
+        self.joints = Joints(self.arm, turned, at, carried)
         self.n = at
         self.g = np.array(scene.gravity or (0.0, 0.0, 0.0))
         self.K, self.D = np.zeros((at, at)), np.zeros((at, at))
@@ -169,6 +184,7 @@ class SpatialOracle:
                 own = slice(beam.first, beam.first + beam.count)
                 self.K[own, own], self.D[own, own] = beam.K, beam.tau * beam.K
         names = [*("root_x", "root_y", "root_z"), "", "", "", *(f"joint{k}" for k in range(len(links)))]
+        names += [""] * (at - len(motors) - len(names)) + [f"motor{k}" for k in motors]
         self.known = {
             i: f for i, name in enumerate(names) if (f := scene.motion_of(name) if name else None) is not None
         }
@@ -228,7 +244,7 @@ class SpatialOracle:
         total = np.zeros(self.n)
         for load in self.scene.loads:
             if isinstance(load, JointTorque):
-                total[6 + load.joint] += load.function(t, 0, side)
+                total[self.joints.turned[load.joint]] += load.function(t, 0, side)
             elif isinstance(load, PointLoad):
                 link, (root, _, end) = self.arm.links[load.link], walk[load.link]
                 at = root if load.end == "root" else end.beyond((link.length if link.rigid else link.tip_offset) * X)
@@ -254,12 +270,19 @@ class SpatialOracle:
                 M += one @ two.T
             pull = (sides[0][0] @ fall[..., None])[..., 0] + (at.dt @ turn[..., None])[..., 0]
             h += pull.sum(0) if many else pull
-        return M, h
+        for inertia, p, axial, at, e in self.joints.rotors(walk, v):
+            M += inertia * np.outer(axial, axial)
+            h += inertia * (self.joints.carried * (at.alpha @ e) * axial + p * (at.dt @ cross(at.w, e)))
+        return M, h + self.joints.gears(q, v)[0]
 
     def energies(self, r: Array, A: Array, q: Array, v: Array) -> tuple[Any, Any]:
         """Kinetic and potential energy, J."""
         kinetic, potential = 0.0, 0.5 * q @ self.K @ q
-        for at, mass, I in self.bodies(self.walk(r, A, q, v)):
+        walk = self.walk(r, A, q, v)
+        potential = potential + self.joints.wound(q)
+        for inertia, p, *_ in self.joints.rotors(walk, v):
+            kinetic = kinetic + 0.5 * inertia * p * p
+        for at, mass, I in self.bodies(walk):
             own = (np.swapaxes(at.A, -1, -2) @ at.w[..., None])[..., 0]
             turning = (own * (I @ own[..., None])[..., 0]).sum(-1)
             kinetic = kinetic + 0.5 * (mass * (at.v * at.v).sum(-1) + turning).sum()
@@ -274,7 +297,8 @@ class SpatialOracle:
         y[7 : 7 + self.arm.n_links] = scene.angles
         v = y[7 + m : -1]
         v[:3] = scene.velocity
-        v[6 : 6 + self.arm.n_links] = scene.rates
+        for k, turned in enumerate(self.joints.turned):
+            y[1 + turned], v[6 + k], v[turned] = scene.angles[k], scene.rates[k], scene.rates[k]
         if scene.root == "free":
             mount = np.eye(3) if self.arm.hub_mount is None else np.array(self.arm.hub_mount)
             v[3:6], v[6] = scene.rates[0] * mount @ np.array(self.arm.hub_axis), 0.0
@@ -334,9 +358,10 @@ class SpatialOracle:
     def rate(self, t: float, y: Array, side: Side = "right") -> Array:
         """dy/dt."""
         a, v, _ = self.accelerations(y, t, side)
+        q = self.parts(y, t, side)[2]
         w, p = v[3:6], y[3:7]
         spin = 0.5 * np.array([*(p[3] * w + np.cross(w, p[:3])), -w @ p[:3]]) + (1.0 - p @ p) * p
-        return np.concatenate([v[:3], spin, v[6:], a, [v @ self.D @ v]])
+        return np.concatenate([v[:3], spin, v[6:], a, [v @ self.D @ v + self.joints.gears(q, v)[3]]])
 
     def jacobian(self, t: float, y: Array) -> Array:
         """Of `rate`, its stiff part alone: what elasticity and damping make of accelerations."""
@@ -344,15 +369,18 @@ class SpatialOracle:
         J = np.zeros((y.size, y.size))
         J[:3, 7 + m : 10 + m] = np.eye(3)
         J[7 : 7 + m, 13 + m : -1] = np.eye(m)
-        M, _ = self.equations(*self.parts(y, t, "right"), t, "right")
+        state = self.parts(y, t, "right")
+        M, _ = self.equations(*state, t, "right")
+        _, K, D, _ = self.joints.gears(*state[2:])
         inverse = np.zeros((self.n, self.n))
         inverse[np.ix_(free, free)] = np.linalg.inv(M[np.ix_(free, free)])
-        J[7 + m : -1, 7 : 7 + m], J[7 + m : -1, 7 + m : -1] = -inverse @ self.K[:, 6:], -inverse @ self.D
+        J[7 + m : -1, 7 : 7 + m], J[7 + m : -1, 7 + m : -1] = -inverse @ (self.K + K)[:, 6:], -inverse @ (self.D + D)
         return J
 
     def run(self, times: Array, rtol: float = 3e-5) -> dict[str, Array]:
-        """Where the tip is, its axes, each link's deflection and twist, torques of prescribed joints, what is
-        dissipated, at `times` (ascending from 0): a row each; "natural": deflections without stress."""
+        """A row for each of `times` (ascending from 0): where the tip is, its axes, in these the specific force and the
+        angular velocity there, each link's deflection, twist and curvatures at `GAUGE`, torques of prescribed joints,
+        what is dissipated; "natural": deflections without stress."""
         scene, y = self.scene, self.start()
         natural = self._read(y, 0.0, "right")["bent"]
         if scene.start != "unloaded":
@@ -380,10 +408,13 @@ class SpatialOracle:
         twist = [
             Rotation.from_matrix(root.A.T @ tip.A).as_rotvec()[0] for (root, _, _), tip in zip(links, tips, strict=True)
         ]
-        torque = np.zeros(self.arm.n_links)
+        a, _, asked = self.accelerations(y, t, side)
+        tip, torque = tips[-1], np.zeros(self.arm.n_links)
         if any(i > 5 for i in self.known):
-            torque = self.accelerations(y, t, side)[2][6 : 6 + self.arm.n_links]
+            torque = asked[self.joints.turned]
+        strains = [beam.curvatures(q, GAUGE) for beam in self.beams if beam is not None]
         return {
+            "felt": tip.A.T @ (tip.a + a @ tip.dr - self.g), "spin": tip.A.T @ tip.w, "strains": np.array(strains),
             "tip": tips[-1].r, "axes": tips[-1].A, "bent": np.array(bent), "twist": np.array(twist), "torque": torque,
             "energy": np.array(self.energies(r, A, q, v)), "dissipated": y[-1],
         }  # fmt: skip

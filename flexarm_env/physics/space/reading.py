@@ -16,6 +16,10 @@ from .layout import AXES
 
 Array = NDArray[np.float64]
 
+TURN = 0.2
+"""What an error of a rad of the tip's axes counts, over the arm's length: where bending puts a tip off by a share of
+the length, its axes are off by two to five times as many rad."""
+
 
 class Frame(NamedTuple):
     """A section at n instants: place (n, 3), axes (n, 3, 3), velocity and angular velocity (n, 3), inertial."""
@@ -90,9 +94,10 @@ def read(arm: Arm, settings: Settings, q: Array, v: Array) -> dict[str, Any]:
 
 
 def tips(arm: Arm, settings: Settings, q: Array) -> Array:
-    """Places of the tip, (n, 3), of coordinates (n, rows)."""
+    """Places of the tip and its axes, each `TURN` of the arm's length long, (n, 4, 3) m, of coordinates (n, rows)."""
     *_, last = links(arm, settings, q, np.zeros_like(q))
-    return last.tip.r
+    axes = TURN * arm.total_length * np.swapaxes(last.tip.A, 1, 2)
+    return np.concatenate([last.tip.r[:, None], axes], axis=1)
 
 
 def _motor_rows(arm: Arm, settings: Settings) -> list[int]:
