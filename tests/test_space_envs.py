@@ -187,12 +187,20 @@ def test_features_carry_over() -> None:
         actuator={"lag": 0.01, "saturation": 0.9},
         randomization={"payload": (0.5, 2.0), "EI": (0.8, 1.2), "damping": (0.5, 2.0), "torque_constant": (0.9, 1.1),
                        "payload_inertia": (2.0, 2.0)},
-        action_mode="residual_pd", starts={"straight": 0.0, "target": [(0.1, 0.2), (0.3, 0.4), (0.5, 0.6)]}, **COARSE,
+        cost={"deflection": (1.0, 0.05, 0.05)}, action_mode="residual_pd",
+        starts={"straight": 0.0, "target": [(0.1, 0.2), (0.3, 0.4), (0.5, 0.6)]}, **COARSE,
     )  # fmt: skip
     seen, info = env.reset(seed=0)
     assert seen.shape == (3, 8)
+    total, costs = np.zeros(3), []
     for _ in range(3):
         seen, *_, info = env.step(np.zeros((3, 3), np.float32))
+        y, z = np.split(info["tip_deflection"], 2, axis=1)
+        past = (np.hypot(y, z) > (1.0, 0.05, 0.05)).any(axis=1)
+        assert np.array_equal(info["cost"], past)
+        total, costs = total + past, [*costs, *past]
+        assert np.array_equal(info["episode_cost"], total)
+    assert {True, False} <= set(costs)
     goals = env.unwrapped.batch.record(0)[-100:]
     assert np.isfinite(seen).all() and np.isfinite(goals).all()
     assert (np.abs(info["joint_torque"]) > 0.0).all()  # the controllers', who pull towards the goal
@@ -206,7 +214,8 @@ def test_features_carry_over() -> None:
         ({"task": "track"}, "task = 'track': must be \"reach\""),
         ({"reference": {"path": "circle"}}, "reference = "),
         ({"motion": "spin_up"}, "motion = 'spin_up'"),
-        ({"cost": {"deflection": 0.1}}, "cost = "),
+        ({"cost": {"strain": 0.1}}, "cost.strain = 0.1: must be left out"),
+        ({"cost": {"deflection": (0.1, 0.1)}}, "cost.deflection = (0.1, 0.1): must be a sequence of 3"),
         ({"payload_change": {"time": (1, 2), "factor": (1, 2)}}, "arm.payload.mass = 0.0: must be positive"),
         ({"initial_vibration": 0.1}, "initial_vibration = 0.1"),
         ({"keep_out": [{"shape": "sphere", "center": (0, 0), "radius": 1}]}, "must be in space"),

@@ -43,6 +43,9 @@ def cost(frame: Frame, given: Any) -> Cost | None:
     if "deflection" in table:
         limits = for_each("cost.deflection", table["deflection"], frame.arm.n_links, above=0.0)
     if "strain" in table:
+        if frame.kind.space:
+            what = "must be left out: it is not there in space (docs: environments in space)"
+            raise check.InvalidValue("cost.strain", table["strain"], what)
         limit = check.number("cost.strain", table["strain"], above=0.0)
         rows = (_strains(frame) / limit).ravel()
     return Cost(deflection=limits, strain=rows)

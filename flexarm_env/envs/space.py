@@ -22,7 +22,7 @@ from .task import REACH, Kind
 Array = NDArray[np.float64]
 
 WHERE = "is not there in space (docs: environments in space)"
-_NOT_YET: dict[str, Any] = dict.fromkeys(("reference", "motion", "cost"))
+_NOT_YET: dict[str, Any] = dict.fromkeys(("reference", "motion"))
 _NOT_YET |= {"initial_vibration": 0.0}
 
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import math
 
-from ..compiler import absolute, arms, kernel, load, maximum, place, select_lt, size, splat, stack, store
+from ..compiler import absolute, arms, kernel, load, maximum, place, select_lt, size, splat, square_root, stack, store
 from ..physics.arithmetic import put
 from ..physics.integrator.impact import change_payload
 from ..physics.model import OK, PAYLOAD_INERTIA, PAYLOAD_MASS
 from ..physics.protocol import weighted_sum
-from ..tasks.program import CHANGE, COST, DEFLECTION, FURTHER, PERIODS, PUSH, PUSHED
+from ..tasks.program import CHANGE, COST, FURTHER, PERIODS, PUSH, PUSHED
 from ..tasks.stream import draw, uniform
 from ..tasks.task import info_of, put_info
 
@@ -107,7 +107,7 @@ def record_events(lane, p, par, record, w, live, info):
     """Cost, payload and push of the period into info; the episode's cost grows."""
     if size(p.task.further) > 0:
         at, first = info_of(p.task).further, size(p.task.links)
-        passed = _cost(lane, p.cost, size(p.model.n), w.q, info)
+        passed = _cost(lane, p.task, p.cost, size(p.model.n), w.q, info)
         if p.keep_out is not None:
             passed = select_lt(load(lane, info, at + FURTHER.clearance), p.keep_out.margin, splat(lane, 1.0), passed)
         cost = select_lt(0.5, live, passed, splat(lane, 0.0))
@@ -122,13 +122,18 @@ def record_events(lane, p, par, record, w, live, info):
 
 
 @kernel
-def _cost(lane, cost, n, q, info):
+def _cost(lane, task, cost, n, q, info):
     """1 where a limit is passed, by a link's tip deflection or by the strain at a station; 0 elsewhere."""
     most = splat(lane, 0.0)
     if cost is not None:
         if cost.deflection is not None:
-            for k in range(cost.deflection.shape[0]):
-                most = maximum(most, absolute(load(lane, info, DEFLECTION + k)) / cost.deflection[k])
+            at, links = info_of(task).deflection, size(task.links)
+            for k in range(links):
+                bend = absolute(load(lane, info, at + k))
+                if size(task.targets) == 3:  # in both planes
+                    across = load(lane, info, at + links + k)
+                    bend = square_root(bend * bend + across * across)
+                most = maximum(most, bend / cost.deflection[k])
         if cost.strain is not None:
             for g in range(cost.strain.shape[0] // n):
                 most = maximum(most, absolute(weighted_sum(lane, q, cost.strain[g * n : (g + 1) * n])))
