@@ -104,7 +104,7 @@ class AboutRest(Controller):
     def _rest(self, angles: Array) -> tuple[Array, Array]:
         """Place of the tip, m, and torques, N m, where joints are held at angles (N,)."""
         found = rest(self.setup.arm, self.gravity, angles)
-        return tips(self.setup.arm, found.settings, found.work.q[None])[0], np.array(found.joint_torques())
+        return tips(self.setup.arm, found.settings, found.work.q[None])[0, 0], np.array(found.joint_torques())
 
     def _settle(self, target: Array, angles: Array) -> tuple[float, Array, Array]:
         """(distance of the tip, joint angles, torques) of the rest nearest to the target, by Broyden's method."""
