@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import pages
-from benchmarks.machine import table, write_text
+from benchmarks.machine import describe_machine, table, told, write_text
 from flexarm_env import Arm, Elbow, Joint, Link, Payload, RigidLink, Section, arms
 from flexarm_env.identification.config import read_config
 from flexarm_env.identification.fit import Problem, Solver
@@ -165,8 +165,11 @@ def blocks(found: pages.Found) -> pages.Blocks:
     return {
         "intervals": table_of(rows, TOLD),
         "untold": [f"All three in {right} of {len(rows)} cases; one of those that the log does tell in {rash}."],
-        "space": [*table_of(space, IN_SPACE), "", f"Named as not told: one in {missed} of {len(space)} cases."],
-    }
+        "space": [
+            *table_of(space, IN_SPACE), "",
+            f"Named as not told: one in {missed} of {len(space)} cases.", "", told(found["space_machine"]),
+        ],
+    }  # fmt: skip
 
 
 def measure(options: argparse.Namespace) -> pages.Found:
@@ -175,11 +178,11 @@ def measure(options: argparse.Namespace) -> pages.Found:
     found = {"cases": [], "space": [], **(json.loads(kept.read_text()) if kept.is_file() else {})}
     clock = time.perf_counter()
     for key, one in (("cases", case), ("space", case_in_space)):
-        for seed in range(len(found[key]), options.cases):
+        for seed in sorted({*range(options.cases)} - {row["seed"] for row in found[key]}):
             found[key].append(one(seed))
             write_text(kept, json.dumps(found, indent=1) + "\n")
-            print(f"{key} {seed + 1} of {options.cases}, {time.perf_counter() - clock:.0f} s", flush=True)
-    return {key: found[key] for key in ("cases", "space")}
+            print(f"{key}, seed {seed} of {options.cases}, {time.perf_counter() - clock:.0f} s", flush=True)
+    return {key: found[key] for key in ("cases", "space")} | {"space_machine": describe_machine("scipy")}
 
 
 if __name__ == "__main__":

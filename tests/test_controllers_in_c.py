@@ -39,10 +39,14 @@ CASES: list[Any] = [
     ("lqr", "TwoLinkFlexArm-v0", {"initial_vibration": 0.02}),
     ("lqr", "MultiLinkFlexArm-v0", {}),
     ("lqg", "TwoLinkFlexArm-v0", {"observation": "measured", "history": 2, "arm": "two_link_geared"}),
+    ("pd", "SpatialFlexArm-v0", {}),
 ]
 ELBOWS = {("lqr", 3): [(-1.1, -0.9), (-0.8, -0.6)], ("lqg", 2): [(0.3, 1.3)]}
 """Angles that gains are held for, where it is not all of them."""
+TARGETS = [(-0.5, 0.2, 0.6), (0.5, -0.4, 0.6)]
+"""Of an arm in space."""
 STARTS: dict[str, Any] = {
+    "SpatialFlexArm-v0": {"start": [0.0, 0.0, 0.0], "target": TARGETS[1]},
     "TwoLinkFlexArm-v0": {"start": [0.2, 0.4], "target": [0.7, 0.45]},
     "MultiLinkFlexArm-v0": {"start": [0.1, -0.3, -0.2], "target": [0.5, -0.6]},
 }
@@ -63,7 +67,8 @@ def test_c_acts_as_python_does(name: str, env_id: str, kwargs: dict[str, Any], t
     env = gym.make(env_id, **kwargs)
     own = control.make(name, env)
     slew = float(np.float32(0.9)) if name == "time_optimal" else None
-    source = controller_source(own, "it", slew, ELBOWS.get((name, own.setup.n_joints)))
+    targets = TARGETS if own.setup.arm.spatial else None
+    source = controller_source(own, "it", slew, ELBOWS.get((name, own.setup.n_joints)), targets)
     assert not re.search(r"\b(malloc|main)\b", source)
     library, memory = compiled(tmp_path, source), ctypes.create_string_buffer(4096)
     joints, scales = own.setup.n_joints, np.array(own.setup.scales)
@@ -103,6 +108,12 @@ def test_what_cannot_leave_is_a_sentence() -> None:
         refuses(sentence, lambda elbows=elbows: controller_source(three, "it", elbows=elbows))
     pd = control.make("pd", gym.make("MultiLinkFlexArm-v0"))
     refuses("must be left out: gains of PD", lambda: controller_source(pd, "it", elbows=[(0.0, 1.0), (0.0, 1.0)]))
+    refuses("must be left out but of an arm in space", lambda: controller_source(pd, "it", targets=TARGETS))
+    space = control.make("pd", gym.make("SpatialFlexArm-v0"))
+    refuses("targets = None: must be points", lambda: controller_source(space, "it"))
+    refuses(
+        "targets.0. = .*: must be where the tip can rest", lambda: controller_source(space, "it", targets=[(9, 9, 9)])
+    )
 
 
 @needs_c

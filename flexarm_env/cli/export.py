@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
             raise check.InvalidValue(flag, value, "must not be given but with --to library or fmu")
     if args.what in NAMES:
         return _controller(args, out)
-    for word in ("env", "slew", "elbows", "env_kwargs"):
+    for word in ("env", "slew", "elbows", "targets", "env_kwargs"):
         value = getattr(args, word)
         if value is not None:
             flag = f"--{word.replace('_', '-')}"
@@ -64,12 +64,13 @@ def _controller(args: argparse.Namespace, out: Path) -> int:
         raise check.InvalidValue("--env", args.env, "must be given for a controller: what it is designed for")
     env = environment(args.env, keywords(args.env_kwargs))
     name, own, elbows = args.name or c_name(out.stem), make(args.what, env), _pairs(args.elbows)
+    targets = _points(args.targets)
     env.close()
     if args.to == "fmu":
-        write_controller_fmu(own, out, name, args.fmi or "3.0", args.slew, elbows)
+        write_controller_fmu(own, out, name, args.fmi or "3.0", args.slew, elbows, targets)
         show({"export": str(out), "bytes": out.stat().st_size}, args.json)
         return DONE
-    content = controller_source(own, name, args.slew, elbows).encode()
+    content = controller_source(own, name, args.slew, elbows, targets).encode()
     write_whole(out, content)
     show({"export": str(out), "function": f"{name}_decide", "bytes": len(content)}, args.json)
     return DONE
@@ -82,6 +83,14 @@ def _pairs(text: str | None) -> list[tuple[float, float]] | None:
         return None if found is None else [(low, high) for low, high in found]
     except ValueError:
         raise check.InvalidValue("--elbows", text, "must be LOW:HIGH,..., rad, a pair an elbow") from None
+
+
+def _points(text: str | None) -> list[list[float]] | None:
+    """X:Y:Z,X:Y:Z,... as numbers."""
+    try:
+        return None if text is None else [list(map(float, point.split(":"))) for point in text.split(",")]
+    except ValueError:
+        raise check.InvalidValue("--targets", text, "must be X:Y:Z,..., m, a point a target") from None
 
 
 def _arm(args: argparse.Namespace, out: Path) -> int:

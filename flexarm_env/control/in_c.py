@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
+from ..bodies import vector
+from ..physics.space.build import axis_of, mount_of
 from ..rigid import link_inertia
 from .arm_model import GRID, postures
 from .base import Controller
@@ -27,10 +29,12 @@ from .lqr import LQR
 from .lqr import design as lqr_design
 from .pd import PD
 from .shaping import ShapedPD, closed_loop_shaper
+from .space_pd import NEAR, SpatialPD
 from .time_optimal import TimeOptimal, plan, rigid_time
 
 Array = NDArray[np.float64]
 Pairs = Sequence[tuple[float, float]]
+Points = Sequence[Sequence[float]]
 
 Held = list[tuple[float, ...]]
 
@@ -38,7 +42,10 @@ MOST = 1000
 """Postures that a file holds gains for, mirror images aside."""
 
 
-def controller_source(controller: Controller, name: str, slew: float | None = None, elbows: Pairs | None = None) -> str:
+def controller_source(
+    controller: Controller, name: str, slew: float | None = None, elbows: Pairs | None = None,
+    targets: Points | None = None,
+) -> str:  # fmt: skip
     """A controller as one C99 file without `main`: double, arrays of fixed size, no allocation.
 
     Args:
@@ -47,25 +54,33 @@ def controller_source(controller: Controller, name: str, slew: float | None = No
         slew: rad, of TimeOptimal: the slew, to either side, whose plan the file holds.
         elbows: (low, high), rad, of each elbow's angle at the goal (of LQG: on the way there, too): postures that gains
             are held for; others take those of the nearest. None: all that two links have.
+        targets: (x, y, z), m, of an arm in space: points whose static rests, those that are found from joints at angles
+            0, the file holds; another target is taken for the nearest of them.
     Raises:
-        ValueError: MPC, which solves a programme in each period; no slew; no elbows of three links or more.
+        ValueError: MPC, which solves a programme in each period; no slew; no elbows of three links or more; no targets
+            of an arm in space, or one that its tip finds no rest at.
     """
     kind = type(controller)
     if kind not in _BODIES:
-        raise check.InvalidValue("controller", kind.__name__, "must be PD, ShapedPD, LQR, LQG or TimeOptimal")
+        known = "must be PD, SpatialPD, ShapedPD, LQR, LQG or TimeOptimal"
+        raise check.InvalidValue("controller", kind.__name__, known)
     setup, read = controller.setup, controller.read
     many, aimed = setup.n_joints > 1, read.aimed
-    held = [] if kind is PD else _postures(controller, elbows)
-    if kind is PD and elbows is not None:
+    plain, space = kind in (PD, SpatialPD), kind is SpatialPD
+    if not space and targets is not None:
+        raise check.InvalidValue("targets", targets, "must be left out but of an arm in space")
+    held = [] if plain else _postures(controller, elbows)
+    if plain and elbows is not None:
         raise check.InvalidValue("elbows", elbows, "must be left out: gains of PD are the same in all postures")
-    arrays, sizes = _numbers(controller, slew, held)
+    arrays, sizes = _in_space(controller, targets) if space else _numbers(controller, slew, held)
     places = {"SINES": read._sin, "COSINES": read._cos, "RATES": read._rates, "GAUGES": read._gauges}
     places |= {"BENDS": read._bends, "BEND_RATES": read._bend_rates, "ERRORS": read._goals if aimed else read._error}
     declared = {"JOINTS": setup.n_joints, "ENTRIES": len(setup.names), "HISTORY": setup.history, **sizes}
     pointed = many and not aimed
-    parts = ["times"] if kind is not PD else []
+    parts = [] if plain else ["times"]
     parts += ["rigid"] if kind is ShapedPD or (pointed and setup.n_joints == 2) else []
-    parts += ["aim_joints" if aimed else "aim_point" if many else "aim_tip", *(["posture"] if held else [])]
+    if not space:
+        parts += ["aim_joints" if aimed else "aim_point" if many else "aim_tip", *(["posture"] if held else [])]
     texts = [c_part("memory").replace("FIELDS", _FIELDS[kind]), *map(c_part, (*parts, *_BODIES[kind], "act"))]
     body = "\n".join(texts).replace("GAUGED", _GAUGED if read._gauges else "").replace("SHARP", repr(SHARP))
     body = body.replace("GOAL", c_part("goal_two" if setup.n_joints == 2 else "goal_many"))
@@ -100,6 +115,35 @@ def _postures(own: Controller, elbows: Pairs | None) -> Held:
             "elbows", f"{asked} postures", f"must be narrower: {2 * MOST} at most, {GRID:g} rad apart"
         )
     return list(dict.fromkeys(postures(np.array([(0.0, *row) for row in itertools.product(*ranges)]))))
+
+
+def _in_space(own: Controller, targets: Points | None) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The rigid arm's bodies and axes, the law's numbers, the rests at the targets; and their sizes."""
+    assert isinstance(own, SpatialPD)
+    arm, gains, N = own.setup.arm, own.gains, own.setup.n_joints
+    if own.read.aimed:
+        raise check.InvalidValue("observation", "measured", "must tell the way to the target (to_target_x, ...)")
+    points = check.sequence("targets", () if targets is None else targets, "points (x, y, z), m, of the tip")
+    if not points:
+        raise check.InvalidValue("targets", targets, "must be points (x, y, z), m, whose static rests the file holds")
+    rests = []
+    for i, point in enumerate(points):
+        target = np.array(vector(f"targets[{i}]", point, "m"))
+        off, *rest = own.rest_at(target, np.zeros(N))
+        if off > NEAR * arm.total_length:
+            raise check.InvalidValue(f"targets[{i}]", point, f"must be where the tip can rest: {off:.3g} m from there")
+        rests.append((target, *rest))
+    where, angles, torques = map(np.array, zip(*rests, strict=True))
+    parts = own.bodies
+    found = {
+        "limit": own.limits, "scale": np.array(own.setup.scales), "length": [link.span for link in arm.links],
+        "hinge": [axis_of(arm, k) for k in range(N)], "mount": [mount_of(arm, k) for k in range(N)],
+        "carrier": [float(k) for k, _ in parts], "mass": [part.mass for _, part in parts],
+        "centre_of": [part.centre for _, part in parts], "tensor": [part.inertia for _, part in parts],
+        "gravity": own.gravity, "filter": [own.passed, gains.rate**2, 2.0 * gains.ratio * gains.rate],
+        "target": where, "rest": angles, "rest_torque": torques,
+    }  # fmt: skip
+    return found, {"TARGETS": len(points), "BODIES": len(parts)}
 
 
 def _numbers(own: Controller, slew: float | None, held: Held) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -169,6 +213,11 @@ def _head(own: Controller, slew: float | None, held: Held) -> str:
             if told
             else []
         ),
+        *(
+            ["It holds static rests at the points NAME_target (m); another target is taken for the nearest of them."]
+            if isinstance(own, SpatialPD)
+            else []
+        ),
         f"Actions lie in [-1, 1]: the joints' torques over {limits} N m. A control period is {setup.control_dt:g} s.",
         "Entries of an instant, value / scale:",
         *(f"    {k}: {one} / {x:.9g}" for k, (one, x) in enumerate(zip(setup.names, setup.scales, strict=True))),
@@ -190,12 +239,13 @@ _GAUGED = (
 )
 
 _FIELDS: Mapping[type[Controller], str] = {
-    PD: "", ShapedPD: "    double move[UPPER_JOINTS], period;\n", LQR: "    double x[UPPER_STATES];\n",
+    PD: "", SpatialPD: "    double rate[UPPER_JOINTS], torque[UPPER_JOINTS], inertia[UPPER_JOINTS];\n",
+    ShapedPD: "    double move[UPPER_JOINTS], period;\n", LQR: "    double x[UPPER_STATES];\n",
     TimeOptimal: "    double x[UPPER_STATES], sign;\n", LQG: "    double x[UPPER_STATES];\n",
 }  # fmt: skip
 
 _BODIES: Mapping[type[Controller], tuple[str, ...]] = {
-    PD: ("pd",), ShapedPD: ("coriolis", "shaped"), LQR: ("observer", "outputs", "lqr"),
+    PD: ("pd",), SpatialPD: ("space",), ShapedPD: ("coriolis", "shaped"), LQR: ("observer", "outputs", "lqr"),
     TimeOptimal: ("observer", "outputs", "planned"), LQG: ("observer", "lqg"),
 }  # fmt: skip
 """Of each class: what it does at the start of an episode, in a period, and with the torque that was applied."""

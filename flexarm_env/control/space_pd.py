@@ -134,16 +134,22 @@ class AboutRest(Controller):
             targets = tip_at(arm, now + signals.to_go)
         goals, self.torque = np.zeros(now.shape), np.zeros(now.shape)
         for i, target in enumerate(targets):
-            sides = [[now[i, 0], *(BENT * side * (-1.0) ** k for k in range(arm.n_links - 1))] for side in (1, -1)]
-            best: tuple[float, Array, Array] | None = None
-            for start in (now[i] + 0.3, *np.array(sides)):
-                found = self._settle(target, approach(arm, start, target))
-                best = found if best is None or found[0] < best[0] else best
-                if best[0] < NEAR * arm.total_length:
-                    break
-            assert best is not None
-            goals[i], self.torque[i] = best[1:]
+            goals[i], self.torque[i] = self.rest_at(target, now[i])[1:]
         return goals
+
+    def rest_at(self, target: Array, now: Array) -> tuple[float, Array, Array]:
+        """Distance of the tip from a target (3,), m, joint angles and torques (N,) of the rest nearest to it that is
+        found from joints at angles (N,)."""
+        arm, N = self.setup.arm, self.setup.n_joints
+        sides = [[now[0], *(BENT * side * (-1.0) ** k for k in range(N - 1))] for side in (1, -1)]
+        best: tuple[float, Array, Array] | None = None
+        for start in (now + 0.3, *np.array(sides)):
+            found = self._settle(target, approach(arm, start, target))
+            best = found if best is None or found[0] < best[0] else best
+            if best[0] < NEAR * arm.total_length:
+                break
+        assert best is not None
+        return best
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
         weight, self.inertia = holding(self.setup.arm, self.gravity, self.goal, self.bodies)

@@ -15,7 +15,7 @@ import numpy as np
 
 from .. import validation as check
 from ..control.base import Controller, Setup
-from ..control.in_c import Pairs, controller_source
+from ..control.in_c import Pairs, Points, controller_source
 from ..files import write_whole
 from ..layout import Layout
 from ..tasks.program import ENERGIES, INFO
@@ -89,7 +89,7 @@ def write_fmu(env: Any, path: Path, name: str, form: str = "3.0", cpu: str | Non
 
 def write_controller_fmu(
     controller: Controller, path: Path, name: str, form: str = "3.0",
-    slew: float | None = None, elbows: Pairs | None = None,
+    slew: float | None = None, elbows: Pairs | None = None, targets: Points | None = None,
 ) -> None:  # fmt: skip
     """A controller as a co-simulation unit: what the sensors read in, as an arm's unit tells it; torques out, N m.
 
@@ -97,13 +97,13 @@ def write_controller_fmu(
     the last: an importing tool steps the controller before the arm.
 
     Args:
-        controller, slew, elbows: see `control.in_c.controller_source`. path, form: see `write_fmu`.
+        controller, slew, elbows, targets: see `control.in_c.controller_source`. path, form: see `write_fmu`.
     Raises:
         ValueError: as `controller_source`; no C compiler is there.
     """
     _check_form(form)
     check_name(name)
-    code, setup = controller_source(controller, name, slew, elbows), controller.setup
+    code, setup = controller_source(controller, name, slew, elbows, targets), controller.setup
     variables = [Variable("time", "TIME", 0, "s", "since the start")]
     for k in range(setup.size):
         variables.append(Variable(*_seen(setup, k), 0.0)._replace(kind="INPUT"))
