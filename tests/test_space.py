@@ -42,7 +42,7 @@ def rest(arm: fx.Arm, elements: int, *loads: fx.PointLoad) -> Array:
     """Where the tip of a clamped arm is at rest."""
     scene = fx.Scene("rest", arm, duration=1.0, dt=1e-3, loads=loads, start="held", space=True)
     simulation = Simulation(scene, scene.settings(elements=elements))
-    return np.asarray(tips(arm, simulation.settings, simulation.system.q0[None])[0])
+    return np.asarray(tips(arm, simulation.settings, simulation.system.q0[None])[0, 0])
 
 
 EXACT, FLOATING = "geometrically_exact", "floating_frame"

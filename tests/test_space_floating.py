@@ -37,7 +37,7 @@ def rest(arm: fx.Arm, segments: int, *loads: fx.PointLoad) -> Array:
     """Where the tip of a clamped arm is at rest."""
     scene = fx.Scene("rest", arm, duration=1.0, dt=1e-3, loads=loads, start="held", space=True)
     simulation = Simulation(scene, scene.settings(FLOATING, segments=segments))
-    return np.asarray(tips(arm, simulation.settings, simulation.system.q0[None])[0])
+    return np.asarray(tips(arm, simulation.settings, simulation.system.q0[None])[0, 0])
 
 
 # ------------------------------------------------------------------ the plane
