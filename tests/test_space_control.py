@@ -17,7 +17,7 @@ from flexarm_env.physics.space.reading import frames
 
 ID = "SpatialFlexArm-v0"
 COARSE: dict[str, Any] = {"elements": 1, "dt": 0.005}
-GAUGES = [{"link": k, "measures": what, "bias": 0.01} for k in (1, 2) for what in ("xy", "xz", "torsion")]
+GAUGES = [{"link": k, "measures": what} for k in (1, 2) for what in ("xy", "xz", "torsion")]
 MEASURED: dict[str, Any] = {
     "observation": "measured", "sensors": {"encoders": {"counts": 2**16}, "strain_gauges": GAUGES},
 }  # fmt: skip
