@@ -12,7 +12,8 @@ from scipy.integrate import solve_ivp
 import flexarm_env as fx
 from flexarm_env import arms
 from flexarm_env.linear import modes, static_equilibrium
-from flexarm_env.time_functions import constant, ramp, sine
+from flexarm_env.rotations import matrices
+from flexarm_env.time_functions import constant, linear_table, ramp, sine
 
 EXACT, FLOATING = "geometrically_exact", "floating_frame"
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
@@ -130,6 +131,83 @@ def test_below_friction_nothing_moves_and_a_level_arm_stays() -> None:
     assert np.abs(run(scene).joint_angles[:, 0]).max() == 0.0
     more = dataclasses.replace(scene, loads=(fx.JointTorque(0, constant(4.0)),))
     assert run(more).joint_angles[-1, 0] > 1e-3
+
+
+@pytest.mark.parametrize("rate", [-0.8, 0.0, 0.8])
+@pytest.mark.parametrize("how", [EXACT, pytest.param(FLOATING, marks=pytest.mark.slow)])
+def test_a_joint_with_friction_whose_base_is_struck(how: str, rate: float) -> None:
+    """The base of a level link is at once drawn upwards at V. The blow has no moment about the joint, and friction no
+    impulse, so that the link turns by m V l / 2I more, whether it slid down, rested or slid up. From then on, as seen
+    from the base, which moves evenly, T_C / I takes its rate, in steps of any size."""
+    mass, length, speed, coulomb, begin = 1.2, 0.6, 0.5, 0.3, 0.08
+    inertia, blow = mass * length**2 / 3.0, mass * speed * 0.5 * length
+    slow = coulomb / inertia
+    link = fx.RigidLink(length, mass, (0.5 * length, 0.0, 0.0), tensor(1e-5, *(mass * length**2 / 12.0,) * 2))
+    more = fx.RigidLink(0.1, 1e-9, (0.0, 0.0, 0.0), tensor(1e-12, 1e-12, 1e-12))
+    arm = fx.Arm("p", (link, more), hub_axis=(0.0, -1.0, 0.0), joints=(fx.Joint(friction_coulomb=coulomb), fx.Joint()))
+    drawn = fx.Motion("root_z", linear_table([0.0, begin, 1.1], [0.0, 0.0, (1.1 - begin) * speed]))
+    before = rate - math.copysign(slow * begin, rate) if rate else 0.0
+    scene = fx.Scene(
+        "p", arm, duration=1.1, dt=4e-3, sample=0.02, motions=(drawn,), rigid_joints=(1,), rates=(rate, 0.0),
+        angles=(-0.5 * begin * (rate + before), 0.0),
+    )  # fmt: skip
+    found = run(scene, how, rho_inf=1.0)
+    struck, t = before - blow / inertia, found.t - begin
+    stop = abs(struck) / slow
+    after = struck - math.copysign(slow, struck) * t
+    sliding, resting = (t > 1e-9) & (t < stop - scene.dt), t > stop + 2.0 * scene.dt
+    np.testing.assert_allclose(found.joint_rates[sliding, 0], after[sliding], atol=1e-7)
+    assert resting.any() and np.ptp(found.joint_angles[resting, 0]) < 1e-9
+    way = 0.5 * begin * abs(rate + before) + 0.5 * abs(struck) * stop
+    assert found.dissipated[-1] == pytest.approx(coulomb * way, rel=1e-3)
+    # at the base: force over time times the mean of its velocities before and after
+    assert found.work[-1] == pytest.approx(0.5 * mass * speed**2 - 0.5 * blow * (before + struck), rel=1e-3)
+
+
+def test_joints_with_friction_of_a_bent_arm_whose_base_is_struck() -> None:
+    """Two rods on oblique axes, a base that is at once drawn off obliquely. Lagrange's momenta of the joints, of both
+    masses and the base's velocity, are as before after the blow, and change from then on by dT/dx - T_C sign x'."""
+    mass, length, coulomb, begin = (0.9, 0.6), (0.5, 0.4), (0.08, 0.03), 0.05
+    axes, velocity = (np.array([0.6, 0.0, 0.8]), np.array([0.0, 0.6, 0.8])), np.array([0.5, -0.7, 0.4])
+    own = [tensor(1e-4, *(m * x**2 / 12.0,) * 2) for m, x in zip(mass, length, strict=True)]
+    rods = tuple(fx.RigidLink(x, m, (0.5 * x, 0.0, 0.0), I) for m, x, I in zip(mass, length, own, strict=True))
+    joints = tuple(fx.Joint(friction_coulomb=c) for c in coulomb)
+    arm = fx.Arm("two", rods, hub_axis=tuple(axes[0]), elbows=(fx.Elbow(axis=tuple(axes[1])),), joints=joints)
+    drawn = tuple(
+        fx.Motion(f"root_{name}", linear_table([0.0, begin, 0.1], [0.0, 0.0, v * (0.1 - begin)]))
+        for name, v in zip("xyz", velocity, strict=True)
+    )
+    scene = fx.Scene(
+        "two", arm, duration=0.1, dt=1e-3, sample=1e-3, motions=drawn, angles=(0.3, 0.7), rates=(-0.8, 0.0), space=True
+    )
+    found = run(scene, rho_inf=1.0)
+
+    def kinetic(x: np.ndarray, rates: np.ndarray, base: np.ndarray) -> float:
+        A, w, v, total = np.eye(3), np.zeros(3), base, 0.0
+        for k in range(2):
+            w = w + rates[k] * (A @ axes[k])
+            A = A @ matrices(x[k] * axes[k])
+            centre = v + np.cross(w, A @ [0.5 * length[k], 0.0, 0.0])
+            inner = A.T @ w
+            total += 0.5 * mass[k] * centre @ centre + 0.5 * inner @ np.array(own[k]) @ inner
+            v = v + np.cross(w, A @ [length[k], 0.0, 0.0])
+        return float(total)
+
+    def slope(of: Any) -> np.ndarray:
+        return np.array([(of(1e-4 * e) - of(-1e-4 * e)) / 2e-4 for e in np.eye(2)])
+
+    momenta, forces = [], []
+    for k, t in enumerate(found.t):
+        x, rates, base = found.joint_angles[k], found.joint_rates[k], velocity * (t > begin + 1e-9)
+        momenta.append(slope(lambda d: kinetic(x, rates + d, base)))  # noqa: B023
+        forces.append(slope(lambda d: kinetic(x + d, rates, base)) - np.array(coulomb) * np.sign(rates))  # noqa: B023
+    p, f, struck = np.array(momenta), np.array(forces), 50
+    assert found.joint_rates[struck] @ [1.0, 0.0] < -0.5 and found.joint_rates[struck, 1] == 0.0
+    assert (found.joint_rates[struck + 1] > 0.1).all()  # the one is turned round, the other begins to slide
+    f[struck] = 2.0 * f[struck + 1] - f[struck + 2]  # those after the blow
+    kept = (np.diff(p, axis=0) / 1e-3 - 0.5 * (f[1:] + f[:-1])) / coulomb
+    assert np.abs(kept[struck:]).max() < 1e-4 and np.abs(kept[: struck - 1, 0]).max() < 1e-4
+    assert 0.02 < np.abs(kept[: struck - 1, 1]).max() < 1.0  # where it sticks, what the other forces leave over
 
 
 # ------------------------------------------------------------------ beside the plane

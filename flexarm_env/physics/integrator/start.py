@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...compiler import alone, apart, kernel, load, size, splat, store
-from ..joints.friction import apply_friction, note_friction
+from ..joints.friction import apply_friction, note_friction, turn_round
 from ..layout import DISSIPATED, OF_MOTION, WORK_DONE
 from ..protocol import MASS_ALONE, RESIDUAL_ALONE, Weights, assemble, constrain, damping_work
 from .drive import set_inputs, set_motions
@@ -235,6 +235,7 @@ def restart_within(lane, model, drive, par, w, t, h, fresh):
         set_inputs(lane, drive, w.u, t, t + 1e-6 * h)
         set_motions(lane, drive, w.psi, t, t + 1e-6 * h)
         _jump(lane, model, drive, par, w, h, fresh)
+        turn_round(lane, model, w.v, w.S)
     for k in range(n):
         store(w.a, k, splat(lane, 0.0))
     move_multipliers(lane, model.algebraic, w.q, w.a, False)

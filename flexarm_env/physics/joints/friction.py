@@ -140,6 +140,16 @@ def note_friction(lane, model, par, state, u, r, S):
 
 
 @kernel
+def turn_round(lane, model, v, S):
+    """Joints that slid when last noted and that impulses have turned round since no longer slide as they did."""
+    if protocol.friction(model) is not None:
+        for i in range(count(model)):
+            g, row = gear_at(model, i), model.table[PLACES * i + PLACE.friction]
+            slides, with_it = load(lane, S, g + GEAR.slides), load(lane, S, g + GEAR.before) * load(lane, v, row)
+            store(S, g + GEAR.slides, select_lt(with_it, 0.0, splat(lane, 0.0), slides))
+
+
+@kernel
 def book_friction(lane, model, par, state, u, r, S, start, books):
     """Add what friction has taken since the coordinates were `start`, by the mean of what it was when last noted and is
     now, and note it; r is free."""
