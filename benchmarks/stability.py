@@ -238,6 +238,15 @@ def _ratios(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
     return {f"{p} %": round(float(np.percentile(ratio, p)), 3) for p in (0, 1, 10, 50, 90, 99)}
 
 
+def write_rows(path: Path, rows: Sequence[dict[str, Any]], errors: Sequence[str], names: Sequence[str]) -> None:
+    """Each case by its entries `names`, and how it ended. errors: those of the tip that are told."""
+    ends = ["estimate", *errors, "gain", "loss", "steps"]
+    pages.write_csv(path, [*names, "options", "outcome", "status", *ends], (
+        (*(row["case"][name] for name in names), pages.options_of(row["case"]), row["outcome"], row["status"],
+         *(row.get(name) for name in ends)) for row in rows
+    ))  # fmt: skip
+
+
 def table_of_cases(found: pages.Found) -> list[str]:
     """Of the page: what was asked of how many cases, and how they ended."""
     reasons = ", ".join(f"{k}: {v}" for k, v in found["tip_not_asked"].items())
@@ -314,11 +323,8 @@ def measured(options: argparse.Namespace) -> pages.Found:
         [] if options.no_long_runs else run_all("long runs", LONG, long_run, STORE / "long_runs.jsonl", workers, fresh)
     )
     stiff = run_all("stiff arms", stiff_arms.cases(), stiff_arms.measure, STORE / "stiff_arms.jsonl", workers, fresh)
-    names = ["family", "method", "drive", "amplitude", "slender", "payload", "zeta", "links", "h", "rho", "seed"]
-    ends = ["estimate", "tip_error", "gain", "loss", "steps"]
-    pages.write_csv(options.out / "stability.csv", [*names, "options", "outcome", "status", *ends], (
-        (*(row["case"][name] for name in names), pages.options_of(row["case"]), row["outcome"], row["status"],
-         *(row.get(name) for name in ends)) for row in rows
+    write_rows(options.out / "stability.csv", rows, ("tip_error",), (
+        "family", "method", "drive", "amplitude", "slender", "payload", "zeta", "links", "h", "rho", "seed",
     ))  # fmt: skip
     maps(rows, options.figures / "stability.png", MAIN)
     for row in [row for row in rows if row["outcome"] in ("silently wrong", "broken")][:40]:

@@ -255,6 +255,8 @@ def measured(options: argparse.Namespace) -> pages.Found:
     for row in rows:
         row["finite"] = row.get("finite", False)
         row["outcome"] = stability.outcome(row)
+    names = [name for name in ("family", "method", *DEFAULTS) if name != "options"]
+    stability.write_rows(options.out / "stability_space.csv", rows, ("tip_error", "turn_error"), names)
     for row in [row for row in rows if row["outcome"] in ("silently wrong", "broken")][:40]:
         print(json.dumps(row))
     counts = Counter(row["outcome"] for row in rows)
