@@ -188,14 +188,18 @@ def test_a_period_against_differences_and_backwards(env_id: str, keywords: dict[
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("keywords", [{"parameters": True}, {**PAID, **MOTORS, **PD}], ids=["parameters", "motors"])
+@pytest.mark.parametrize(
+    "keywords",
+    [{"parameters": True}, {**PAID, **MOTORS, **PD}, {"task": "track", "arm": "three_dof"}],
+    ids=["parameters", "motors", "targets"],
+)
 def test_in_space(keywords: dict[str, Any]) -> None:
     """Yaw and a strip that pitches, bends both ways and twists: relative error of a period below 3e-6 for each arm, by
     one of two steps of the differences (forces are cut off in Newton's matrix, which is a kink of 1e-4 that one of them
     may step over; accelerations have round-off of 1e-6), of five periods' observations below 1e-5."""
     arm = arms_by_name.named("three_dof")
     short = dataclasses.replace(arm, links=arm.links[:2], elbows=arm.elbows[:1], torque_limits=arm.torque_limits[:2])
-    arms = Arms("SpatialFlexArm-v0", 9, tolerance=1e-14, elements=1, arm=short, **keywords)
+    arms = Arms("SpatialFlexArm-v0", 9, tolerance=1e-14, elements=1, **{"arm": short, **keywords})
     assert not arms.backwards
     as_in_the_environment(arms)
     state, action = moving(arms)

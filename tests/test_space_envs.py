@@ -211,8 +211,6 @@ def test_features_carry_over() -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"task": "track"}, "task = 'track': must be \"reach\""),
-        ({"reference": {"path": "circle"}}, "reference = "),
         ({"motion": "spin_up"}, "motion = 'spin_up'"),
         ({"cost": {"strain": 0.1}}, "cost.strain = 0.1: must be left out"),
         ({"cost": {"deflection": (0.1, 0.1)}}, "cost.deflection = (0.1, 0.1): must be a sequence of 3"),

@@ -18,6 +18,7 @@ from ..tasks.program import (
     LAW,
     LEVEL,
     PARAMETERS,
+    PATH,
     PATH_AT,
     PERIODS,
     PUSH,
@@ -78,7 +79,8 @@ def places_of(
         moving += own
     else:
         given += own
-    given += drawn + recorded("target", TARGET, max(2, len(task.targets))) + recorded("target_rate", TARGET_RATE, 2)
+    given += drawn + recorded("target", TARGET, max(2, len(task.targets)))
+    given += recorded("target_rate", TARGET_RATE, max(2, len(task.targets)))
     if any(part is not None for part in (extras.controller, extras.instruments, extras.reference)):
         given += recorded("goal", at.goal, links)
     if extras.pushes is not None:
@@ -92,7 +94,7 @@ def places_of(
         last = [_Place(f"torque[{k}]", int(work.u[0]) + k * stride) for k in range(len(work.u) // stride)]
         given += last if afresh else last[links:]
     if extras.reference is not None:
-        given += recorded("path", PATH_AT, at.goal - PATH_AT)
+        given += recorded("path", PATH_AT, PATH.places.end if len(task.targets) == 3 else PATH.places.z)
     if batch.program.models is not None:
         given += recorded("level", LEVEL, 1)
     given += recorded("periods", PERIODS, 1) + recorded("hold", HOLD, 1)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..batch import FURTHER, Cost, Extras, KeepOut, PayloadChange, Pushes, Starts, gauge_table, packed
+from ..control.space import chain_of
 from ..parameters import Arm
 from ..rigid import reach
 from ..sensors import surface
@@ -154,6 +155,8 @@ def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool,
         changes["turns"] = (0,)
     if absolute:
         changes["relative"] = 0.0
+    if kind.space and extras.reference is not None:
+        changes["chain"] = chain_of(frame.arm)
     if drawn or frame.settings.step_tolerance is not None or any(getattr(extras, name) is not None for name in EVENTS):
         changes["further"] = (0,) * FURTHER.end
     return changes

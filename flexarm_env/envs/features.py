@@ -213,4 +213,5 @@ def reference(frame: Frame, given: Any, periods: int) -> Reference:
         table = np.column_stack([f(t) for f in path] + [f(t, 1) for f in path]).ravel()
     scales = np.array([scale for _, scale in target.entries(arm)])
     line = (0,) if shape == "line" else None
-    return Reference(line=line, table=table, ranges=np.array(ranges).ravel(), ahead=ahead, scales=scales)
+    axis = np.array(arm.hub_axis, np.float64) if frame.kind.space else None
+    return Reference(line=line, table=table, ranges=np.array(ranges).ravel(), ahead=ahead, scales=scales, axis=axis)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
@@ -12,18 +13,17 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..batch import SpaceReach, Starts, Task
-from ..control.space import angles_at, tip_at
+from ..control.space import angles_at, beyond_reach, tip_at
 from ..parameters import Arm
 from ..rigid import rate_scale
 from ..time_functions import TimeFunction
-from .targets import Pair, Target
+from .targets import POINT, Pair, Target, coordinates
 from .task import REACH, Kind
 
 Array = NDArray[np.float64]
 
 WHERE = "is not there in space (docs: environments in space)"
-_NOT_YET: dict[str, Any] = dict.fromkeys(("reference", "motion"))
-_NOT_YET |= {"initial_vibration": 0.0}
+_NOT_YET: dict[str, Any] = {"initial_vibration": 0.0}
 
 
 def refuse(**given: Any) -> None:
@@ -31,8 +31,8 @@ def refuse(**given: Any) -> None:
     for name, usual in _NOT_YET.items():
         if given[name] != usual:
             raise check.InvalidValue(name, given[name], f"must be left out: it {WHERE}")
-    if given["task"] not in (None, "reach"):
-        raise check.InvalidValue("task", given["task"], f'must be "reach": another {WHERE}')
+    if given["task"] == "replay":
+        raise check.InvalidValue("task", "replay", f"must be left out: it {WHERE}")
 
 
 def refuse_options(table: Mapping[str, Any]) -> None:
@@ -53,7 +53,7 @@ class Place(Target):
     """A place of the tip in space, (x, y, z) in m. Asked for by joint angles of the rigid arm there."""
 
     numbers = 3
-    paths: ClassVar = {}
+    paths: ClassVar = {name: (*entries, ("elevation", "rad")) for name, entries in POINT.paths.items()}
 
     def read(self, arm: Arm, value: Any) -> Any:
         what = "three numbers (m), (x, y, z)"
@@ -73,13 +73,42 @@ class Place(Target):
         return target
 
     def entries(self, arm: Arm) -> list[tuple[str, float]]:
-        return []
+        return POINT.entries(arm, "xyz")
 
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        return []
+        _, *others, bearing = POINT.ranges(arm, path)
+        far = arm.total_length
+        if path == "circle":
+            others[-1] = (0.05 * far, 0.15 * far)
+        return [(0.45 * far, 0.65 * far), *others, bearing, (math.pi / 6, math.pi / 3)]
+
+    def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
+        """Circles keep within reach, and so does the point of a line that is nearest to the root; looked at are points
+        all around the middles and ends of the ranges."""
+        distance, _, (_, radius), *turns = ranges
+        bearing, elevation = (np.linspace(*pair, 5) for pair in turns)
+        r, b, e = (grid.ravel() for grid in np.meshgrid(np.linspace(*distance, 3), bearing, elevation))
+        places = np.stack([r * np.cos(b) * np.cos(e), r * np.sin(b) * np.cos(e), r * np.sin(e)], axis=1)
+        if path == "circle" and radius > 0.0:
+            around = np.array([w for w in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(w)])
+            around *= radius / np.linalg.norm(around, axis=1)[:, None]
+            places = (places[:, None] + around).reshape(-1, 3)
+        wrong = beyond_reach(arm, places)
+        if wrong is not None:
+            what = f"must keep the path, or a line's nearest point, within reach: {_said(places[wrong])} is not"
+            raise check.InvalidValue("reference.distance", distance, what)
 
     def path(self, given: Any, arm: Arm, t: Array) -> list[TimeFunction]:
-        return []
+        all_three = coordinates(given, "three functions of time, x, y and z (m), or a table (n, 4): t, x, y, z", 3)
+        places = np.stack([f(t) for f in all_three], axis=1)
+        wrong = beyond_reach(arm, places)
+        if wrong is not None:
+            raise ValueError(f"reference = {_said(places[wrong])} at {t[wrong]:g} s: must be a point within reach")
+        return all_three
+
+
+def _said(place: Array) -> str:
+    return "({:g}, {:g}, {:g}) m".format(*place)
 
 
 def _entries(arm: Arm) -> list[tuple[str, float]]:

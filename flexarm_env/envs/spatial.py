@@ -52,23 +52,28 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | the last six | tip velocity, x, y, z | w_0 L | m/s |
     | | from tip to target, x, y, z | 0.5 L | m |
 
-    The last six are components along the axes of the root of link 0, which turn with the first joint. A link's
-    deflections are the components of (tip - root) along y and z of its root's axes; its twist is the part about x of
-    the rotation vector of its tip's axes against its root's.
+    With `task="track"` nine more follow: the target's velocity (scale w_0 L), and from where it is to where it will be
+    0.1 s and 0.3 s later (0.5 L).
+
+    The last six, and these, are components along the axes of the root of link 0, which turn with the first joint. A
+    link's deflections are the components of (tip - root) along y and z of its root's axes; its twist is the part about
+    x of the rotation vector of its tip's axes against its root's.
 
     `observation` and `history` are as in FlexibleArm-v0. Entries by name: `hub_sin`, `hub_cos`, `elbow_1_sin`, ...,
     `hub_rate`, ..., `tip_deflection_y_2` (of the second link), `tip_deflection_z_2`, `tip_deflection_rate_y_2`,
-    `tip_deflection_rate_z_2`, `twist_2`, `twist_rate_2`, ..., `tip_velocity_x`, ..., `to_target_x`, ...; `hub_error`,
+    `tip_deflection_rate_z_2`, `twist_2`, `twist_rate_2`, ..., `tip_velocity_x`, ..., `to_target_x`, ..., with
+    `task="track"` `target_velocity_x`, ..., `target_ahead_1_x`, ..., `target_ahead_2_x`, ...; `hub_error`,
     `elbow_1_error`, ...: joint angles at which the rigid arm reaches the target less the joints' (scale 1 rad);
     `target_x`, `target_y`, `target_z`: the target in fixed axes (scale L). Of sensors: `tip_acceleration_x`, `_y`, `_z`
     (m/s^2, scale w_0^2 L), `gyroscope_x`, `_y`, `_z` (rad/s, scale w_0), `camera_x`, `_y`, `_z` (m, scale L),
     `camera_rise_y`, `_z` (rad, scale 1), `strain_gauge_1`, ... (1/m, or strain; scale: under the full torque of the
-    link's joint). `observation="measured"`: sines, cosines and rates of encoders, these errors, the target, sensors.
+    link's joint). `observation="measured"`: sines, cosines and rates of encoders, what of a moving target is known (in
+    the axes of the root of link 0 as the first encoder reads it), these errors, the target, sensors.
 
     ## Reward
 
-    As in TwoLinkFlexArm-v0: e is the distance of the tip from the target over L, v its speed over L (1/s), d' the rates
-    of the deflections in both planes, a the action.
+    As in TwoLinkFlexArm-v0: e is the distance of the tip from the target over L, v its speed over L (1/s; with "track"
+    relative to the target), d' the rates of the deflections in both planes, a the action.
 
     | name | weight | term | bounds |
     |---|---|---|---|
@@ -112,10 +117,18 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | `control_dt` | 0.01 | s |
     | `gravity` | (0, 0, -9.81) | (x, y, z), m/s^2 |
     | `elements`, `dt`, `tolerance` | 2, 0.001, 1e-7 | elements a link; s; of Newton's increments |
+    | `task` | "reach" | or "track": the target moves (`reference`: x, y, z over time, m; None: a circle) |
     | `starts` | {} | `angles`: (low, high) of each joint, rad; `target`: of the joint angles there; `straight` |
 
+    `reference` as in TwoLinkFlexArm-v0, of three functions or a table t, x, y, z; of drawn paths `bearing` is that
+    about z from the x axis and `elevation` that above the x-y plane, rad. Circles lie in planes drawn from all there
+    are, lines go past the point nearest to the root in any direction. Usual: distances 0.45 L to 0.65 L, radii 0.05 L
+    to 0.15 L, elevations 30 to 60 degrees, the others as in the plane. A path to which no joint angles are found is
+    refused.
+
     Options of reset: `start` (N angles, rad) and `target` (x, y, z in m, a point that the rigid arm reaches). Goals of
-    "residual_pd" are the joint angles that the target was drawn by, or those of least sum of squares that were found.
+    "residual_pd" are the joint angles that the target was drawn by, or those of least sum of squares that were found;
+    of a target that moves those that follow on the goals before.
 
     ## Versions
 

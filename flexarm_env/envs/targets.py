@@ -25,7 +25,7 @@ AHEAD = (0.1, 0.3)
 
 class Target(ABC):
     """numbers: that a target has; two are kept of any, an angle's second is 0. paths: shapes that its path may have,
-    the usual one first; of each the numbers that it is drawn by (four at most), and their units."""
+    the usual one first; of each the numbers that it is drawn by (four at most, in space five), and their units."""
 
     numbers: int
     paths: ClassVar[Mapping[str, tuple[tuple[str, str], ...]]]
@@ -48,7 +48,7 @@ class Target(ABC):
 
     @abstractmethod
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        """What the four numbers of a path of this shape lie within that is drawn (`draw_path`, `draw_line` of the
+        """What the numbers of a path of this shape lie within that is drawn (`draw_path`, `draw_line` of the
         task)."""
 
     def drawn(self, given: Mapping[str, Any], arm: Arm) -> tuple[str, list[Pair]]:
@@ -62,7 +62,8 @@ class Target(ABC):
         ranges = self.ranges(arm, shape)
         for k, (name, unit) in enumerate(self.paths[shape]):
             if name in given:
-                least = {"above": 0.0} if name == "period" else {} if name == "bearing" else {"minimum": 0.0}
+                turns = name in ("bearing", "elevation")
+                least = {"above": 0.0} if name == "period" else {} if turns else {"minimum": 0.0}
                 ranges[k] = check.limits(f"reference.{name}", given[name], unit, **least)
         self.check_ranges(ranges, arm, shape)
         return shape, ranges
@@ -134,10 +135,10 @@ class Point(Target):
     def place(self, arm: Arm, target: Array) -> Array:
         return target
 
-    def entries(self, arm: Arm) -> list[tuple[str, float]]:
+    def entries(self, arm: Arm, axes: str = "xy") -> list[tuple[str, float]]:
         speed, way = rate_scale(arm, 0) * arm.total_length, 0.5 * arm.total_length
         named = [("target_velocity", speed), *((f"target_ahead_{k + 1}", way) for k in range(len(AHEAD)))]
-        return [(f"{name}_{axis}", scale) for name, scale in named for axis in "xy"]
+        return [(f"{name}_{axis}", scale) for name, scale in named for axis in axes]
 
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
         rate, far = rate_scale(arm, 0), arm.total_length
@@ -156,11 +157,7 @@ class Point(Target):
             raise check.InvalidValue("reference.distance", ranges[0], what)
 
     def path(self, given: Any, arm: Arm, t: Array) -> list[TimeFunction]:
-        if _is_path(given):
-            rows = np.asarray(given)
-            given = [rows[:, [0, 1]], rows[:, [0, 2]]]
-        what = "two functions of time, x and y (m), or a table (n, 3): t, x, y"
-        both = [function_of(f"reference[{d}]", f) for d, f in enumerate(check.sequence("reference", given, what, 2))]
+        both = coordinates(given, "two functions of time, x and y (m), or a table (n, 3): t, x, y", 2)
         x, y = (f(t) for f in both)
         near, far = reach(arm)
         distance = np.hypot(x, y)
@@ -171,13 +168,15 @@ class Point(Target):
         return both
 
 
-def _is_path(given: Any) -> bool:
-    """Whether this is a table of t, x, y."""
+def coordinates(given: Any, what: str, numbers: int) -> list[TimeFunction]:
+    """A point's path as one function of time for each number; of a table the first column is t, s."""
     try:
         rows = np.asarray(given)
     except ValueError:
-        return False
-    return bool(rows.dtype.kind in "fiu" and rows.ndim == 2 and rows.shape[1] == 3)
+        rows = np.array(None)
+    if rows.dtype.kind in "fiu" and rows.ndim == 2 and rows.shape[1] == 1 + numbers:
+        given = [rows[:, [0, 1 + d]] for d in range(numbers)]
+    return [function_of(f"reference[{d}]", f) for d, f in enumerate(check.sequence("reference", given, what, numbers))]
 
 
 ANGLE_OF_TIP, POINT = Angle(), Point()

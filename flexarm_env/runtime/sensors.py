@@ -10,7 +10,7 @@ from ..compiler import arms, kernel, load, maximum, pick, place, sincos, size, s
 from ..physics.arithmetic import arctangent, clip
 from ..physics.layout import POSE, SPACE_POSE
 from ..physics.protocol import gauge, ports
-from ..physics.space.rotations import matrix, quaternion
+from ..physics.space.rotations import matrix, quaternion, times, turned
 from ..tasks.program import CLIP, GOAL, TARGET, channel_at
 from .inertial import specific_force
 from .laws import LAW_SIZE, channel_of, normal, read, read_encoder, tip_acceleration
@@ -145,7 +145,16 @@ def _turned(lane, p, instruments, who, poses, record, seen):
     if instruments.encoders is not None:
         if p.reference is not None:
             i, first, count = who.i, size(p.task.entries), p.reference.scales.shape[0]
-            if size(p.task.targets) == 2:
+            if p.reference.axis is not None:
+                axis = (p.reference.axis[0], p.reference.axis[1], p.reference.axis[2])
+                read_as = _angle(lane, p.task, instruments, who, 0, poses, record)
+                turn = matrix(quaternion(times(axis, _true_angle(lane, p.task, i, 0, poses) - read_as)))
+                for k in range(first, first + count, 3):
+                    a = (pick(lane, seen, k, i), pick(lane, seen, k + 1, i), pick(lane, seen, k + 2, i))
+                    b = turned(turn, a)
+                    for d in range(3):
+                        place(lane, seen, k + d, i, clip(b[d], CLIP))
+            elif size(p.task.targets) == 2:
                 off = _angle(lane, p.task, instruments, who, 0, poses, record)
                 sine, cosine = sincos(off - pick(lane, poses, POSE.angle, i))
                 for k in range(first, first + count, 2):

@@ -22,6 +22,8 @@ PATH = Layout(
     Field("rate", (), "rad/s", "of the angle on the circle, or of the swing's phase"),
     Field("phase", (), "rad", "of that angle at t = 0"),
     Field("vx", (), "m/s or rad/s", "at which all of it moves on"), Field("vy", (), "m/s", ""),
+    Field("z", (), "m", "in space, of the centre"), Field("vz", (), "m/s", ""),
+    Field("bearing", (), "rad", "in space, of the circle's axis about z"), Field("tilt", (), "rad", "from z to it"),
 )  # fmt: skip
 """Numbers of a moving target's path that was drawn."""
 
@@ -73,7 +75,7 @@ RECORD = Layout(
     Field("mode", (), "", "RUNNING, OVER, FRESH or GUIDED"),
     Field("hold", (), "", "instants in the band"),
     Field("target", (3,), "m or rad", "a point in space or in the plane, or an angle, and nothing"),
-    Field("target_rate", (2,), "m/s or rad/s", "its rate"),
+    Field("target_rate", (3,), "m/s or rad/s", "its rate"),
     Field("torque_factor", (), "", "on the torque constant"),
     Field("level", (), "", "halvings of the step that the last period took, where steps are fitted"),
     Field("late", (), "", "steps more by which this period's commands come late, where that is drawn"),
@@ -119,9 +121,8 @@ SHAKE = Layout(
 MOVING = Layout(
     "Moving", "",
     Field("x", (), "m or rad", "a point, or an angle and nothing"),
-    Field("y", (), "m", ""),
-    Field("vx", (), "m/s or rad/s", "its rate"),
-    Field("vy", (), "m/s", ""),
+    Field("y", (), "m", ""), Field("z", (), "m", "in space"),
+    Field("vx", (), "m/s or rad/s", "its rate"), Field("vy", (), "m/s", ""), Field("vz", (), "m/s", ""),
 )  # fmt: skip
 """Where a moving target is, and how fast it goes."""
 
@@ -347,9 +348,10 @@ class Reference(NamedTuple):
 
     line: tuple[int, ...] | None  # a tag where straight lines are drawn
     table: np.ndarray  # (m, 2 D) target and rate at each control instant, D numbers each; empty: drawn
-    ranges: np.ndarray  # (4, 2): what the numbers of a drawn path lie within
+    ranges: np.ndarray  # (4, 2), in space (5, 2): what the numbers of a drawn path lie within
     ahead: np.ndarray  # (2,) int64: control periods by which the observation looks ahead
     scales: np.ndarray  # (3 D,): of rate and of what comes ahead
+    axis: np.ndarray | None = None  # (3,) in space: what joint 0 turns about, in the axes of its link's root
 
 
 class Cost(NamedTuple):

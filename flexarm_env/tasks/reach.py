@@ -2,7 +2,7 @@
 
 import math
 
-from ..compiler import kernel, load, select_lt, sincos, size, splat, square_root
+from ..compiler import kernel, load, select_lt, sincos, size, splat, square_root, store
 from ..physics.arithmetic import decay, smaller
 from ..physics.layout import POSE
 from .angles import least_angles, next_angles, sooner_angles
@@ -165,14 +165,17 @@ def reach_path_at(task, path, t, out):
 
 
 @kernel
-def reach_in_hub_frame(task, cosine, sine, x, y):
+def reach_turn_in(lane, task, poses, seen, k):
     """A point or its velocity, turned back by the hub's angle."""
-    return cosine * x + sine * y, cosine * y - sine * x
+    sine, cosine = sincos(load(lane, poses, POSE.angle))
+    x, y = load(lane, seen, k), load(lane, seen, k + 1)
+    store(seen, k, cosine * x + sine * y)
+    store(seen, k + 1, cosine * y - sine * x)
 
 
 _OF_BOTH = {
     "observe": reach_observe, "judge": reach_judge, "target_from": reach_target, "draw_path": reach_draw_path,
-    "draw_line": reach_draw_line, "path_at": reach_path_at, "in_hub_frame": reach_in_hub_frame,
+    "draw_line": reach_draw_line, "path_at": reach_path_at, "turn_in": reach_turn_in,
 }  # fmt: skip
 TASKS.register(Reach, **_OF_BOTH, aim=reach_aim, pursue=reach_aim)
 TASKS.register(Chain, **_OF_BOTH, aim=chain_aim, pursue=chain_pursue)

@@ -120,12 +120,11 @@ def slew_path_at(task, path, t, out):
 
 
 @kernel
-def slew_in_hub_frame(task, cosine, sine, x, y):
+def slew_turn_in(lane, task, poses, seen, k):
     """An angle is the same in any frame."""
-    return x, y
 
 
 TASKS.register(
     Slew, observe=slew_observe, judge=slew_judge, target_from=slew_target, aim=slew_aim, pursue=slew_aim,
-    draw_path=slew_draw_path, draw_line=slew_draw_line, path_at=slew_path_at, in_hub_frame=slew_in_hub_frame,
+    draw_path=slew_draw_path, draw_line=slew_draw_line, path_at=slew_path_at, turn_in=slew_turn_in,
 )  # fmt: skip

@@ -7,6 +7,8 @@ Everything here is arithmetic on lanes, so that a batch and a single arm give th
     observe(lane, task, poses, record, out)                the scaled observation into the first entries of `out`
     judge(lane, task, poses, action, record, live, info)   success and reward terms into `info`, where `live` > 1/2;
                                                            returns (reward, joint limit passed: 1 or 0)
+    turn_in(lane, task, poses, seen, k)                    entries from k on, a target's numbers in fixed axes, into the
+                                                           frame that turns with the hub
 
 and for one arm, whose `record` is its own (`program.RECORD`):
 
@@ -15,10 +17,9 @@ and for one arm, whose `record` is its own (`program.RECORD`):
     aim(task, record)                          the joint angles that reach the target, at the start of an episode
     pursue(task, record)                       the same, where the target has moved on from these angles' own
     draw_path(task, stream, arm, start, drawn, path)   numbers of a moving target's path (`program.PATH`), from the
-                                               angle of joint 0 and four numbers that were drawn
+                                               angle of joint 0 and the numbers that were drawn
     draw_line(task, stream, arm, start, drawn, path)   likewise, of one that runs straight
     path_at(task, path, t, out)                out <- a `program.MOVING`: the target at t (s)
-    in_hub_frame(task, cosine, sine, x, y)     a target's two numbers as an observation shows them
 """
 
 from typing import NamedTuple
@@ -56,6 +57,7 @@ class Task(NamedTuple):
     acted: tuple[int, ...] = ()  # as many zeros as there are joints where the change of actions is priced
     paid: tuple[int, ...] | None = None  # a tag where `settle` pays by the bands
     relative: float = 1.0  # 0: target angles are drawn as they stand, and not from where the arm starts
+    chain: np.ndarray | None = None  # in space, a `space_angles.JOINT` a joint where targets move
 
 
 TASKS = Family("task")
@@ -69,7 +71,7 @@ pursue = TASKS.function("pursue", "task, record")
 draw_path = TASKS.function("draw_path", "task, stream, arm, start, drawn, path")
 draw_line = TASKS.function("draw_line", "task, stream, arm, start, drawn, path")
 path_at = TASKS.function("path_at", "task, path, t, out")
-in_hub_frame = TASKS.function("in_hub_frame", "task, cosine, sine, x, y")
+turn_in = TASKS.function("turn_in", "lane, task, poses, seen, k")
 
 
 @kernel

@@ -1,14 +1,13 @@
 """Moving targets: where they are, how fast they move, and what the observation sees of what comes."""
 
-from ..compiler import arms, kernel, load, sincos, size, splat, stack, store
+from ..compiler import arms, kernel, load, size, splat, stack, store
 from ..physics.arithmetic import clip
-from ..physics.layout import POSE
 from .program import CLIP, GOAL, MODE, MOVING, PATH_AT, PERIODS, RUNNING, TARGET, TARGET_RATE
 from .stream import draw
-from .task import draw_line, draw_path, in_hub_frame, path_at, pursue
+from .task import draw_line, draw_path, path_at, pursue, turn_in
 
 _MOVING = MOVING.places
-_ONE, _PLACE, _DRAWN, _PATH = (0,), (0,) * _MOVING.end, (0,) * 4, (0,) * (GOAL - PATH_AT)
+_ONE, _PLACE, _DRAWN, _PATH = (0,), (0,) * _MOVING.end, (0,) * 5, (0,) * (GOAL - PATH_AT)
 _RECORD = (0,) * GOAL
 
 
@@ -53,7 +52,8 @@ def _move_target(lanes, reference, task, period, record, i):
     _set_target(reference, task, record, lanes, i, k * period, int(k), out)
     for j in range(GOAL, GOAL + size(task.links)):
         mine[j] = record[j * lanes + i]
-    mine[TARGET], mine[TARGET + 1] = out[_MOVING.x], out[_MOVING.y]
+    for d in range(max(2, size(task.targets))):
+        mine[TARGET + d] = out[_MOVING.x + d]
     pursue(task, mine)
     for j in range(GOAL, GOAL + size(task.links)):
         record[j * lanes + i] = mine[j]
@@ -71,13 +71,10 @@ def look_ahead(lane, reference, task, period, first, poses, record, seen):
             store(seen, at + k, splat(lane, 0.0))
         for i in range(arms(lane)):
             _look_ahead(len(lane), reference, task, period, first, record, seen, i)
-        sine, cosine = sincos(load(lane, poses, POSE.angle))
         for o in range(0, reference.scales.shape[0], targets):
-            x, y = load(lane, seen, at + o), load(lane, seen, at + o + targets - 1)
-            x, y = in_hub_frame(task, cosine, sine, x, y)
-            store(seen, at + o, clip(x / reference.scales[o], CLIP))
-            if targets == 2:
-                store(seen, at + o + 1, clip(y / reference.scales[o + 1], CLIP))
+            turn_in(lane, task, poses, seen, at + o)
+            for d in range(targets):
+                store(seen, at + o + d, clip(load(lane, seen, at + o + d) / reference.scales[o + d], CLIP))
 
 
 @kernel
@@ -89,13 +86,9 @@ def _look_ahead(lanes, reference, task, period, first, record, seen, i):
     for row in range(rows + 1):
         step = k if row == 0 else k + reference.ahead[row - 1]
         _on_path(reference, task, record, lanes, i, step * period, int(step), out)
-        if row == 0:
-            x, y = out[_MOVING.vx], out[_MOVING.vy]
-        else:
-            x = out[_MOVING.x] - record[TARGET * lanes + i]
-            y = out[_MOVING.y] - record[(TARGET + 1) * lanes + i]
         for d in range(targets):
-            seen[(at + row * targets + d) * lanes + i] = x if d == 0 else y
+            way = out[_MOVING.x + d] - record[(TARGET + d) * lanes + i]
+            seen[(at + row * targets + d) * lanes + i] = out[_MOVING.vx + d] if row == 0 else way
 
 
 @kernel
@@ -103,7 +96,7 @@ def start_path(reference, task, stream, arm, record, lanes):
     """Draw an arm's path (as many draws in either case) and put its target at the start of it."""
     i = arm % lanes
     drawn, path, out = stack(_ONE, _DRAWN), stack(_ONE, _PATH), stack(_ONE, _PLACE)
-    for k in range(len(_DRAWN)):
+    for k in range(reference.ranges.shape[0] // 2):
         drawn[k] = draw(stream, arm, reference.ranges, k)
     for k in range(len(_PATH)):
         path[k] = 0.0
