@@ -211,7 +211,7 @@ def test_features_carry_over() -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"motion": "spin_up"}, "motion = 'spin_up'"),
+        ({"motion": "spin_up"}, "motion = 'spin_up': must be given with task=\"replay\" only"),
         ({"cost": {"strain": 0.1}}, "cost.strain = 0.1: must be left out"),
         ({"cost": {"deflection": (0.1, 0.1)}}, "cost.deflection = (0.1, 0.1): must be a sequence of 3"),
         ({"payload_change": {"time": (1, 2), "factor": (1, 2)}}, "arm.payload.mass = 0.0: must be positive"),
@@ -277,7 +277,7 @@ def test_pd_about_the_rest_under_gravity_settles() -> None:
         ({"target": (2.0, 0.0, 0.0)}, "options.target = (2.0, 0.0, 0.0): must be a point"),
         ({"target": (0.5, 0.5)}, "options.target"),
         ({"vibration": 0.1}, "options.vibration = 0.1"),
-        ({"motion": "spin_up"}, "options.motion = 'spin_up'"),
+        ({"motion": "flying_rod"}, "options.motion"),
     ],
 )
 def test_wrong_options_are_refused(options: dict[str, Any], words: str) -> None:

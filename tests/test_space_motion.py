@@ -1,7 +1,9 @@
-"""Targets that move in space."""
+"""Targets that move, and joints whose motion is prescribed, in space."""
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 import math
 from typing import Any
 
@@ -199,3 +201,134 @@ def test_what_goes_with_a_moving_target_alone_is_refused() -> None:
     refuses(r'reference = .*task="track" only', lambda: gym.make("SpatialFlexArm-v0", reference={"path": "circle"}))
     env = gym.make("SpatialFlexArm-v0", task="track", reference=PATH, **COARSE)
     refuses(r"options\.target = .*track", lambda: env.reset(options={"target": [0.5, 0.0, 0.5]}))
+
+
+# ------------------------------------------------------------------ prescribed motions
+TURNS = [time_functions.cycloid(rise, 0.2) for rise in (0.5, 0.9, -0.7)]
+
+
+def replayed(env: Any, run: Any, periods: int, action: np.ndarray = STILL) -> None:
+    """Info and entries of an episode of prescribed motion beside the trajectory of its scene."""
+    w, L = [rate_scale(ARM, k) for k in range(3)], ARM.total_length
+    for at in range(1, periods + 1):
+        seen, _, terminated, _, info = env.step(action)
+        assert not terminated
+        assert np.array_equal(info["joint_torque"], run.joint_torque[at])
+        assert info["tip_position"] == pytest.approx(run.tip[at], abs=1e-12)
+        assert info["tip_deflection"] == pytest.approx(run.tip_deflection[at].T.ravel(), abs=1e-12)
+        assert info["twist"] == pytest.approx(run.twist[at], abs=1e-12)
+        for name in ("kinetic", "gravity", "dissipated"):
+            assert info[f"energy_{name}"] == getattr(run, name)[at]
+        assert (info["energy_strain"], info["work"]) == (run.strain_energy[at], run.work[at])
+        A = root_of(run, at)
+        expected = [f(run.joint_angles[at, k]) for k in range(3) for f in (math.sin, math.cos)]
+        expected += [run.joint_rates[at, k] / w[k] for k in range(3)]
+        assert seen[:9] == pytest.approx(np.array(expected), abs=1e-6)
+        ways = [*(A.T @ run.tip_velocity[at, :3] / (w[0] * L)), *(A.T @ (info["target"] - run.tip[at]) / (0.5 * L))]
+        assert seen[-6:] == pytest.approx(np.array(ways), abs=1e-6)
+
+
+def test_an_episode_of_prescribed_motion_is_simulate() -> None:
+    """Reactions to the last bit, and what they work against: motors' work is what energies and damping come to."""
+    env: Any = gym.make("SpatialFlexArm-v0", task="replay", motion=TURNS, info_level="full", **COARSE)
+    _, start = env.reset(seed=0)
+    scene = dataclasses.replace(env.unwrapped.guide.scene, sample=0.01)
+    run = fx.simulate(scene, estimate_error=False, **env.unwrapped.plan.settings.options())
+    assert np.array_equal(start["joint_torque"], run.joint_torque[0])
+    assert start["target"] == pytest.approx(tip_at(ARM, np.array([0.5, 0.9, -0.7])), abs=1e-12)
+    replayed(env, run, 19)
+    *_, truncated, info = env.step(STILL)
+    assert truncated and np.array_equal(info["joint_torque"], run.joint_torque[20])
+    fine = fx.simulate(scene, sample=5e-4, dt=5e-4, estimate_error=False, elements=1, tolerance=1e-8)
+    power = (fine.joint_torque * fine.joint_rates).sum(axis=1)
+    work = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(fine.t) * (power[1:] + power[:-1]))])
+    energy = fine.kinetic + fine.strain_energy + fine.gravity + fine.dissipated
+    assert np.abs(energy - energy[0] - work).max() < 5e-3 * np.abs(work).max()
+
+
+def test_joints_that_are_left_free_take_torques() -> None:
+    """As loads from t = 0 on; that the arm is let go before they set in differs by h^3 (6e-4 N m at 5 ms)."""
+    env: Any = gym.make("SpatialFlexArm-v0", info_level="full", elements=1, dt=0.001)
+    env.reset(seed=0, options={"motion": {"joint1": TURNS[1]}, "start": (0.3, 0.0, -0.2)})
+    action, scene = np.array([0.1, 1.0, -0.05], np.float32), env.unwrapped.guide.scene
+    torques = np.array(ARM.torque_limits) * action.astype(np.float64)
+    loads = tuple(fx.JointTorque(k, time_functions.constant(float(torques[k]))) for k in (0, 2))
+    scene = dataclasses.replace(scene, loads=loads, sample=0.01)
+    run = fx.simulate(scene, estimate_error=False, **env.unwrapped.plan.settings.options())
+    for at in range(1, 11):
+        info = env.step(action)[-1]
+        assert info["joint_torque"] == pytest.approx(run.joint_torque[at], abs=5e-5)
+        assert info["joint_torque"][0] == torques[0] and info["joint_torque"][1] != torques[1]
+        assert info["tip_position"] == pytest.approx(run.tip[at], abs=1e-8)
+
+
+def test_replays_in_a_vector_are_single_ones_and_states_go_back() -> None:
+    n = 3
+    many: Any = gym.make_vec("SpatialFlexArm-v0", num_envs=n, info_level="full", **COARSE)
+    one: Any = gym.make("SpatialFlexArm-v0", info_level="full", **COARSE).unwrapped
+    motions = [None, {"joint0": TURNS[0], "joint2": TURNS[2]}, None]
+    many.reset(seed=4, options={"motion": motions, "start": (0.0, 0.1, 0.0)})
+    one.reset(seed=5, options={"motion": motions[1], "start": (0.0, 0.1, 0.0)})
+    for step in range(6):
+        action = np.full((n, 3), 0.1, np.float32)
+        seen, _, _, _, infos = many.step(action)
+        alone, *_, info = one.step(action[1])
+        assert np.array_equal(alone, seen[1])
+        assert all(np.array_equal(infos[name][1], value) for name, value in info.items())
+        if step == 2:
+            kept, view = copy.deepcopy(one.get_state()), one.snapshot()
+            assert view.points[-1] == pytest.approx(info["tip_position"], abs=1e-12)
+            assert view.deflection == pytest.approx(info["tip_deflection"], abs=1e-12)
+    one.set_state(kept)
+    for _ in range(3):
+        last = one.step(action[1])
+    assert np.array_equal(last[0], alone) and np.array_equal(last[-1]["joint_torque"], info["joint_torque"])
+
+
+def test_sensors_read_a_replay_as_its_trajectory() -> None:
+    gauges = [(1, 0.0), {"link": 2, "place": 0.3, "measures": "torsion"}, {"link": 1, "place": 0.1, "measures": "xz"}]
+    names = ["strain_gauge_1", "strain_gauge_2", "strain_gauge_3", "hub_sin"]
+    env: Any = gym.make(
+        "SpatialFlexArm-v0", task="replay", motion=TURNS, observation=names, sensors={"strain_gauges": gauges}, **COARSE
+    )
+    env.reset(seed=0)
+    plan, scene = env.unwrapped.plan, dataclasses.replace(env.unwrapped.guide.scene, sample=0.01)
+    run = fx.simulate(scene, estimate_error=False, **plan.settings.options())
+    measured = run.measured({"strain_gauges": gauges})
+    for at in range(1, 11):
+        seen = env.step(STILL)[0]
+        expected = [measured[name][at] / scale for name, scale in zip(names[:3], plan.scales, strict=False)]
+        assert seen[:3] == pytest.approx(np.array(expected), abs=1e-6)
+
+
+def test_the_usual_motion_goes_to_its_end() -> None:
+    env = gym.make("SpatialFlexArm-v0", task="replay", max_episode_steps=3, **COARSE)
+    _, info = env.reset(seed=0)
+    assert info["target"] == pytest.approx(tip_at(ARM, np.full(3, 1.5)), abs=1e-9)
+    assert [env.step(STILL)[3] for _ in range(3)] == [False, False, True]
+
+
+@pytest.mark.parametrize(
+    ("motion", "words"),
+    [
+        ([[0.0, 0.0], [1.0, math.nan]], r"options\.motion.psi\[1\] = nan"),
+        ("nope.csv", r"options\.motion = 'nope\.csv': must be a \.csv file that exists"),
+        ("flying_rod", r"options\.motion = 'flying_rod': must be a scene of an arm that is pinned"),
+        ({"joint7": TURNS[0]}, r"options\.motion\.joint7: unknown joint .*allowed: joint0, joint1, joint2"),
+        ([TURNS[0], None], r"must hold one entry a joint, 3"),
+        ([None, None, None], r"must prescribe at least one joint"),
+    ],
+)
+def test_wrong_motions_are_refused(motion: Any, words: str) -> None:
+    env = gym.make("SpatialFlexArm-v0", **COARSE)
+    refuses(words, lambda: env.reset(options={"motion": motion}))
+
+
+def test_what_does_not_go_with_a_motion_is_refused() -> None:
+    env = gym.make("SpatialFlexArm-v0", **COARSE)
+    refuses(r"options\.start\[0\] = 0.4: must be where the motion", lambda: env.reset(options={
+        "motion": {"joint0": TURNS[0]}, "start": (0.4, 0.0, 0.0)}))  # fmt: skip
+    scene = fx.Scene("s", arms.named("turret_boom"), duration=1.0, dt=0.01)
+    refuses(r"options\.motion = 's': must be a scene of this", lambda: env.reset(options={"motion": scene}))
+    pushed = gym.make("SpatialFlexArm-v0", pushes={"wait": (1, 1), "force": (0.1, 0.1), "lasting": 0.1}, **COARSE)
+    refuses(r"must not be given in an environment with pushes", lambda: pushed.reset(options={"motion": TURNS}))

@@ -21,14 +21,16 @@ from .. import scenes, time_functions
 from .. import validation as check
 from ..accuracy import in_steps
 from ..batch import CLIP, View
-from ..physics.gauges import Spot, curvature_rows
-from ..physics.layout import DISSIPATED, WORK_DONE
+from ..physics.equations import read_gauges, read_poses
+from ..physics.gauges import Spot, curvature_rows, over
+from ..physics.layout import DISSIPATED, SPACE_POSE, WORK_DONE
 from ..physics.model import DIVERGED
+from ..physics.space.reading import read
 from ..scene import Motion, Scene
 from ..settings import Settings
 from ..simulation import Simulation
 from ..time_functions import TimeFunction
-from ..trajectory import link_deflection, placed
+from ..trajectory import joint_angles, link_deflection, placed
 
 Array = NDArray[np.float64]
 
@@ -182,7 +184,7 @@ class Guide:
         self.settings = in_steps(scene, settings, scene.duration, period)
         self.simulation = Simulation(scene, self.settings)
         rows = curvature_rows(scene, settings, self.simulation.system, gauges)
-        self.gauges = rows / np.array(gauge_scales).reshape(-1, 1)
+        self.gauges = over(rows, np.array(gauge_scales), scene.spatial)
         loaded = {getattr(load, "joint", None) for load in scene.loads}
         joints = range(scene.arm.n_links)
         self.free = np.array([scene.motion_of(f"joint{k}") is None and k not in loaded for k in joints])
@@ -220,20 +222,43 @@ class Guide:
         """Where the arm is, as `Batch.take_report` has it; motors: of the joints where the gears do not give."""
         simulation, work = self.simulation, self.simulation.work
         poses, energies = simulation.observe()
-        places = placed(simulation.system.coordinates, poses[None], work.q[None], work.v[None])
+        if self.scene.spatial:
+            poses, bent = np.zeros((self.scene.arm.n_links, SPACE_POSE.end)), np.empty((1, len(self.gauges)))
+            read_poses(simulation.system.model, simulation.par, work.q, work.v, poses.reshape(-1))
+            read_gauges(simulation.system.model, work.q[None], self.gauges, bent)
+            places = self._read()
+        else:
+            places = placed(simulation.system.coordinates, poses[None], work.q[None], work.v[None])
+            bent = self.gauges @ work.q
         return {
             "poses": poses, "torque": simulation.joint_torques(), "motors": places["motor_angles"][0],
             "energies": np.array([*energies, work.books[DISSIPATED], work.books[WORK_DONE]]),
-            "gauges": np.clip(self.gauges @ work.q, -CLIP, CLIP),
+            "gauges": np.clip(bent.ravel(), -CLIP, CLIP),
         }  # fmt: skip
+
+    def _read(self) -> dict[str, Any]:
+        """What is read off the state, in space."""
+        work = self.simulation.work
+        return read(self.scene.arm, self.settings, work.q[None], work.v[None])
+
+    def starts(self) -> Array:
+        """Joint angles (N,) where the motion begins, rad."""
+        if self.scene.spatial:
+            return np.array(self.scene.angles)
+        return joint_angles(self.simulation.observe()[0])[0]
 
     def view(self, target: Array) -> View:
         """Where the arm is."""
-        simulation = self.simulation
-        poses, lengths = simulation.observe()[0], np.array([link.span for link in self.scene.arm.links])
+        simulation, poses = self.simulation, self.report()["poses"]
+        if self.scene.spatial:
+            seen = self._read()
+            points, deflection = seen["shapes"][0], seen["tip_deflection"][0].T.ravel()
+        else:
+            points = simulation.shape_points()
+            deflection = link_deflection(poses) / np.array([link.span for link in self.scene.arm.links])
         return View(
-            points=simulation.shape_points(), poses=poses, time=simulation.t, target=target,
-            torques=simulation.joint_torques(), deflection=link_deflection(poses) / lengths, q=simulation.work.q.copy(),
+            points=points, poses=poses, time=simulation.t, target=target, torques=simulation.joint_torques(),
+            deflection=deflection, q=simulation.work.q.copy(),
         )  # fmt: skip
 
     def __getstate__(self) -> dict[str, Any]:
@@ -258,7 +283,8 @@ def guide(plan: Any, motion: Prescribed, starts: Array) -> Guide:
     limits = np.array(arm.torque_limits)
     if motion.scene is not None:
         scene = motion.scene
-        if dataclasses.replace(scene.arm, torque_limits=arm.torque_limits) != arm:
+        alike = scene.arm.n_links == arm.n_links
+        if not alike or dataclasses.replace(scene.arm, torque_limits=arm.torque_limits) != arm:
             raise check.InvalidValue("options.motion", scene.name, "must be a scene of this environment's own arm")
         return Guide(scene, settings, period, limits, **more)
     functions = dict(motion.functions)
@@ -269,7 +295,7 @@ def guide(plan: Any, motion: Prescribed, starts: Array) -> Guide:
     assert settings.dt is not None
     scene = Scene(
         "motion", arm, duration=end, dt=min(settings.dt, end), sample=min(period, end), gravity=plan.gravity,
-        angles=tuple(np.cumsum(joints).tolist()),
+        angles=tuple(joints if arm.spatial else np.cumsum(joints).tolist()),
         motions=tuple(Motion(f"joint{k}", f) for k, f in functions.items()),
     )  # fmt: skip
     return Guide(scene, settings, period, limits, **more)

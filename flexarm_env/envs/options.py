@@ -167,7 +167,7 @@ def plan(
     """Check the arguments of an environment (see its class); a ValueError names key, value and what is allowed."""
     kind = priced(kind, reward)
     if kind.space:
-        refuse(initial_vibration=initial_vibration, task=task)
+        refuse("initial_vibration", initial_vibration, 0.0)
     own = with_friction(_arm(kind, arm, joint_limits), actuator)
     own, amplifier = amplified(own, check.choice("action_mode", action_mode, ACTION_MODES))
     period = check.number("control_dt", kind.period if control_dt is None else control_dt, "s", above=0.0)

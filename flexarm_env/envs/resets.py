@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,11 +13,10 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..batch import ACTION_NOT_FINITE, FURTHER, GUIDED, Batch
-from ..trajectory import joint_angles
 from .events import unguided
 from .motion import ANGLE, Guide, Prescribed, guide, prescribed
 from .options import Plan
-from .space import refuse_options
+from .space import refuse
 
 KEYS = ("start", "target", "vibration", "motion", "interpolation")
 
@@ -45,7 +45,7 @@ def request_of(plan: Plan, options: Any, extra: tuple[str, ...] = ()) -> Request
     table = check.table_of("options", options)
     check.known_keys("options", table, (*KEYS, *extra), "option")
     if plan.kind.space:
-        refuse_options(table)
+        refuse("options.vibration", table.get("vibration"), None)
     if table.get("start") is not None:
         asked.angles[:] = _start(plan, table["start"])
     if table.get("target") is not None:
@@ -94,7 +94,7 @@ def guide_of(plan: Plan, asked: Request) -> Guide | None:
         what = "must not be given in an environment that draws payload_inertia, friction, backlash or motor_inertia"
         raise check.InvalidValue("options.motion", "a motion", what)
     own = guide(plan, asked.motion, asked.angles)
-    starts = joint_angles(own.simulation.observe()[0])[0].tolist()
+    starts = own.starts().tolist()
     for k, angle in enumerate(asked.angles.tolist()):
         if not math.isnan(angle) and abs(angle - starts[k]) > 1e-9:
             what = f"must be where the motion begins, {starts[k]:g} rad, or be left out"
@@ -105,13 +105,13 @@ def guide_of(plan: Plan, asked: Request) -> Guide | None:
     return own
 
 
-def _end_of(plan: Plan, own: Guide) -> tuple[float, float]:
-    """The target that the rigid arm reaches where the motion ends."""
+def _end_of(plan: Plan, own: Guide) -> Sequence[float]:
+    """The target that the rigid arm reaches where the motion ends; in space its joint angles."""
     angles = []
     for name in (f"joint{k}" for k in range(plan.arm.n_links)):
         motion = own.scene.motion_of(name)
         angles.append(own.scene.initial_value(name) if motion is None else motion(own.scene.duration))
-    return plan.kind.target.reached(plan.arm, angles)
+    return angles if plan.kind.space else plan.kind.target.reached(plan.arm, angles)
 
 
 def start_episode(batch: Batch, i: int, key: int, plan: Plan, asked: Request, own: Guide | None, mode: int) -> None:

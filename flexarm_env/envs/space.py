@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -23,23 +23,12 @@ from .task import REACH, Kind
 Array = NDArray[np.float64]
 
 WHERE = "is not there in space (docs: environments in space)"
-_NOT_YET: dict[str, Any] = {"initial_vibration": 0.0}
 
 
-def refuse(**given: Any) -> None:
-    """ValueError for what arms in space have not, by its name; says what there is."""
-    for name, usual in _NOT_YET.items():
-        if given[name] != usual:
-            raise check.InvalidValue(name, given[name], f"must be left out: it {WHERE}")
-    if given["task"] == "replay":
-        raise check.InvalidValue("task", "replay", f"must be left out: it {WHERE}")
-
-
-def refuse_options(table: Mapping[str, Any]) -> None:
-    """The same of options of reset."""
-    for name in ("vibration", "motion", "interpolation"):
-        if table.get(name) is not None:
-            raise check.InvalidValue(f"options.{name}", table[name], f"must be left out: it {WHERE}")
+def refuse(path: str, given: Any, usual: Any) -> None:
+    """ValueError for what arms in space have not."""
+    if given != usual:
+        raise check.InvalidValue(path, given, f"must be left out: it {WHERE}")
 
 
 def check_arm(arm: Arm, kind: Kind) -> None:
@@ -146,6 +135,6 @@ def _starts(arm: Arm) -> Starts:
 
 SPACE = dataclasses.replace(
     REACH, id="SpatialFlexArm-v0", links=(1, None), arm="three_dof", duration=5.0, target=Place(), entries=_entries,
-    record=_record, starts=_starts, space=True, period=0.01, gravity=(0.0, 0.0, -9.81),
-    settings={"elements": 2, "dt": 0.001, "tolerance": 1e-7},
+    record=_record, starts=_starts, replays="robot_arm_motion_smooth", space=True, period=0.01,
+    gravity=(0.0, 0.0, -9.81), settings={"elements": 2, "dt": 0.001, "tolerance": 1e-7},
 )  # fmt: skip

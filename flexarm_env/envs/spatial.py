@@ -92,8 +92,9 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     ## Episode end
 
-    Truncated after `duration` (5 s), or `max_episode_steps`. Success never ends an episode: `info["is_success"]` says
-    whether, over the trailing 0.5 s, the tip has been within 0.01 L of the target and slower than 0.05 L/s throughout.
+    Truncated after `duration` (5 s), or `max_episode_steps`, or where a prescribed motion ends. Success never ends an
+    episode: `info["is_success"]` says whether, over the trailing 0.5 s, the tip has been within 0.01 L of the target
+    and slower than 0.05 L/s throughout; with "track" than 0.05 L/s beside the target.
     Terminated by failure only, with `info["termination_reason"]`: `joint_limit`, `action_not_finite`, or the solver's
     status. The other arms of a vector go on untouched.
 
@@ -117,7 +118,7 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | `control_dt` | 0.01 | s |
     | `gravity` | (0, 0, -9.81) | (x, y, z), m/s^2 |
     | `elements`, `dt`, `tolerance` | 2, 0.001, 1e-7 | elements a link; s; of Newton's increments |
-    | `task` | "reach" | or "track": the target moves (`reference`: x, y, z over time, m; None: a circle) |
+    | `task` | "reach" | or "track": the target moves (`reference`: x, y, z over time, m; None: a circle); "replay" |
     | `starts` | {} | `angles`: (low, high) of each joint, rad; `target`: of the joint angles there; `straight` |
 
     `reference` as in TwoLinkFlexArm-v0, of three functions or a table t, x, y, z; of drawn paths `bearing` is that
@@ -126,7 +127,9 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     to 0.15 L, elevations 30 to 60 degrees, the others as in the plane. A path to which no joint angles are found is
     refused.
 
-    Options of reset: `start` (N angles, rad) and `target` (x, y, z in m, a point that the rigid arm reaches). Goals of
+    Options of reset: `start` (N angles, rad), `target` (x, y, z in m, a point that the rigid arm reaches), `motion` and
+    `interpolation` as in FlexibleArm-v0: joint angles over time, with `joint_torque` what enforces them. `motion` of
+    task="replay": None turns all joints to 1.5 rad in 5 s, smoothly, and lasts 9 s. Goals of
     "residual_pd" are the joint angles that the target was drawn by, or those of least sum of squares that were found;
     of a target that moves those that follow on the goals before.
 
