@@ -229,11 +229,11 @@ class Batch:
 
     def _ranges(self) -> Ranges:
         starts = self.starts
-        shake = np.zeros(3 * len(self.system.q0)) if starts.shake is None else starts.shake.ravel()
+        still = None if self.arm.spatial else np.zeros(3 * len(self.system.q0))
         ranges = {name: np.array(getattr(starts, name), np.float64).ravel() for name in ("start", "target", "factors")}
         return Ranges(
-            pose=None if self.pose is None else self.pose.ravel(), shake=shake,
-            nominal=self.system.par.copy(),
+            pose=None if self.pose is None else self.pose.ravel(), nominal=self.system.par.copy(),
+            shake=still if starts.shake is None else starts.shake.ravel(),
             straight=float(starts.straight), vibration=float(starts.vibration), **ranges,
             more=None if starts.more is None else np.ravel(starts.more), laws=(0,) if starts.laws else None,
         )  # fmt: skip
@@ -277,11 +277,11 @@ class Batch:
         return mine(work.q[0], rows), mine(work.v[0], rows), mine(work.u[0], self.arm.n_links), par
 
     def ask(self, angles: Array, target: Array, vibration: Array) -> None:
-        """What the next start is to be like: joint angles (N,), target (2,), vibration; NaN: drawn.
+        """What the next start is to be like: joint angles (N,), target (2,), vibration (1,) or (3,); NaN: drawn.
 
         In space the target is given by joint angles (N,) that reach it.
         """
-        asked = {"angles": angles, "target": target, "vibration": vibration, "goals": np.zeros(0)}
+        asked = {"angles": angles, "target": target, "vibration": np.resize(vibration, 3), "goals": np.zeros(0)}
         if self.arm.spatial:
             asked |= {"target": np.full(2, np.nan), "goals": target}
         self.request[:] = REQUEST.pack({"joints": self.arm.n_links, "goals": len(asked["goals"])}, **asked)

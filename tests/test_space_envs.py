@@ -87,6 +87,91 @@ def test_poses_are_those_of_recorded_coordinates() -> None:
         assert view.points[-1] == pytest.approx(motions[-1].tip.r[0])
 
 
+# ------------------------------------------------------------------ initial vibration
+ALL = ("kinetic", "strain", "dissipated")
+
+
+def vibrating(amplitude: Any, start: Any, periods: int, **options: Any) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Energies by `ALL` (periods + 1, 3), and what else info tells of an arm without weight that is left alone."""
+    common = {"gravity": (0.0, 0.0, 0.0), "info_level": "full", "initial_vibration": 0.05, "duration": 100.0}
+    env = gym.make("SpatialFlexArm-v0", **common | options)
+    infos = [env.reset(seed=0, options={"start": start, "vibration": amplitude})[1]]
+    n, angles = len(start), [start]
+    for _ in range(periods):
+        seen, *_, info = env.step(np.zeros(n, np.float32))
+        infos.append(info)
+        angles.append(np.arctan2(seen[: 2 * n : 2], seen[1 : 2 * n : 2]))
+    energies = np.array([[info[f"energy_{name}"] for name in ALL] for info in infos])
+    told = {name: np.array([info[name] for info in infos]) for name in ("tip_deflection", "twist")}
+    return energies, told | {"angles": np.array(angles)}
+
+
+@pytest.mark.slow
+def test_initial_vibrations_are_those_of_a_uniform_rod() -> None:
+    """A slender rod on a hinge about z, by Bernoulli's beam and Saint-Venant's shaft. Bending along z, which the hinge
+    holds, is the softest: k L = 1.8751, and x^2 L^2 m w^2 L / 8 is what it has where the tip deflects by x L; along y
+    k L = 3.9266, the deflection being measured from the link's root, which turns."""
+    length, m, EI, GJ, J = 0.8, 0.5, 2.0, 0.3, 1e-5
+    section = fx.Section(EI=EI, EA=1e5, C=1e5, m=m, J=J, EI_y=EI, C_y=1e5, J_y=J, GJ=GJ)
+    arm = fx.Arm(
+        "rod", (fx.Link(length, section),), hub_mount=((1.0, 2.0, 0.0), 0.7), torque_limits=(1.0,), tau_d=1e-12
+    )  # fmt: skip
+    waves = 1.875104 / length, 3.926602 / length, 0.5 * math.pi / length
+    along_z, along_y = (k**2 * math.sqrt(EI / m) for k in waves[:2])
+    torsion = waves[2] * math.sqrt(GJ / (2.0 * J))
+    x, k = 0.02, waves[1]
+    energy = x**2 * length**2 * m * along_z**2 * length / 8.0
+    turn = 0.5 * k * (1.0 / math.sin(k * length) + 1.0 / math.sinh(k * length))
+    seen = abs(1.0 - turn * length) * math.sqrt(8.0 * energy / (m * length)) / along_y / length
+    twist = math.sqrt(4.0 * energy / (2.0 * J * length)) / torsion
+    peaks = (seen, along_y), (x, along_z), (twist, torsion)
+    for kind, (peak, omega) in enumerate(peaks):
+        period = 2.0 * math.pi / omega / 40.0
+        energies, moved = vibrating(
+            x * np.eye(3)[kind], [0.4], 60, arm=arm, elements=8, control_dt=period, dt=period / 2.0, tolerance=1e-10
+        )
+        values = np.hstack([moved["tip_deflection"], moved["twist"]])
+        assert energies[0] == pytest.approx([energy, 0.0, 0.0], rel=2e-3, abs=1e-15)
+        assert energies[:, 1].max() == pytest.approx(energy, rel=0.01)
+        assert energies.sum(axis=1) == pytest.approx(energy, rel=3e-3)
+        assert values[:20, kind].max() == pytest.approx(peak, rel=0.01)  # to the positive side first
+        assert values[41:, kind].max() == pytest.approx(peak, rel=0.02) and abs(values[40, kind]) < 0.02 * peak
+        assert np.abs(np.delete(values, kind, axis=1)).max() < 0.02 * peak
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("start", [(0.0, 0.0, 0.0), (0.4, 0.9, -1.2)])
+def test_initial_vibrations_have_their_energy_and_swing_no_joint(start: Any) -> None:
+    """At any joint angles, of drawn payloads and gears; what is put in is what the books have from then on, and joints
+    begin without momentum, so that they go to and fro."""
+    payload, gear = fx.Payload(0.2, 1e-3, (0.0, 0.05, 0.02)), fx.Joint(100.0, 0.01, 1e-3, 5.0)
+    laden = dataclasses.replace(ARM, payload=payload, joints=(gear,) * 3, tau_d=1e-4)
+    options = {"arm": laden, "elements": 1, "dt": 2.5e-4, "randomization": {"payload": (2.0, 2.0)}}
+    one = [vibrating(a * np.eye(3)[0], start, 0, **options)[0][0, 0] for a in (0.01, 0.02)]
+    assert one[1] == pytest.approx(4.0 * one[0], rel=1e-12)
+    amplitude = np.array([0.02, -0.01, 0.015])
+    energies, moved = vibrating(amplitude, start, 60, **options)
+    assert energies[0] == pytest.approx([one[1] * (amplitude**2).sum() / 0.02**2, 0.0, 0.0], rel=1e-9, abs=1e-15)
+    assert energies.sum(axis=1) == pytest.approx(energies[0, 0], rel=0.01)
+    assert np.abs(moved["twist"]).max() > 0.02 and np.abs(moved["tip_deflection"]).max() > 0.008
+    assert np.abs(moved["angles"] - start).max() < 0.08  # that energy would turn the rigid arm's joints by 0.6 and more
+    assert energies[:, 1].max() > 0.5 * energies[0, 0]
+
+
+def test_initial_vibrations_are_drawn_alike_in_lanes() -> None:
+    options: dict[str, Any] = {**COARSE, "initial_vibration": 0.1, "info_level": "full"}
+    many = gym.make_vec("SpatialFlexArm-v0", num_envs=5, **options)
+    seen, infos = many.reset(seed=3)
+    again, _ = many.reset(seed=3, options={"vibration": (0.0, 0.0, 0.0)})
+    assert not np.array_equal(seen, again) and len(set(infos["energy_kinetic"])) == 5
+    many.reset(seed=3)
+    for i in range(5):
+        one = gym.make("SpatialFlexArm-v0", **options)
+        alone, info = one.reset(seed=3 + i)
+        assert np.array_equal(alone, seen[i]) and info["energy_kinetic"] == infos["energy_kinetic"][i]
+        assert np.array_equal(one.step(np.zeros(3, np.float32))[0], one.unwrapped.batch.observation[0])
+
+
 # ------------------------------------------------------------------ the environment
 COARSE: dict[str, Any] = {"elements": 1, "dt": 0.005}
 
@@ -215,7 +300,7 @@ def test_features_carry_over() -> None:
         ({"cost": {"strain": 0.1}}, "cost.strain = 0.1: must be left out"),
         ({"cost": {"deflection": (0.1, 0.1)}}, "cost.deflection = (0.1, 0.1): must be a sequence of 3"),
         ({"payload_change": {"time": (1, 2), "factor": (1, 2)}}, "arm.payload.mass = 0.0: must be positive"),
-        ({"initial_vibration": 0.1}, "initial_vibration = 0.1"),
+        ({"initial_vibration": 0.6}, "initial_vibration = 0.6"),
         ({"keep_out": [{"shape": "sphere", "center": (0, 0), "radius": 1}]}, "must be in space"),
         ({"action_mode": "voltage"}, "arm.joints[0].motor: missing"),
         ({"sensors": {"strain_gauges": [0.0]}}, "strain_gauges[0].link = 0: must be a link that bends"),
@@ -276,7 +361,9 @@ def test_pd_about_the_rest_under_gravity_settles() -> None:
     [
         ({"target": (2.0, 0.0, 0.0)}, "options.target = (2.0, 0.0, 0.0): must be a point"),
         ({"target": (0.5, 0.5)}, "options.target"),
-        ({"vibration": 0.1}, "options.vibration = 0.1"),
+        ({"vibration": 0.1}, "options.vibration = 0.1: must be a sequence of three"),
+        ({"vibration": (0.0, 0.6, 0.0)}, "options.vibration[1] = 0.6"),
+        ({"vibration": (0.0, 0.1, 0.0)}, "options.vibration = (0.0, 0.1, 0.0): must be 0 in an environment without"),
         ({"motion": "flying_rod"}, "options.motion"),
     ],
 )

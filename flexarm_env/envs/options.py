@@ -29,9 +29,9 @@ from .features import reference as make_reference
 from .features import sensors as make_sensors
 from .motion import Prescribed, prescribed
 from .observation import asked, sensors_of, sight
-from .space import check_arm, refuse
+from .space import check_arm
 from .task import Entry, Kind, info_entries, priced, reward_weights
-from .vibration import shake
+from .vibration import shake, swing
 
 INFO_LEVELS = ("standard", "full", "numbers")
 RENDER_MODES = ("human", "rgb_array")
@@ -166,8 +166,6 @@ def plan(
 ) -> Plan:
     """Check the arguments of an environment (see its class); a ValueError names key, value and what is allowed."""
     kind = priced(kind, reward)
-    if kind.space:
-        refuse("initial_vibration", initial_vibration, 0.0)
     own = with_friction(_arm(kind, arm, joint_limits), actuator)
     own, amplifier = amplified(own, check.choice("action_mode", action_mode, ACTION_MODES))
     period = check.number("control_dt", kind.period if control_dt is None else control_dt, "s", above=0.0)
@@ -214,7 +212,8 @@ def plan(
     laws = more is not None and more[1:] != ((1.0, 1.0),) * 3
     begun = dataclasses.replace(begun, factors=factors, more=more, laws=laws, vibration=vibration)
     if vibration > 0.0:
-        begun = dataclasses.replace(begun, shake=shake(own, settings, frame.gravity))
+        modes = swing(own, settings) if kind.space else shake(own, settings, frame.gravity)
+        begun = dataclasses.replace(begun, shake=modes)
     drawn = {name: k for k, name in enumerate((*FACTORS, *MORE)) if name in (randomization or {})}
     aims = events.aims(frame, extras, success, turns, absolute, bool(drawn))
     built = kind.build(own, weights, period, aims)

@@ -16,7 +16,6 @@ from ..batch import ACTION_NOT_FINITE, FURTHER, GUIDED, Batch
 from .events import unguided
 from .motion import ANGLE, Guide, Prescribed, guide, prescribed
 from .options import Plan
-from .space import refuse
 
 KEYS = ("start", "target", "vibration", "motion", "interpolation")
 
@@ -26,7 +25,7 @@ class Request:
     """What a reset asks for; NaN where it is to be drawn.
 
     angles (N,): at the start, rad. target (2,): as in the record; in space (N,): joint angles that reach it.
-    vibration (1,): over L. motion: prescribed.
+    vibration (1,): over L; in space (3,): of each mode. motion: prescribed.
     """
 
     angles: NDArray[np.float64]
@@ -39,20 +38,18 @@ def request_of(plan: Plan, options: Any, extra: tuple[str, ...] = ()) -> Request
     """Checked options of one reset. ValueError names the key, the value and what is allowed."""
     n = plan.arm.n_links
     numbers = n if plan.kind.space else 2
-    asked = Request(np.full(n, np.nan), np.full(numbers, np.nan), np.full(1, np.nan), plan.motion)
+    modes = 3 if plan.kind.space else 1
+    asked = Request(np.full(n, np.nan), np.full(numbers, np.nan), np.full(modes, np.nan), plan.motion)
     if options is None:
         return asked
     table = check.table_of("options", options)
     check.known_keys("options", table, (*KEYS, *extra), "option")
-    if plan.kind.space:
-        refuse("options.vibration", table.get("vibration"), None)
     if table.get("start") is not None:
         asked.angles[:] = _start(plan, table["start"])
     if table.get("target") is not None:
         asked.target[:] = plan.kind.target.read(plan.arm, table["target"])
     if table.get("vibration") is not None:
-        bound = {"minimum": -0.5, "maximum": 0.5}
-        asked.vibration[:] = check.number("options.vibration", table["vibration"], "tip deflection over L", **bound)
+        asked.vibration[:] = _vibration(table["vibration"], modes)
     interpolation = table.get("interpolation")
     if interpolation is not None and table.get("motion") is None:
         raise check.InvalidValue("options.interpolation", interpolation, "must be given with options.motion")
@@ -63,10 +60,22 @@ def request_of(plan: Plan, options: Any, extra: tuple[str, ...] = ()) -> Request
         unguided(plan.extras, "options.motion", table.get("motion"))
     if motion is not None and table.get("vibration") is not None:
         raise check.InvalidValue("options.vibration", table["vibration"], "must not be given together with a motion")
+    if table.get("vibration") is not None and asked.vibration.any() and plan.starts.shake is None:
+        what = "must be 0 in an environment without initial_vibration"
+        raise check.InvalidValue("options.vibration", table["vibration"], what)
     if plan.task == "track" and table.get("target") is not None:
         what = 'must not be given with task="track", where the reference says where the target is'
         raise check.InvalidValue("options.target", table["target"], what)
     return dataclasses.replace(asked, motion=motion)
+
+
+def _vibration(value: Any, modes: int) -> Any:
+    unit, bound = "tip deflection over L", {"minimum": -0.5, "maximum": 0.5}
+    if modes == 1:
+        return check.number("options.vibration", value, unit, **bound)
+    what = f"three numbers ({unit}) of the modes of bending along y, along z, of torsion"
+    each = check.sequence("options.vibration", value, what, modes)
+    return [check.number(f"options.vibration[{k}]", x, unit, **bound) for k, x in enumerate(each)]
 
 
 def _start(plan: Plan, value: Any) -> list[float]:

@@ -1,4 +1,4 @@
-"""What environments in space take, and refuse; their task as data."""
+"""What environments in space take; their task as data."""
 
 from __future__ import annotations
 
@@ -21,14 +21,6 @@ from .targets import POINT, Pair, Target, coordinates
 from .task import REACH, Kind
 
 Array = NDArray[np.float64]
-
-WHERE = "is not there in space (docs: environments in space)"
-
-
-def refuse(path: str, given: Any, usual: Any) -> None:
-    """ValueError for what arms in space have not."""
-    if given != usual:
-        raise check.InvalidValue(path, given, f"must be left out: it {WHERE}")
 
 
 def check_arm(arm: Arm, kind: Kind) -> None:

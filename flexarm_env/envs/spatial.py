@@ -90,6 +90,12 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     to 1 and the others at -3.6/N to 3.6/N rad. The target is where the tip of the rigid arm is with its first joint at
     -2 pi/3 to 2 pi/3 and the others at -3.6/N to 3.6/N rad. All draws are uniform, within the joints' limits.
 
+    `initial_vibration=x` adds three modes, each by a factor drawn from -x to x: the lowest ones of bending along y, of
+    bending along z and of torsion (by what most strains the links), of the straight arm at joint angles 0, joints free,
+    without weight. Times the factor's square all have the same energy: with that of x = 1 the softer bending would
+    deflect a tip by its link's length. At other joint angles links move so against their roots with the same energy,
+    and joints turn so that none has momentum, which would swing the arm.
+
     ## Episode end
 
     Truncated after `duration` (5 s), or `max_episode_steps`, or where a prescribed motion ends. Success never ends an
@@ -129,7 +135,8 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     Options of reset: `start` (N angles, rad), `target` (x, y, z in m, a point that the rigid arm reaches), `motion` and
     `interpolation` as in FlexibleArm-v0: joint angles over time, with `joint_torque` what enforces them. `motion` of
-    task="replay": None turns all joints to 1.5 rad in 5 s, smoothly, and lasts 9 s. Goals of
+    task="replay": None turns all joints to 1.5 rad in 5 s, smoothly, and lasts 9 s. With `initial_vibration` also
+    `vibration`: the three factors. Goals of
     "residual_pd" are the joint angles that the target was drawn by, or those of least sum of squares that were found;
     of a target that moves those that follow on the goals before.
 

@@ -56,7 +56,9 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     link_poses(lane, model, par, q, v, out)   a `layout.POSES` a link
     task_poses(lane, model, par, q, v, out)  what tasks look at: `link_poses`, in space a `layout.SPACE_POSES` a link
     gauge(lane, model, q, row)       what a strain gauge reads, 1/m, of q by its row of `gauges.curvature_rows`
-    stand(lane, model, live, angles, q)  in space: where `live` > 1/2, q of straight links at these joint angles
+    stand(lane, model, live, angles, rates, q, v)  in space: where `live` > 1/2, q of straight links at these joint
+        angles; and v by `rates`, unless these are None: of places and rotations against their link's root, in its
+        axes, of joints and what else there is as they are
     out_of_range(lane, model, par, q)  0 where the model holds, otherwise the status code (as float64 lanes)
     shape(model, q, points)          SINGLE only: node positions along the chain, (n_points, 2)
 """
@@ -223,6 +225,6 @@ energy = FORMULATIONS.function("energy", "lane, model, par, q, v")
 link_poses = FORMULATIONS.function("link_poses", "lane, model, par, q, v, out")
 task_poses = FORMULATIONS.function("task_poses", "lane, model, par, q, v, out")
 gauge = FORMULATIONS.function("gauge", "lane, model, q, row")
-stand = FORMULATIONS.function("stand", "lane, model, live, angles, q")
+stand = FORMULATIONS.function("stand", "lane, model, live, angles, rates, q, v")
 out_of_range = FORMULATIONS.function("out_of_range", "lane, model, par, q")
 shape = FORMULATIONS.function("shape", "model, q, points")

@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 from ..compiler import apart, follow, kernel, load, size, splat, stack, store
-from ..physics.integrator.work import unpack
+from ..physics.integrator.work import copy_rows, solve_known, unpack
 from ..physics.joints.layout import LAWS
 from ..physics.layout import SPACE_POSE
 from ..physics.model import JOINT_LAWS, OK, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
-from ..physics.protocol import stand, task_poses
+from ..physics.protocol import RESIDUAL_ALONE, State, Weights, assemble, energy, stand, task_poses
 from ..tasks.program import (
     FURTHER,
     GOAL,
@@ -38,6 +38,8 @@ from .motors import draw_lateness
 from .sensors import write_observation
 
 _SHAKE = SHAKE.places
+_MODES = 3
+"""Of an initial vibration in space: bending along y, along z, torsion."""
 _FACTORS = FURTHER.clearance - FURTHER.drawn
 _ONE, _RECORD, _START = (0,), (0,) * GOAL, (0,) * START.offsets(0, 0).end
 
@@ -67,14 +69,16 @@ def _start(lane, p, arm, mode, block, w):
     record[TARGET * lanes + i], record[(TARGET + 1) * lanes + i] = own[at.target], own[at.target + 1]
     for k in range(PARAMETERS):
         par[k * lanes + i] = own[at.parameters + k]
+    for k in range(w.u.shape[0] // lanes):
+        w.u[k * lanes + i] = 0.0
     if p.ranges.pose is not None:
         _place(lanes, i, p.ranges.pose, p.ranges.shake, n_joints, own, size(p.model.n), w.q, w.v, w.a, w.b)
     else:
         _place_in_space(lane, p, arm, own, par, poses, record, action, w)
     if p.ranges.more is not None:
         _draw_more(p, lanes, i, arm, own[at.factors + 4 : at.parameters], par)
-    for k in range(w.u.shape[0] // lanes):
-        w.u[k * lanes + i] = 0.0
+    if p.ranges.pose is None and p.ranges.shake is not None:
+        _swing(lane, p, i, _only(lane, i), own, par, action, w)
     for k in range(n_joints):
         action[k * lanes + i] = 0.0
         if p.ranges.pose is not None:
@@ -119,8 +123,9 @@ def _draw(task, ranges, stream, request, arm, own):
     first, second = target_from(task, own[at.angles : at.end], first, second)
     own[at.target] = _given(request[asked.target], first)
     own[at.target + 1] = _given(request[asked.target + 1], second)
-    vibration = (2.0 * uniform(stream, arm) - 1.0) * ranges.vibration
-    own[at.vibration] = _given(request[asked.vibration], vibration)
+    for k in range(1 if ranges.pose is not None or ranges.shake is None else _MODES):
+        vibration = (2.0 * uniform(stream, arm) - 1.0) * ranges.vibration
+        own[at.vibration + k] = _given(request[asked.vibration + k], vibration)
     for k in range(4):
         own[at.factors + k], own[at.factors + 4 + k] = draw(stream, arm, ranges.factors, k), 1.0
     own[at.parameters + PAYLOAD_MASS] = ranges.nominal[PAYLOAD_MASS] * own[at.factors]
@@ -185,11 +190,42 @@ def _place_in_space(lane, p, arm, own, par, poses, record, action, w):
         angle = draw(p.stream, arm, p.ranges.target, k)
         record[(GOAL + k) * lanes + i] = _given(p.request[asked.goals + k], angle)
         action[k * lanes + i] = own[at.angles + k]
-    stand(lane, p.model, live, record[GOAL * lanes : (GOAL + n) * lanes], w.q)
+    stand(lane, p.model, live, record[GOAL * lanes : (GOAL + n) * lanes], None, w.q, w.v)
     task_poses(lane, p.model, par, w.q, w.v, poses)
     for d in range(size(p.task.targets)):
         record[(TARGET + d) * lanes + i] = poses[(SPACE_POSE.end * (n - 1) + SPACE_POSE.tip + d) * lanes + i]
-    stand(lane, p.model, live, action, w.q)
+    stand(lane, p.model, live, action, None, w.q, w.v)
+
+
+@kernel
+def _swing(lane, p, i, live, own, par, angles, w):
+    """The arm in lane i at these joint angles, moving as in the modes of its amplitudes and with their energy. These
+    are modes at other angles, so that joints would swing: v less (M + c K)^-1 M v has no momentum of a joint, for to
+    turn one does not strain the arm, and of a vibration as much as c is long beside the square of its period."""
+    n, lanes, at, shake, asked = size(p.model.n), len(lane), start_at(0, size(p.task.links)), p.ranges.shake, 0.0
+    for k in range(n):
+        rate = 0.0
+        for mode in range(_MODES):
+            rate += shake[_MODES * k + mode] * own[at.vibration + mode]
+        w.b[k * lanes + i] = rate
+    stand(lane, p.model, live, angles, w.b, w.q, w.v)
+    for k in range(n):
+        store(w.v0, k, splat(lane, 0.0))
+        store(w.a0, k, load(lane, w.v, k) * live)
+    assemble(lane, p.model, par, State(w.q, w.v0, w.a0), w.u, Weights(1.0, 0.0, shake[_MODES * (n + 1)]), w.r, w.S)
+    copy_rows(lane, n, w.r, w.b0)
+    assemble(lane, p.model, par, State(w.q, w.v0, w.v0), w.u, RESIDUAL_ALONE, w.r, w.S)
+    for k in range(n):
+        store(w.r, k, load(lane, w.b0, k) - load(lane, w.r, k))
+    solve_known(lane, p.model, None, w, True)
+    for k in range(i, n * lanes, lanes):
+        w.v[k], w.b[k] = w.v[k] - w.r[k], 0.0
+    for mode in range(_MODES):
+        asked += shake[_MODES * n + mode] * own[at.vibration + mode] ** 2
+    store(w.r, 0, energy(lane, p.model, par, w.q, w.v)[0])
+    scale = math.sqrt(asked / max(w.r[i], 1e-300))
+    for k in range(i, n * lanes, lanes):
+        w.v[k] = w.v[k] * scale
 
 
 @kernel

@@ -116,7 +116,7 @@ SHAKE = Layout(
     Field("cosine", (), "1/s", "times that of the hub's angle"),
     Field("sine", (), "1/s", "likewise"),
 )  # fmt: skip
-"""Velocity of a coordinate for a unit of initial vibration: columns of `Ranges.shake`."""
+"""Velocity of a coordinate for a unit of initial vibration: columns of `Ranges.shake` in the plane."""
 
 MOVING = Layout(
     "Moving", "",
@@ -128,7 +128,7 @@ MOVING = Layout(
 
 START = Layout(
     "Start", "joints",
-    Field("vibration", (), "", "initial tip deflection over L"),
+    Field("vibration", (3,), "", "initial tip deflection over L; in space of each mode, in the plane the first alone"),
     Field("target", (2,), "m or rad", "as in the record"),
     Field("factors", (8,), "", "on the nominal values: payload, EI, damping, torque constant; `Ranges.more`"),
     Field("parameters", (PARAMETERS,), "", "payload mass, payload inertia, EI factor, tau_d"),
@@ -140,7 +140,7 @@ REQUEST = Layout(
     "Request", "joints, goals",
     Field("angles", ("joints",), "rad", "joint angles at the start"),
     Field("target", (2,), "m or rad", "as in the record"),
-    Field("vibration", (), "", "initial tip deflection over L"),
+    Field("vibration", (3,), "", "as in a `START`"),
     Field("goals", ("goals",), "rad", "in space: joint angles at the target, which it follows from"),
 )  # fmt: skip
 """What a reset asks for; NaN: to be drawn."""
@@ -270,7 +270,7 @@ class Ranges(NamedTuple):
     """What a fresh start is drawn from, uniformly; tables by rows, ranges (low, high). N links, n rows of the state."""
 
     pose: np.ndarray | None  # (n, 1 + 3 N): q = pose times a `BASIS`; None: `protocol.stand` says, in space
-    shake: np.ndarray  # (n, 3): a `SHAKE` for each row of the state
+    shake: np.ndarray | None  # (n, 3): a `SHAKE` for each row; in space (n + 2, 3): see `envs.vibration.swing`; or None
     nominal: np.ndarray  # (4,) of par
     start: np.ndarray  # (N, 2) rad, joint angles
     target: np.ndarray  # (2, 2): rad (slew, from the start), or m and rad (reach, polar); in space (N, 2): joint angles

@@ -84,7 +84,7 @@ int NAME_reset(NAME_arm *arm, uint64_t key, const double *angles, const double *
         request[@ANGLES@ + k] = angles == NULL ? NAN : angles[k];
     }
     for (int k = 0; k < UPPER_TARGET; k++) request[@TARGET_AT@ + k] = target == NULL ? NAN : target[k];
-    request[@VIBRATION@] = vibration;
+    for (int k = 0; k < 3; k++) request[@VIBRATION@ + k] = vibration; /* in space of each mode */
     *(uint64_t *)(void *)(arm->data[0] + @STREAM@) = key;
     *(int64_t *)(void *)(arm->data[0] + @QUEUE@) = 0;
     record[@ALLOWED@] = 1e15;

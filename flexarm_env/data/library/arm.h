@@ -48,7 +48,8 @@ void NAME_destroy(NAME_arm *arm);
 /*
  * Start an episode. key: 64 random bits that all draws and noise follow from (in Python, of reset(seed=s):
  * numpy.random.Generator(numpy.random.PCG64(numpy.random.SeedSequence(s))).bit_generator.random_raw()).
- * angles (UPPER_JOINTS, rad), target (UPPER_TARGET numbers: @TARGET@), vibration (tip deflection over the arm's length): NULL or NAN: drawn.
+ * angles (UPPER_JOINTS, rad), target (UPPER_TARGET numbers: @TARGET@), vibration (tip deflection over the arm's length,
+ * in space of each mode): NULL or NAN: drawn.
  */
 int NAME_reset(NAME_arm *arm, uint64_t key, const double *angles, const double *target, double vibration);
 

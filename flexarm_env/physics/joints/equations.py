@@ -320,13 +320,15 @@ def task_poses(lane, model, par, q, v, out):
 
 
 @kernel
-def stand(lane, model, live, angles, q):
+def stand(lane, model, live, angles, rates, q, v):
     """The arm's own, and gears without a torque."""
-    protocol.stand(lane, model.arm, live, angles, q)
+    protocol.stand(lane, model.arm, live, angles, rates, q, v)
     for i in range(count(model)):
         row, motor = model.table[PLACES * i + PLACE.row], model.table[PLACES * i + PLACE.motor]
         if motor >= 0:
             put(live, q, motor, load(lane, q, row), load(lane, q, motor))
+            if rates is not None:
+                put(live, v, motor, load(lane, rates, motor), load(lane, v, motor))
 
 
 @kernel

@@ -325,32 +325,42 @@ def task_poses(lane, model, par, q, v, out):
 
 
 @kernel
-def _put_place(lane, live, q, i, place):
-    """A section's place and rotation into the rows from i on, where `live` > 1/2."""
-    psi = rotation_vector(shorter(place.p))
+def _put_pair(lane, live, rows, i, first, second):
+    """Two vectors into the rows from i on, where `live` > 1/2."""
     for a in range(3):
-        put(live, q, i + a, place.r[a], load(lane, q, i + a))
-        put(live, q, i + 3 + a, psi[a], load(lane, q, i + 3 + a))
+        put(live, rows, i + a, first[a], load(lane, rows, i + a))
+        put(live, rows, i + 3 + a, second[a], load(lane, rows, i + 3 + a))
 
 
 @kernel
-def stand(lane, model, live, angles, q):
+def stand(lane, model, live, angles, rates, q, v):
     """See `protocol`; links are straight."""
-    state, tip, element = State(q, q, q), place_at(lane, q, q, 0), 0
+    state, tip, element = State(q, v, v), place_at(lane, q, v, 0), 0
     for k in range(model.links):
         i = joint_row(model, k)
         put(live, q, i, load(lane, angles, k), load(lane, q, i))
+        if rates is not None:
+            put(live, v, i, load(lane, rates, i), load(lane, v, i))
         root = hinged(lane, model, state, k, Vertex(tip, tip.v, tip.spin)).root.place
-        A, along, tip = matrix(root.p), 0.0, root
-        for e in range(count_of(model, k)):
-            along += model.sections[E.end * element + E.length]
-            tip = Place(plus(root.r, times((A[0][0], A[1][0], A[2][0]), along)), root.v, root.p, root.spin)
-            element += 1
-            _put_place(lane, live, q, i + 1 + AXES * e, tip)
-        if count_of(model, k) == 0:
-            _put_place(lane, live, q, i + 1, root)
+        A, along, tip, i = matrix(root.p), splat(lane, 0.0), root, i + 1
+        for _ in range(_vertices(model, k)):
+            slip, turn = root.v, root.spin
+            if count_of(model, k) > 0:
+                along = along + model.sections[E.end * element + E.length]
+                element += 1
+                if rates is not None:
+                    inner = cross(root.spin, (along, along * 0.0, along * 0.0))
+                    slip = plus(slip, turned(A, plus(inner, vector(lane, rates, i))))
+                    turn = plus(turn, vector(lane, rates, i + 3))
+            tip = Place(plus(root.r, times((A[0][0], A[1][0], A[2][0]), along)), slip, root.p, turn)
+            _put_pair(lane, live, q, i, tip.r, rotation_vector(shorter(tip.p)))
+            if rates is not None:
+                _put_pair(lane, live, v, i, tip.v, tip.spin)
+            i += AXES
     for j in range(joint_row(model, model.links), model.n):
         put(live, q, j, splat(lane, 0.0), load(lane, q, j))
+        if rates is not None:
+            put(live, v, j, load(lane, rates, j), load(lane, v, j))
 
 
 @kernel
