@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
-from flexarm_env import control
-from flexarm_env.control import space_lqg
+from flexarm_env import arms, control
+from flexarm_env.control import space_lqg, space_shaping
+from flexarm_env.control.arm_model import held
 from flexarm_env.control.catalogue import tuned_gains
 from flexarm_env.control.space import tip_at
-from flexarm_env.control.space_pd import holding
+from flexarm_env.control.space_pd import held_model, holding
 from flexarm_env.physics.space.reading import frames
+from flexarm_env.rigid import coriolis, rigid_inertia
 
 ID = "SpatialFlexArm-v0"
 COARSE: dict[str, Any] = {"elements": 1, "dt": 0.005}
@@ -39,6 +42,90 @@ def test_regulator_and_filter_about_a_bent_rest(name: str, keywords: dict[str, A
     assert np.abs(np.linalg.eigvals(own.A - own.B @ d.K[:, :size])).max() < 1.0
     fading = np.abs(np.linalg.eigvals(d.A - d.A @ d.L[-1] @ d.C))  # all but biases, which are given none to walk
     assert np.sort(fading)[size + 2] < 0.9999
+
+
+@pytest.mark.parametrize("name", ["de_luca_siciliano", "two_link_geared", "three_strips"])
+def test_inertia_and_coriolis_torques_of_an_arm_of_the_plane(name: str) -> None:
+    """As the plane's rigid arm has them, rotors and rotary inertia included."""
+    arm, rng = arms.named(name), np.random.default_rng(0)
+    sections = [replace(one.section, EI_y=1.0, C_y=1.0, J_y=0.3, GJ=1.0) for one in arm.links]
+    arm = replace(arm, links=tuple(replace(one, section=s) for one, s in zip(arm.links, sections, strict=True)))
+    angles, rates = rng.uniform(-2.0, 2.0, (2, 5, arm.n_links))
+    none = np.zeros(3)
+    assert holding(arm, none, angles)[1] == pytest.approx(rigid_inertia(arm, angles[:, 1:]), rel=1e-9, abs=1e-12)
+    found = space_shaping.coriolis(arm, none, angles, rates)
+    wanted = coriolis(arm, angles[:, 1:], rates)
+    assert found == pytest.approx(wanted, abs=1e-7 * np.abs(wanted).max())
+
+
+def test_inertia_of_the_rigid_arm_is_that_of_its_boxes() -> None:
+    """Kinetic energy of points all over pillar and strips, their velocities by differences."""
+    arm, rng, eps = arms.named("three_dof"), np.random.default_rng(1), 1e-6
+    x, w = np.polynomial.legendre.leggauss(3)
+    strip = np.array([(a, b, c) for a in x for b in x for c in x])
+    weights = np.array([a * b * c for a in w for b in w for c in w]) / 8.0
+    angles, rates = rng.uniform(-1.0, 1.0, (2, 3))
+    pillar = arm.links[0]
+    energy = 0.0
+    ends = [frames(arm, angles + sign * eps * rates) for sign in (1.0, -1.0)]
+    spin = 0.5 * (ends[0][2][0] - ends[1][2][0]) / eps @ frames(arm, angles)[2][0].T
+    omega = np.array([spin[2, 1], spin[0, 2], spin[1, 0]])
+    A = frames(arm, angles)[2][0]
+    velocity = np.cross(omega, A @ np.array(pillar.centre))
+    energy += 0.5 * pillar.mass * velocity @ velocity + 0.5 * (A.T @ omega) @ np.array(pillar.inertia) @ (A.T @ omega)
+    for k in (1, 2):
+        link = arm.links[k]
+        half = 0.5 * np.array([link.length, 0.05, 0.002])  # whose thickness lies in the plane that it bends in most
+        for flat in (half[[0, 1, 2]], half[[0, 2, 1]]):
+            if (flat[1] < flat[2]) == (link.section.J_y > link.section.J):
+                points = strip * flat + [0.5 * link.length, 0.0, 0.0]
+        there = [places[k] + points @ axes[k].T for places, _, axes, _ in ends]
+        speeds = 0.5 * (there[0] - there[1]) / eps
+        energy += 0.5 * link.mass * weights @ (speeds**2).sum(axis=1)
+    inertia = holding(arm, np.zeros(3), angles[None])[1][0]
+    assert 0.5 * rates @ inertia @ rates == pytest.approx(energy, rel=1e-6)
+
+
+def test_shaped_commands_leave_the_arm_still() -> None:
+    """Without weight, from rest: what the strips still move by behind the reference, beside that of one impulse."""
+    env: Any = gym.make(ID, gravity=(0.0, 0.0, 0.0), dt=0.0025)
+    rates = [k for k, entry in enumerate(env.unwrapped.plan.names) if entry.startswith("tip_deflection_rate")]
+    left = []
+    for name, gains in (("zv", {}), ("zvd", {}), ("zv", {"modes": 0})):
+        controller: Any = control.make(name, env, replace(tuned_gains(name, "space"), **gains))
+        start = np.array([[0.0, 0.6, 0.5], [0.2, -0.4, -0.9], [0.0, 0.3, 1.2]])
+        way, left_here = np.array([0.05, -0.06, 0.08]), []
+        for i in range(3):
+            target = tip_at(controller.setup.arm, start[i] + way)
+            seen, _ = env.reset(seed=0, options={"start": start[i].tolist(), "target": target.tolist()})
+            controller.reset(seen)
+            end = int((controller.period[0] + controller.delays[0].max()) / 0.01) + 1
+            moved = []
+            for _ in range(end + 30):
+                seen, *_ = env.step(controller.act(seen))
+                moved.append(np.abs(seen[rates]).max())
+            left_here.append(max(moved[end:]))
+        left.append(left_here)
+    once = np.array(left[2])
+    assert (np.array(left[0]) < 0.05 * once).all() and (np.array(left[1]) < 0.01 * once).all()
+    assert controller.delays.max() == 0.0
+
+
+def test_gains_of_pd_have_a_margin() -> None:
+    """On the linear arm about drawn goals, torques held over control periods: gains 1.6 times as large are stable."""
+    controller: Any = control.make("pd", gym.make(ID))
+    gains, gravity, arm, passed = controller.gains, controller.gravity, controller.setup.arm, controller.passed
+    rng = np.random.default_rng(0)
+    for goal in rng.uniform([-2.0, -1.2, -1.2], [2.0, 1.2, 1.2], (6, 3)):
+        free, joints, A = held_model(arm, gravity, goal)
+        rates = np.array([free.C[free.outputs.index(f"joint{k}_rate")] for k in range(3)])
+        inertia = np.diag(np.diag(holding(arm, gravity, goal[None])[1][0]))
+        A, B = held(A, free.B, controller.setup.control_dt)
+        for more in (1.0, 1.6):
+            spring, damper = more * gains.rate**2 * inertia, more * 2.0 * gains.ratio * gains.rate * inertia
+            top = np.hstack([A - B @ (spring @ joints + passed * damper @ rates), -(1.0 - passed) * B @ damper])
+            loop = np.vstack([top, np.hstack([passed * rates, (1.0 - passed) * np.eye(3)])])
+            assert np.abs(np.linalg.eigvals(loop)).max() < 1.0 + 1e-9
 
 
 @pytest.mark.parametrize(("name", "keywords"), [("lqr", COARSE), pytest.param("lqg", MEASURED, marks=pytest.mark.slow)])
@@ -76,8 +163,8 @@ def test_goals_that_encoders_tell_are_those_of_the_targets_place() -> None:
 
 def test_what_is_not_there_is_refused_by_name() -> None:
     env = gym.make(ID, **COARSE)
-    there = 'must be one of "pd", "lqr", "lqg" for an arm in space'
-    for name, words in (("zv", there), ("lqg", "LQG needs the entry hub_error")):
+    there = 'must be one of "pd", "zv", "zvd", "lqr", "lqg" for an arm in space'
+    for name, words in (("mpc", there), ("lqg", "LQG needs the entry hub_error")):
         with pytest.raises(ValueError, match=words):
             control.make(name, env)
     with pytest.raises(ValueError, match=r"^gains = .*: must be a LQGGains"):

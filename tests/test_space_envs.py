@@ -320,7 +320,7 @@ def test_what_is_not_there_is_refused_by_name(arguments: dict[str, Any], words: 
 def test_what_is_built_upon_environments_refuses_them() -> None:
     env = gym.make("SpatialFlexArm-v0", **COARSE)
     for make, words in (
-        (lambda: control.make("mpc", env), "controller = 'mpc': must be one of \"pd\", \"lqr\", \"lqg\""),
+        (lambda: control.make("mpc", env), "controller = 'mpc': must be one of \"pd\", \"zv\", \"zvd\", \"lqr\""),
     ):
         env.reset(seed=0)
         with pytest.raises(ValueError) as caught:
@@ -341,7 +341,7 @@ def test_weight_and_inertia_of_the_rigid_arm() -> None:
     for k in range(3):
         step = eps * np.eye(3)[k]
         assert torques[0, k] == pytest.approx((height(angles + step) - height(angles - step)) / (2 * eps), abs=1e-6)
-    assert inertia[0, 2, 2] == pytest.approx(0.3935 * 0.25**2, rel=1e-9)
+    assert inertia[0, 2, 2] == pytest.approx(0.3935 * (0.5**2 / 3.0 + 0.002**2 / 12.0), rel=1e-9)
 
 
 @pytest.mark.slow

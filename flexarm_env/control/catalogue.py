@@ -17,6 +17,7 @@ from .pd import PD, PDGains
 from .shaping import ShapedGains, ShapedPD
 from .space_lqg import SpatialLQG, SpatialLQR
 from .space_pd import SpatialPD, SpatialPDGains
+from .space_shaping import SpatialShapedGains, SpatialShapedPD
 from .time_optimal import TimeOptimal, TimeOptimalGains
 
 _KINDS: dict[str, tuple[type[Any], Callable[[Setup, Any], Controller]]] = {
@@ -31,6 +32,8 @@ _KINDS: dict[str, tuple[type[Any], Callable[[Setup, Any], Controller]]] = {
 
 _SPACE: dict[str, tuple[type[Any], Callable[[Setup, Any], Controller]]] = {
     "pd": (SpatialPDGains, SpatialPD),
+    "zv": (SpatialShapedGains, lambda setup, gains: SpatialShapedPD(setup, gains, "zv")),
+    "zvd": (SpatialShapedGains, lambda setup, gains: SpatialShapedPD(setup, gains, "zvd")),
     "lqr": (LQGGains, SpatialLQR),
     "lqg": (LQGGains, SpatialLQG),
 }

@@ -138,6 +138,7 @@ def _in_space(own: Controller, targets: Points | None) -> tuple[dict[str, Any], 
     found = {
         "limit": own.limits, "scale": np.array(own.setup.scales), "length": [link.span for link in arm.links],
         "hinge": [axis_of(arm, k) for k in range(N)], "mount": [mount_of(arm, k) for k in range(N)],
+        "rotor": [arm.joint(k).rotor for k in range(N)],
         "carrier": [float(k) for k, _ in parts], "mass": [part.mass for _, part in parts],
         "centre_of": [part.centre for _, part in parts], "tensor": [part.inertia for _, part in parts],
         "gravity": own.gravity, "filter": [own.passed, gains.rate**2, 2.0 * gains.ratio * gains.rate],

@@ -6,6 +6,7 @@ reference has ended is what the PD alone has to damp.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -74,39 +75,33 @@ def closed_loop_shaper(arm: Arm, gains: PDGains, kind: str, posture: tuple[float
     model = arm_model(arm, posture)
     n = model.n_joints
     kp, kd = gains.of(arm)
-    closed = model.A - model.B @ (np.diag(kp) @ model.C[:n] + np.diag(kd) @ model.C[n : 2 * n])
+    return cascade(model.A - model.B @ (np.diag(kp) @ model.C[:n] + np.diag(kd) @ model.C[n : 2 * n]), kind, n)
+
+
+def cascade(closed: Array, kind: str, most: int) -> Shaper:
+    """Impulses for the slowest lightly damped modes of a linear model, `most` at most."""
     poles = np.linalg.eigvals(closed)
     poles = poles[poles.imag > 1e-6]
     frequencies, ratios = np.abs(poles), -poles.real / np.abs(poles)
     light = np.flatnonzero((ratios < LIGHT) & (ratios > 0.0))
     shaper = Shaper((1.0,), (0.0,))
-    for i in light[np.argsort(frequencies[light])][:n]:
+    for i in light[np.argsort(frequencies[light])][:most]:
         shaper = shaper.then(SHAPERS[kind](float(frequencies[i]), float(ratios[i])))
     return shaper
 
 
-class ShapedPD(Controller):
-    """PD control along a shaped reference, with the torque that the rigid arm needs for it fed forward.
+class Shaped(Controller):
+    """Follows a shaped reference: one of constant acceleration and deceleration, all joints in step, convolved with
+    impulses."""
 
-    The reference is the quickest one of constant acceleration and deceleration that the rigid arm can follow with a
-    share `effort` of its torque, all joints in step; convolved with the impulses of `kind` ("zv" or "zvd").
-    """
-
-    def __init__(self, setup: Setup, gains: ShapedGains, kind: str) -> None:
-        super().__init__(setup)
-        self.gains, self.kind = gains, kind
-        self.kp, self.kd = gains.of(setup.arm)
-
-    def initialise(self, signals: Signals, to_go: Array) -> None:
-        arm = self.setup.arm
+    def shape(self, shapers: Sequence[Shaper], quickest: Array, to_go: Array) -> None:
+        """Begin episodes: impulses of each arm, times (n,) that its unshaped reference takes, s, and its way (n, N)."""
         self.move = to_go
-        shapers = [closed_loop_shaper(arm, self.gains, self.kind, posture) for posture in postures(self.goal)]
         most = max(len(s.delays) for s in shapers)
         self.amplitudes, self.delays = np.zeros((2, len(shapers), most))
         for i, shaper in enumerate(shapers):
             count = len(shaper.delays)
             self.amplitudes[i, :count], self.delays[i, :count] = shaper.amplitudes, shaper.delays
-        quickest = rigid_times(arm, self.goal, to_go, self.gains.effort * self.limits)
         self.period = np.maximum(quickest, 2.0 * self.setup.control_dt)
 
     def _reference(self, t: float) -> tuple[Array, Array]:
@@ -117,13 +112,34 @@ class ShapedPD(Controller):
         rate = np.where(early, 4.0 * x, 4.0 * (1.0 - x)) / self.period[:, None]
         return np.sum(self.amplitudes * done, axis=1), np.sum(self.amplitudes * rate, axis=1)
 
-    def torques(self, signals: Signals, to_go: Array) -> Array:
+    def reference(self) -> tuple[Array, Array, Array]:
+        """Of this period: what is left to go, rad, its rates and accelerations in the period, (n, N) each."""
         dt = self.setup.control_dt
         done, rate = self._reference(self.step * dt)
         _, later = self._reference((self.step + 1) * dt)
         left = self.move * (1.0 - done)[:, None]
-        rates = self.move * rate[:, None]
-        accelerations = self.move * ((later - rate) / dt)[:, None]
+        return left, self.move * rate[:, None], self.move * ((later - rate) / dt)[:, None]
+
+
+class ShapedPD(Shaped):
+    """PD control along a shaped reference, with the torque that the rigid arm needs for it fed forward.
+
+    The reference is the quickest one that the rigid arm can follow with a share `effort` of its torque, with the
+    impulses of `kind` ("zv" or "zvd").
+    """
+
+    def __init__(self, setup: Setup, gains: ShapedGains, kind: str) -> None:
+        super().__init__(setup)
+        self.gains, self.kind = gains, kind
+        self.kp, self.kd = gains.of(setup.arm)
+
+    def initialise(self, signals: Signals, to_go: Array) -> None:
+        arm = self.setup.arm
+        shapers = [closed_loop_shaper(arm, self.gains, self.kind, posture) for posture in postures(self.goal)]
+        self.shape(shapers, rigid_times(arm, self.goal, to_go, self.gains.effort * self.limits), to_go)
+
+    def torques(self, signals: Signals, to_go: Array) -> Array:
+        left, rates, accelerations = self.reference()
         angles = self.goal - left
         inertia = rigid_inertia(self.setup.arm, angles[:, 1:])
         forward = np.einsum("nij,nj->ni", inertia, accelerations) + coriolis(self.setup.arm, angles[:, 1:], rates)

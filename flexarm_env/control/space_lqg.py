@@ -11,7 +11,7 @@ from .arm_model import held
 from .base import Setup, Signals
 from .lqg import LQG, Design, Plant, curvatures, designed, gauges_of, measured
 from .lqr import SENSOR
-from .space_pd import AboutRest, holding, rest
+from .space_pd import AboutRest, held_model, holding
 
 Array = NDArray[np.float64]
 
@@ -21,20 +21,15 @@ FARTHEST = 1.0
 
 def plant(setup: Setup, gravity: Array, angles: Array) -> tuple[Plant, dict[str, float]]:
     """The arm about its rest with joints at angles (N,), its rigid weight held; and outputs there."""
-    from ..linear import linearize
-
     arm, n = setup.arm, setup.n_joints
-    free = linearize(rest(arm, gravity, angles), gauges=[gauge.spot for gauge in gauges_of(setup).values()])
+    free, joints, A = held_model(arm, gravity, angles, [gauge.spot for gauge in gauges_of(setup).values()])
     rows, y = dict(zip(free.outputs, free.C, strict=True)), dict(zip(free.outputs, free.y.tolist(), strict=True))
-    size, joints = len(free.A) // 2, np.array([rows[f"joint{k}"] for k in range(n)])
+    size = len(free.A) // 2
     # a stiff arm turns as the flexible one does where its joints are turned slowly
     turned = np.block([[free.A[size:, :size], free.B[size:]], [joints[:, :size], np.zeros((n, n))]])
     turned /= np.abs(turned).max(axis=1, keepdims=True)
     slow = np.linalg.solve(turned, np.vstack([np.zeros((size, n)), np.eye(n)]))[:size]
     rigid = np.vstack([slow, np.zeros((size, n))])
-    step = 1e-4 * np.eye(n)
-    ends = [holding(arm, gravity, angles + sign * step)[0] for sign in (1.0, -1.0)]
-    A = free.A + free.B @ ((ends[0] - ends[1]).T / 2e-4) @ joints
     squares = np.sort(-np.linalg.eigvals(A[size:, :size]).real)
     first = float(np.sqrt(squares[n])) if size > n else 1.0 / setup.control_dt
     bending = [(k, link.span) for k, link in enumerate(arm.links) if not link.rigid]

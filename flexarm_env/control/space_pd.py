@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..parameters import Arm
-from ..physics.space.build import Body, far_body, near_body
+from ..bodies import tensor
+from ..parameters import Arm, Link
+from ..physics.gauges import Spot
+from ..physics.space.build import Body, X, far_body, near_body, tip_end, tip_lever
 from ..physics.space.reading import frames, tips
 from ..scene import Scene
 from .base import Controller, Setup, Signals
@@ -17,6 +20,7 @@ from .space import approach, jacobian, tip_at
 
 if TYPE_CHECKING:
     from ..linear import Equilibrium
+    from ..linear.state_space import LinearModel
 
 Array = NDArray[np.float64]
 
@@ -39,21 +43,29 @@ class SpatialPDGains:
 
 def lumps(arm: Arm) -> list[tuple[int, Body]]:
     """Bodies of the rigid arm: which link they turn with, and they, from its root."""
-    found, X = [], np.array([1.0, 0.0, 0.0])
+    found = []
     for k, link in enumerate(arm.links):
-        far = far_body(arm, k)
-        parts = [Body(far.mass, far.centre + (0.0 if link.rigid else link.root_offset) * X, far.inertia)]
-        if not link.rigid:
-            beyond = X * (link.root_offset + link.moment(1) / link.mass if link.mass else 0.0)
-            parts.append(Body(link.mass, beyond, np.zeros((3, 3))))
-        if k + 1 < arm.n_links:
-            near = near_body(arm, k + 1)
-            parts.append(Body(near.mass, link.span * X, near.inertia))
-        else:
-            offset = np.array((*arm.payload.offset, 0.0)[:3])
-            parts.append(Body(arm.payload.mass, link.span * X + offset, np.zeros((3, 3))))
+        far, parts = far_body(arm, k), []
+        root = (0.0 if link.rigid else link.root_offset) * X
+        parts.append(Body(far.mass, far.centre + root, far.inertia))
+        if not link.rigid and link.mass:
+            parts.append(_beam(link, root))
+        tip = link.span * X - tip_lever(link)  # where its last section is
+        near = near_body(arm, k + 1) if k + 1 < arm.n_links else tip_end(link)
+        parts.append(Body(near.mass, tip + near.centre, near.inertia))
         found += [(k, part) for part in parts]
+    held = arm.payload
+    at = arm.links[-1].span * X + np.array((*held.offset, 0.0)[:3])
+    found.append((arm.n_links - 1, Body(held.mass, at, tensor(held.inertia))))
     return [(k, part) for k, part in found if part.mass > 0.0 or part.inertia.any()]
+
+
+def _beam(link: Link, root: Array) -> Body:
+    """The beam, straight, from where it begins to bend at `root`."""
+    s, weights = link.quadrature()
+    middle = link.moment(1) / link.mass
+    swing, flat, across = link.moment(2) - middle * link.moment(1), link.rotary, float(weights @ link.across(s)["J_y"])
+    return Body(link.mass, root + middle * X, np.diag([flat + across, swing + across, swing + flat]))
 
 
 def _cross(a: Array, b: Array) -> Array:
@@ -65,12 +77,14 @@ def _cross(a: Array, b: Array) -> Array:
 def holding(
     arm: Arm, gravity: Array, angles: Array, parts: list[tuple[int, Body]] | None = None
 ) -> tuple[Array, Array]:
-    """Of the rigid arm at joint angles (n, N): torques that hold it, N m; inertia about the joints (n, N, N), kg m^2.
+    """Of the rigid arm at joint angles (n, N): torques that hold it, N m; inertia about the joints (n, N, N), kg m^2,
+    with rotors.
 
     parts: its `lumps`, where they are known.
     """
     places, axes, links, _ = frames(arm, angles)
     torques, inertia = np.zeros(angles.shape), np.zeros((*angles.shape, arm.n_links))
+    inertia += np.diag([arm.joint(k).rotor for k in range(arm.n_links)])
     for k, part in lumps(arm) if parts is None else parts:
         moved = slice(k + 1)
         swing = _cross(axes[:, moved], (places[:, k] + links[:, k] @ part.centre)[:, None] - places[:, moved])
@@ -88,6 +102,20 @@ def rest(arm: Arm, gravity: Array, angles: Array) -> Equilibrium:
     where: dict[str, Any] = {"gravity": tuple(gravity.tolist()), "angles": tuple(angles.tolist())}
     scene = Scene("rest", arm, duration=1.0, dt=1e-3, **where)
     return static_equilibrium(scene, elements=2, hold_joints=True, require_stable=False)
+
+
+def held_model(
+    arm: Arm, gravity: Array, angles: Array, gauges: Sequence[Spot] = ()
+) -> tuple[LinearModel, Array, Array]:
+    """The flexible arm about its rest with joints at angles (N,), let go; rows of its joint angles; its A where the
+    rigid arm's weight is held at every angle."""
+    from ..linear import linearize
+
+    free = linearize(rest(arm, gravity, angles), gauges=list(gauges))
+    joints = free.C[[free.outputs.index(f"joint{k}") for k in range(arm.n_links)]]
+    step = 1e-4 * np.eye(arm.n_links)
+    ends = [holding(arm, gravity, angles + sign * step)[0] for sign in (1.0, -1.0)]
+    return free, joints, free.A + free.B @ ((ends[0] - ends[1]).T / 2e-4) @ joints
 
 
 class AboutRest(Controller):

@@ -74,14 +74,15 @@ def tip_lever(link: Link) -> Array:
     return X * (link.length if link.rigid else link.tip_offset)
 
 
-def _tip_end(link: Link) -> Body:
+def tip_end(link: Link) -> Body:
+    """What ends a link, from its last section."""
     return Body(link.tip_mass, 0.5 * tip_lever(link), bodies.tensor(link.tip_inertia))
 
 
 def near_body(arm: Arm, k: int) -> Body:
     """What turns with the tip of link k - 1."""
     before, elbow = arm.links[k - 1], arm.elbow(k)
-    return together([_tip_end(before), Body(elbow.mass, tip_lever(before), bodies.tensor(elbow.inertia_left))])
+    return together([tip_end(before), Body(elbow.mass, tip_lever(before), bodies.tensor(elbow.inertia_left))])
 
 
 def far_body(arm: Arm, k: int) -> Body:
@@ -262,7 +263,7 @@ def _mass(arm: Arm, sections: list[Array], frames: list[Array], inner: int) -> f
     count, weight = points_for(inner), WEIGHT.offsets(0, inner).end
     points = [FRAME.offsets(0, inner, count).points + weight * p + W.mass for p in range(count)]
     beams = [row[points].sum() for row in frames] if frames else [row[E.mass : E.mass + 3].sum() for row in sections]
-    near = [near_body(arm, k).mass for k in range(1, arm.n_links)] + [_tip_end(arm.links[-1]).mass]
+    near = [near_body(arm, k).mass for k in range(1, arm.n_links)] + [tip_end(arm.links[-1]).mass]
     return float(sum(beams) + sum(near) + sum(far_body(arm, k).mass for k in range(arm.n_links)))
 
 
@@ -343,7 +344,7 @@ def build(scene: Scene, settings: Settings) -> System:
         frames=np.concatenate([np.zeros(0), *frames]) if floating else None,
         inner=(0,) * inner or None,
         joints=np.concatenate([_joint(arm, k) for k in range(arm.n_links)]),
-        end=packed(_tip_end(last)),
+        end=packed(tip_end(last)),
         payload=packed(Body(0.0, tip_lever(last) + offset, bodies.tensor(payload.inertia)), True),
         levers=(0,) if any(np.any(lever) for k in range(arm.n_links) for lever in levers(arm, k)) else None,
         gravity=None if scene.gravity is None else np.array(scene.gravity),

@@ -44,7 +44,7 @@ static void NAME_hold(const double *angle, double *torque, double *inertia)
 {
     NAME_pose p;
     NAME_stand(angle, &p);
-    for (int j = 0; j < UPPER_JOINTS; j++) torque[j] = inertia[j] = 0.0;
+    for (int j = 0; j < UPPER_JOINTS; j++) torque[j] = 0.0, inertia[j] = NAME_rotor[j];
     for (int b = 0; b < UPPER_BODIES; b++) {
         const int k = (int)NAME_carrier[b];
         const double *A = p.link[k], *at = NAME_centre_of + 3 * b, *I = NAME_tensor + 9 * b, mass = NAME_mass[b];
