@@ -25,6 +25,10 @@ NOISY: dict[str, Any] = {
     "observation": "measured", "history": 2,
     "sensors": {"encoders": {"counts": 2000}, "strain_gauges": [{"noise": 0.0029, "bias": 0.0057}]},
 }  # fmt: skip
+IN_SPACE: dict[str, Any] = {
+    "observation": "measured",
+    "sensors": {"encoders": {"counts": 2**16}, "strain_gauges": [(1, 0.0), {"link": 2, "measures": "xz"}]},
+}
 CASES: list[Any] = [
     ("pd", "FlexibleArm-v0", {}),
     ("zv", "FlexibleArm-v0", {}),
@@ -40,6 +44,9 @@ CASES: list[Any] = [
     ("lqr", "MultiLinkFlexArm-v0", {}),
     ("lqg", "TwoLinkFlexArm-v0", {"observation": "measured", "history": 2, "arm": "two_link_geared"}),
     ("pd", "SpatialFlexArm-v0", {}),
+    ("pd", "SpatialFlexArm-v0", {"observation": "measured"}),
+    ("lqr", "SpatialFlexArm-v0", {}),
+    ("lqg", "SpatialFlexArm-v0", IN_SPACE),
 ]
 ELBOWS = {("lqr", 3): [(-1.1, -0.9), (-0.8, -0.6)], ("lqg", 2): [(0.3, 1.3)]}
 """Angles that gains are held for, where it is not all of them."""
@@ -68,7 +75,8 @@ def test_c_acts_as_python_does(name: str, env_id: str, kwargs: dict[str, Any], t
     own = control.make(name, env)
     slew = float(np.float32(0.9)) if name == "time_optimal" else None
     targets = TARGETS if own.setup.arm.spatial else None
-    source = controller_source(own, "it", slew, ELBOWS.get((name, own.setup.n_joints)), targets)
+    elbows = None if targets else ELBOWS.get((name, own.setup.n_joints))
+    source = controller_source(own, "it", slew, elbows, targets)
     assert not re.search(r"\b(malloc|main)\b", source)
     library, memory = compiled(tmp_path, source), ctypes.create_string_buffer(4096)
     joints, scales = own.setup.n_joints, np.array(own.setup.scales)
@@ -109,7 +117,12 @@ def test_what_cannot_leave_is_a_sentence() -> None:
     pd = control.make("pd", gym.make("MultiLinkFlexArm-v0"))
     refuses("must be left out: gains of PD", lambda: controller_source(pd, "it", elbows=[(0.0, 1.0), (0.0, 1.0)]))
     refuses("must be left out but of an arm in space", lambda: controller_source(pd, "it", targets=TARGETS))
-    space = control.make("pd", gym.make("SpatialFlexArm-v0"))
+    env = gym.make("SpatialFlexArm-v0")
+    refuses("'SpatialShapedPD': must be PD,", lambda: controller_source(control.make("zv", env), "it", targets=TARGETS))
+    lqr = control.make("lqr", env)
+    refuses("elbows = .*: must be left out: gains in space", lambda: controller_source(lqr, "it", elbows=[(0.0, 1.0)]))
+    refuses("targets = None: must be points", lambda: controller_source(lqr, "it"))
+    space = control.make("pd", env)
     refuses("targets = None: must be points", lambda: controller_source(space, "it"))
     refuses(
         "targets.0. = .*: must be where the tip can rest", lambda: controller_source(space, "it", targets=[(9, 9, 9)])

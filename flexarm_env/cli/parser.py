@@ -379,7 +379,7 @@ def build_parser() -> Parser:
     export.add_argument("--slew", type=float, metavar="RAD", help="of time_optimal: the slew that is planned")
     what = "angles of each elbow that a controller's gains are held for, rad"
     export.add_argument("--elbows", metavar="LOW:HIGH[,...]", help=what)
-    export.add_argument("--targets", metavar="X:Y:Z[,...]", help="of pd in space: points whose rests are held, m")
+    export.add_argument("--targets", metavar="X:Y:Z[,...]", help="in space: points whose rests a controller holds, m")
 
     compile_ = add("compile", "compile beforehand what is used first", COMPILE, "compile", "")
     compile_.add_argument("--all", action="store_true", help="every formulation, not the default ones alone")

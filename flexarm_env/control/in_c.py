@@ -23,13 +23,14 @@ from ..rigid import link_inertia
 from .arm_model import GRID, postures
 from .base import Controller
 from .export import c_array, c_comment, c_named, c_part
-from .lqg import LEARNING, LQG, SHARP
+from .lqg import LEARNING, LQG, SHARP, Design
 from .lqg import design as lqg_design
 from .lqr import LQR
 from .lqr import design as lqr_design
 from .pd import PD
 from .shaping import ShapedPD, closed_loop_shaper
-from .space_pd import NEAR, SpatialPD
+from .space_lqg import FARTHEST, SpatialLQG, SpatialLQR, plant
+from .space_pd import NEAR, AboutRest, SpatialPD
 from .time_optimal import TimeOptimal, plan, rigid_time
 
 Array = NDArray[np.float64]
@@ -62,27 +63,30 @@ def controller_source(
     """
     kind = type(controller)
     if kind not in _BODIES:
-        known = "must be PD, SpatialPD, ShapedPD, LQR, LQG or TimeOptimal"
+        known = "must be PD, ShapedPD, LQR, LQG or TimeOptimal, or in space SpatialPD, SpatialLQR or SpatialLQG"
         raise check.InvalidValue("controller", kind.__name__, known)
     setup, read = controller.setup, controller.read
     many, aimed = setup.n_joints > 1, read.aimed
-    plain, space = kind in (PD, SpatialPD), kind is SpatialPD
+    plain, space = kind in (PD, SpatialPD), isinstance(controller, AboutRest)
     if not space and targets is not None:
         raise check.InvalidValue("targets", targets, "must be left out but of an arm in space")
-    held = [] if plain else _postures(controller, elbows)
-    if plain and elbows is not None:
-        raise check.InvalidValue("elbows", elbows, "must be left out: gains of PD are the same in all postures")
+    if (plain or space) and elbows is not None:
+        what = "gains in space are those at the targets" if space else "gains of PD are the same in all postures"
+        raise check.InvalidValue("elbows", elbows, f"must be left out: {what}")
+    held = [] if plain or space else _postures(controller, elbows)
     arrays, sizes = _in_space(controller, targets) if space else _numbers(controller, slew, held)
     places = {"SINES": read._sin, "COSINES": read._cos, "RATES": read._rates, "GAUGES": read._gauges}
     places |= {"BENDS": read._bends, "BEND_RATES": read._bend_rates, "ERRORS": read._goals if aimed else read._error}
     declared = {"JOINTS": setup.n_joints, "ENTRIES": len(setup.names), "HISTORY": setup.history, **sizes}
     pointed = many and not aimed
-    parts = [] if plain else ["times"]
-    parts += ["rigid"] if kind is ShapedPD or (pointed and setup.n_joints == 2) else []
+    parts = [] if plain or space else ["times"]
+    parts += ["rigid"] if kind is ShapedPD or (pointed and not space and setup.n_joints == 2) else []
     if not space:
         parts += ["aim_joints" if aimed else "aim_point" if many else "aim_tip", *(["posture"] if held else [])]
     texts = [c_part("memory").replace("FIELDS", _FIELDS[kind]), *map(c_part, (*parts, *_BODIES[kind], "act"))]
     body = "\n".join(texts).replace("GAUGED", _GAUGED if read._gauges else "").replace("SHARP", repr(SHARP))
+    body = body.replace("TOLD", c_part("told_joints" if aimed else "told_way").strip())
+    body = body.replace("SEEN", _BENDS if kind is SpatialLQR else _CURVATURES if read._gauges else "")
     body = body.replace("GOAL", c_part("goal_two" if setup.n_joints == 2 else "goal_many"))
     numbers = [_array(word, values) for word, values in arrays.items() if re.search(rf"(NAME_|OF\(){word}\b", body)]
     numbers += [_places(word, values) for word, values in places.items() if f"NAME_{word.lower()}[" in body]
@@ -119,10 +123,8 @@ def _postures(own: Controller, elbows: Pairs | None) -> Held:
 
 def _in_space(own: Controller, targets: Points | None) -> tuple[dict[str, Any], dict[str, Any]]:
     """The rigid arm's bodies and axes, the law's numbers, the rests at the targets; and their sizes."""
-    assert isinstance(own, SpatialPD)
-    arm, gains, N = own.setup.arm, own.gains, own.setup.n_joints
-    if own.read.aimed:
-        raise check.InvalidValue("observation", "measured", "must tell the way to the target (to_target_x, ...)")
+    assert isinstance(own, AboutRest)
+    arm, N = own.setup.arm, own.setup.n_joints
     points = check.sequence("targets", () if targets is None else targets, "points (x, y, z), m, of the tip")
     if not points:
         raise check.InvalidValue("targets", targets, "must be points (x, y, z), m, whose static rests the file holds")
@@ -141,10 +143,30 @@ def _in_space(own: Controller, targets: Points | None) -> tuple[dict[str, Any], 
         "rotor": [arm.joint(k).rotor for k in range(N)],
         "carrier": [float(k) for k, _ in parts], "mass": [part.mass for _, part in parts],
         "centre_of": [part.centre for _, part in parts], "tensor": [part.inertia for _, part in parts],
-        "gravity": own.gravity, "filter": [own.passed, gains.rate**2, 2.0 * gains.ratio * gains.rate],
-        "target": where, "rest": angles, "rest_torque": torques,
+        "gravity": own.gravity, "target": where, "rest": angles, "rest_torque": torques,
     }  # fmt: skip
-    return found, {"TARGETS": len(points), "BODIES": len(parts)}
+    sizes: dict[str, Any] = {"TARGETS": len(points), "BODIES": len(parts)}
+    if isinstance(own, SpatialPD):
+        gains = own.gains
+        found["filter"] = [own.passed, gains.rate**2, 2.0 * gains.ratio * gains.rate]
+    if isinstance(own, SpatialLQG):
+        plants = [plant(own.setup, own.gravity, angle) for angle in angles]
+        designs = [own.design(one) for one, _ in plants]
+        still = np.array([own.resting(y) for _, y in plants])
+        if type(own) is SpatialLQG:
+            still[:, N:] += own.centres
+        more, sizes_of = _filters(own, designs)
+        found |= more | {"still": still, "pull": np.stack([d.K @ d.rigid for d in designs])}
+        sizes |= sizes_of | {"FARTHEST": FARTHEST, "BENT": len(own.read._bends)}
+    return found, sizes
+
+
+def _filters(own: LQG, filters: Sequence[Design]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Tables of the designs, one after the other, and their sizes."""
+    found: dict[str, Any] = {word: np.stack([getattr(e, word) for e in filters]) for word in (*"ABCKL", "rigid")}
+    found |= {"by_state": np.stack([e.stopping @ e.A for e in filters]), "coulomb": own.friction}
+    found |= {"by_torque": np.stack([e.stopping @ e.B for e in filters])}
+    return found, {"STATES": len(filters[0].A), "OUTPUTS": len(filters[0].C), "LEARNING": LEARNING}
 
 
 def _numbers(own: Controller, slew: float | None, held: Held) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -183,10 +205,9 @@ def _numbers(own: Controller, slew: float | None, held: Held) -> tuple[dict[str,
         sizes["PERIODS"] = known.periods
     if isinstance(own, LQG):
         filters = [lqg_design(setup, own.gains, posture) for posture in held]
-        found |= {word: np.stack([getattr(e, word) for e in filters]) for word in (*"ABCKL", "rigid")}
-        found |= {"by_state": np.stack([e.stopping @ e.A for e in filters]), "centre": own.centres}
-        found |= {"by_torque": np.stack([e.stopping @ e.B for e in filters]), "coulomb": own.friction}
-        sizes |= {"STATES": len(filters[0].A), "OUTPUTS": len(filters[0].C), "LEARNING": LEARNING}
+        more, sizes_of = _filters(own, filters)
+        found |= more | {"centre": own.centres}
+        sizes |= sizes_of
     return found, sizes
 
 
@@ -216,7 +237,7 @@ def _head(own: Controller, slew: float | None, held: Held) -> str:
         ),
         *(
             ["It holds static rests at the points NAME_target (m); another target is taken for the nearest of them."]
-            if isinstance(own, SpatialPD)
+            if isinstance(own, AboutRest)
             else []
         ),
         f"Actions lie in [-1, 1]: the joints' torques over {limits} N m. A control period is {setup.control_dt:g} s.",
@@ -239,15 +260,26 @@ _GAUGED = (
     "y[i] = v[NAME_gauges[i - UPPER_JOINTS]] - NAME_centre[i - UPPER_JOINTS];"
 )
 
+_CURVATURES = "for (int i = UPPER_JOINTS; i < UPPER_OUTPUTS; i++) y[i] = v[NAME_gauges[i - UPPER_JOINTS]];"
+_BENDS = """for (int i = 0; i < UPPER_JOINTS; i++) y[UPPER_JOINTS + i] = v[NAME_rates[i]];
+    for (int i = 0; i < UPPER_BENT; i++) {
+        y[2 * UPPER_JOINTS + i] = v[NAME_bends[i]];
+        y[2 * UPPER_JOINTS + UPPER_BENT + i] = v[NAME_bend_rates[i]];
+    }"""
+_KEPT = "    double x[UPPER_STATES], torque[UPPER_JOINTS], held[UPPER_JOINTS];\n"
+
 _FIELDS: Mapping[type[Controller], str] = {
     PD: "", SpatialPD: "    double rate[UPPER_JOINTS], torque[UPPER_JOINTS], inertia[UPPER_JOINTS];\n",
     ShapedPD: "    double move[UPPER_JOINTS], period;\n", LQR: "    double x[UPPER_STATES];\n",
     TimeOptimal: "    double x[UPPER_STATES], sign;\n", LQG: "    double x[UPPER_STATES];\n",
+    SpatialLQR: _KEPT, SpatialLQG: _KEPT,
 }  # fmt: skip
 
 _BODIES: Mapping[type[Controller], tuple[str, ...]] = {
-    PD: ("pd",), SpatialPD: ("space",), ShapedPD: ("coriolis", "shaped"), LQR: ("observer", "outputs", "lqr"),
-    TimeOptimal: ("observer", "outputs", "planned"), LQG: ("observer", "lqg"),
+    PD: ("pd",), SpatialPD: ("space", "space_pd"),
+    ShapedPD: ("coriolis", "shaped"), LQR: ("observer", "outputs", "lqr"),
+    TimeOptimal: ("observer", "outputs", "planned"), LQG: ("observer", "friction", "lqg"),
+    **dict.fromkeys((SpatialLQR, SpatialLQG), ("times", "space", "observer", "friction", "space_lqg")),
 }  # fmt: skip
 """Of each class: what it does at the start of an episode, in a period, and with the torque that was applied."""
 

@@ -78,15 +78,13 @@ static void NAME_aim(NAME_memory *m, const double *v)
     int nearest = 0;
     for (int k = 0; k < UPPER_JOINTS; k++) m->angle[k] = atan2(v[NAME_sines[k]], v[NAME_cosines[k]]);
     NAME_stand(m->angle, &p);
-    for (int i = 0; i < 3; i++) {
-        target[i] = p.tip[i];
-        for (int j = 0; j < 3; j++) target[i] += p.link[0][3 * i + j] * v[NAME_errors[j]];
-    }
+    TOLD
     for (int t = 0; t < UPPER_TARGETS; t++) {
         double off = 0.0;
         for (int i = 0; i < 3; i++) off += (NAME_target[3 * t + i] - target[i]) * (NAME_target[3 * t + i] - target[i]);
         if (off < least) least = off, nearest = t;
     }
+    m->posture = nearest;
     for (int k = 0; k < UPPER_JOINTS; k++) {
         m->goal[k] = NAME_rest[UPPER_JOINTS * nearest + k];
         m->torque[k] = NAME_rest_torque[UPPER_JOINTS * nearest + k];
@@ -100,25 +98,3 @@ static void NAME_to_go(NAME_memory *m, const double *v, double *to_go)
         to_go[k] = m->goal[k] - m->angle[k];
     }
 }
-
-static void NAME_begin(NAME_memory *m, const double *v, const double *to_go)
-{
-    double weight[UPPER_JOINTS];
-    (void)to_go;
-    NAME_hold(m->goal, weight, m->inertia);
-    for (int k = 0; k < UPPER_JOINTS; k++) m->torque[k] -= weight[k], m->rate[k] = v[NAME_rates[k]];
-}
-
-static void NAME_torques(NAME_memory *m, const double *v, const double *to_go, double *torque)
-{
-    double angle[UPPER_JOINTS], about[UPPER_JOINTS];
-    for (int k = 0; k < UPPER_JOINTS; k++) angle[k] = m->goal[k] - to_go[k];
-    NAME_hold(angle, torque, about);
-    for (int k = 0; k < UPPER_JOINTS; k++) {
-        const double way = to_go[k] > 1.0 ? 1.0 : to_go[k] < -1.0 ? -1.0 : to_go[k];
-        m->rate[k] += NAME_filter[0] * (v[NAME_rates[k]] - m->rate[k]);
-        torque[k] += m->torque[k] + m->inertia[k] * (NAME_filter[1] * way - NAME_filter[2] * m->rate[k]);
-    }
-}
-
-static void NAME_predict(NAME_memory *m, const double *torque) { (void)m; (void)torque; }
