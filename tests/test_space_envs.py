@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from typing import Any
 
@@ -293,11 +294,56 @@ def test_features_carry_over() -> None:
     assert np.linalg.norm(info["push"], axis=1) == pytest.approx([0.2] * 3)
 
 
+def test_strains_of_both_bendings_cost_beyond_a_limit() -> None:
+    """Told by gauges at the stations; strips of 50 mm by 2 mm."""
+    spots = [(k, place, what) for k in (1, 2) for place in (0.0, 0.25, 0.5, 0.75) for what in ("xy", "xz")]
+    gauges = [{"link": k, "place": place, "measures": what} for k, place, what in spots]
+    names = [f"strain_gauge_{k + 1}" for k in range(len(gauges))]
+    half = {"xy": 0.001, "xz": 0.025} if ARM.links[1].section.J < 1e-4 else {"xy": 0.025, "xz": 0.001}
+    limits, strains = [1.0], list[float]()
+    for limit in limits:  # beyond none; then between those that there were
+        env: Any = gym.make(
+            "SpatialFlexArm-v0", observation=names, sensors={"strain_gauges": gauges}, cost={"strain": limit}, **COARSE
+        )
+        env.reset(seed=1, options={"start": (0.2, 0.7, -0.4)})
+        scales, total = np.array(env.unwrapped.plan.scales), 0.0
+        for k in range(40):
+            read, *_, info = env.step(np.array([math.sin(k / 3), 0.3 * math.cos(k / 5), 0.1], np.float32))
+            bent = np.abs(read * scales) * [half[what] for *_, what in spots]
+            strain = float(bent.reshape(-1, 2).sum(axis=1).max())
+            assert info["cost"] == float(strain > limit), k
+            total += info["cost"]
+            assert info["episode_cost"] == total
+            if limit == 1.0:
+                strains.append(strain)
+        if limit == 1.0:
+            assert total == 0.0
+            limits += [0.5 * (one + other) for one, other in itertools.pairwise(sorted(strains)[10:31:10])]
+        else:
+            assert 0.0 < total < 40.0
+
+
+@pytest.mark.slow
+def test_strain_at_rest_is_that_of_the_weight() -> None:
+    """The moments at the roots of the strips are the torques that hold the joints: M h / (2 EI)."""
+    section, costs, strain = ARM.links[1].section, [], 1.0
+    for share in (1.0, 0.8, 1.2):
+        env: Any = gym.make("SpatialFlexArm-v0", cost={"strain": share * strain})
+        controller = control.make("pd", env)
+        seen, _ = env.reset(seed=0, options={"target": (0.6, 0.2, 0.4)})
+        controller.reset(seen)
+        for _ in range(400):
+            seen, *_, info = env.step(controller.act(seen))
+        costs.append(info["cost"])
+        strain = float(np.abs(info["joint_torque"][1:]).max() * 0.001 / min(section.EI, section.EI_y))
+    assert costs == [0.0, 1.0, 0.0]
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         ({"motion": "spin_up"}, "motion = 'spin_up': must be given with task=\"replay\" only"),
-        ({"cost": {"strain": 0.1}}, "cost.strain = 0.1: must be left out"),
+        ({"cost": {"strain": 0.0}}, "cost.strain = 0.0: must be a positive number"),
         ({"cost": {"deflection": (0.1, 0.1)}}, "cost.deflection = (0.1, 0.1): must be a sequence of 3"),
         ({"payload_change": {"time": (1, 2), "factor": (1, 2)}}, "arm.payload.mass = 0.0: must be positive"),
         ({"initial_vibration": 0.6}, "initial_vibration = 0.6"),
@@ -320,7 +366,7 @@ def test_what_is_not_there_is_refused_by_name(arguments: dict[str, Any], words: 
 def test_what_is_built_upon_environments_refuses_them() -> None:
     env = gym.make("SpatialFlexArm-v0", **COARSE)
     for make, words in (
-        (lambda: control.make("mpc", env), "controller = 'mpc': must be one of \"pd\", \"zv\", \"zvd\", \"lqr\""),
+        (lambda: control.make("mpc", env), 'controller = \'mpc\': must be one of "pd", "zv", "zvd", "lqr"'),
     ):
         env.reset(seed=0)
         with pytest.raises(ValueError) as caught:

@@ -14,6 +14,7 @@ from .. import validation as check
 from ..batch import FURTHER, Cost, Extras, KeepOut, PayloadChange, Pushes, Starts, gauge_table, packed
 from ..control.space import chain_of
 from ..parameters import Arm
+from ..physics.gauges import over
 from ..rigid import reach
 from ..sensors import surface
 from ..shapes import Shape, shape_of
@@ -44,26 +45,30 @@ def cost(frame: Frame, given: Any) -> Cost | None:
     if "deflection" in table:
         limits = for_each("cost.deflection", table["deflection"], frame.arm.n_links, above=0.0)
     if "strain" in table:
-        if frame.kind.space:
-            what = "must be left out: it is not there in space (docs: environments in space)"
-            raise check.InvalidValue("cost.strain", table["strain"], what)
-        limit = check.number("cost.strain", table["strain"], above=0.0)
-        rows = (_strains(frame) / limit).ravel()
+        rows = _strains(frame, check.number("cost.strain", table["strain"], above=0.0)).ravel()
     return Cost(deflection=limits, strain=rows)
 
 
-def _strains(frame: Frame) -> Array:
-    """(4 N, n): strain of the surface at the stations of each link, from the state."""
-    places = [(k, place) for k in range(frame.arm.n_links) for place in STATIONS]
+def _strains(frame: Frame, limit: float) -> Array:
+    """Rows for strain of the surface at the stations of each link over the limit, (4 N, n); in space of each link that
+    bends two a station, of bending in the x-y plane and in the x-z plane."""
+    space = frame.kind.space
+    planes = ("xy", "xz") if space else ("xy",)
+    bending = [k for k, link in enumerate(frame.arm.links) if not link.rigid]
+    places = [(k, place, plane) for k in bending for place in STATIONS for plane in planes]
     distances = []
-    for k, place in places:
+    for k, place, plane in places:
         link = frame.arm.links[k]
-        there = link.along(place * link.length)
-        if float(there.J) <= 0.0:
+        s, name = np.array(place * link.length), "J" if plane == "xy" else "J_y"
+        m, J = float(link.along(s).m), float(link.along(s).J if plane == "xy" else link.across(s)[name])
+        if J <= 0.0:
             what = "must be given (kg m) for cost.strain: with m it tells how thick the link is"
-            raise check.InvalidValue(f"arm.links[{k}].section.J", float(there.J), what)
-        distances.append(surface(float(there.m), float(there.J)))
-    return np.asarray(gauge_table(frame.arm, frame.settings, frame.gravity, places) * np.array(distances)[:, None])
+            raise check.InvalidValue(f"arm.links[{k}].section.{name}", J, what)
+        distances.append(surface(m, J))
+    table = gauge_table(frame.arm, frame.settings, frame.gravity, places)
+    if space:
+        return over(table, limit / np.array(distances), True)
+    return np.asarray(table * np.array(distances)[:, None] / limit)
 
 
 def shapes_of(space: bool, given: Any) -> tuple[Shape, ...]:

@@ -109,8 +109,10 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     As in TwoLinkFlexArm-v0, with `tip_position` (3,) and `target` (3,) m, `joint_torque` (N,) N m, `tip_deflection`
     (2 N,) over length, of all links along y, then along z, and `twist` (N,) rad; those of rigid links are 0. With
     `keep_out` also `clearance` and `penetration`, m, `cost` and `episode_cost`, as in FlexibleArm-v0; looked at are
-    five points of each element, on the cubic between its ends, and of a rigid link. `cost` has limits on `deflection`
-    alone, of all links or one each: the size of (y, z), over length.
+    five points of each element, on the cubic between its ends, and of a rigid link. `cost` has limits on
+    `deflection`, of all links or one each (the size of (y, z), over length), and on `strain`: of the surface at 0, 1/4,
+    1/2 and 3/4 along each link that bends, at the corner of the rectangle that m, J and J_y tell, where the strains of
+    both bendings add up.
 
     ## Arguments and options
 

@@ -13,7 +13,7 @@ from ..compiler import absolute, arms, kernel, load, maximum, place, select_lt, 
 from ..physics.arithmetic import put
 from ..physics.integrator.impact import change_payload
 from ..physics.model import OK, PAYLOAD_INERTIA, PAYLOAD_MASS
-from ..physics.protocol import weighted_sum
+from ..physics.protocol import gauge
 from ..tasks.program import CHANGE, COST, FURTHER, PERIODS, PUSH, PUSHED
 from ..tasks.stream import draw, uniform
 from ..tasks.task import info_of, put_info
@@ -107,7 +107,7 @@ def record_events(lane, p, par, record, w, live, info):
     """Cost, payload and push of the period into info; the episode's cost grows."""
     if size(p.task.further) > 0:
         at, first = info_of(p.task).further, size(p.task.links)
-        passed = _cost(lane, p.task, p.cost, size(p.model.n), w.q, info)
+        passed = _cost(lane, p, w.q, info)
         if p.keep_out is not None:
             passed = select_lt(load(lane, info, at + FURTHER.clearance), p.keep_out.margin, splat(lane, 1.0), passed)
         cost = select_lt(0.5, live, passed, splat(lane, 0.0))
@@ -122,9 +122,9 @@ def record_events(lane, p, par, record, w, live, info):
 
 
 @kernel
-def _cost(lane, task, cost, n, q, info):
+def _cost(lane, p, q, info):
     """1 where a limit is passed, by a link's tip deflection or by the strain at a station; 0 elsewhere."""
-    most = splat(lane, 0.0)
+    most, task, cost = splat(lane, 0.0), p.task, p.cost
     if cost is not None:
         if cost.deflection is not None:
             at, links = info_of(task).deflection, size(task.links)
@@ -135,6 +135,10 @@ def _cost(lane, task, cost, n, q, info):
                     bend = square_root(bend * bend + across * across)
                 most = maximum(most, bend / cost.deflection[k])
         if cost.strain is not None:
-            for g in range(cost.strain.shape[0] // n):
-                most = maximum(most, absolute(weighted_sum(lane, q, cost.strain[g * n : (g + 1) * n])))
+            n, planes = size(p.model.n), 1 + size(task.targets) // 3
+            for g in range(0, cost.strain.shape[0] // n, planes):
+                bent = absolute(gauge(lane, p.model, q, cost.strain[g * n : (g + 1) * n]))
+                if planes == 2:  # where both bendings add up
+                    bent = bent + absolute(gauge(lane, p.model, q, cost.strain[(g + 1) * n : (g + 2) * n]))
+                most = maximum(most, bent)
     return select_lt(1.0, most, splat(lane, 1.0), splat(lane, 0.0))

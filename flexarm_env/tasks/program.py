@@ -358,7 +358,7 @@ class Cost(NamedTuple):
     """What it costs to go beyond limits; None: no such limit."""
 
     deflection: np.ndarray | None  # (N,): of each link's tip, over its length
-    strain: np.ndarray | None  # (G, n): strain at the stations from the state, over the limit
+    strain: np.ndarray | None  # (G, n): of `protocol.gauge`, strain at the stations over the limit; in space two each
 
 
 class Pushes(NamedTuple):
