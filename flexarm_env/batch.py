@@ -229,7 +229,7 @@ class Batch:
 
     def _ranges(self) -> Ranges:
         starts = self.starts
-        still = None if self.arm.spatial else np.zeros(3 * len(self.system.q0))
+        still = None if self.pose is None else np.zeros(self.pose.size)
         ranges = {name: np.array(getattr(starts, name), np.float64).ravel() for name in ("start", "target", "factors")}
         return Ranges(
             pose=None if self.pose is None else self.pose.ravel(), nominal=self.system.par.copy(),

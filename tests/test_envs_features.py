@@ -374,6 +374,25 @@ def test_initial_vibration_has_the_amplitude_asked_for() -> None:
     assert min(sizes) < 0.01
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("start", [(0.7, 0.0), (0.4, 1.2)])
+def test_initial_vibration_is_the_same_under_every_formulation(start: tuple[float, float]) -> None:
+    """At any hub and elbow: no link is stretched, whatever coordinates it has, so that energies are the elastica's."""
+    found = []
+    for options in (
+        {}, {"formulation": "geometrically_exact"}, {"formulation": "geometrically_exact", "order": 1, "elements": 8},
+        {"formulation": "floating_frame"}, {"formulation": "floating_frame", "multipliers": True},
+    ):  # fmt: skip
+        env = gym.make(TWO, initial_vibration=0.05, info_level="full", **options)
+        infos = [env.reset(seed=0, options={"start": start, "vibration": 0.05})[1]]
+        infos += [env.step(np.zeros(2, np.float32))[-1] for _ in range(4)]
+        names = ("energy_kinetic", "energy_strain", "energy_dissipated")
+        found.append(np.array([[info[name] for name in names] for info in infos]))
+        assert found[-1].sum(axis=1) == pytest.approx(found[-1][0, 0], rel=2e-3)
+    for one in found[1:]:
+        assert one == pytest.approx(found[0], abs=0.01 * found[0].max())
+
+
 def test_gravity_bends_a_hanging_arm() -> None:
     env = make(gravity=(0.0, -9.81))
     env.reset(seed=0, options={"start": 0.0})

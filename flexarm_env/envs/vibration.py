@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..batch import standing_scene
 from ..parameters import Arm
+from ..physics import assembly
 from ..physics.layout import ROOT, ROOT_RATES, TIP, TIP_RATES
 from ..physics.space.layout import AXES, E
 from ..physics.space.reading import Frame, LinkMotion, links
@@ -22,31 +23,44 @@ Array = NDArray[np.float64]
 
 
 def shake(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) -> Array:
-    """Rates that set an arm vibrating in its first mode, at any hub angle alpha_0: the (n, 3) matrix S of
-    v = S (1, cos alpha_0, sin alpha_0) for the straight arm.
+    """Rates that set an arm vibrating in its first mode, of straight links at any absolute angles alpha_k: the
+    (n, 1 + 3 N) matrix S of v = S (1, alpha_k, cos alpha_k, sin alpha_k). The first link's tip will deflect, undamped
+    and to first order, by its length.
 
-    They are scaled so that the tip of the first link will deflect, undamped and to first order, by its length.
+    Angles have the rates of the mode of the straight arm. So have tips, and what is within a link, against its root,
+    along axes that turn with it.
     """
-    east = _rates(arm, settings, gravity, 0.0)
-    north = _rates(arm, settings, gravity, math.pi / 2)
-    # rows that turn with the arm (positions) change sign with half a turn; the others (angles) stay as they are
-    west = _rates(arm, settings, gravity, math.pi)
-    turning = np.abs(east + west) <= 1e-9 * np.abs(east).max()
-    zero = np.zeros_like(east)
-    turned, still = np.column_stack([zero, east, north]), np.column_stack([east, zero, zero])
-    return np.ascontiguousarray(np.where(turning[:, None], turned, still))
+    assert settings.dt is not None
+    count = arm.n_links
+    simulation = Simulation(standing_scene(arm, settings.dt, gravity, (0.0,) * count), settings)
+    rates, poses = _rates(simulation)
+    names, pose = simulation.system.names, assembly.pose_table(arm, settings, gravity)
+    own = np.zeros_like(pose)
+    own[:, 0] = rates
+    slips = (poses[:, TIP_RATES] - poses[:, ROOT_RATES])[:, :2]  # of each link's tip, against its root
+    for i, name in enumerate(names):
+        if ".x" not in name:
+            continue
+        j = names.index(name.replace(".x", ".y"))
+        reaches = np.flatnonzero(pose[i, 1 + count : 1 + 2 * count])  # links whose roots it is beyond
+        last = reaches[-1] if reaches.size else int(name[4 : name.index(".")])  # none: off the line between nodes
+        parts = [(k, slips[k]) for k in reaches[:-1]]
+        within = rates[[i, j]] - sum((slip for _, slip in parts), np.zeros(2))
+        own[[i, j]] = 0.0
+        for k, (x, y) in (*parts, (last, within)):
+            turning = [1 + count + k, 1 + 2 * count + k]
+            own[i, turning], own[j, turning] = (x, -y), (y, x)
+    return own
 
 
-def _rates(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None, angle: float) -> Array:
-    """The mode's rates with the straight arm at an angle; the first link deflects to the left first."""
+def _rates(simulation: Simulation) -> tuple[Array, Array]:
+    """The first mode's rates (n,), of the straight arm, and its links' poses; the first link deflects to the left."""
     from scipy.linalg import eigh
 
     from ..linear.equations import Equations
     from ..linear.period import point_of
 
-    assert settings.dt is not None
-    simulation = Simulation(standing_scene(arm, settings.dt, gravity, (angle,) * arm.n_links), settings)
-    equations = Equations(simulation)
+    arm, equations = simulation.scene.arm, Equations(simulation)
     reduced = equations.reduced(point_of(simulation.work))
     squares, vectors = eigh(0.5 * (reduced.K + reduced.K.T), 0.5 * (reduced.M + reduced.M.T))
     first = arm.n_links  # after the rigid turns of the joints
@@ -59,7 +73,8 @@ def _rates(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None, angl
     for where, rates_of in ((ROOT, ROOT_RATES), (TIP, TIP_RATES)):
         moved[:, where] = poses[:, where] + step * poses[:, rates_of]
     deflection = (link_deflection(moved)[0] - link_deflection(poses)[0]) / step
-    return np.asarray(rates / deflection * arm.links[0].span * math.sqrt(squares[first]))
+    simulation.work.v[:] = rates / deflection * arm.links[0].span * math.sqrt(squares[first])
+    return simulation.work.v.copy(), simulation.observe()[0]
 
 
 def swing(arm: Arm, settings: Settings) -> Array:

@@ -19,7 +19,6 @@ from ..tasks.program import (
     MODE,
     PARAMETERS,
     PERIODS_ALLOWED,
-    SHAKE,
     START,
     TARGET,
     TORQUE_FACTOR,
@@ -37,7 +36,6 @@ from .keep_out import record_clearance
 from .motors import draw_lateness
 from .sensors import write_observation
 
-_SHAKE = SHAKE.places
 _MODES = 3
 """Of an initial vibration in space: bending along y, along z, torsion."""
 _FACTORS = FURTHER.clearance - FURTHER.drawn
@@ -163,18 +161,17 @@ def _given(requested, drawn):
 def _place(lanes, i, pose, shake, n_joints, own, rows, q, v, a, b):
     """Arm in lane i: straight links at their joint angles, at rest but for the initial vibration."""
     at = start_at(0, n_joints)
-    first, vibration = own[at.angles], own[at.vibration]
-    cosine, sine = math.cos(first), math.sin(first)
+    vibration = own[at.vibration]
     length = basis_at(0, n_joints).end
     for row in range(rows):
-        by, o = basis_at(row * length, n_joints), _SHAKE.end * row
-        alpha, value = 0.0, pose[by.one]
+        by = basis_at(row * length, n_joints)
+        alpha, value, rate = 0.0, pose[by.one], shake[by.one]
         for k in range(n_joints):
             alpha += own[at.angles + k]
             value += pose[by.angles + k] * alpha
             value += pose[by.cosines + k] * math.cos(alpha) + pose[by.sines + k] * math.sin(alpha)
+            rate += shake[by.cosines + k] * math.cos(alpha) + shake[by.sines + k] * math.sin(alpha)
         q[row * lanes + i] = value
-        rate = shake[o + _SHAKE.one] + shake[o + _SHAKE.cosine] * cosine + shake[o + _SHAKE.sine] * sine
         v[row * lanes + i] = rate * vibration
         a[row * lanes + i], b[row * lanes + i] = 0.0, 0.0
 

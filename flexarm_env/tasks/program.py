@@ -108,15 +108,7 @@ BASIS = Layout(
     Field("angles", ("joints",), "rad", "absolute angles of the links"),
     Field("cosines", ("joints",), "", "of these"), Field("sines", ("joints",), "", ""),
 )  # fmt: skip
-"""What coordinates of straight links are linear in: columns of `Ranges.pose`."""
-
-SHAKE = Layout(
-    "Shake", "",
-    Field("one", (), "1/s", "always"),
-    Field("cosine", (), "1/s", "times that of the hub's angle"),
-    Field("sine", (), "1/s", "likewise"),
-)  # fmt: skip
-"""Velocity of a coordinate for a unit of initial vibration: columns of `Ranges.shake` in the plane."""
+"""What coordinates of straight links, and their velocities, are linear in: columns of `Ranges.pose` and `shake`."""
 
 MOVING = Layout(
     "Moving", "",
@@ -270,7 +262,7 @@ class Ranges(NamedTuple):
     """What a fresh start is drawn from, uniformly; tables by rows, ranges (low, high). N links, n rows of the state."""
 
     pose: np.ndarray | None  # (n, 1 + 3 N): q = pose times a `BASIS`; None: `protocol.stand` says, in space
-    shake: np.ndarray | None  # (n, 3): a `SHAKE` for each row; in space (n + 2, 3): see `envs.vibration.swing`; or None
+    shake: np.ndarray | None  # (n, 1 + 3 N): v likewise, for a vibration of 1; in space `envs.vibration.swing`, or None
     nominal: np.ndarray  # (4,) of par
     start: np.ndarray  # (N, 2) rad, joint angles
     target: np.ndarray  # (2, 2): rad (slew, from the start), or m and rad (reach, polar); in space (N, 2): joint angles
