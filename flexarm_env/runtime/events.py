@@ -107,14 +107,16 @@ def record_events(lane, p, par, record, w, live, info):
     """Cost, payload and push of the period into info; the episode's cost grows."""
     if size(p.task.further) > 0:
         at, first = info_of(p.task).further, size(p.task.links)
-        passed = _cost(lane, p, w.q, info)
-        if p.keep_out is not None:
-            passed = select_lt(load(lane, info, at + FURTHER.clearance), p.keep_out.margin, splat(lane, 1.0), passed)
-        cost = select_lt(0.5, live, passed, splat(lane, 0.0))
-        before = load(lane, record, COST)
-        put(live, record, COST, before + cost, before)
-        store(info, at + FURTHER.cost, cost)
-        put_info(lane, live, info, at + FURTHER.episode_cost, before + cost)
+        if p.cost is not None or p.keep_out is not None:
+            passed = _cost(lane, p, w.q, info)
+            if p.keep_out is not None:
+                close = load(lane, info, at + FURTHER.clearance)
+                passed = select_lt(close, p.keep_out.margin, splat(lane, 1.0), passed)
+            cost = select_lt(0.5, live, passed, splat(lane, 0.0))
+            before = load(lane, record, COST)
+            put(live, record, COST, before + cost, before)
+            store(info, at + FURTHER.cost, cost)
+            put_info(lane, live, info, at + FURTHER.episode_cost, before + cost)
         put_info(lane, live, info, at + FURTHER.payload, load(lane, par, PAYLOAD_MASS))
         if p.pushes is not None:
             for d in range(_axes(p.task)):

@@ -165,12 +165,13 @@ def reach_path_at(task, path, t, out):
 
 
 @kernel
-def reach_turn_in(lane, task, poses, seen, k):
-    """A point or its velocity, turned back by the hub's angle."""
+def reach_turn_in(lane, task, poses, seen, first, end):
+    """Points or their velocities, turned back by the hub's angle."""
     sine, cosine = sincos(load(lane, poses, POSE.angle))
-    x, y = load(lane, seen, k), load(lane, seen, k + 1)
-    store(seen, k, cosine * x + sine * y)
-    store(seen, k + 1, cosine * y - sine * x)
+    for k in range(first, end, 2):
+        x, y = load(lane, seen, k), load(lane, seen, k + 1)
+        store(seen, k, cosine * x + sine * y)
+        store(seen, k + 1, cosine * y - sine * x)
 
 
 _OF_BOTH = {

@@ -120,7 +120,7 @@ def slew_path_at(task, path, t, out):
 
 
 @kernel
-def slew_turn_in(lane, task, poses, seen, k):
+def slew_turn_in(lane, task, poses, seen, first, end):
     """An angle is the same in any frame."""
 
 

@@ -164,11 +164,12 @@ def space_path_at(task, path, t, out):
 
 
 @kernel
-def space_turn_in(lane, task, poses, seen, k):
+def space_turn_in(lane, task, poses, seen, first, end):
     """Into the axes of the root of link 0."""
-    x, y, z = load(lane, seen, k), load(lane, seen, k + 1), load(lane, seen, k + 2)
-    for d in range(3):
-        store(seen, k + d, _in_root(lane, poses, x, y, z, d))
+    for k in range(first, end, 3):
+        x, y, z = load(lane, seen, k), load(lane, seen, k + 1), load(lane, seen, k + 2)
+        for d in range(3):
+            store(seen, k + d, _in_root(lane, poses, x, y, z, d))
 
 
 TASKS.register(

@@ -7,7 +7,7 @@ Everything here is arithmetic on lanes, so that a batch and a single arm give th
     observe(lane, task, poses, record, out)                the scaled observation into the first entries of `out`
     judge(lane, task, poses, action, record, live, info)   success and reward terms into `info`, where `live` > 1/2;
                                                            returns (reward, joint limit passed: 1 or 0)
-    turn_in(lane, task, poses, seen, k)                    entries from k on, a target's numbers in fixed axes, into the
+    turn_in(lane, task, poses, seen, first, end)           these entries, numbers of targets in fixed axes, into the
                                                            frame that turns with the hub
 
 and for one arm, whose `record` is its own (`program.RECORD`):
@@ -71,7 +71,7 @@ pursue = TASKS.function("pursue", "task, record")
 draw_path = TASKS.function("draw_path", "task, stream, arm, start, drawn, path")
 draw_line = TASKS.function("draw_line", "task, stream, arm, start, drawn, path")
 path_at = TASKS.function("path_at", "task, path, t, out")
-turn_in = TASKS.function("turn_in", "lane, task, poses, seen, k")
+turn_in = TASKS.function("turn_in", "lane, task, poses, seen, first, end")
 
 
 @kernel

@@ -66,15 +66,14 @@ def look_ahead(lane, reference, task, period, first, poses, record, seen):
     Points and their rates are given in the frame that turns with the hub. first: at the start of an episode.
     """
     if reference is not None:
-        targets, at = size(task.targets), size(task.entries)
+        at = size(task.entries)
         for k in range(reference.scales.shape[0]):
             store(seen, at + k, splat(lane, 0.0))
         for i in range(arms(lane)):
             _look_ahead(len(lane), reference, task, period, first, record, seen, i)
-        for o in range(0, reference.scales.shape[0], targets):
-            turn_in(lane, task, poses, seen, at + o)
-            for d in range(targets):
-                store(seen, at + o + d, clip(load(lane, seen, at + o + d) / reference.scales[o + d], CLIP))
+        turn_in(lane, task, poses, seen, at, at + reference.scales.shape[0])
+        for k in range(reference.scales.shape[0]):
+            store(seen, at + k, clip(load(lane, seen, at + k) / reference.scales[k], CLIP))
 
 
 @kernel

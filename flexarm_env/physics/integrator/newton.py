@@ -63,12 +63,11 @@ def _first_contraction(lane, trust, increment):
 
 
 @kernel
-def _moved(lane, correction, shift, k, d):
-    """The increment d and, where the period is corrected, the shift of the displacement; and the larger of the two."""
+def _size(lane, correction, shift, k, d):
+    """Of the increment d or, where the period is corrected, of that with the shift of the displacement: the larger."""
     if correction is None:
-        return d, absolute(d)
-    moved = d + load(lane, shift, k)
-    return moved, maximum(absolute(moved), absolute(d))
+        return absolute(d)
+    return maximum(absolute(d + load(lane, shift, k)), absolute(d))
 
 
 @kernel
@@ -100,14 +99,18 @@ def _move(lane, model, w, active, slopes):
     nothing = splat(lane, -0.0)  # x + -0.0 is x to the last bit
     for k in range(size(model.n)):
         d = -load(lane, w.r, k)
-        moved, increment = _moved(lane, model.correction, w.shift, k, d)
+        increment = _size(lane, model.correction, w.shift, k, d)
         largest_of = maximum(increment * model.weight[k], largest_of)
         largest_of = select_lt(increment, np.inf, largest_of, splat(lane, np.nan))
-        d = select_lt(0.5, active, d, nothing)
-        store(w.r, k, select_lt(0.5, active, moved, nothing))
+        store(w.r, k, select_lt(0.5, active, d, nothing))
+    for k in range(size(model.n)):  # a loop of its own: what it needs has room in registers
+        d = load(lane, w.r, k)
         store(w.v, k, load(lane, w.v, k) + d * slopes.v)
         store(w.a, k, load(lane, w.a, k) + d * slopes.a)
         store(w.b, k, load(lane, w.b, k) + d * slopes.b)
+    if model.correction is not None:
+        for k in range(size(model.n)):
+            store(w.r, k, select_lt(0.5, active, load(lane, w.r, k) + load(lane, w.shift, k), nothing))
     update(lane, model, w.q, 1.0, w.r, None)
     return largest_of
 
