@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from multiprocessing import Pool
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -23,17 +24,25 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks import pages
 from benchmarks.machine import DOCS, table
+from flexarm_env.batch import Batch, Extras, Starts
 from flexarm_env.bodies import RigidLink
+from flexarm_env.envs.space import SPACE
 from flexarm_env.parameters import Arm, Elbow, Joint, Link, Payload, Section
+from flexarm_env.physics.space.reading import read
 from flexarm_env.scene import JointTorque, Load, Motion, PointLoad, Scene
+from flexarm_env.settings import Settings
 from flexarm_env.simulation import simulate
-from flexarm_env.time_functions import constant, cycloid, sine, spin_up
+from flexarm_env.tasks.program import PayloadChange
+from flexarm_env.time_functions import constant, cycloid, sine, spin_up, steps
 from tests.oracle_space import Array, SpatialOracle
 
 DURATION, SAMPLE = 0.8, 0.04
 STORED = Path(__file__).with_suffix(".npz")
 STRIP = Section(2.0, 2e6, 7e5, 0.3, 1e-4, 4.0, 7e5, 2e-4, 1.0)
 FAST = 2.0 * math.pi
+TORQUES = (2.0, 0.8, 0.5)
+CHANGE, FACTOR = 10 * SAMPLE, 2.5
+"""When the payload changes, s, and by what factor."""
 
 
 def tensor(*own: float) -> Any:
@@ -62,6 +71,7 @@ class Draft:
     motions: list[Motion] = field(default_factory=list)
     loads: list[Load] = field(default_factory=list)
     joint: dict[str, Any] = field(default_factory=dict)
+    held: bool = False  # as in an environment: torques are held over control periods of SAMPLE, nothing else pushes
 
     def scene(self) -> Scene:
         """The scene: one link of 1 m, or two of 0.6 and 0.4 m, perhaps behind a pillar."""
@@ -88,17 +98,25 @@ class Draft:
             "torque_x": (0.35 * p, 6.0),
             "torque": (0.1 * p, 3.0),
         }
-        loads = [*self.loads, PointLoad(n - 1, "tip", **{name: sine(*of) for name, of in tip.items()})]
+        loads = [*self.loads]
+        if not self.held:
+            loads.append(PointLoad(n - 1, "tip", **{name: sine(*of) for name, of in tip.items()}))
         held = {motion.joint for motion in self.motions} | set(self.rigid)
         if self.root == "pinned":
-            torques = (2.0, 0.8, 0.5)[:n]
-            loads += [JointTorque(k, sine(torque, FAST)) for k, torque in enumerate(torques) if k not in held]
+            torques = [steps(times()[:-1], x) if self.held else None for x in (shares() * TORQUES).T]
+            loads += [JointTorque(k, torques[k] or sine(TORQUES[k], FAST)) for k in range(n) if k not in held]
         angles = (0.2, 0.5, -0.4)[:n]
         return Scene(
             "cell", arm, duration=DURATION, dt=5e-4, sample=SAMPLE, root=self.root, angles=angles, rates=self.rates,
             rigid_joints=self.rigid, motions=tuple(self.motions), loads=tuple(loads), gravity=self.gravity,
             start=self.start, space=True,
         )  # fmt: skip
+
+
+def shares() -> Array:
+    """Of TORQUES in each control period, (periods, joints), as actions are."""
+    wave = np.sin(FAST * times()[:-1, None] + [0.3, 1.0, 2.0])
+    return wave.astype(np.float32).astype(np.float64)
 
 
 def _sets(**values: Any) -> Callable[[Draft], None]:
@@ -169,7 +187,15 @@ JOINT = {"stiffness": 40.0, "damping": 1e-3, "motor_inertia": 2e-4, "gear_ratio"
          "friction_viscous": 1e-12, "friction_coulomb": 1e-12}  # fmt: skip
 """What joints have where one of their features is asked for: they share one compiled form."""
 ENDS = {"root_mass": 0.05, "root_inertia": 1e-4, "tip_mass": 0.04, "tip_inertia": 2e-4}
+
+
+def _control(d: Draft) -> None:
+    _elbow(d)
+    d.held, d.gravity, d.payload = True, (1.0, -4.0, -8.0), Payload(0.1, tensor(3e-4, 5e-4, 7e-4), (0.05, 0.06, -0.08))
+
+
 FEATURES: dict[str, Callable[[Draft], None]] = {
+    "control periods": _control,
     "torques and tip load": _sets(),
     "light damping": _sets(tau_d=2e-4),
     "heavy damping": _sets(tau_d=0.02),
@@ -207,12 +233,14 @@ FEATURES: dict[str, Callable[[Draft], None]] = {
     ),
     "backlash": lambda d: d.joint.update(backlash=0.06, damping=0.02),
     "driven motor": _driven_motor,
+    "gripped": _sets(),
+    "let go": _sets(),
 }
 """In the order in which they are applied."""
-JOINTED = {*list(FEATURES)[list(FEATURES).index("elastic gear") :]}
+JOINTED = {*list(FEATURES)[list(FEATURES).index("elastic gear") : -2]}
 """Those of joints."""
 
-SINGLE = [(name,) for name in FEATURES]
+SINGLE = [(name,) for name in FEATURES if name not in ("control periods", "gripped", "let go")]
 PAIRS = [
     ("elbow", "gravity"), ("elbow", "payload"), ("elbow", "oblique hub"), ("elbow", "heavy damping"),
     ("elbow", "prescribed hub"), ("elbow", "shaken base"), ("elbow", "root load"), ("elbow", "free flight"),
@@ -230,6 +258,16 @@ PAIRS = [
     ("dry friction", "curved"), ("backlash", "gravity"), ("driven motor", "payload"), ("driven motor", "dry friction"),
     ("rigid ends", "held start"), ("curved", "held start"), ("curved", "rest start"), ("payload", "rest start"),
 ]  # fmt: skip
+PERIODS = [
+    ("control periods",),
+    *(("control periods", name) for name in (
+        "heavy damping", "oblique hub", "pillar", "rigid ends", "tapered", "own damping", "soft", "elastic gear",
+        "fast rotor", "viscous friction", "dry friction", "friction of the link", "backlash", "gripped", "let go",
+    )),
+    ("control periods", "pillar", "gripped"),
+    ("control periods", "backlash", "gripped"),
+]  # fmt: skip
+"""Of batches: held torques, gravity, two links and a payload beside the tip in all, which may change."""
 METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "exact": ("geometrically_exact", {"elements": 32, "rho_inf": 0.9}),
     "floating": ("floating_frame", {"segments": 8}),
@@ -263,7 +301,12 @@ def times() -> Array:
 def computed(features: tuple[str, ...], n: int = 6, at: Array | None = None) -> dict[str, Array]:
     """The oracle's run; at: instants, s, instead of those that are compared."""
     oracle = SpatialOracle(scene_of(features), n, soft=not {"soft", "tapered"}.isdisjoint(features))
-    return oracle.run(times() if at is None else at)
+    return oracle.run(times() if at is None else at, changed=_change(features))
+
+
+def _change(features: tuple[str, ...]) -> tuple[float, float] | None:
+    """When the payload changes and by what factor; what is gripped was at rest."""
+    return (CHANGE, FACTOR if "gripped" in features else 1.0 / FACTOR) if {"gripped", "let go"} & {*features} else None
 
 
 def row_of(features: tuple[str, ...], found: dict[str, Array], own: float) -> dict[str, Array]:
@@ -296,7 +339,7 @@ def keep(rows: dict[str, dict[str, Array]]) -> None:
 def make(word: str = "") -> None:
     """Compute the cells with this word in their names, and keep them with the others."""
     kept = _kept() if STORED.exists() else {}
-    cells = [cell for cell in SINGLE + PAIRS if word in name_of(cell)]
+    cells = [cell for cell in SINGLE + PAIRS + PERIODS if word in name_of(cell)]
     with Pool(2) as pool:
         for cell, found in zip(cells, pool.imap(_made, cells), strict=True):
             print(f"{name_of(cell)}: {found['numbers'][3]:.1e}", flush=True)
@@ -320,6 +363,37 @@ def name_of(features: tuple[str, ...]) -> str:
     return " + ".join(features)
 
 
+def in_batch(features: tuple[str, ...], method: str, n: int = 9, dt: float = 5e-4) -> SimpleNamespace:
+    """The first of n arms, which have 0.9 of its actions each after the one before, over control periods of SAMPLE; in
+    fields of a trajectory, and all its states."""
+    scene, (formulation, options) = scene_of(features), METHODS[method]
+    count, change = scene.arm.n_links, _change(features)
+    arm = dataclasses.replace(scene.arm, torque_limits=TORQUES[:count])
+    settings = Settings.make(formulation, dt=dt, **options)
+    task = SPACE.build(arm, np.zeros(len(SPACE.rewards)), SAMPLE, {})
+    starts = Starts(start=[(x, x) for x in scene.angles], target=[(0.0, 0.0)] * count)
+    extras = Extras()
+    if change is not None:
+        when, factor = round(change[0] / SAMPLE), change[1]
+        extras = Extras(payload_change=PayloadChange(np.array([when, when]), np.array([factor, factor]), (0,)))
+    batch = Batch(arm, settings, n, task, starts, period=SAMPLE, gravity=scene.gravity, books=True, extras=extras)
+    batch.start(range(n), range(n), limit=len(times()))
+    rows = [(*batch.motion(0)[:2], batch.table[:, 0].copy())]
+    for share in shares()[:, :count]:
+        batch.action[:] = share * 0.9 ** np.arange(n)[:, None]
+        batch.step()
+        rows.append((*batch.motion(0)[:2], batch.table[:, 0].copy()))
+    q, v, table = (np.array(x) for x in zip(*rows, strict=True))
+    seen, first = read(arm, settings, q, v), batch.info_at.energies
+    kinetic, strain, gravity, dissipated, work = table[:, first : first + 5].T
+    energy = kinetic + strain + gravity
+    return SimpleNamespace(
+        finished=not table[:, batch.info_at.reason].any(), tip=seen["tip"], tip_rotation=seen["tip_rotation"],
+        dissipated=dissipated, balance=energy - energy[0] + dissipated - work,
+        turned_over=np.abs(np.diff(work)).sum(), states=np.hstack([q, v, table]),
+    )  # fmt: skip
+
+
 def measure(features: tuple[str, ...], method: str) -> dict[str, float]:
     """How far a cell is off: tip (of L), turn (rad), torque, dissipated, balance; bent, twist: see `row_of`.
 
@@ -327,7 +401,9 @@ def measure(features: tuple[str, ...], method: str) -> dict[str, float]:
     """
     other, scene = reference(features), scene_of(features)
     formulation, options = METHODS[method]
-    run = simulate(scene, formulation, estimate_error=False, **options)
+    in_periods = "control periods" in features
+    run: Any
+    run = in_batch(features, method) if in_periods else simulate(scene, formulation, estimate_error=False, **options)
     dissipated, bent, twist, _ = map(float, other["numbers"])
     row = {"bent": bent, "twist": twist}
     if not run.finished:
@@ -348,11 +424,21 @@ def measure(features: tuple[str, ...], method: str) -> dict[str, float]:
     }
 
 
+def beside(features: tuple[str, ...], method: str) -> dict[str, float]:
+    """Of a batch: how many of its numbers are not those of the arm alone, to the last bit; how far tips are apart with
+    steps of half the size, over the arm's length."""
+    many, alone = in_batch(features, method), in_batch(features, method, 1)
+    halved = in_batch(features, method, 1, 2.5e-4)
+    apart = np.linalg.norm(many.tip - halved.tip, axis=1).max() / scene_of(features).arm.total_length
+    return {"differ": float((many.states != alone.states).sum()), "halved": float(apart)}
+
+
 def _print(methods: list[str], paged: bool) -> None:
     rows = []
-    for features in SINGLE + PAIRS:
+    for features in SINGLE + PAIRS + PERIODS:
         for method in methods or METHODS:
             row = measure(features, method)
+            row |= beside(features, method) if features in PERIODS else {}
             rows.append((row["tip"] / TIP[method], features, method, row))
             numbers = "  ".join(f"{name} {value:.2g}" for name, value in row.items())
             print(f"{name_of(features):32s} {method:8s} {numbers}", flush=True)
@@ -369,8 +455,15 @@ def _print(methods: list[str], paged: bool) -> None:
              *(f"{row[key]:.1e}" for key in ("tip", "turn", "torque", "dissipated", "balance"))]
             for _, features, method, row in rows
         ]  # fmt: skip
+        in_periods = [
+            [name_of(features[1:]) or "nothing else", method, f"{row['halved']:.1e}", f"{row['differ']:.0f}"]
+            for _, features, method, row in rows if features in PERIODS
+        ]  # fmt: skip
         first = [[name_of(features), method, f"{share:.2f}"] for share, features, method, _ in worst]
-        blocks = {"CELLS": table(heads, cells), "WORST": table("cell | formulation | tip, of what is allowed", first)}
+        blocks = {
+            "CELLS": table(heads, cells), "WORST": table("cell | formulation | tip, of what is allowed", first),
+            "PERIODS": table("in control periods | formulation | steps halved, of L | numbers that differ", in_periods),
+        }  # fmt: skip
         pages.write_page(DOCS / "results", "space_matrix", blocks)
 
 

@@ -17,6 +17,7 @@ mechanics: of it are the parameters of arms and scenes, and the values of time f
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -377,16 +378,33 @@ class SpatialOracle:
         J[7 + m : -1, 7 : 7 + m], J[7 + m : -1, 7 + m : -1] = -inverse @ (self.K + K)[:, 6:], -inverse @ (self.D + D)
         return J
 
-    def run(self, times: Array, rtol: float = 3e-5) -> dict[str, Array]:
+    def with_payload(self, y: Array, t: float, factor: float) -> Array:
+        """The state after the payload has become so many times what it was, of an arm whose base rests. What comes was
+        at rest, and momenta stay; what goes takes its own along."""
+        m, free, payload = self.n - 6, self.free, self.arm.payload
+        state = self.parts(y, t, "right")
+        M, before = self.equations(*state, t, "right")[0], self.energies(*state)[0]
+        inertia = tuple(map(tuple, factor * _tensor(payload.inertia)))
+        self.arm = replace(self.arm, payload=replace(payload, mass=factor * payload.mass, inertia=inertia))
+        if factor > 1.0:
+            heavier, y = self.equations(*state, t, "right")[0], y.copy()
+            v = np.linalg.solve(heavier[np.ix_(free, free)], M[np.ix_(free, free)] @ state[3][free])
+            y[[7 + m + i for i in free]] = v
+            y[-1] += before - self.energies(*self.parts(y, t, "right"))[0]
+        return y
+
+    def run(self, times: Array, rtol: float = 3e-5, changed: tuple[float, float] | None = None) -> dict[str, Array]:
         """A row for each of `times` (ascending from 0): where the tip is, its axes, in these the specific force and the
         angular velocity there, each link's deflection, twist and curvatures at `GAUGE`, torques of prescribed joints,
-        what is dissipated; "natural": deflections without stress."""
+        what is dissipated; "natural": deflections without stress. changed: when and by what factor the payload is."""
         scene, y = self.scene, self.start()
         natural = self._read(y, 0.0, "right")["bent"]
         if scene.start != "unloaded":
             y = self.rest(y)
         found: list[dict[str, Array]] = [self._read(y, 0.0, "right")] if times[0] == 0.0 else []
         for start, end in itertools.pairwise([0.0, *(k for k in scene.kinks if k < times[-1]), float(times[-1])]):
+            if changed is not None and start == changed[0]:
+                y = self.with_payload(y, start, changed[1])
             here = times[(times > start) & (times <= end)]
 
             def piece(t: float, y: Array, start: float = start, end: float = end) -> Array:

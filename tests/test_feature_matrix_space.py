@@ -7,7 +7,7 @@ import pytest
 
 from flexarm_env.simulation import simulate
 from tests import feature_matrix_space as matrix
-from tests.feature_matrix_space import JOINTED, PAIRS, SINGLE, TIP, name_of
+from tests.feature_matrix_space import JOINTED, METHODS, PAIRS, PERIODS, SINGLE, TIP, name_of
 from tests.oracle_space import GAUGE
 
 CORE = [
@@ -23,6 +23,7 @@ CELLS = [
     *((cell, "exact") for cell in SINGLE + PAIRS if cell not in CORE),
     *((cell, "floating") for cell in SINGLE + PAIRS if cell != CORE[1] and (cell in SINGLE or not JOINTED & {*cell})),
     *((cell, "modes") for cell in SINGLE + _ELBOWS if not JOINTED & {*cell}),
+    *((cell, method) for cell in PERIODS for method in METHODS if method != "modes" or not JOINTED & {*cell}),
 ]
 
 
@@ -50,6 +51,14 @@ def test_core_of_frames() -> None:
 @pytest.mark.parametrize(("features", "method"), CELLS, ids=lambda x: x if isinstance(x, str) else name_of(x))
 def test_all(features: tuple[str, ...], method: str) -> None:
     check(features, method)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("features", [PERIODS[0], *PERIODS[-2:]], ids=name_of)
+def test_lanes_are_arms_alone_and_steps_are_short_enough(features: tuple[str, ...], method: str) -> None:
+    found = matrix.beside(features, method)
+    assert found["differ"] == 0.0 and found["halved"] < 1e-4
 
 
 @pytest.mark.slow

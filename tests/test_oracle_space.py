@@ -84,3 +84,27 @@ def test_a_free_arm_of_the_oracle_keeps_its_momentum_and_energy() -> None:
     apart = np.abs(np.diff(kept, axis=0))
     assert apart.max() < 3e-8 * np.abs(kept).max()
     assert np.abs(found.y[7 : 7 + m, -1] - y[7 : 7 + m]).max() > 0.05
+
+
+def test_a_payload_that_is_gripped_leaves_the_momenta_of_the_energies() -> None:
+    """dT/dv of all that is free, by differences; what is lost is dissipated. What is let go leaves the rates."""
+    scene = matrix.scene_of(("control periods", "gripped"))
+    oracle, rng = SpatialOracle(scene, 2), np.random.default_rng(3)
+    y, m = oracle.start(), oracle.n - 6
+    y[7 : 7 + m] += 0.3 * rng.normal(size=m)
+    y[13 + m : -1] = rng.normal(size=m)  # of a base that rests
+
+    def momenta(y: Array) -> tuple[Array, float]:
+        r, A, q, v = oracle.parts(y, 0.0, "right")
+        steps = np.eye(oracle.n)[oracle.free]
+        ends = [[oracle.energies(r, A, q, v + sign * d)[0] for sign in (1.0, -1.0)] for d in steps]
+        return 0.5 * np.subtract(*np.transpose(ends)), float(oracle.energies(r, A, q, v)[0])
+
+    before, energy = momenta(y)
+    struck = oracle.with_payload(y, 0.0, 2.5)
+    after, left = momenta(struck)
+    assert oracle.arm.payload.mass == 2.5 * scene.arm.payload.mass
+    assert after == pytest.approx(before, abs=1e-9 * np.abs(before).max())
+    assert np.abs(struck - y)[7 + m : -1].max() > 0.1 and struck[-1] - y[-1] == pytest.approx(energy - left) != 0.0
+    assert energy - left > 0.0
+    assert np.array_equal(oracle.with_payload(struck, 0.0, 0.4), struck)
