@@ -72,7 +72,7 @@ def page(task: suite.Task, players: Path) -> str:
     order = f"{plan.history} in a row, the oldest first" if plan.history > 1 else "in order"
     player = [f"```{{player}} {task.id}", "```", ""] if (players / f"{task.id}.json").is_file() else []
     latest = next(one for one in suite.tasks() if one.name == task.name)
-    later = [] if latest is task else [f"Superseded by [`{latest.id}`]({latest.id}.md); kept as it was.", ""]
+    later = [] if latest == task else [f"Superseded by [`{latest.id}`]({latest.id}.md); kept as it was.", ""]
     lines = [
         f"# {task.title}" + (f" (version {task.version})" if later else ""), "", *later, fill(task.hard, WIDTH), "",
         *player, *table(f"`{task.id}` | ", facts(task, plan)), "",
