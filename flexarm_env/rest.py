@@ -64,9 +64,12 @@ def _at_start(load: Load) -> Load:
     return PointLoad(load.link, load.end, **{name: value(f) for name, f in acting.items() if f is not None})
 
 
-def resting_settings(settings: Settings) -> Settings:
-    """The settings with steps of one size and an uncorrected period."""
+def resting_settings(settings: Settings, space: bool) -> Settings:
+    """The settings with steps of one size and an uncorrected period. An elastica in space has such inertia, of its
+    stiffness, as steps of a second give it: all its strains then go to rest alike."""
     plain: dict[str, Any] = {"step_tolerance": None}
+    if space and settings.formulation == "elastica":
+        plain["dt"] = 1.0
     if settings.period_correction:
         plain["period_correction"] = False
     return settings.replace(**plain)
@@ -117,6 +120,6 @@ def rested(system: Any, scene: Scene, settings: Settings, kind: Any) -> Any:
     """
     if scene.start == "unloaded":
         return system
-    still = kind(resting(scene), resting_settings(settings))
+    still = kind(resting(scene), resting_settings(settings, scene.spatial))
     found = dict(zip(still.system.names, relax(still).tolist(), strict=True))
     return replace(system, q0=np.array([found.get(name, 0.0) for name in system.names]))

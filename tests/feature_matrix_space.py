@@ -268,15 +268,18 @@ PERIODS = [
     ("control periods", "backlash", "gripped"),
 ]  # fmt: skip
 """Of batches: held torques, gravity, two links and a payload beside the tip in all, which may change."""
+SHEARED = {"soft", "tapered"}
+"""Features with stretch and shear that count, which the elastica has not."""
 METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "exact": ("geometrically_exact", {"elements": 32, "rho_inf": 0.9}),
     "floating": ("floating_frame", {"segments": 8}),
     "modes": ("floating_frame", {"segments": 6, "modes": 3}),
+    "elastica": ("elastica", {"nodes": 6}),
 }
 """Formulations with the meshes that are held to it."""
-TIP = {"exact": 5e-4, "floating": 5e-3, "modes": 7e-3}
+TIP = {"exact": 5e-4, "floating": 5e-3, "modes": 7e-3, "elastica": 5e-4}
 """Largest distance of the tip from the oracle's, over the arm's length."""
-TURN = {"exact": 0.01, "floating": 0.02, "modes": 0.035}
+TURN = {"exact": 0.01, "floating": 0.02, "modes": 0.035, "elastica": 0.01}
 """Largest rotation of the tip's axes from the oracle's, rad."""
 TORQUE, DISSIPATED, BALANCE = 0.02, 0.03, 0.02
 """Relative: of what enforces motions, what is dissipated, the energy's balance."""
@@ -300,7 +303,7 @@ def times() -> Array:
 
 def computed(features: tuple[str, ...], n: int = 6, at: Array | None = None) -> dict[str, Array]:
     """The oracle's run; at: instants, s, instead of those that are compared."""
-    oracle = SpatialOracle(scene_of(features), n, soft=not {"soft", "tapered"}.isdisjoint(features))
+    oracle = SpatialOracle(scene_of(features), n, soft=bool(SHEARED & {*features}))
     return oracle.run(times() if at is None else at, changed=_change(features))
 
 

@@ -19,11 +19,13 @@ CORE = [
 ]
 """Of every run of the tests, by the exact beam: of one compiled form, or of one more. By frames the second alone."""
 _ELBOWS = [cell for cell in PAIRS if "elbow" in cell]
+_BESIDE = {"modes": JOINTED, "elastica": matrix.SHEARED}
 CELLS = [
     *((cell, "exact") for cell in SINGLE + PAIRS if cell not in CORE),
     *((cell, "floating") for cell in SINGLE + PAIRS if cell != CORE[1] and (cell in SINGLE or not JOINTED & {*cell})),
     *((cell, "modes") for cell in SINGLE + _ELBOWS if not JOINTED & {*cell}),
-    *((cell, method) for cell in PERIODS for method in METHODS if method != "modes" or not JOINTED & {*cell}),
+    *((cell, method) for cell in PERIODS for method in METHODS if not _BESIDE.get(method, set()) & {*cell}),
+    *((cell, "elastica") for cell in SINGLE + PAIRS if cell != CORE[1] and not matrix.SHEARED & {*cell}),
 ]
 
 
@@ -43,8 +45,9 @@ def test_core(features: tuple[str, ...]) -> None:
     check(features, "exact")
 
 
-def test_core_of_frames() -> None:
-    check(CORE[1], "floating")
+@pytest.mark.parametrize("method", ["floating", "elastica"])
+def test_core_of_the_others(method: str) -> None:
+    check(CORE[1], method)
 
 
 @pytest.mark.slow
@@ -74,7 +77,7 @@ def test_what_sensors_read_is_what_the_oracle_moves_by() -> None:
         (wanted["spin"][1::2], [f"gyroscope_{axis}" for axis in "xyz"], 0.005),
         (wanted["strains"][1::2, 0] * [1.0, -1.0, 1.0], [f"strain_gauge_{k}" for k in (1, 2, 3)], 0.006),
     ]
-    for method in ("exact", "floating"):
+    for method in ("exact", "floating", "elastica"):
         formulation, options = matrix.METHODS[method]
         run = simulate(scene, formulation, estimate_error=False, sample=period, **options)
         seen = run.measured({"strain_gauges": gauges, "accelerometer": {}, "gyroscope": {}})

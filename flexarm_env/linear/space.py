@@ -22,10 +22,12 @@ from numpy.typing import NDArray
 from .. import rotations
 from .. import validation as check
 from ..compiler import SINGLE, uncompiled
+from ..physics.assembly import physical
 from ..physics.equations import equations as evaluate
 from ..physics.model import Jointed
 from ..physics.protocol import State, update
 from ..physics.space.build import axis_of, mount_of
+from ..physics.space.chain import SpatialBeam
 from ..physics.space.layout import AXES, PL
 from ..physics.space.reading import read
 from ..rest import NoEquilibrium, resting
@@ -41,8 +43,8 @@ class SmallMotions:
     """The arm of a simulation in space about coordinates q, in steady rotation where spin (rad/s) is not 0."""
 
     def __init__(self, simulation: Simulation, spin: float = 0.0) -> None:
-        self.simulation, self.model = simulation, simulation.model
-        model, arm = simulation.model, simulation.scene.arm
+        self.simulation, self.model = simulation, physical(simulation.model)
+        model, arm = self.model, simulation.scene.arm
         self.n, self._room = int(model.n), np.zeros(int(model.n_factor))
         known = [int(k) for k in simulation.drive.known]
         still = {*known, *model.fixed.tolist(), *np.flatnonzero(model.weight == 0.0).tolist()}
@@ -90,7 +92,8 @@ class SmallMotions:
         found = np.empty((len(rows), len(rows)))
         # a chord's length is no polynomial of places: short steps beside its segment
         most = max(1, int(self.chain.places[PL.elements :: PL.end].max()))
-        least = 1.0 if self.chain.frames is None else 0.25 / most
+        framed = isinstance(self.chain, SpatialBeam) and self.chain.frames is not None
+        least = 0.25 / most if framed else 1.0
         for j, row in enumerate(rows):
             size = least / self.model.weight[row] if which == 0 else 1.0
             # by rates central differences are exact: forces are linear and quadratic in them

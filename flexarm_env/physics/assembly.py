@@ -15,6 +15,7 @@ from ..settings import Settings
 from ..time_functions import PIECE, TimeFunction, constant
 from .joints.build import jointed
 from .model import Drive, Elastica, Honours, Jointed, Scheme, System, scheme
+from .space.chain import SpatialElastica
 
 Array = NDArray[np.float64]
 
@@ -73,12 +74,11 @@ def assemble(scene: Scene, settings: Settings) -> System:
 
 def _in_space(scene: Scene, settings: Settings) -> System:
     """`assemble` of a scene in space."""
-    if settings.formulation == "elastica":
-        why = "the arm or what acts on it leaves the x-y plane, or a link is rigid"
-        what = f"must be 'geometrically_exact' or 'floating_frame' in space ({why}); elastica is one of the plane"
-        raise check.InvalidValue("formulation", settings.formulation, what)
     builder = importlib.import_module(".space.build", __package__)
     _check_honoured(scene.arm, "", f"{settings.formulation} in space", builder.HONOURS)
+    builder.check_scene(scene, settings)
+    if settings.formulation == "elastica":
+        builder = importlib.import_module(".space.elastica_build", __package__)
     return jointed(scene, settings, builder.build(scene, settings))
 
 
@@ -152,6 +152,17 @@ def physical(model: Any) -> Any:
         return smooth(model)._replace(arm=physical(model.arm))
     if isinstance(model, Elastica):
         from .elastica.build import physical as without_correction
+
+        return without_correction(model)
+    return uncorrected(model)
+
+
+def uncorrected(model: Any) -> Any:
+    """The model without what an elastica in space takes from its inertia for its steps."""
+    if isinstance(model, Jointed):
+        return model._replace(arm=uncorrected(model.arm))
+    if isinstance(model, SpatialElastica):
+        from .space.elastica_build import physical as without_correction
 
         return without_correction(model)
     return model

@@ -18,7 +18,7 @@ from .equations import read_gauges
 from .exact.tables import functions
 from .floating import build as floating_chain
 from .model import System
-from .space.gauges import gauges
+from .space.gauges import gauges, strained_rows
 from .space.layout import GAUGE
 
 Array = NDArray[np.float64]
@@ -30,11 +30,14 @@ def curvatures(
     scene: Scene, settings: Settings, names: Sequence[str], places: Sequence[Spot], q: Array
 ) -> Array:
     """(n, G) 1/m at each `Spot`, over what it is without stress, for states q (n, rows)."""
+    if scene.spatial and settings.formulation == "elastica":
+        like: Any = SimpleNamespace(q0=q[0], names=names)
+        return np.asarray(q @ strained_rows(scene, settings, like, places).T)
     if scene.spatial:
         out = np.empty((len(q), len(places)))
         read_gauges(assemble(scene, settings).model, np.ascontiguousarray(q), gauges(scene, settings, places), out)
         return out
-    like: Any = SimpleNamespace(q0=q[0], names=names)
+    like = SimpleNamespace(q0=q[0], names=names)
     rows = curvature_rows(scene, settings, like, places)
     if any(link.curved for link in scene.arm.links):
         q = q - assemble(scene, settings).q0
@@ -53,6 +56,8 @@ def over(rows: Array, sizes: Array, space: bool) -> Array:
 def curvature_rows(scene: Scene, settings: Settings, system: System, places: Sequence[Spot]) -> Array:
     """(G, n): what `protocol.gauge` takes for each `Spot`: in the plane curvature (1/m) = row . q; in space the first
     numbers of a row are a `GAUGE`."""
+    if scene.spatial and settings.formulation == "elastica":
+        return strained_rows(scene, settings, system, places)
     if scene.spatial:
         table, own = np.zeros((len(places), len(system.q0))), gauges(scene, settings, places)
         table[:, : own.shape[1]] = own

@@ -76,7 +76,7 @@ def stiffnesses(
             continue
         has, at = _sections(link, space), f"links[{k}].section"
         bend = has["EI"] * bending / link.length
-        if settings.formulation == "elastica":
+        if settings.formulation == "elastica" and not space:
             assert settings.nodes is not None
             bend = bending * TURNED * float(abs(chain(arm, settings.nodes).K[k]).sum())
         elif settings.modes is not None:
@@ -85,7 +85,8 @@ def stiffnesses(
         if settings.formulation != "elastica" and (settings.modes is None or space):
             found += [Stiffness(f"{at}.{name}", has[name], "N", has[name] * link.length * slow) for name in ("EA", "C")]
         if space:
-            found.append(Stiffness(f"{at}.C_y", has["C_y"], "N", has["C_y"] * link.length * slow))
+            if settings.formulation != "elastica":
+                found.append(Stiffness(f"{at}.C_y", has["C_y"], "N", has["C_y"] * link.length * slow))
             for name in ("EI_y", "GJ"):
                 found.append(Stiffness(f"{at}.{name}", has[name], "N m^2", has[name] * bending / link.length * slow))
         spring = arm.joint(k).stiffness

@@ -47,6 +47,7 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     friction(model)  None, or a tag where joints have Coulomb friction, which is in no residual (`joints.friction`)
     light(model)  None, or a tag where joints may have next to no inertia of their own: a torque that jumps makes an
         acceleration there that steps do not resolve, which is not to be solved for with M alone
+    renewed(model, iteration)  whether Newton's iteration of this number makes its matrix anew
     conserve(lane, model, par, before, h, q, v, u, zero, r, S)  None where something holds the arm; otherwise (momentum,
         force that changes it), and with `before`, that of the start of a step of h that ends here, v is first moved so
         that the momentum has changed by the mean of the forces; zero: room for n rows; r, S are free
@@ -176,6 +177,12 @@ def _held(lane, model, par, before, h, q, v, u, zero, r, S):
 
 
 @kernel
+def _always(model, iteration):
+    """`renewed` of Newton's full method."""
+    return True
+
+
+@kernel
 def _resolved(model):
     """`light` of a formulation whose joints carry inertia, or whose sections do."""
     return None
@@ -190,7 +197,7 @@ def _by_assembling(lane, model, par, state, u, r, S):
 FORMULATIONS = Family(
     "model", predict=_no_guess, update=_add, difference=_subtract, ports_after=_at_once, stiffen=_no_stiffness,
     friction=_no_friction, residual=_by_assembling, constrain=_no_constraint, out_of_range=_everywhere,
-    task_poses=_as_link_poses, light=_resolved, conserve=_held, gauge=_linear_gauge,
+    task_poses=_as_link_poses, light=_resolved, conserve=_held, renewed=_always, gauge=_linear_gauge,
 )  # fmt: skip
 """Each formulation's functions, by the class of its Model."""
 
@@ -220,6 +227,7 @@ update = FORMULATIONS.function("update", "lane, model, q, share, d, more")
 friction = FORMULATIONS.function("friction", "model")
 conserve = FORMULATIONS.function("conserve", "lane, model, par, before, h, q, v, u, zero, r, S")
 light = FORMULATIONS.function("light", "model")
+renewed = FORMULATIONS.function("renewed", "model, iteration")
 damping_work = FORMULATIONS.function("damping_work", "lane, model, par, q, v, x")
 energy = FORMULATIONS.function("energy", "lane, model, par, q, v")
 link_poses = FORMULATIONS.function("link_poses", "lane, model, par, q, v, out")

@@ -22,7 +22,7 @@ from ...compiler import (
 )
 from ..joints.friction import apply_friction
 from ..layout import ITERATIONS
-from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, solve, update
+from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, renewed, solve, update
 from .period import correct_period
 from .work import solve_known, state_of, take_out_known
 
@@ -127,7 +127,7 @@ def newton(lane, model, drive, par, w, slopes, scheme, plain):
     for iteration in range(scheme.max_iterations):
         fresh = iteration == 0
         if scheme.modified is None:
-            fresh = True
+            fresh = renewed(model, iteration)
         weights = Weights(slopes.a, slopes.v, 1.0)
         assemble(lane, model, par, state_of(w), w.u, weights if fresh else RESIDUAL_ALONE, w.r, w.S)
         constrain(lane, model, w.psi, state_of(w), 0, slopes.a, w.r)

@@ -344,6 +344,12 @@ def light(model):
 
 
 @kernel
+def renewed(model, iteration):
+    """The arm's own."""
+    return protocol.renewed(model.arm, iteration)
+
+
+@kernel
 def conserve(lane, model, par, before, h, q, v, u, zero, r, S):
     """See `protocol`."""
     return protocol.conserve(lane, model.arm, par, before, h, q, v, u, zero, r, S)
@@ -364,5 +370,5 @@ def shape(model, q, points):
 register(
     Jointed, assemble, pin, factor, solve, solve_transposed, predict, update, inertia, rotate, ports,
     friction, damping_work, energy, link_poses, out_of_range, shape, difference, ports_after, task_poses, stand, light,
-    conserve, gauge,
+    conserve, gauge, renewed,
 )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -258,13 +258,13 @@ def _check_inertia(arm: Arm) -> None:
         raise check.InvalidValue(f"links[{k}].mass", 0.0, what)
 
 
-def _mass(arm: Arm, sections: list[Array], frames: list[Array], inner: int) -> float:
-    """kg, of all but the payload, as the elements have it."""
+def _beams(sections: list[Array], frames: list[Array], inner: int) -> float:
+    """kg, as the elements have it."""
     count, weight = points_for(inner), WEIGHT.offsets(0, inner).end
     points = [FRAME.offsets(0, inner, count).points + weight * p + W.mass for p in range(count)]
-    beams = [row[points].sum() for row in frames] if frames else [row[E.mass : E.mass + 3].sum() for row in sections]
-    near = [near_body(arm, k).mass for k in range(1, arm.n_links)] + [tip_end(arm.links[-1]).mass]
-    return float(sum(beams) + sum(near) + sum(far_body(arm, k).mass for k in range(arm.n_links)))
+    if frames:
+        return float(sum(row[points].sum() for row in frames))
+    return float(sum(row[E.mass : E.mass + 3].sum() for row in sections))
 
 
 def _loads(scene: Scene) -> list[Array]:
@@ -277,18 +277,13 @@ def _loads(scene: Scene) -> list[Array]:
     return found
 
 
-def build(scene: Scene, settings: Settings) -> System:
-    """The scene's chain, `elements` of two vertices a link."""
-    floating = settings.formulation == "floating_frame"
-    if floating:
-        segments.refuse(settings)
-    elif settings.order != default_options("geometrically_exact")["order"]:
-        raise check.InvalidValue("order", settings.order, "must not be given in space, where elements are of one kind")
+def check_scene(scene: Scene, settings: Settings) -> None:
+    """What no chain in space has, by name."""
     if settings.period_correction:
         raise check.InvalidValue("period_correction", True, "must be False in space")
     if settings.step_tolerance is not None:
         raise check.InvalidValue("step_tolerance", settings.step_tolerance, "must not be given in space")
-    arm, names = scene.arm, names_of(scene.arm, settings)
+    arm = scene.arm
     if arm.total_length == 0.0:
         raise check.InvalidValue("links[0].length", 0.0, "must be positive (m): the arm has no length at all")
     _check_inertia(arm)
@@ -296,7 +291,52 @@ def build(scene: Scene, settings: Settings) -> System:
         if not link.rigid:
             with check.under(f"links[{k}]"):
                 link.across(np.zeros(1))
-    largest, shares = arm.damping
+
+
+def common(scene: Scene, names: tuple[str, ...], beams: float) -> dict[str, Any]:
+    """Fields of the Model that do not depend on what links are made of; beams: kg, of what bends."""
+    arm, loads = scene.arm, _loads(scene)
+    fixed = [names.index(f"joint{k}") for k in scene.rigid_joints]
+    if scene.root == "free":
+        fixed.append(names.index("joint0"))
+    else:
+        fixed += [i for i in range(AXES) if scene.motion_of(names[i]) is None]
+    offset = np.array((*arm.payload.offset, 0.0)[:3])
+    rotors = [arm.joint(k).rotor for k in range(arm.n_links)]
+    near = [near_body(arm, k).mass for k in range(1, arm.n_links)] + [tip_end(arm.links[-1]).mass]
+    mass = float(beams + sum(near) + sum(far_body(arm, k).mass for k in range(arm.n_links)))
+    return {
+        "n_inputs": arm.n_links + 6 * len(loads),
+        "fixed": np.array(sorted(fixed), np.int64),
+        "algebraic": None,
+        "correction": None,
+        "links": arm.n_links,
+        "joints": np.concatenate([_joint(arm, k) for k in range(arm.n_links)]),
+        "end": packed(tip_end(arm.links[-1])),
+        "payload": packed(Body(0.0, tip_lever(arm.links[-1]) + offset, bodies.tensor(arm.payload.inertia)), True),
+        "levers": (0,) if any(np.any(lever) for k in range(arm.n_links) for lever in levers(arm, k)) else None,
+        "gravity": None if scene.gravity is None else np.array(scene.gravity),
+        "loads": np.concatenate(loads) if loads else None,
+        "damped": (0,) if arm.damping[0] > 0.0 else None,
+        "rotors": np.array([int(rotor > 0.0) for rotor in rotors], np.int64) if any(rotors) else None,
+        "free": mass if scene.root == "free" else None,
+    }
+
+
+def parameters(scene: Scene) -> Array:
+    """The arm's own, `System.par`."""
+    return np.array([scene.arm.payload.mass, 1.0, 1.0, scene.arm.damping[0]])
+
+
+def build(scene: Scene, settings: Settings) -> System:
+    """The scene's chain, `elements` of two vertices a link."""
+    floating = settings.formulation == "floating_frame"
+    if floating:
+        segments.refuse(settings)
+    elif settings.order != default_options("geometrically_exact")["order"]:
+        raise check.InvalidValue("order", settings.order, "must not be given in space, where elements are of one kind")
+    arm, names = scene.arm, names_of(scene.arm, settings)
+    _, shares = arm.damping
     counts = [count_elements(link, settings) for link in arm.links]
     sections: list[Array] = []
     frames: list[Array] = []
@@ -320,40 +360,17 @@ def build(scene: Scene, settings: Settings) -> System:
                 weight[i : i + AXES] = 0.0
         assert names[row] == f"joint{k}"
     weight[:3] = 1.0 / arm.total_length
-    fixed = [rows[k] for k in scene.rigid_joints]
-    if scene.root == "free":
-        fixed.append(rows[0])
-    else:
-        fixed += [i for i in range(AXES) if scene.motion_of(names[i]) is None]
-    loads, q0_v0 = _loads(scene), _start(scene, settings)
-    last, payload = arm.links[-1], arm.payload
-    offset = np.array((*payload.offset, 0.0)[:3])
-    rotors = [arm.joint(k).rotor for k in range(arm.n_links)]
     model = SpatialBeam(
         n=len(names),
         n_factor=first,
-        n_inputs=arm.n_links + 6 * len(loads),
-        fixed=np.array(sorted(fixed), np.int64),
-        algebraic=None,
         weight=weight,
         predictor=None,
-        correction=None,
-        links=arm.n_links,
         places=np.concatenate(places).astype(np.int64),
         sections=np.concatenate([np.zeros(0), *sections]),
         frames=np.concatenate([np.zeros(0), *frames]) if floating else None,
         inner=(0,) * inner or None,
-        joints=np.concatenate([_joint(arm, k) for k in range(arm.n_links)]),
-        end=packed(tip_end(last)),
-        payload=packed(Body(0.0, tip_lever(last) + offset, bodies.tensor(payload.inertia)), True),
-        levers=(0,) if any(np.any(lever) for k in range(arm.n_links) for lever in levers(arm, k)) else None,
-        gravity=None if scene.gravity is None else np.array(scene.gravity),
-        loads=np.concatenate(loads) if loads else None,
-        damped=(0,) if largest > 0.0 else None,
-        rotors=np.array([int(rotor > 0.0) for rotor in rotors], np.int64) if any(rotors) else None,
-        free=_mass(arm, sections, frames, inner) if scene.root == "free" else None,
         uneven=None if floating or all(link.rigid or link.uniform is not None for link in arm.links) else (0,),
+        **common(scene, names, _beams(sections, frames, inner)),
     )
     coordinates = {name: i for i, name in enumerate(names) if name.startswith(("root_", "joint"))}
-    par = np.array([payload.mass, 1.0, 1.0, largest])
-    return System(model, par, *q0_v0, coordinates, names, (), (), {})
+    return System(model, parameters(scene), *_start(scene, settings), coordinates, names, (), (), {})

@@ -80,6 +80,41 @@ class SpatialBeam(NamedTuple):
     uneven: tuple[int, ...] | None
 
 
+class SpatialElastica(NamedTuple):
+    """N links in space, each rigid or with its strains as coordinates (`strained`); see `SpatialBeam`.
+
+    polynomials, points  tuples of as many zeros: of each strain, and Gauss's points along a link
+    scratch   three zeros a point: room on the stack
+    strains   float64: a `STRAINED` a link (zeros of rigid ones)
+    curved    (0,) where a link is curved without stress, otherwise None
+    """
+
+    n: int
+    n_factor: int
+    n_inputs: int
+    fixed: np.ndarray
+    algebraic: None
+    weight: np.ndarray
+    predictor: tuple[float, float]
+    correction: None
+    links: int
+    places: np.ndarray
+    polynomials: tuple[int, ...]
+    points: tuple[int, ...]
+    scratch: tuple[int, ...]
+    strains: np.ndarray
+    curved: tuple[int, ...] | None
+    joints: np.ndarray
+    end: np.ndarray
+    payload: np.ndarray
+    levers: tuple[int, ...] | None
+    gravity: np.ndarray | None
+    loads: np.ndarray | None
+    damped: tuple[int, ...] | None
+    rotors: np.ndarray | None
+    free: float | None
+
+
 class Vertex(NamedTuple):
     """A section: where it is, and the accelerations of it."""
 

@@ -179,13 +179,21 @@ def _note(lane, model, S, h, hinge, tip, on_root):
 
 @kernel
 def _hand_on(lane, model, u, weights, r, S, k):
-    """What is on the root of link k, to the joint and to the section before; and what the matrix needs of it."""
-    h, row, i = hinge_at(k), joint_row(model, k), rows_before(model, k)
-    axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.now_turn)
+    """What is on the root of link k, to the joint and to the section before."""
+    h, row = hinge_at(k), joint_row(model, k)
     force, moment = vector(lane, S, h + H.now_force), vector(lane, S, h + H.now_moment)
     if count_of(model, k) == 0:  # what is on the rows of a rigid link is on its root
         force, moment = plus(force, vector(lane, r, row + 1)), plus(moment, vector(lane, r, row + 4))
         clear(lane, r, row + 1, 6)
+    _add(lane, r, rows_before(model, k), _handed(lane, model, u, weights, r, S, k, force, moment))
+
+
+@kernel
+def _handed(lane, model, u, weights, r, S, k, force, moment):
+    """(force, moment) on the section before joint k of those on the root of its link; to the joint's row what is on
+    that; and what the matrix needs of it."""
+    h, axis = hinge_at(k), three_of(lane, model.joints, J.end * k + J.axis)
+    turn = matrix_in(lane, S, h + H.now_turn)
     own, on_section = dot(axis, moment), turned(turn, moment)
     if model.levers is not None:
         frame, lever = matrix_in(lane, S, h + H.now_frame), vector(lane, S, h + H.now_lever)
@@ -197,13 +205,13 @@ def _hand_on(lane, model, u, weights, r, S, k):
             put_vector(S, h + H.force, times(pull, weights.stiffness))
             put_vector(S, h + H.lever, lever)
             put_matrix(S, h + H.frame, frame)
-    _add(lane, r, i, (force, on_section))
-    store(r, row, own - load(lane, u, k))
+    store(r, joint_row(model, k), own - load(lane, u, k))
     if weights.mass != 0.0:
         put_matrix(S, h + H.turn, turn)
         put_vector(S, h + H.moment, times(moment, weights.stiffness))
         store(S, h + H.own, splat(lane, 0.0))
         store(S, h + H.pinned, splat(lane, 0.0))
+    return force, on_section
 
 
 register(

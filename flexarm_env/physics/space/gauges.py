@@ -20,6 +20,7 @@ from ...settings import Settings
 from ..floating.beam_element import mesh
 from .build import _elements as _packed
 from .build import count_elements, turns_of
+from .elastica_build import AXES_OF_STRAINS, polynomials
 from .layout import ELEMENT, GAUGE
 from .segments import ENDS, frames, turned_over
 
@@ -45,6 +46,17 @@ def gauges(scene: Scene, settings: Settings, spots: Sequence[Any]) -> Array:
             GAUGE.pack({}, link=k, element=first, axis=axis, near=sign * near, far=sign * far, rest=sign * rest)
         )
     return np.array(found, np.float64).reshape(len(spots), GAUGE.places.end)
+
+
+def strained_rows(scene: Scene, settings: Settings, system: Any, spots: Sequence[Any]) -> Array:
+    """(G, n): of links whose coordinates are their strains, what a gauge reads is a row times these."""
+    n, names, found = polynomials(settings), list(system.names), np.zeros((len(spots), len(system.q0)))
+    for row, (k, place, *more) in zip(found, spots, strict=True):
+        measures, length = more[0] if more else "xy", scene.arm.links[k].length
+        first = names.index(f"link{k}.{AXES_OF_STRAINS[AXIS[measures]]}1")
+        values = np.polynomial.legendre.legvander(2.0 * place - 1.0, n - 1).ravel() / length
+        row[first : first + 3 * n : 3] = -values if measures == "xz" else values
+    return found
 
 
 def _stiffness(link: Link, s: Array, axis: int) -> Array:

@@ -60,7 +60,20 @@ def elements_before(model, k):
 
 
 @kernel
-def _solve(lane, n, S, o, x, i, stride):
+def factors(lane, n, S, o):
+    """The n x n matrix at o of S <- its L and U, pivots inverted; no rows exchanged: mass outweighs the rest."""
+    for k in range(n):
+        inverse = 1.0 / load(lane, S, o + (n + 1) * k)
+        store(S, o + (n + 1) * k, inverse)
+        for i in range(k + 1, n):
+            factor = load(lane, S, o + n * i + k) * inverse
+            store(S, o + n * i + k, factor)
+            for j in range(k + 1, n):
+                add(lane, S, o + n * i + j, -(factor * load(lane, S, o + n * k + j)))
+
+
+@kernel
+def solution(lane, n, S, o, x, i, stride):
     """n elements of x from i on, `stride` apart, by the factors at o."""
     for k in range(1, n):
         total = load(lane, x, i + stride * k)
@@ -79,18 +92,11 @@ def _solve(lane, n, S, o, x, i, stride):
 def condense(lane, model, S, f, inner):
     """Factor the `INNER` of S and take it out of the `FACTOR` at f; what ends have of it is taken for symmetric."""
     n, o = 3 * inner_of(model), inner.matrix
-    for k in range(n):
-        inverse = 1.0 / load(lane, S, o + (n + 1) * k)
-        store(S, o + (n + 1) * k, inverse)
-        for i in range(k + 1, n):
-            factor = load(lane, S, o + n * i + k) * inverse
-            store(S, o + n * i + k, factor)
-            for j in range(k + 1, n):
-                add(lane, S, o + n * i + j, -(factor * load(lane, S, o + n * k + j)))
+    factors(lane, n, S, o)
     for k in range(12 * n):
         store(S, inner.over + k, load(lane, S, inner.ends + k))
     for j in range(12):
-        _solve(lane, n, S, o, S, inner.over + j, 12)
+        solution(lane, n, S, o, S, inner.over + j, 12)
     for a in range(12):
         for b in range(12):
             total = load(lane, S, inner.ends + a) * load(lane, S, inner.over + b)
@@ -103,7 +109,7 @@ def condense(lane, model, S, f, inner):
 def down(lane, model, S, inner, x, row, right):
     """Forward elimination of a segment's inner modes: off x of its right end; the same of its left end is returned."""
     n = 3 * inner_of(model)
-    _solve(lane, n, S, inner.matrix, x, row, 1)
+    solution(lane, n, S, inner.matrix, x, row, 1)
     for j in range(6):
         for k in range(n):
             add(lane, x, right + j, -(load(lane, S, inner.ends + 12 * k + 6 + j) * load(lane, x, row + k)))

@@ -294,34 +294,40 @@ def _tip_lever(model, k):
 
 
 @kernel
+def put_pose(lane, model, k, q, v, root, tip, out):
+    """The `SPACE_POSE` of link k between the `Place`s of its root and of its last section."""
+    o, row, frame = SP.end * k, joint_row(model, k), matrix(root.p)
+    A, lever = matrix(tip.p), (splat(lane, _tip_lever(model, k)), splat(lane, 0.0), splat(lane, 0.0))
+    r, rate = plus(tip.r, turned(A, lever)), plus(tip.v, turned(A, cross(tip.spin, lever)))
+    inner = back(frame, minus(r, root.r))
+    slip = minus(back(frame, minus(rate, root.v)), cross(root.spin, inner))
+    relative = turn_of(shorter(composed(inverse(root.p), tip.p)))
+    psi, T = relative.psi, relative.T
+    turn = minus(turned(T, tip.spin), back(T, root.spin))
+    for values, to in ((inner, SP.deflection), (slip, SP.deflection_rate)):
+        store(out, o + to, values[1])
+        store(out, o + to + 1, values[2])
+    for value, to in ((load(lane, q, row), SP.angle), (load(lane, v, row), SP.rate), (psi[0], SP.twist)):
+        store(out, o + to, value)
+    store(out, o + SP.twist_rate, turn[0])
+    put_vector(out, o + SP.tip, r)
+    put_vector(out, o + SP.velocity, rate)
+    for a in range(3):
+        put_vector(out, o + SP.axes + 3 * a, frame[a])
+    put_vector(out, o + SP.turn, rotation_vector(shorter(tip.p)))
+    put_vector(out, o + SP.spin, tip.spin)
+
+
+@kernel
 def task_poses(lane, model, par, q, v, out):
     """A `SPACE_POSES` a link."""
     state, tip = State(q, v, v), place_at(lane, q, v, 0)
     for k in range(model.links):
-        o, row = SP.end * k, joint_row(model, k)
-        root = hinged(lane, model, state, k, Vertex(tip, tip.v, tip.spin)).root.place
-        tip, frame = root, matrix(root.p)
+        row, root = joint_row(model, k), hinged(lane, model, state, k, Vertex(tip, tip.v, tip.spin)).root.place
+        tip = root
         if count_of(model, k) > 0:
             tip = place_at(lane, q, v, row + 1 + AXES * (count_of(model, k) - 1))
-        A, lever = matrix(tip.p), (splat(lane, _tip_lever(model, k)), splat(lane, 0.0), splat(lane, 0.0))
-        r, rate = plus(tip.r, turned(A, lever)), plus(tip.v, turned(A, cross(tip.spin, lever)))
-        inner = back(frame, minus(r, root.r))
-        slip = minus(back(frame, minus(rate, root.v)), cross(root.spin, inner))
-        relative = turn_of(shorter(composed(inverse(root.p), tip.p)))
-        psi, T = relative.psi, relative.T
-        turn = minus(turned(T, tip.spin), back(T, root.spin))
-        for values, to in ((inner, SP.deflection), (slip, SP.deflection_rate)):
-            store(out, o + to, values[1])
-            store(out, o + to + 1, values[2])
-        for value, to in ((load(lane, q, row), SP.angle), (load(lane, v, row), SP.rate), (psi[0], SP.twist)):
-            store(out, o + to, value)
-        store(out, o + SP.twist_rate, turn[0])
-        put_vector(out, o + SP.tip, r)
-        put_vector(out, o + SP.velocity, rate)
-        for a in range(3):
-            put_vector(out, o + SP.axes + 3 * a, frame[a])
-        put_vector(out, o + SP.turn, rotation_vector(shorter(tip.p)))
-        put_vector(out, o + SP.spin, tip.spin)
+        put_pose(lane, model, k, q, v, root, tip, out)
 
 
 @kernel

@@ -8,10 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...parameters import Arm
+from ...bodies import RigidLink
+from ...parameters import Arm, Link
 from ...rotations import back, matrices, quaternions, turned, vectors
 from ...settings import Settings
 from .build import axis_of, count_elements, levers, mount_of, tip_lever
+from .elastica_build import Sections, polynomials
+from .elastica_build import sections as strained
 from .layout import AXES
 
 Array = NDArray[np.float64]
@@ -48,6 +51,21 @@ def _vertex(q: Array, v: Array, i: int) -> Frame:
     return Frame(q[:, i : i + 3], A, v[:, i : i + 3], turned(A, v[:, i + 3 : i + AXES]))
 
 
+def _strained(root: Frame, own: Sections) -> list[Frame]:
+    """Sections that are told in the axes of the first."""
+    A, w = root.A[:, None] @ own.A, root.w[:, None] + turned(root.A[:, None], own.w)
+    arm = turned(root.A[:, None], own.r)
+    v = root.v[:, None] + np.cross(root.w[:, None], arm) + turned(root.A[:, None], own.v)
+    return [Frame(root.r + arm[:, i], A[:, i], v[:, i], w[:, i]) for i in range(arm.shape[1])]
+
+
+def count_rows(link: Link | RigidLink, settings: Settings) -> int:
+    """Rows of a link behind its joint's."""
+    if settings.formulation == "elastica":
+        return 0 if link.rigid else 3 * polynomials(settings)
+    return AXES * max(1, count_elements(link, settings))
+
+
 def links(arm: Arm, settings: Settings, q: Array, v: Array) -> Iterator[LinkMotion]:
     """The links at the instants of states q, v (n, rows), from root to tip."""
     at, i = _vertex(q, v, 0), AXES
@@ -58,10 +76,14 @@ def links(arm: Arm, settings: Settings, q: Array, v: Array) -> Iterator[LinkMoti
         A = joint.A @ mount_of(arm, k) @ matrices(q[:, i, None] * axis)
         root = Frame(joint.r, A, joint.v, joint.w + turned(A, axis) * v[:, i, None])
         i += 1
-        count = count_elements(link, settings)
+        rows = count_rows(link, settings)
         sections = [root.beyond(beyond)]
-        sections += [_vertex(q, v, i + AXES * e) for e in range(count)]
-        i += AXES * max(1, count)
+        if settings.formulation != "elastica":
+            sections += [_vertex(q, v, i + AXES * e) for e in range(count_elements(link, settings))]
+        elif rows:
+            n = polynomials(settings)
+            sections += _strained(sections[0], strained(link, n, q[:, i : i + rows], v[:, i : i + rows]))
+        i += rows
         at = sections[-1]
         yield LinkMotion(root, sections, at.beyond(tip_lever(link)))
 
@@ -103,7 +125,7 @@ def tips(arm: Arm, settings: Settings, q: Array) -> Array:
 def _motor_rows(arm: Arm, settings: Settings) -> list[int]:
     """Of motors that have angles of their own, behind all others; of the rest those of their joints."""
     rows = _joint_rows(arm, settings)
-    behind = rows[-1] + 1 + AXES * max(1, count_elements(arm.links[-1], settings))
+    behind = rows[-1] + 1 + count_rows(arm.links[-1], settings)
     for k in range(arm.n_links):
         if arm.joint(k).elastic:
             rows[k], behind = behind, behind + 1
@@ -114,7 +136,7 @@ def _joint_rows(arm: Arm, settings: Settings) -> list[int]:
     rows, i = [], AXES
     for link in arm.links:
         rows.append(i)
-        i += 1 + AXES * max(1, count_elements(link, settings))
+        i += 1 + count_rows(link, settings)
     return rows
 
 

@@ -168,7 +168,7 @@ def about_identity(x, a, y, b):
 
 
 @kernel
-def _sum(series, z):
+def polynomial(series, z):
     """A polynomial's value, its coefficients from the highest power on."""
     total = z * 0.0
     for x in series:
@@ -180,7 +180,7 @@ def _sum(series, z):
 def quaternion(psi):
     """That of exp(psi^), twice its half: to 1e-16 for |psi| <= pi, to 1e-12 up to 2 pi."""
     z = dot(psi, psi) * 0.0625
-    sine, cosine = _sum(_SINE, z), _sum(_COSINE, z)  # of a quarter of the angle; the first over that
+    sine, cosine = polynomial(_SINE, z), polynomial(_COSINE, z)  # of a quarter of the angle; the first over that
     part = sine * cosine * 0.5
     return 1.0 - z * (sine * sine) * 2.0, psi[0] * part, psi[1] * part, psi[2] * part
 
@@ -223,7 +223,7 @@ def _unwound(square):
     near = 1.0 / (whole + 1.0)  # tan(a/8) = g near
     z = square * near * near
     far = 1.0 / (square_root(z + 1.0) + 1.0)  # tan(a/16) = g near far
-    return _sum(_ARCTANGENT, z * far * far) * (near * far * 16.0), whole
+    return polynomial(_ARCTANGENT, z * far * far) * (near * far * 16.0), whole
 
 
 @kernel

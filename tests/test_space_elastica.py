@@ -1,0 +1,213 @@
+"""The elastica in space: known answers, the planar elastica, momentum, order. Principles and matrices of it are in
+`test_space.py`, every feature against the oracle in `test_feature_matrix_space.py`."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import flexarm_env as fx
+from flexarm_env import arms, scenes
+from flexarm_env.compiler import EIGHT, SINGLE, kernel
+from flexarm_env.linear import linearize, modes, static_equilibrium
+from flexarm_env.physics import assembly, protocol
+from flexarm_env.physics.protocol import State, Weights
+from flexarm_env.physics.space.reading import tips
+from flexarm_env.simulation import Simulation
+from flexarm_env.time_functions import constant, pulse
+
+Array = NDArray[np.float64]
+STRAINS = "elastica"
+
+
+def section(EI: float, GJ: float, EI_y: float | None = None, J: float = 1e-6) -> fx.Section:
+    EI_y = EI if EI_y is None else EI_y
+    return fx.Section(EI=EI, EA=1e6, C=1e6, m=1.0, J=J, EI_y=EI_y, C_y=1e6, J_y=J, GJ=GJ)
+
+
+FREE = fx.Arm(
+    "free", (fx.Link(0.6, section(2.0, 1.0, J=1e-3)), fx.Link(0.5, section(2.0, 1.0, J=1e-3))),
+    elbows=(fx.Elbow(0.2, 1e-3, 1e-3, axis=(0.0, 1.0, 0.0)),),
+)  # fmt: skip
+
+
+def rest(arm: fx.Arm, nodes: int, load: fx.PointLoad) -> Array:
+    """Where the tip of a clamped arm is at rest."""
+    scene = fx.Scene("rest", arm, duration=1.0, dt=1e-3, loads=(load,), start="held", space=True)
+    simulation = Simulation(scene, scene.settings(STRAINS, nodes=nodes))
+    return np.asarray(tips(arm, simulation.settings, simulation.system.q0[None])[0, 0])
+
+
+def test_a_moment_bends_a_round_rod_to_a_helix() -> None:
+    """EI = GJ: kappa = M / EI in any axes; errors fall with the points by which the tip is found, not by an order."""
+    arm, M = fx.Arm("rod", (fx.Link(1.0, section(2.0, 2.0)),)), np.array([3.0, 2.0, 6.0])
+    s, w = np.polynomial.legendre.leggauss(40)
+    exact = 0.5 * w @ Rotation.from_rotvec(0.25 * (1.0 + s)[:, None] * M).apply([1.0, 0.0, 0.0])
+    load = fx.PointLoad(0, "tip", torque_x=constant(3.0), torque_y=constant(2.0), torque=constant(6.0))
+    for nodes, most in ((3, 2e-5), (4, 2e-7), (5, 3e-9)):
+        assert np.abs(rest(arm, nodes, load) - exact).max() < most
+
+
+def test_a_moment_bends_a_rod_to_a_circle_in_any_plane() -> None:
+    arm, whole = fx.Arm("rod", (fx.Link(1.0, section(2.0, 1.0)),)), 4.0 * math.pi
+    for turn in (0.0, 0.7, math.pi / 2):
+        load = fx.PointLoad(
+            0, "tip", torque=constant(whole * math.cos(turn)), torque_y=constant(whole * math.sin(turn))
+        )
+        assert np.abs(rest(arm, 8, load)).max() < 1e-6
+
+
+def test_frequencies_of_a_strip() -> None:
+    """Clamped: flap, torsion (2k - 1)/(4L) sqrt(GJ / rho I_p); what steps take from the inertia is not in it."""
+    s = fx.Section.rectangle(0.05, 0.002, 200e9, 7870.0, 200e9 / 2.6)
+    scene = fx.Scene("strip", fx.Arm("strip", (fx.Link(0.5, s),)), duration=1.0, dt=0.05, space=True)
+    found = modes(scene, 6, STRAINS, nodes=8, clamped=True).frequencies / (2.0 * math.pi)
+    for known, share in ((6.5147, 1e-4), (40.824, 2e-4), (114.297, 1e-3), (123.370, 1e-4)):
+        assert np.abs(found / known - 1.0).min() < share
+
+
+@pytest.mark.parametrize(("spin", "flap"), [(1.0, 3.68165), (6.0, 7.36037), (12.0, 13.17014)])
+def test_flap_and_lag_of_a_rotating_cantilever(spin: float, flap: float) -> None:
+    arm = fx.Arm("blade", (fx.Link(1.0, section(1.0, 1.0, J=1e-7)),))
+    scene = fx.Scene("blade", arm, duration=1.0, dt=1e-3, space=True)
+    found = modes(scene, 2, STRAINS, nodes=8, clamped=True, spin=spin).frequencies
+    assert found == pytest.approx([math.sqrt(flap**2 - spin**2), flap], rel=2e-4)
+
+
+def test_lateral_torsional_buckling() -> None:
+    """P L^2 / sqrt(EI_w GJ) = 4.0126 of a cantilever that is stiff in the plane of its load."""
+    arm = fx.Arm("blade", (fx.Link(1.0, section(1e5, 1.0, EI_y=1.0, J=1e-3)),))
+
+    def smallest(P: float) -> float:
+        load = fx.PointLoad(0, "tip", force_y=constant(-P))
+        scene = fx.Scene("blade", arm, duration=1.0, dt=1e-3, loads=(load,), space=True)
+        return static_equilibrium(scene, STRAINS, nodes=6, require_stable=False).stability.smallest
+
+    low, high = smallest(3.9), smallest(4.1)
+    assert low > 0.0 > high
+    assert 3.9 + 0.2 * low / (low - high) == pytest.approx(4.0126, rel=2e-3)
+
+
+def test_it_is_the_planar_elastica_in_a_drawn_plane() -> None:
+    """Two links that fall and bend by far; of converged strains and small steps, mounted in a drawn plane."""
+    s, g = section(5.0, 2.0, 9.0), np.array([0.0, -9.81, 0.0])
+    fields: dict[str, Any] = {
+        "links": (fx.Link(0.6, s), fx.Link(0.5, s)), "elbows": (fx.Elbow(0.2, 1e-3, 1e-3),),
+        "payload": fx.Payload(0.3, 1e-3), "tau_d": 1e-3,
+    }  # fmt: skip
+    loads, when = (fx.JointTorque(1, constant(0.7)),), {"duration": 0.3, "dt": 2.5e-4, "sample": 0.05}
+    plane = fx.Scene("p", fx.Arm("a", **fields), gravity=(0.0, -9.81), loads=loads, angles=(0.3, 0.8), **when)
+    turn = Rotation.random(random_state=3)
+    arm = fx.Arm("a", hub_mount=turn.as_matrix(), **fields)
+    scene = fx.Scene(
+        "s", arm, gravity=tuple(turn.apply(g)), loads=loads, angles=(0.3, 0.5), space=True, **when
+    )
+    flat = fx.simulate(plane, STRAINS, nodes=8, estimate_error=False).tip[:, :2]
+    found = fx.simulate(scene, STRAINS, nodes=8, estimate_error=False).tip[:, :3]
+    assert np.abs(turn.inv().apply(found) - np.column_stack([flat, 0.0 * flat[:, 0]])).max() < 2e-6
+
+
+def test_its_order_in_time_is_two_and_it_agrees_with_the_exact_beam() -> None:
+    scene = scenes.named("three_dof_slew")
+    scene = dataclasses.replace(scene, duration=0.2, sample=0.02)
+
+    def tip(formulation: str, dt: float, **mesh: int) -> Array:
+        found = fx.simulate(dataclasses.replace(scene, dt=dt), formulation, estimate_error=False, **mesh)
+        return np.asarray(found.tip[:, :3])
+
+    a, b, c = (tip(STRAINS, dt, nodes=5) for dt in (1e-3, 5e-4, 2.5e-4))
+    assert 1.8 < math.log2(np.abs(a - b).max() / np.abs(b - c).max()) < 2.6
+    other = tip("geometrically_exact", 2.5e-4, elements=24)
+    assert np.abs((4.0 * c - b) / 3.0 - other).max() < 3e-4 * scene.arm.total_length
+
+
+@pytest.mark.slow
+def test_energy_of_a_free_arm_does_not_drift() -> None:
+    """Over 10^4 steps at rho_inf = 1. (Its momentum: `test_momentum_of_a_free_arm`.)"""
+    load = fx.PointLoad(0, "root", force_y=pulse(3.0, 0.1), torque_x=pulse(0.2, 0.1))
+    scene = fx.Scene("free", FREE, duration=10.0, dt=1e-3, sample=0.01, loads=(load,), root="free", space=True)
+    run = fx.simulate(scene, STRAINS, nodes=4, rho_inf=1.0, estimate_error=False)
+    assert run.finished
+    late = run.t > 0.15
+    energy = (run.kinetic + run.strain_energy)[late]
+    half = len(energy) // 2
+    assert abs(energy[:half].mean() - energy[half:].mean()) < 3e-3 * energy.mean()
+    assert np.ptp(energy) < 0.01 * energy.mean()
+
+
+def test_momentum_of_a_free_arm() -> None:
+    """Of an arm that was pushed: sum of inertial forces of its rates, M v, which `conserve` keeps, to round-off."""
+    load = fx.PointLoad(0, "root", force_y=pulse(3.0, 0.1), torque_x=pulse(0.2, 0.1))
+    scene = fx.Scene("free", FREE, duration=1.0, dt=2e-3, loads=(load,), root="free", space=True)
+    simulation = Simulation(scene, scene.settings(STRAINS, nodes=4))
+    model, found = assembly.physical(simulation.model), []
+    for t in (0.2, 0.5, 1.0):
+        assert simulation.advance_to(t)
+        w, r, still = simulation.work, np.zeros(int(model.n)), np.zeros(int(model.n))
+        room = np.zeros(int(model.n_factor))
+        _residual(SINGLE, model, simulation.par, State(w.q, still, w.v), np.zeros_like(w.u), r, room)
+        found.append(r[:3].copy())
+    assert found[0] == pytest.approx([0.0, 0.3, 0.0], abs=1e-6)
+    assert np.ptp(found, axis=0).max() < 1e-12
+
+
+@kernel
+def _residual(lane, model, par, state, u, r, S):  # type: ignore[no-untyped-def]
+    protocol.assemble(lane, model, par, state, u, protocol.RESIDUAL_ALONE, r, S)
+
+
+@kernel
+def _step(lane, model, par, state, u, weights, r, S):  # type: ignore[no-untyped-def]
+    protocol.assemble(lane, model, par, state, u, weights, r, S)
+    for i in range(model.fixed.shape[0]):
+        protocol.pin(lane, model, S, model.fixed[i])
+    protocol.factor(lane, model, S)
+    protocol.solve(lane, model, S, r)
+
+
+def test_lanes_have_the_bits_of_a_single_arm() -> None:
+    scene = scenes.named("three_dof_slew")
+    system = assembly.assemble(scene, scene.settings(STRAINS, nodes=4))
+    model, n = system.model, int(system.model.n)
+    rng = np.random.default_rng(3)
+    parts = [0.1 * rng.normal(size=(n, 8)), rng.normal(size=(n, 8)), 10.0 * rng.normal(size=(n, 8))]
+    weights, many = Weights(4e6, 2e3, 1.0), np.zeros(8 * n)
+    _step(EIGHT, model, np.repeat(system.par, 8), State(*(np.ascontiguousarray(x).ravel() for x in parts)),
+          np.zeros(8 * int(model.n_inputs)), weights, many, np.zeros(8 * int(model.n_factor)))  # fmt: skip
+    for k in range(8):
+        one = np.zeros(n)
+        _step(SINGLE, model, system.par, State(*(np.ascontiguousarray(x[:, k]) for x in parts)),
+              np.zeros(int(model.n_inputs)), weights, one, np.zeros(int(model.n_factor)))  # fmt: skip
+        assert np.array_equal(one, many.reshape(n, 8)[:, k])
+
+
+def test_it_is_linearised_about_a_sagging_rest() -> None:
+    """Eigenvalues of the state space under gravity, joints held by torques: two of four joints' are unstable."""
+    scene = fx.Scene(
+        "sag", arms.named("three_dof"), duration=1.0, dt=1e-3, gravity=(0.0, 0.0, -9.81), angles=(0.3, 0.6, -0.9)
+    )
+    ours, other = (
+        np.sort(np.abs(np.linalg.eigvals(linearize(static_equilibrium(scene, hold_joints=True, **how)).A)))
+        for how in ({"formulation": STRAINS, "nodes": 6}, {"elements": 12})
+    )
+    assert ours[2:10] == pytest.approx(other[2:10], rel=3e-3)
+
+
+def test_what_it_does_not_know_is_refused_by_name() -> None:
+    s = section(2.0, 1.0)
+    jump = fx.Arm("a", (fx.Link(1.0, ((0.0, s), (0.5, s), (0.5, section(3.0, 1.0)), (1.0, s))),))
+    for arm, options, words in (
+        (jump, {}, "links[0].section = '1 jumps': must not jump"),
+        (fx.Arm("a", (fx.Link(1.0, s),)), {"period_correction": True}, "period_correction"),
+        (fx.Arm("a", (fx.Link(1.0, fx.Section(1.0, 1e5, 1e5, 1.0)),)), {}, "links[0].section.EI_y = None"),
+    ):
+        scene = fx.Scene("s", arm, duration=0.1, dt=1e-3, space=True)
+        with pytest.raises(ValueError) as caught:
+            fx.simulate(scene, STRAINS, **options)
+        assert words in str(caught.value)
