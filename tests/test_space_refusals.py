@@ -19,6 +19,7 @@ from flexarm_env.scenes import named
 PAGE = Path(__file__).parents[1] / "docs" / "environments" / "spatial.md"
 SPACE = "SpatialFlexArm-v0"
 SLEW = named("three_dof_slew")
+STRIP: Any = arms.named("three_dof").links[1].section  # type: ignore[union-attr]
 LIST = PAGE.read_text("utf-8").partition("## What is not there\n")[2].partition("\n## ")[0]
 LISTED = re.findall(r"^\|[^|\n]*\| `([^`\n]*\))` \| `([^`\n]*)` \|$", LIST, re.MULTILINE)
 
@@ -62,6 +63,6 @@ def test_refused(call: str, sentence: str, tmp_path: Path, monkeypatch: Any, cap
     monkeypatch.chdir(tmp_path)
     known = {"make": make, "control": control, "changed": changed, "run": run, "linear": linearized, "flexarm": flexarm}
     with pytest.raises(ValueError) as caught:
-        eval(call, {"Section": fx.Section, **known})
+        eval(call, {"Section": fx.Section, "STRIP": STRIP, "THIN": dataclasses.replace(STRIP, EI=2.0), **known})
     assert str(caught.value).startswith(sentence)
     assert not list(tmp_path.iterdir())

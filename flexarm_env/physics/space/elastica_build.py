@@ -156,7 +156,7 @@ BENT = 0.3
 
 
 class Notes(dict[str, float]):
-    """ "stretch_and_shear", a fraction of the arm's length: what leaving them out costs an arm that is bent by `BENT`."""
+    """ "stretch_and_shear", a fraction of the arm's length: what leaving them out costs where links bend by `BENT`."""
 
     def __init__(self, arm: Arm) -> None:
         self.share = max((_softness(link) for link in arm.links if not link.rigid), default=0.0)
