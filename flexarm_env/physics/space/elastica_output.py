@@ -144,14 +144,17 @@ def task_poses(lane, model, par, q, v, out):
 
 
 @kernel
-def stand(lane, model, live, angles, q):
-    """See `protocol`; links are straight."""
+def stand(lane, model, live, angles, rates, q, v):
+    """See `protocol`; links are straight, and all rates but the base's are against what comes before."""
     for k in range(model.links):
         i = joint_row(model, k)
         put(live, q, i, load(lane, angles, k), load(lane, q, i))
         if count_of(model, k) > 0:
             for j in range(3 * len(model.polynomials)):
                 put(live, q, i + 1 + j, splat(lane, 0.0), load(lane, q, i + 1 + j))
+    if rates is not None:
+        for j in range(AXES, model.n):
+            put(live, v, j, load(lane, rates, j), load(lane, v, j))
 
 
 @kernel
