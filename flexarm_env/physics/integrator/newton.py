@@ -63,11 +63,20 @@ def _first_contraction(lane, trust, increment):
 
 
 @kernel
-def _size(lane, correction, shift, k, d):
-    """Of the increment d or, where the period is corrected, of that with the shift of the displacement: the larger."""
+def follow(lane, w, k, d, slopes):
+    """v, a, b of row k where its q is another by d."""
+    store(w.v, k, load(lane, w.v, k) + d * slopes.v)
+    store(w.a, k, load(lane, w.a, k) + d * slopes.a)
+    store(w.b, k, load(lane, w.b, k) + d * slopes.b)
+
+
+@kernel
+def _moved(lane, correction, shift, k, d):
+    """The increment d and, where the period is corrected, the shift of the displacement; and the larger of the two."""
     if correction is None:
-        return absolute(d)
-    return maximum(absolute(d + load(lane, shift, k)), absolute(d))
+        return d, absolute(d)
+    moved = d + load(lane, shift, k)
+    return moved, maximum(absolute(moved), absolute(d))
 
 
 @kernel
@@ -99,18 +108,21 @@ def _move(lane, model, w, active, slopes):
     nothing = splat(lane, -0.0)  # x + -0.0 is x to the last bit
     for k in range(size(model.n)):
         d = -load(lane, w.r, k)
-        increment = _size(lane, model.correction, w.shift, k, d)
+        moved, increment = _moved(lane, model.correction, w.shift, k, d)
         largest_of = maximum(increment * model.weight[k], largest_of)
         largest_of = select_lt(increment, np.inf, largest_of, splat(lane, np.nan))
-        store(w.r, k, select_lt(0.5, active, d, nothing))
-    for k in range(size(model.n)):  # a loop of its own: what it needs has room in registers
-        d = load(lane, w.r, k)
-        store(w.v, k, load(lane, w.v, k) + d * slopes.v)
-        store(w.a, k, load(lane, w.a, k) + d * slopes.a)
-        store(w.b, k, load(lane, w.b, k) + d * slopes.b)
-    if model.correction is not None:
+        d = select_lt(0.5, active, d, nothing)
+        if len(lane) > 1:
+            store(w.r, k, select_lt(0.5, active, moved, nothing))
+            follow(lane, w, k, d, slopes)
+        else:
+            store(w.r, k, d)
+    if len(lane) == 1:  # loops of their own, which vectorise
         for k in range(size(model.n)):
-            store(w.r, k, select_lt(0.5, active, load(lane, w.r, k) + load(lane, w.shift, k), nothing))
+            follow(lane, w, k, load(lane, w.r, k), slopes)
+        if model.correction is not None:
+            for k in range(size(model.n)):
+                store(w.r, k, select_lt(0.5, active, load(lane, w.r, k) + load(lane, w.shift, k), nothing))
     update(lane, model, w.q, 1.0, w.r, None)
     return largest_of
 
@@ -165,7 +177,5 @@ def _sharpen(lane, model, drive, par, w, slopes):
     for k in range(size(model.n)):
         d = change(-load(lane, w.r, k))
         store(w.r, k, d)
-        store(w.v, k, load(lane, w.v, k) + d * slopes.v)
-        store(w.a, k, load(lane, w.a, k) + d * slopes.a)
-        store(w.b, k, load(lane, w.b, k) + d * slopes.b)
+        follow(lane, w, k, d, slopes)
     update(lane, model, w.q, 1.0, w.r, None)

@@ -26,7 +26,7 @@ from ..protocol import (
 )
 from .books import keep_books, open_books
 from .drive import set_inputs, set_motions
-from .newton import newton, slopes_of
+from .newton import follow, newton, slopes_of
 from .work import copy_rows, note_reactions, set_known, solve_known, state_of, unpack
 
 
@@ -61,21 +61,13 @@ def foresee(lane, model, w, h, scheme):
 
 
 @kernel
-def _follow(lane, w, k, d, slopes):
-    """v, a, b of a start whose q is another by d."""
-    store(w.v, k, load(lane, w.v, k) + d * slopes.v)
-    store(w.a, k, load(lane, w.a, k) + d * slopes.a)
-    store(w.b, k, load(lane, w.b, k) + d * slopes.b)
-
-
-@kernel
 def _stay(lane, model, w, slopes):
     """Start Newton from where the step began, in place of the prediction: after a load has jumped, accelerations that
     the step does not resolve may throw the prediction so far that Newton does not come back from there."""
     difference(lane, model, w.q, w.q0, w.r)
     for k in range(size(model.n)):
         store(w.q, k, load(lane, w.q0, k))
-        _follow(lane, w, k, load(lane, w.r, k), slopes)
+        follow(lane, w, k, load(lane, w.r, k), slopes)
 
 
 @kernel
@@ -88,7 +80,7 @@ def _guess(lane, model, predictor, w, slopes):
             q = load(lane, w.r, k)
             d = q - load(lane, w.q, k)
             store(w.q, k, q)
-            _follow(lane, w, k, d, slopes)
+            follow(lane, w, k, d, slopes)
 
 
 @kernel

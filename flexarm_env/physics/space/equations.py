@@ -167,6 +167,12 @@ def conserve(lane, model, par, before, h, q, v, u, zero, r, S):
 
 
 @kernel
+def renewed(model, iteration):
+    """See `protocol`: the factors of the second iteration will do for the third and the fourth."""
+    return iteration != 2 and iteration != 3
+
+
+@kernel
 def _note(lane, model, S, h, hinge, tip, on_root):
     """What `_hand_on` needs of a joint."""
     put_matrix(S, h + H.now_turn, hinge.turn)
@@ -218,5 +224,5 @@ register(
     SpatialBeam, assemble=assemble, pin=pin, stiffen=stiffen, factor=factor, solve=solve, update=update,
     difference=difference, energy=energy, ports=ports, ports_after=ports_after, damping_work=damping_work,
     link_poses=link_poses, shape=shape, predict=predict, task_poses=task_poses, stand=stand,
-    light=light, conserve=conserve, gyrate=gyrate, lean=lean, sway=sway, gauge=gauge,
+    light=light, conserve=conserve, gyrate=gyrate, lean=lean, sway=sway, gauge=gauge, renewed=renewed,
 )  # fmt: skip
