@@ -11,17 +11,19 @@ from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from ..protocol import RESIDUAL_ALONE, State, register
 from .chain import (
     SpatialBeam,
+    Vertex,
     body,
     clear,
     hinged,
     loaded,
     lump,
+    place_at,
     rotor_moment,
     section_at,
     three_of,
     vertex_at,
 )
-from .element import forces, inertia, middle, most_force, tangent
+from .element import forces, inertia, middle, middle_of, most_force, tangent
 from .framed import framed
 from .layout import AXES, B, E, F, H, J, L, P, before, count_of, factor_at, hinge_at, joint_row, rows_before
 from .matrix import factor, gyrate, lean, matrix_in, pin, put_matrix, solve, stiffen, sway
@@ -136,25 +138,65 @@ def _exact(lane, model, section, left, right, element, weights, S, f):
 
 
 @kernel
+def _of_body(lane, array, o, mass, at):
+    """Momentum of the `BODY` at o of `array` on a place."""
+    arm = turned(matrix(at.p), cross(at.spin, three_of(lane, array, o + P.centre)))
+    return times(plus(at.v, arm), mass)
+
+
+@kernel
+def _momentum(lane, model, par, q, v):
+    """Of a chain of exact beams, whose masses are those of `element.inertia`."""
+    state, tip, element = State(q, v, v), place_at(lane, q, v, 0), 0
+    zero = splat(lane, 0.0)
+    total = zero, zero, zero
+    for k in range(model.links):
+        at, i = J.end * k, joint_row(model, k) + 1
+        if k > 0:
+            mass = splat(lane, model.joints[at + J.near + P.mass])
+            total = plus(total, _of_body(lane, model.joints, at + J.near, mass, tip))
+        left = hinged(lane, model, state, k, Vertex(tip, tip.v, tip.spin)).root.place
+        mass = splat(lane, model.joints[at + J.far + P.mass])
+        total = plus(total, _of_body(lane, model.joints, at + J.far, mass, left))
+        for _ in range(count_of(model, k)):
+            right, own = place_at(lane, q, v, i), E.end * element
+            masses = three_of(lane, model.sections, own + E.mass)
+            middle_rate = middle_of(splat(lane, model.sections[own + E.length]), left, right)[1]
+            ends = plus(times(left.v, masses[0]), times(right.v, masses[2]))
+            total = plus(total, plus(ends, times(middle_rate, masses[1])))
+            left = right
+            i += AXES
+            element += 1
+        tip = left
+    total = plus(total, _of_body(lane, model.end, 0, splat(lane, model.end[P.mass]), tip))
+    return plus(total, _of_body(lane, model.payload, 0, load(lane, par, PAYLOAD_MASS), tip))
+
+
+@kernel
 def conserve(lane, model, par, before, h, q, v, u, zero, r, S):
     """See `protocol`: sections turn, and places of centres and middles are no linear function of what the integrator
     moves. Inertial forces of the accelerations v are M v, whose sum is the momentum; no other equation sees a rigid
     translation."""
     if model.free is None:
         return None
-    clear(lane, zero, 0, model.n)
-    assemble(lane, model, par, State(q, zero, v), u, RESIDUAL_ALONE, r, S)
     mass, nothing = load(lane, par, PAYLOAD_MASS) + model.free, splat(lane, 0.0)
-    momentum, push = vector(lane, r, 0), (nothing, nothing, nothing)
-    for k in range(model.links):
-        for e in range(count_of(model, k)):
-            momentum = plus(momentum, vector(lane, r, joint_row(model, k) + 1 + AXES * e))
+    push = nothing, nothing, nothing
+    if model.frames is None:
+        momentum = _momentum(lane, model, par, q, v)
+    else:
+        clear(lane, zero, 0, model.n)
+        assemble(lane, model, par, State(q, zero, v), u, RESIDUAL_ALONE, r, S)
+        momentum = vector(lane, r, 0)
+        for k in range(model.links):
+            for e in range(count_of(model, k)):
+                momentum = plus(momentum, vector(lane, r, joint_row(model, k) + 1 + AXES * e))
     if model.gravity is not None:
         push = times(three_of(lane, model.gravity, 0), mass)
     if model.loads is not None:
         for f in range(model.loads.shape[0] // L.end):
             push = plus(push, vector(lane, u, model.links + AXES * f))
-    momentum = plus(momentum, push)
+    if model.frames is not None:  # weight and loads are in the residual
+        momentum = plus(momentum, push)
     if before is None:
         return momentum, push
     wanted = plus(before[0], times(plus(before[1], push), 0.5 * h))
