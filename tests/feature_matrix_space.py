@@ -440,6 +440,8 @@ def _print(methods: list[str], paged: bool) -> None:
     rows = []
     for features in SINGLE + PAIRS + PERIODS:
         for method in methods or METHODS:
+            if method == "elastica" and SHEARED & {*features}:
+                continue
             row = measure(features, method)
             row |= beside(features, method) if features in PERIODS else {}
             rows.append((row["tip"] / TIP[method], features, method, row))
