@@ -16,7 +16,6 @@ from .elastica_output import (
     damping_work,
     difference,
     energy,
-    link_poses,
     ports,
     ports_after,
     shape,
@@ -30,17 +29,17 @@ from .layout import AXES, B, F, H, J, L, P, before, count_of, factor_at, hinge_a
 from .matrix import (
     _block,
     _eliminate_joint,
-    _factor_six,
-    _part,
-    _solve_six,
     _times,
+    factor_base,
     gyrate,
     lean,
     matrix_in,
     pin,
+    solve_base,
     stiffen,
     sway,
 )
+from .output import link_poses
 from .rotations import add_vector, back, dot, minus, plus, put_vector, times, turned, vector
 from .strained import elastic, pull, strain_row, walk
 from .strained_layout import noted_at
@@ -212,14 +211,7 @@ def factor(lane, model, S):
         if count_of(model, k) > 0:
             _condense(lane, model, S, k)
         _eliminate_joint(lane, model, S, k)
-    zero, one = splat(lane, 0.0), splat(lane, 1.0)
-    for i in range(6):
-        if S[(B.pinned + i) * len(lane)] != 0.0:
-            for j in range(6):
-                store(S, B.matrix + 6 * i + j, zero)
-                store(S, B.matrix + 6 * j + i, zero)
-            store(S, B.matrix + 7 * i, one)
-    _factor_six(lane, _part(lane, S, B.matrix, 36))
+    factor_base(lane, S)
 
 
 @kernel
@@ -292,10 +284,7 @@ def solve(lane, model, S, x):
     clear(lane, S, noted_at(model, model.links - 1).x, 6)
     for back_k in range(model.links):
         _down(lane, model, S, model.links - 1 - back_k, x)
-    for i in range(6):
-        if S[(B.pinned + i) * len(lane)] != 0.0:
-            store(x, i, splat(lane, 0.0))
-    _solve_six(lane, _part(lane, S, B.matrix, 36), _part(lane, x, 0, 6))
+    solve_base(lane, S, x)
     for k in range(model.links):
         _up(lane, model, S, k, x)
 

@@ -94,7 +94,7 @@ def _link(link: Link, n: int, damping: float) -> Array:
     )  # fmt: skip
 
 
-def _inertia(packed: dict[str, Array], length: float) -> Array:
+def _inertia(packed: dict[str, Array]) -> Array:
     """(3, n, n) kg m^2, of the strains of a straight link whose root turns as it likes: torsion, bending about y, z."""
     angles = np.cumsum(packed["sums"], axis=0)
     along, aside = packed["ways"].sum(axis=1), packed["ways"] @ angles[:-1]
@@ -109,11 +109,11 @@ def _inertia(packed: dict[str, Array], length: float) -> Array:
     return np.array(found)
 
 
-def _correction(packed: dict[str, Array], length: float, settings: Settings) -> Array:
+def _correction(packed: dict[str, Array], settings: Settings) -> Array:
     """(3, n, n) kg m^2, what to take from the inertia of the strains for steps of h (see `elastica.build`)."""
     assert settings.dt is not None
     lengthening, share = 2.0 * settings.period_error * settings.dt**2, HEAVIER * settings.dt**4
-    M, K = _inertia(packed, length), packed["stiffness"]
+    M, K = _inertia(packed), packed["stiffness"]
     C = (lengthening * K - share * K @ np.linalg.solve(M, K)) @ np.linalg.solve(M + lengthening * K, M)
     return np.asarray(0.5 * (C + C.transpose(0, 2, 1)))
 
@@ -192,7 +192,7 @@ def build(scene: Scene, settings: Settings) -> System:
     for link, packed in zip(arm.links, strains, strict=True):
         if not link.rigid:
             fields = STRAINED.unpack(packed, polynomials=n, points=n + 2)
-            fields["correction"][:] = _correction(fields, link.length, settings)
+            fields["correction"][:] = _correction(fields, settings)
     first, places = B.end + H.end * arm.n_links, []
     room = F.end + NOTED.offsets(0, n, n + 2).end
     for k, link in enumerate(arm.links):

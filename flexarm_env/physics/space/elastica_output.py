@@ -158,11 +158,6 @@ def stand(lane, model, live, angles, rates, q, v):
 
 
 @kernel
-def link_poses(lane, model, par, q, v, out):
-    """Nothing: poses in space are read off the coordinates (`space.reading`)."""
-
-
-@kernel
 def shape(model, q, points):
     """Places along the chain into points (P, 3): the base, then of each link its beginning, its points, its tip; their
     number. None where points have two numbers: they are read off elsewhere."""

@@ -246,6 +246,28 @@ def _eliminate_joint(lane, model, S, k):
 
 
 @kernel
+def factor_base(lane, S):
+    """What is left on the base, its rows that are held pinned."""
+    zero, one = splat(lane, 0.0), splat(lane, 1.0)
+    for i in range(6):
+        if S[(B.pinned + i) * len(lane)] != 0.0:
+            for j in range(6):
+                store(S, B.matrix + 6 * i + j, zero)
+                store(S, B.matrix + 6 * j + i, zero)
+            store(S, B.matrix + 7 * i, one)
+    _factor_six(lane, _part(lane, S, B.matrix, 36))
+
+
+@kernel
+def solve_base(lane, S, x):
+    """What the base moves by."""
+    for i in range(6):
+        if S[(B.pinned + i) * len(lane)] != 0.0:
+            store(x, i, splat(lane, 0.0))
+    _solve_six(lane, _part(lane, S, B.matrix, 36), _part(lane, x, 0, 6))
+
+
+@kernel
 def factor(lane, model, S):
     """See `protocol`."""
     for back_k in range(model.links):
@@ -258,14 +280,7 @@ def factor(lane, model, S):
                 for i in range(36):
                     add(lane, S, o - F.end + F.RR + i, load(lane, S, o + F.LL + i))
         _eliminate_joint(lane, model, S, k)
-    zero, one = splat(lane, 0.0), splat(lane, 1.0)
-    for i in range(6):
-        if S[(B.pinned + i) * len(lane)] != 0.0:
-            for j in range(6):
-                store(S, B.matrix + 6 * i + j, zero)
-                store(S, B.matrix + 6 * j + i, zero)
-            store(S, B.matrix + 7 * i, one)
-    _factor_six(lane, _part(lane, S, B.matrix, 36))
+    factor_base(lane, S)
 
 
 @kernel
@@ -352,9 +367,6 @@ def solve(lane, model, S, x):
     """See `protocol`."""
     for back_k in range(model.links):
         _down(lane, model, S, model.links - 1 - back_k, x)
-    for i in range(6):
-        if S[(B.pinned + i) * len(lane)] != 0.0:
-            store(x, i, splat(lane, 0.0))
-    _solve_six(lane, _part(lane, S, B.matrix, 36), _part(lane, x, 0, 6))
+    solve_base(lane, S, x)
     for k in range(model.links):
         _up(lane, model, S, k, x)

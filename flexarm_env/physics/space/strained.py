@@ -185,7 +185,7 @@ def walk(lane, model, k, state, root, S):
             I, own_w = three_of(lane, model.strains, at.inertia + 3 * i), back(A, w)
             turn = plus(scale(back(A, alpha), I), cross(own_w, scale(own_w, I)))
             put_vector(S, to.moment + 3 * i, turned(A, turn))
-    u = zero, zero, zero
+    u, r, found = (zero, zero, zero), (zero, zero, zero), a0
     for i in range(n + 1):
         r, found = (zero, zero, zero), a0
         for j in range(n):
@@ -197,12 +197,9 @@ def walk(lane, model, k, state, root, S):
         put_vector(S, to.r + 3 * i, r)
         if i < n:
             put_vector(S, to.force + 3 * i, times(found, model.strains[at.mass + i]))
-        else:
-            place = root.place
-            spin, second = back(matrix(p), w), back(matrix(p), alpha)
-            end = Place(plus(place.r, turned(frame, r)), plus(place.v, turned(frame, u)), composed(place.p, p), spin)
-            return Vertex(end, turned(frame, found), second)
-    return root
+    place, A = root.place, matrix(p)
+    r, u = plus(place.r, turned(frame, r)), plus(place.v, turned(frame, u))
+    return Vertex(Place(r, u, composed(place.p, p), back(A, w)), turned(frame, found), back(A, alpha))
 
 
 @kernel

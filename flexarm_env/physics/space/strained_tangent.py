@@ -16,6 +16,7 @@ from ..model import TAU_D
 from .chain import clear, three_of
 from .element import add_block, scale
 from .layout import F
+from .matrix import matrix_in, put_matrix
 from .rotations import (
     back,
     cross,
@@ -36,19 +37,6 @@ from .strained_layout import noted_at, strained_at
 
 
 @kernel
-def matrix_at(lane, S, o):
-    """A matrix in S, row by row."""
-    return vector(lane, S, o), vector(lane, S, o + 3), vector(lane, S, o + 6)
-
-
-@kernel
-def put_matrix(S, o, A):
-    """The other way about."""
-    for i in range(3):
-        put_vector(S, o + 3 * i, A[i])
-
-
-@kernel
 def _tangent_of(lane, S, to, i):
     """e_x of point i."""
     o = to.turn + 9 * i
@@ -58,7 +46,7 @@ def _tangent_of(lane, S, to, i):
 @kernel
 def _turns(lane, S, to, i):
     """What interval i's end turns by, by each entry of s and of d, to `by_sum` and `by_slant`."""
-    A, x, psi = matrix_at(lane, S, to.turn + 9 * i), vector(lane, S, to.x_of + 3 * i), vector(lane, S, to.psi + 3 * i)
+    A, x, psi = matrix_in(lane, S, to.turn + 9 * i), vector(lane, S, to.x_of + 3 * i), vector(lane, S, to.psi + 3 * i)
     s, d = vector(lane, S, to.s + 3 * i), vector(lane, S, to.d + 3 * i)
     share, f, slope = vector(lane, S, to.series + 3 * i)
     one, zero = share * 0.0 + 1.0, share * 0.0
@@ -73,7 +61,7 @@ def _turns(lane, S, to, i):
 @kernel
 def _inertia(lane, model, at, to, S, i, b):
     """I b of the sections at point i."""
-    A = matrix_at(lane, S, to.turn + 9 * i)
+    A = matrix_in(lane, S, to.turn + 9 * i)
     return turned(A, scale(back(A, b), three_of(lane, model.strains, at.inertia + 3 * i)))
 
 
@@ -88,8 +76,8 @@ def _rotary(lane, model, at, to, S, i, theta, weights):
 @kernel
 def _turned_on(lane, S, to, i, c, by_s, by_d):
     """By how much (on s, on d) of interval i change with s and d themselves, of which entry c changes by (by_s, by_d):
-    the slope of `strained.own_force` where the moment turns with the interval's end."""
-    A, x, psi = matrix_at(lane, S, to.turn + 9 * i), vector(lane, S, to.x_of + 3 * i), vector(lane, S, to.psi + 3 * i)
+    the slope of `strained._own_force` where the moment turns with the interval's end."""
+    A, x, psi = matrix_in(lane, S, to.turn + 9 * i), vector(lane, S, to.x_of + 3 * i), vector(lane, S, to.psi + 3 * i)
     s, d = vector(lane, S, to.s + 3 * i), vector(lane, S, to.d + 3 * i)
     share, f, slope = vector(lane, S, to.series + 3 * i)
     ds, dd = _entry(share, c, by_s), _entry(share, c, by_d)
@@ -125,7 +113,7 @@ def _on_strains(lane, model, S, at, to, force, moment, ck, theta_too, column, st
     n, m = size(model.points), size(model.polynomials)
     total, couple, g = force, plus(moment, cross(vector(lane, S, to.r + 3 * n), force)), moment
     if theta_too is not None:
-        held = back(matrix_at(lane, S, to.frame), vector(lane, S, to.on))
+        held = back(matrix_in(lane, S, to.frame), vector(lane, S, to.on))
         couple = plus(couple, times(cross(vector(lane, S, to.moved + 3 * n), held), ck))
     for back_i in range(n + 1):
         i = n - back_i
@@ -146,8 +134,8 @@ def _on_strains(lane, model, S, at, to, force, moment, ck, theta_too, column, st
         if theta_too is not None:
             held = vector(lane, S, to.bend + 3 * i)
             on = plus(g, times(cross(held, vector(lane, S, to.theta + 3 * i)), ck))
-        on_s = turned(matrix_at(lane, S, to.by_sum + 9 * i), on)
-        on_d = turned(matrix_at(lane, S, to.by_slant + 9 * i), on)
+        on_s = turned(matrix_in(lane, S, to.by_sum + 9 * i), on)
+        on_d = turned(matrix_in(lane, S, to.by_slant + 9 * i), on)
         if theta_too is not None:
             j, c = theta_too
             by_s, by_d = model.strains[at.sums + m * i + j], model.strains[at.slants + m * i + j]
@@ -166,7 +154,7 @@ def _by_strain(lane, model, weights, S, at, to, j, c):
     """The column of the coefficient of polynomial j about axis c."""
     n, m, zero = size(model.points), size(model.polynomials), splat(lane, 0.0)
     cm, cd, ck = weights.mass, weights.damping, weights.stiffness
-    frame, theta, pushed = matrix_at(lane, S, to.frame), (zero, zero, zero), (zero, zero, zero)
+    frame, theta, pushed = matrix_in(lane, S, to.frame), (zero, zero, zero), (zero, zero, zero)
     for i in range(n + 1):
         by_s = times(vector(lane, S, to.by_sum + 9 * i + 3 * c), model.strains[at.sums + m * i + j])
         by_d = times(vector(lane, S, to.by_slant + 9 * i + 3 * c), model.strains[at.slants + m * i + j])
@@ -190,7 +178,7 @@ def _by_strain(lane, model, weights, S, at, to, j, c):
             put_vector(S, to.second + 3 * i, turn)
     row, end = 3 * j + c, vector(lane, S, to.theta + 3 * n)
     put_vector(S, to.last + 6 * row, turned(frame, vector(lane, S, to.moved + 3 * n)))
-    put_vector(S, to.last + 6 * row + 3, back(matrix_at(lane, S, to.turn + 9 * n), end))
+    put_vector(S, to.last + 6 * row + 3, back(matrix_in(lane, S, to.turn + 9 * n), end))
     put_vector(S, to.by_root + 6 * row, turned(frame, pushed))
     moment = times(cross(end, vector(lane, S, to.bend + 3 * n)), ck)
     force, couple = _on_strains(
@@ -205,7 +193,7 @@ def _by_turn(lane, model, weights, S, f, at, to, axis, c):
     """The column of a rotation of the root about its axis c."""
     n, zero = size(model.points), splat(lane, 0.0)
     cm, cd, ck = weights.mass, weights.damping, weights.stiffness
-    frame, spin = matrix_at(lane, S, to.frame), vector(lane, S, to.spin)
+    frame, spin = matrix_in(lane, S, to.frame), vector(lane, S, to.spin)
     fall, forces = times(cross(axis, vector(lane, S, to.a)), -ck), (zero, zero, zero)
     for i in range(n):
         r, mass = vector(lane, S, to.r + 3 * i), model.strains[at.mass + i]
@@ -230,10 +218,10 @@ def strained_tangent(lane, model, par, k, weights, S, f):
     n, m, at, to = size(model.points), size(model.polynomials), strained_at(model, k), noted_at(model, k)
     zero, cm = splat(lane, 0.0), weights.mass
     one = zero + 1.0
-    frame, spin = matrix_at(lane, S, to.frame), vector(lane, S, to.spin)
+    frame, spin = matrix_in(lane, S, to.frame), vector(lane, S, to.spin)
     clear(lane, S, to.matrix, to.end - to.matrix)
     end = vector(lane, S, to.r + 3 * n)
-    put_matrix(S, to.last_turn, matrix_at(lane, S, to.turn + 9 * n))
+    put_matrix(S, to.last_turn, matrix_in(lane, S, to.turn + 9 * n))
     put_matrix(S, to.shift, scaled(product(frame, skew(end)), -1.0))
     lever, mass = (zero, zero, zero), zero
     for i in range(n + 1):
