@@ -16,11 +16,8 @@ from .elastica_output import (
     damping_work,
     difference,
     energy,
-    ports,
-    ports_after,
     shape,
     stand,
-    task_poses,
     update,
 )
 from .equations import _add, _both, _handed, _note
@@ -39,7 +36,7 @@ from .matrix import (
     stiffen,
     sway,
 )
-from .output import link_poses
+from .output import link_poses, ports, ports_after, task_poses
 from .rotations import add_vector, back, dot, minus, plus, put_vector, times, turned, vector
 from .strained import elastic, pull, strain_row, walk
 from .strained_layout import noted_at

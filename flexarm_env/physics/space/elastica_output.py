@@ -5,19 +5,15 @@ from __future__ import annotations
 from ...compiler import kernel, load, splat, store
 from ..arithmetic import put
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
-from ..protocol import State, added
-from .chain import Vertex, energy_of, hinged, place_at, three_of
-from .layout import AXES, J, L, P, count_of, joint_row
-from .output import _between, _drawn, _move_vertex, _tip_lever, put_pose
+from ..protocol import added
+from .chain import SpatialElastica, energy_of, place_at
+from .layout import AXES, J, P, count_of, joint_row
+from .output import SECTIONS, _between, _drawn, _move_vertex, _tip_lever, root_of
 from .rotations import (
-    composed,
-    inverse,
     matrix,
     minus,
     plus,
     put_vector,
-    rotation_vector,
-    shorter,
     times,
     turned,
     vector,
@@ -44,17 +40,14 @@ def difference(lane, model, start, q, d):
 
 
 @kernel
-def _root(lane, model, q, v, k, tip):
-    """The `Place` of the root of link k on the section before."""
-    return hinged(lane, model, State(q, v, v), k, Vertex(tip, tip.v, tip.spin)).root.place
-
-
-@kernel
 def _last(lane, model, q, v, k, root):
-    """The `Place` of its last section."""
+    """Where its strains have it."""
     if count_of(model, k) > 0:
         return last_place(lane, model, k, q, v, root)
     return root
+
+
+SECTIONS.register(SpatialElastica, last_section=_last)
 
 
 @kernel
@@ -68,7 +61,7 @@ def energy(lane, model, par, q, v):
             mass = splat(lane, model.joints[at + J.near + P.mass])
             more, fall = energy_of(lane, model, model.joints, at + J.near, mass, None, tip)
             kinetic, gravity = kinetic + more, gravity + fall
-        root = _root(lane, model, q, v, k, tip)
+        root = root_of(lane, model, q, v, k, tip)
         mass = splat(lane, model.joints[at + J.far + P.mass])
         more, fall = energy_of(lane, model, model.joints, at + J.far, mass, None, root)
         kinetic, gravity = kinetic + more, gravity + fall
@@ -95,55 +88,6 @@ def damping_work(lane, model, par, q, v, x):
 
 
 @kernel
-def _loaded_place(lane, model, q, link, at_tip):
-    """The section that a load works on."""
-    tip = place_at(lane, q, q, 0)
-    root = tip
-    for k in range(link + 1):
-        root = _root(lane, model, q, q, k, tip)
-        tip = _last(lane, model, q, q, k, root)
-    return tip if at_tip else root
-
-
-@kernel
-def ports(lane, model, par, q, y):
-    """Joint angles, then of each load the position of its point and the rotation of its section, as a vector."""
-    for k in range(model.links):
-        store(y, k, load(lane, q, joint_row(model, k)))
-    if model.loads is not None:
-        for f in range(model.loads.shape[0] // L.end):
-            first, j = L.end * f, model.links + AXES * f
-            link, at_tip = int(model.loads[first + L.link]), model.loads[first + L.at_tip] != 0.0
-            place = _loaded_place(lane, model, q, link, at_tip)
-            put_vector(y, j, plus(place.r, turned(matrix(place.p), three_of(lane, model.loads, first + L.lever))))
-            put_vector(y, j + 3, rotation_vector(shorter(place.p)))
-
-
-@kernel
-def ports_after(lane, model, par, start, y0, q, y):
-    """See `output.ports_after`."""
-    ports(lane, model, par, q, y)
-    if model.loads is not None:
-        for f in range(model.loads.shape[0] // L.end):
-            first, j = L.end * f, model.links + AXES * f
-            link, at_tip = int(model.loads[first + L.link]), model.loads[first + L.at_tip] != 0.0
-            before = _loaded_place(lane, model, start, link, at_tip)
-            after = _loaded_place(lane, model, q, link, at_tip)
-            turn = rotation_vector(shorter(composed(after.p, inverse(before.p))))
-            put_vector(y, j + 3, plus(vector(lane, y0, j + 3), turn))
-
-
-@kernel
-def task_poses(lane, model, par, q, v, out):
-    """A `SPACE_POSES` a link."""
-    tip = place_at(lane, q, v, 0)
-    for k in range(model.links):
-        root = _root(lane, model, q, v, k, tip)
-        tip = _last(lane, model, q, v, k, root)
-        put_pose(lane, model, k, q, v, root, tip, out)
-
-
-@kernel
 def stand(lane, model, live, angles, rates, q, v):
     """See `protocol`; links are straight, and all rates but the base's are against what comes before."""
     for k in range(model.links):
@@ -167,7 +111,7 @@ def shape(model, q, points):
     tip, n = place_at(lane, q, q, 0), len(model.points)
     count = _drawn(points, 0, tip.r)
     for k in range(model.links):
-        root = _root(lane, model, q, q, k, tip)
+        root = root_of(lane, model, q, q, k, tip)
         count = _drawn(points, count, root.r)
         if count_of(model, k) > 0:
             for i in range(n):

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from ...compiler import alone, change, kernel, load, select_lt, splat, square_root, store
+from ...compiler import Family, alone, change, kernel, load, select_lt, splat, square_root, store
 from ..arithmetic import put
 from ..layout import SPACE_POSE as SP
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from ..protocol import State
-from .chain import Vertex, energy_of, hinged, place_at, section_at, three_of, uneven_of
+from .chain import SpatialBeam, Vertex, energy_of, hinged, place_at, section_at, three_of, uneven_of
 from .element import Place, bow_of, middle, middle_of, rates, scale
 from .frame import frame_of
 from .framed import frame_damping, frame_energy
@@ -215,18 +215,37 @@ def damping_work(lane, model, par, q, v, x):
     return total
 
 
+SECTIONS = Family("model")
+last_section = SECTIONS.function("last_section", "lane, model, q, v, k, root")
+"""The `Place` of link k's last section, root: of its first; by what coordinates its class has."""
+
+
+@kernel
+def _last_vertex(lane, model, q, v, k, root):
+    """Sections are coordinates."""
+    if count_of(model, k) > 0:
+        return place_at(lane, q, v, joint_row(model, k) + 1 + AXES * (count_of(model, k) - 1))
+    return root
+
+
+SECTIONS.register(SpatialBeam, last_section=_last_vertex)
+
+
+@kernel
+def root_of(lane, model, q, v, k, tip):
+    """The `Place` of the root of link k on the section before."""
+    return hinged(lane, model, State(q, v, v), k, Vertex(tip, tip.v, tip.spin)).root.place
+
+
 @kernel
 def _loaded_place(lane, model, q, v, link, at_tip):
     """The section that a load works on."""
-    state, tip = State(q, v, v), place_at(lane, q, v, 0)
-    found = tip
+    tip = place_at(lane, q, v, 0)
+    root = tip
     for k in range(link + 1):
-        root = hinged(lane, model, state, k, Vertex(tip, tip.v, tip.spin)).root
-        found = root.place
-        tip = found
-        if count_of(model, k) > 0:
-            tip = place_at(lane, q, v, joint_row(model, k) + 1 + AXES * (count_of(model, k) - 1))
-    return tip if at_tip else found
+        root = root_of(lane, model, q, v, k, tip)
+        tip = last_section(lane, model, q, v, k, root)
+    return tip if at_tip else root
 
 
 @kernel
@@ -321,12 +340,10 @@ def put_pose(lane, model, k, q, v, root, tip, out):
 @kernel
 def task_poses(lane, model, par, q, v, out):
     """A `SPACE_POSES` a link."""
-    state, tip = State(q, v, v), place_at(lane, q, v, 0)
+    tip = place_at(lane, q, v, 0)
     for k in range(model.links):
-        row, root = joint_row(model, k), hinged(lane, model, state, k, Vertex(tip, tip.v, tip.spin)).root.place
-        tip = root
-        if count_of(model, k) > 0:
-            tip = place_at(lane, q, v, row + 1 + AXES * (count_of(model, k) - 1))
+        root = root_of(lane, model, q, v, k, tip)
+        tip = last_section(lane, model, q, v, k, root)
         put_pose(lane, model, k, q, v, root, tip, out)
 
 
