@@ -62,7 +62,8 @@ class Simulation:
     """One arm of a scene: assembled, started consistently, advanced step by step.
 
     Args:
-        scene: what moves. settings: formulation and options; its dt must be given.
+        scene: what moves. settings: formulation and options; its dt must be given. moves: False where it is only made
+            linear, which in space takes less of a program.
     Attributes:
         t: time reached, s. status: a code of `flexarm_env.physics.model`. work: views of the state (`Work`).
         gross: work of the drives, J, what they gave and what they took both counted as positive.
@@ -71,7 +72,7 @@ class Simulation:
         deadline: `time.perf_counter()` beyond which `advance_to` gives up with status "timed_out"; None: never.
     """
 
-    def __init__(self, scene: Scene, settings: Settings) -> None:
+    def __init__(self, scene: Scene, settings: Settings, moves: bool = True) -> None:
         assert settings.dt is not None
         self.scene, self.settings, self.dt = scene, settings, settings.dt
         self._systems = fitted_systems(scene, settings)
@@ -86,6 +87,7 @@ class Simulation:
         self._restarted: tuple[Array, Array, float] | None
         self._chunk = max(1, int(CHUNK * min(1.0, CHEAP / len(self.system.q0)) ** 3))
         self._kinks = np.array(scene.kinks, dtype=np.float64)
+        self._whole = bool(self._kinks.size) or (moves and scene.spatial)
         self._points: int | None = None
         self._sizes = {"rows": len(self.work.q), "links": scene.arm.n_links, "motions": self.n_motions}
         self._sample = SAMPLE.offsets(0, *self._sizes.values()).end
@@ -262,12 +264,9 @@ class Simulation:
             made += self._call(stretch, instants[made:], table[made:], shapes[made:], books)
             if progress is not None:
                 progress(made / len(instants))
-            if self.status != OK:
-                break
-            if self.deadline is not None and time.perf_counter() > self.deadline:
+            if self.status == OK and self.deadline is not None and time.perf_counter() > self.deadline:
                 self.work.flag[0] = TIMED_OUT
-                break
-            if made == len(instants):
+            if self.status != OK or made == len(instants):
                 break
         stretch[_AT.done] = 0.0
         return made
@@ -276,7 +275,7 @@ class Simulation:
         """A call of `runtime.sampling.sample_rows`."""
         made = sample_rows(
             SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, self.scene.arm.n_links, stretch,
-            instants, self._kinks if self._kinks.size else None, self._chunk, CHUNKS * self._chunk, self.scheme,
+            instants, self._kinks if self._whole else None, self._chunk, CHUNKS * self._chunk, self.scheme,
             (0,) if books else None, table, shapes,
         )  # fmt: skip
         self.t, self.gross = float(stretch[_AT.time]), float(stretch[_AT.gross])
@@ -304,8 +303,8 @@ class Simulation:
         other._make_consistent(fresh=True)
 
     def _make_consistent(self, fresh: bool) -> None:
-        """`restart`, by itself: what makes an arm linear takes no samples. With kinks `sample_rows` has it."""
-        if self._kinks.size:
+        """`restart`: within `sample_rows`, which in space takes no longer to compile for it, or by itself."""
+        if self._whole:
             self._call(self._stretch(starts=ANEW if fresh else AT_KINK), *_NOTHING)
         else:
             books, before = self.work.books, float(self.work.books[WORK_DONE])

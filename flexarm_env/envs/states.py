@@ -78,7 +78,7 @@ def linear_model(plan: Plan, batch: Batch, i: int, guide: Guide | None, discrete
         return linearize(guide.simulation, discrete=discrete)
     assert plan.settings.dt is not None
     settings = plan.settings.dividing(discrete)
-    simulation = Simulation(standing_scene(plan.arm, plan.settings.dt, plan.gravity), settings)
+    simulation = Simulation(standing_scene(plan.arm, plan.settings.dt, plan.gravity), settings, False)
     simulation.work.q[:], simulation.work.v[:], u, simulation.par[:] = (rows[i] for rows in batch.motions())
     simulation.set_torques(u)
     return linearize(simulation, discrete=discrete)

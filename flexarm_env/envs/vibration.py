@@ -89,7 +89,7 @@ def swing(arm: Arm, settings: Settings) -> Array:
     from ..linear.stability import undamped
 
     assert settings.dt is not None
-    simulation = Simulation(standing_scene(arm, settings.dt, None), settings)
+    simulation = Simulation(standing_scene(arm, settings.dt, None), settings, False)
     motions = SmallMotions(simulation)
     M, K = (motions.slopes(simulation.work.q, which, motions.free) for which in (2, 0))
     squares, vectors = undamped(0.5 * (M + M.T), 0.5 * (K + K.T))

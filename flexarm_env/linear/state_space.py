@@ -195,7 +195,7 @@ def simulation_of(
             raise check.InvalidValue(name, value, "must not be given with a Simulation, which brings its own settings")
         return target
     scene = check.instance("target", target, Scene)
-    return Simulation(scene, target.settings(formulation, **options).dividing(period))
+    return Simulation(scene, target.settings(formulation, **options).dividing(period), False)
 
 
 def without_friction(simulation: Simulation) -> Simulation:

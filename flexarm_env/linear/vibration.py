@@ -118,7 +118,7 @@ def _in_space(
             raise check.InvalidValue("spin", spin, "needs a pinned root and no gravity, or there is no steady rotation")
         moved: dict[str, Any] = {"position": (0.0, 0.0), "loads": (), "space": True} if spin != 0.0 else {}
         scene = still(target, True, **moved)
-        simulation = Simulation(scene, settings) if spin else space.rest_of(scene, settings, True)
+        simulation = Simulation(scene, settings, False) if spin else space.rest_of(scene, settings, True)
     held = _held(clamped, simulation.scene.arm.n_links)
     if isinstance(target, Scene) and spin == 0.0:
         everywhere = list(range(simulation.scene.arm.n_links))
