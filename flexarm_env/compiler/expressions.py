@@ -304,12 +304,12 @@ class Expressions:
         return binary(self.b, type(node.op).__name__, self.value(node.left), self.value(node.right))
 
     def of_Compare(self, node: ast.Compare) -> Any:
-        left, found = self.value(node.left), list[Any]()
+        left = self.value(node.left)
         if len(node.ops) == 1:
             return self._compared(node.ops[0], left, self.value(node.comparators[0]))
-        return self._chain(node, left, found)
+        return self._chain(node, left)
 
-    def _chain(self, node: ast.Compare, left: Any, found: list[Any]) -> Any:
+    def _chain(self, node: ast.Compare, left: Any) -> Any:
         """a < b < c: b is looked at once, c where a < b."""
 
         def step(k: int) -> Callable[[Any], Any]:

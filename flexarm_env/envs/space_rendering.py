@@ -39,8 +39,6 @@ SHADOW: Color = (214, 219, 227)
 ROUND = 10
 """Corners of what stands for a round bar."""
 
-Solid = tuple[Array, Array, NDArray[np.float64]]
-
 
 class Camera:
     """Where points appear. center (3,): m, in the middle of the picture. Lengths named in points: see `Sheet`."""

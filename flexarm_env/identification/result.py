@@ -91,7 +91,7 @@ def identify(
         baseline=baseline, oscillators={name: (o.frequency, o.damping) for name, o in simple.items()},
         frequencies=frequencies, damping=damping,
         seen={c.name: [r for run in everything for r in read_off(run, c.name)] for c in setup.outputs},
-        fit=best, ranges=_ranges(given, found, parameters, values, worth), experiment=experiment, files=files,
+        fit=best, ranges=_ranges(parameters, values, worth), experiment=experiment, files=files,
     )  # fmt: skip
     if out is not None:
         result.save(out)
@@ -187,9 +187,7 @@ def _swapped(problem: Problem, best: Fit) -> str:
 
 
 # ------------------------------------------------------------------------------------------------- randomization
-def _ranges(
-    given: Arm, arm: Arm, parameters: Sequence[Parameter], values: Array, worth: Uncertainty
-) -> dict[str, tuple[float, float]]:
+def _ranges(parameters: Sequence[Parameter], values: Array, worth: Uncertainty) -> dict[str, tuple[float, float]]:
     """Factors on the fitted arm: the widest 95 % interval of what each key of `randomization` scales."""
     kinds = {"EI": "EI", "payload": "mass", "damping": "tau_d", "torque_constant": "torque_constant"}
     found: dict[str, tuple[float, float]] = {}

@@ -202,7 +202,6 @@ FORMULATIONS = Family(
 """Each formulation's functions, by the class of its Model."""
 
 register = FORMULATIONS.register
-REGISTRY = FORMULATIONS.members
 
 assemble = FORMULATIONS.function("assemble", "lane, model, par, state, u, weights, r, S")
 residual = FORMULATIONS.function("residual", "lane, model, par, state, u, r, S")

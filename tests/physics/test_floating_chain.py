@@ -157,7 +157,7 @@ def test_a_lane_is_an_arm_alone_bit_for_bit(mesh: dict[str, Any], rng: np.random
     loads = (PointLoad(0, "tip", constant(1.0)), PointLoad(1, "tip", constant(1.0)))
     scene = Scene("two", arm, duration=1.0, dt=0.01, loads=loads, gravity=(0.0, -9.81), root="free")
     simulation = Simulation(scene, scene.settings("floating_frame", **mesh))
-    m, functions = simulation.model, protocol.REGISTRY[FloatingChain]
+    m, functions = simulation.model, protocol.FORMULATIONS.members[FloatingChain]
     q = simulation.system.q0 + 0.03 * rng.normal(size=(8, m.n))
     v, a, b = rng.normal(size=(3, 8, m.n))
     u = rng.normal(size=(8, m.n_inputs))

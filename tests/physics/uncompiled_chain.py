@@ -15,7 +15,7 @@ from flexarm_env.compiler.lanes import SINGLE
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.physics.floating.build import build
 from flexarm_env.physics.model import DIVERGED, OK
-from flexarm_env.physics.protocol import REGISTRY, RESIDUAL_ALONE, State, Weights
+from flexarm_env.physics.protocol import FORMULATIONS, RESIDUAL_ALONE, State, Weights
 from flexarm_env.scene import PointLoad, Scene
 from flexarm_env.settings import Settings
 from flexarm_env.time_functions import constant
@@ -65,7 +65,7 @@ class Case:
         self.system = build(self.scene, Settings.make("floating_frame", **mesh))
         self.model, self.par = self.system.model, self.system.par.copy()
         self.par[2] = stiffness
-        self.functions = REGISTRY[type(self.model)]
+        self.functions = FORMULATIONS.members[type(self.model)]
         self.n, self.n_factor, self.n_inputs = (
             size if isinstance(size, int) else len(size)
             for size in (self.model.n, self.model.n_factor, self.model.n_inputs)

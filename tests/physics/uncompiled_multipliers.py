@@ -11,13 +11,8 @@ from numpy.typing import NDArray
 
 from flexarm_env.compiler import UNCOMPILED
 from flexarm_env.compiler.lanes import SINGLE
-from flexarm_env.parameters import Section
-from flexarm_env.physics.floating.beam_element import (
-    consistent_mass,
-    coupling_matrix,
-    geometric_matrix,
-    linear_stiffness,
-)
+from flexarm_env.parameters import Link, Section
+from flexarm_env.physics.floating.beam_element import Element, coupling_matrix, geometric_matrix, linear_stiffness
 from flexarm_env.physics.protocol import State, Weights
 from tests.physics.oracle_bodies import element_fields
 from tests.physics.oracle_chain import STEP, Chain
@@ -150,11 +145,11 @@ def test_element_matrices(C: float) -> None:
     axial[[0, 3]] = -1.0, 1.0
     stiffness += section.EA / length * np.outer(axial, axial)
     bending = [1, 2, 4, 5]
-    assert close(consistent_mass(section, length), mass, 1e-10)
+    assert close(Element(Link(length, section), 0, 0.0).mass(), mass, 1e-10)
     assert close(linear_stiffness(section, length), stiffness, 1e-10)
     assert close(geometric_matrix(section, length), geometric[np.ix_(bending, bending)], 1e-9)
     assert close(coupling_matrix(section, length), coupling[np.ix_(bending, bending)], 1e-9)
     if C > 1e6:
-        exact = consistent_mass(Section(2.0, 50.0, C, 0.7, 1e-12), length)
+        exact = Element(Link(length, Section(2.0, 50.0, C, 0.7, 1e-12)), 0, 0.0).mass()
         assert exact[1, 1] == pytest.approx(156 * 0.7 * length / 420, rel=1e-9)
         assert exact[2, 5] == pytest.approx(-3 * 0.7 * length**3 / 420, rel=1e-9)

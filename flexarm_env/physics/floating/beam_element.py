@@ -169,8 +169,3 @@ def coupling_matrix(section: Section, length: float) -> Array:
     mean_phi = np.array([-mu / l, 0.5 * (1.0 - mu), mu / l, 0.5 * (1.0 - mu)])
     turned = np.outer(shear_force / section.EA, mean_phi)
     return geometric_matrix(section, l) - l * (np.outer(gamma, gamma) + turned + turned.T)
-
-
-def consistent_mass(section: Section, length: float) -> Array:
-    """Consistent mass with rotary inertia, eq. [52] by quadrature, shape (6, 6)."""
-    return Element(Link(length, section), 0, 0.0).mass()

@@ -145,7 +145,7 @@ def finite_element_body(link: Link, elements: int, coupling: str, frame: str = "
     )
 
 
-def _bending_moments(link: Link, parts: list[Element]) -> Array:
+def _bending_moments(parts: list[Element]) -> Array:
     """int EI curvature phi' dx over the link for all nodes' coordinates, N m."""
     total = np.zeros(3 * len(parts) + 3)
     for e, part in enumerate(parts):
@@ -159,7 +159,7 @@ def _natural(link: Link, parts: list[Element], k_bend: Array, stretching: Any, f
     """`Body.moment` and `Body.q0`: bending of least energy, and no stretch (`coupling_matrix`); empty: straight."""
     if not link.curved:
         return np.zeros(0), np.zeros(0)
-    moment, q = _bending_moments(link, parts), np.zeros(k_bend.shape[0])
+    moment, q = _bending_moments(parts), np.zeros(k_bend.shape[0])
     bends = np.array([i for i in free if i % 3])
     q[bends] = np.linalg.solve(k_bend[np.ix_(bends, bends)], moment[bends])
     for e, part in enumerate(parts):
