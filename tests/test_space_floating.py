@@ -18,6 +18,7 @@ from flexarm_env.linear import modes, static_equilibrium
 from flexarm_env.physics.space.reading import tips
 from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import constant, cycloid, pulse
+from tests.scene_tools import everything
 
 Array = NDArray[np.float64]
 FLOATING = "floating_frame"
@@ -36,7 +37,7 @@ TAPER = fx.Taper((0.05, 0.02), (0.012, 0.006), 7e9, 2700.0, 2.6e9)
 def rest(arm: fx.Arm, segments: int, *loads: fx.PointLoad) -> Array:
     """Where the tip of a clamped arm is at rest."""
     scene = fx.Scene("rest", arm, duration=1.0, dt=1e-3, loads=loads, start="held", space=True)
-    simulation = Simulation(scene, scene.settings(FLOATING, segments=segments))
+    simulation = Simulation(everything(scene), scene.settings(FLOATING, segments=segments))
     return np.asarray(tips(arm, simulation.settings, simulation.system.q0[None])[0, 0])
 
 
@@ -44,8 +45,8 @@ def rest(arm: fx.Arm, segments: int, *loads: fx.PointLoad) -> Array:
 def extrapolated(scene: fx.Scene, **options: Any) -> Array:
     """Tips of a run in steps of no length: coordinates in space differ from those of the plane, and so, in second
     order of the step, do runs."""
-    runs = [fx.simulate(dataclasses.replace(scene, dt=h), FLOATING, estimate_error=False, tolerance=1e-12, **options)
-            for h in (1e-3, 5e-4, 2.5e-4)]  # fmt: skip
+    scenes = (everything(dataclasses.replace(scene, dt=h)) for h in (1e-3, 5e-4, 2.5e-4))
+    runs = [fx.simulate(s, FLOATING, estimate_error=False, tolerance=1e-12, **options) for s in scenes]
     a, b, c = (run.tip[:, :3] if scene.spatial else run.tip[:, :2] for run in runs)
     return np.asarray((64.0 * c - 20.0 * b + a) / 45.0)
 
@@ -101,7 +102,7 @@ def test_modes_about_a_sagging_rest_are_those_of_the_plane() -> None:
     arm = fx.Arm("a", (fx.Link(1.0, STUBBY), fx.Link(0.7, STUBBY)), elbows=(fx.Elbow(0.2, 1e-3, 1e-3),))
     scene = fx.Scene("s", arm, duration=0.5, dt=1e-3, gravity=(0.0, -9.81), angles=(0.3, 0.8))
     plane = modes(scene, 4, FLOATING, segments=3).frequencies
-    space = modes(dataclasses.replace(scene, space=True), 12, FLOATING, segments=3).frequencies
+    space = modes(everything(dataclasses.replace(scene, space=True)), 12, FLOATING, segments=3).frequencies
     assert max(np.abs(space / omega - 1.0).min() for omega in plane) < 1e-7
 
 
@@ -110,7 +111,7 @@ def test_frequencies_of_a_strip() -> None:
     """Clamped: flap, lateral, and torsion (2k - 1)/(4L) sqrt(GJ / rho I_p)."""
     s = fx.Section.rectangle(0.05, 0.002, 200e9, 7870.0, 200e9 / 2.6)
     scene = fx.Scene("strip", fx.Arm("strip", (fx.Link(0.5, s),)), duration=1.0, dt=1e-3, space=True)
-    found = modes(scene, 8, FLOATING, segments=12, clamped=True).frequencies / (2.0 * math.pi)
+    found = modes(everything(scene), 8, FLOATING, segments=12, clamped=True).frequencies / (2.0 * math.pi)
     for known, share in ((6.5147, 2e-5), (40.824, 2e-5), (114.297, 2e-4), (123.370, 1e-3), (161.59, 2e-4)):
         assert np.abs(found / known - 1.0).min() < share
 
@@ -143,7 +144,7 @@ def test_lateral_torsional_buckling_in_second_order() -> None:
     def smallest(P: float, segments: int) -> float:
         arm = fx.Arm("blade", (fx.Link(1.0, section(1e5, 1.0, EI_y=1.0, stiff=1e9, J=1e-3)),))
         load = fx.PointLoad(0, "tip", force_y=constant(-P))
-        scene = fx.Scene("blade", arm, duration=1.0, dt=1e-3, loads=(load,), space=True)
+        scene = everything(fx.Scene("blade", arm, duration=1.0, dt=1e-3, loads=(load,), space=True))
         return static_equilibrium(scene, FLOATING, segments=segments, require_stable=False).stability.smallest
 
     def buckling(segments: int) -> float:
@@ -200,7 +201,7 @@ def test_modes_of_a_clamped_strip(segments: int, shapes: int, first: float, seco
     s = fx.Section.rectangle(0.05, 0.002, 200e9, 7870.0, 200e9 / 2.6)
     scene = fx.Scene("strip", fx.Arm("strip", (fx.Link(0.5, s),)), duration=1.0, dt=1e-3, space=True)
     options = {"segments": segments, "modes": shapes}
-    found = modes(scene, 9, FLOATING, **options, clamped=True).frequencies / (2.0 * math.pi)
+    found = modes(everything(scene), 9, FLOATING, **options, clamped=True).frequencies / (2.0 * math.pi)
     for known, share in ((6.5147, first), (40.824, second), (123.370, 5e-3)):
         assert np.abs(found / known - 1.0).min() < share
 
@@ -209,7 +210,7 @@ def test_modes_of_a_clamped_strip(segments: int, shapes: int, first: float, seco
 def test_modes_of_an_arm_in_the_plane_stay_there_and_come_to_the_segments() -> None:
     arm = fx.Arm("a", (fx.Link(0.8, TAPER, curvature=0.5),), payload=fx.Payload(0.1, 1e-3, (0.05, 0.02)))
     scene = fx.Scene("s", arm, gravity=(0.0, -3.0, 0.0), duration=0.3, dt=1e-3, sample=0.05, space=True)
-    runs = [fx.simulate(scene, FLOATING, estimate_error=False, **options)
+    runs = [fx.simulate(everything(scene), FLOATING, estimate_error=False, **options)
             for options in ({"segments": 24}, {"segments": 4, "modes": 3}, {"segments": 4})]  # fmt: skip
     apart = [float(np.abs(run.tip - runs[0].tip).max()) / arm.total_length for run in runs[1:]]
     assert not runs[1].tip[:, 2].any()

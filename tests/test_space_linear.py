@@ -18,16 +18,17 @@ from flexarm_env.physics.protocol import difference, update
 from flexarm_env.plotting import plot_campbell
 from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import cycloid
+from tests.scene_tools import everything
 
 Array = np.ndarray
 
 
 def bent(**changes: Any) -> fx.Scene:
     """`three_dof` with a bent elbow, under gravity."""
-    return fx.Scene(
+    return everything(fx.Scene(
         "bent", arms.named("three_dof"), duration=1.0, dt=5e-4, gravity=(0.0, 0.0, -9.81), angles=(0.3, 0.6, 0.9),
         **changes,
-    )  # fmt: skip
+    ))  # fmt: skip
 
 
 def test_a_model_about_a_bent_rest_has_its_modes_and_is_controllable() -> None:

@@ -81,7 +81,7 @@ def test_drawn_circles_and_lines() -> None:
     L, normals, ways = ARM.total_length, [], []
     circle = gym.make_vec(
         "SpatialFlexArm-v0", num_envs=8, task="track", reference=ranges | {"radius": (0.1, 0.12), "period": (0.5, 0.6)},
-        **COARSE,
+        action_mode="residual_pd", **COARSE,
     )  # fmt: skip
     line = gym.make_vec(
         "SpatialFlexArm-v0", num_envs=8, task="track",
@@ -123,25 +123,6 @@ def test_drawn_circles_and_lines() -> None:
     for vectors in (normals, ways):  # they point all around
         assert np.linalg.matrix_rank(np.array(vectors), tol=0.1 * np.linalg.norm(vectors[0])) == 3
     assert np.ptp(np.sign(np.array(normals)), axis=0).all()
-
-
-def test_a_vector_is_single_environments_to_the_bit() -> None:
-    n = 4
-    many = gym.make_vec("SpatialFlexArm-v0", num_envs=n, task="track", action_mode="residual_pd", **COARSE)
-    ones = [gym.make("SpatialFlexArm-v0", task="track", action_mode="residual_pd", **COARSE) for _ in range(n)]
-    seen, _ = many.reset(seed=7)
-    for i, one in enumerate(ones):
-        assert np.array_equal(one.reset(seed=7 + i)[0], seen[i])
-    rng = np.random.default_rng(0)
-    for step in range(4):
-        if step == 2:
-            many.unwrapped.set_state([ones[3].unwrapped.get_state()], [3])
-        action = rng.uniform(-1.0, 1.0, (n, 3)).astype(np.float32)
-        seen, reward, *_, infos = many.step(action)
-        for i, one in enumerate(ones):
-            alone, pay, *_, info = one.step(action[i])
-            assert np.array_equal(alone, seen[i]) and pay == reward[i]
-            assert all(np.array_equal(infos[name][i], value) for name, value in info.items())
 
 
 def test_encoders_turn_what_is_shown_of_the_target() -> None:
