@@ -128,5 +128,5 @@ def _starts(arm: Arm) -> Starts:
 SPACE = dataclasses.replace(
     REACH, id="SpatialFlexArm-v0", links=(1, None), arm="three_dof", duration=5.0, target=Place(), entries=_entries,
     record=_record, starts=_starts, replays="robot_arm_motion_smooth", space=True, period=0.01,
-    gravity=(0.0, 0.0, -9.81), settings={"elements": 2, "dt": 0.001, "tolerance": 1e-7},
+    gravity=(0.0, 0.0, -9.81), settings={"elements": 2, "dt": 0.0025, "tolerance": 1e-5},
 )  # fmt: skip

@@ -125,7 +125,7 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | `arm` | "three_dof" | another that leaves the plane, with torque limits and straight links |
     | `control_dt` | 0.01 | s |
     | `gravity` | (0, 0, -9.81) | (x, y, z), m/s^2 |
-    | `elements`, `dt`, `tolerance` | 2, 0.001, 1e-7 | elements a link; s; of Newton's increments |
+    | `elements`, `dt`, `tolerance` | 2, 0.0025, 1e-5 | elements a link; s; of Newton's increments |
     | `task` | "reach" | or "track": the target moves (`reference`: x, y, z over time, m; None: a circle); "replay" |
     | `starts` | {} | `angles`: (low, high) of each joint, rad; `target`: of the joint angles there; `straight` |
 

@@ -17,6 +17,9 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
 
     predict(lane, model, start, q)   only where predictor is None: a better q than the given one to start Newton from;
         its first increment is then trusted to leave an error of 10 times its square
+    settle(lane, model, par, start, w, active, slopes)  after an increment w.r of Newton's (start None), and after
+        `predict` (start a tag): where `active`, w.q, v, a and b are moved on, by no more than the increment's square
+    stride(model)                    None, or the largest weighted increment, to which others are scaled down
     assemble(lane, model, par, state, u, weights, r, S)
         r = M(q) a + h(q, v) + Phi_q^T lambda - B u  and, with `Weights` c, S = c.mass dr/da + c.damping dr/dv +
         c.stiffness dr/dq, eqs. [64]-[78]; rows of multipliers belong to `constrain`, except that columns of multipliers
@@ -53,6 +56,8 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
         that the momentum has changed by the mean of the forces; zero: room for n rows; r, S are free
     damping_work(lane, model, par, q, v, x)  x'C(q) v: power of the damping forces at rates v over rates x, W; what is
         lost is that over v itself
+    damping_over(lane, model, par, q, v, start, end, x, h)  likewise, over what strains change by in a step of h from
+        start to end, at mean rates x
     energy(lane, model, par, q, v)   (kinetic, strain, gravity), J
     link_poses(lane, model, par, q, v, out)   a `layout.POSES` a link
     task_poses(lane, model, par, q, v, out)  what tasks look at: `link_poses`, in space a `layout.SPACE_POSES` a link
@@ -99,6 +104,17 @@ def _no_guess(lane, model, start, q):
 
 
 @kernel
+def _straight(lane, model, par, start, w, active, slopes):
+    """`settle` of a formulation whose increments are straight."""
+
+
+@kernel
+def _any_length(model):
+    """`stride` of a formulation whose increments have none."""
+    return None
+
+
+@kernel
 def added(lane, q, share, d, more, k):
     """Row k of `update` of coordinates that add up."""
     x = load(lane, q, k) + load(lane, d, k) * share
@@ -119,6 +135,12 @@ def _subtract(lane, model, start, q, d):
     """`difference` of coordinates that add up."""
     for k in range(size(model.n)):
         store(d, k, load(lane, q, k) - load(lane, start, k))
+
+
+@inlined
+def _at_mean_rates(lane, model, par, q, v, start, end, x, h):
+    """`damping_over` of strains that are nearly linear in the coordinates."""
+    return damping_work(lane, model, par, q, v, x)
 
 
 @kernel
@@ -195,9 +217,10 @@ def _by_assembling(lane, model, par, state, u, r, S):
 
 
 FORMULATIONS = Family(
-    "model", predict=_no_guess, update=_add, difference=_subtract, ports_after=_at_once, stiffen=_no_stiffness,
-    friction=_no_friction, residual=_by_assembling, constrain=_no_constraint, out_of_range=_everywhere,
-    task_poses=_as_link_poses, light=_resolved, conserve=_held, renewed=_always, gauge=_linear_gauge,
+    "model", predict=_no_guess, settle=_straight, stride=_any_length, update=_add, difference=_subtract,
+    ports_after=_at_once, stiffen=_no_stiffness, friction=_no_friction, residual=_by_assembling,
+    constrain=_no_constraint, out_of_range=_everywhere, task_poses=_as_link_poses, light=_resolved, conserve=_held,
+    renewed=_always, gauge=_linear_gauge, damping_over=_at_mean_rates,
 )  # fmt: skip
 """Each formulation's functions, by the class of its Model."""
 
@@ -208,6 +231,8 @@ residual = FORMULATIONS.function("residual", "lane, model, par, state, u, r, S")
 inertia = FORMULATIONS.function("inertia", "lane, model, par, a, r")
 rotate = FORMULATIONS.function("rotate", "lane, model, start, q, share, x")
 predict = FORMULATIONS.function("predict", "lane, model, start, q")
+settle = FORMULATIONS.function("settle", "lane, model, par, start, w, active, slopes")
+stride = FORMULATIONS.function("stride", "model")
 constrain = FORMULATIONS.function("constrain", "lane, model, psi, state, level, scale, r")
 pin = FORMULATIONS.function("pin", "lane, model, S, k")
 stiffen = FORMULATIONS.function("stiffen", "lane, model, S, k, x")
@@ -228,6 +253,7 @@ conserve = FORMULATIONS.function("conserve", "lane, model, par, before, h, q, v,
 light = FORMULATIONS.function("light", "model")
 renewed = FORMULATIONS.function("renewed", "model, iteration")
 damping_work = FORMULATIONS.function("damping_work", "lane, model, par, q, v, x")
+damping_over = FORMULATIONS.function("damping_over", "lane, model, par, q, v, start, end, x, h")
 energy = FORMULATIONS.function("energy", "lane, model, par, q, v")
 link_poses = FORMULATIONS.function("link_poses", "lane, model, par, q, v, out")
 task_poses = FORMULATIONS.function("task_poses", "lane, model, par, q, v, out")

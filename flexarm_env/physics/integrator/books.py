@@ -5,7 +5,7 @@ from __future__ import annotations
 from ...compiler import kernel, load, size, store
 from ..joints.friction import book_friction, note_friction
 from ..layout import DISSIPATED, OF_MOTION, WORK_DONE
-from ..protocol import damping_work, difference, ports, ports_after
+from ..protocol import damping_over, difference, ports, ports_after
 from .work import copy_rows, state_of
 
 
@@ -46,6 +46,7 @@ def keep_books(lane, model, drive, par, w, h):
     difference(lane, model, w.q0, w.q, w.r)
     for k in range(size(model.n)):
         store(w.r, k, load(lane, w.r, k) * (1.0 / h))
-    taken = damping_work(lane, model, par, w.q0, w.v0, w.r) + damping_work(lane, model, par, w.q, w.v, w.r)
+    taken = damping_over(lane, model, par, w.q0, w.v0, w.q0, w.q, w.r, h)
+    taken = taken + damping_over(lane, model, par, w.q, w.v, w.q0, w.q, w.r, h)
     store(w.books, DISSIPATED, load(lane, w.books, DISSIPATED) + taken * (0.5 * h))
     book_friction(lane, model, par, state_of(w), w.u, w.r, w.S, w.q0, w.books)

@@ -22,7 +22,7 @@ from ...compiler import (
 )
 from ..joints.friction import apply_friction
 from ..layout import ITERATIONS
-from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, renewed, solve, update
+from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, renewed, settle, solve, stride, update
 from .period import correct_period
 from .work import solve_known, state_of, take_out_known
 
@@ -100,9 +100,22 @@ def _sharpen_multipliers(lane, algebraic, w, c_m):
             store(w.r, k, splat(lane, 0.0))
 
 
+@kernel
+def _bound(lane, model, longest, r):
+    """Scale r down to where its weighted size is at most `longest`, if that is not None."""
+    if longest is not None:
+        size_of = splat(lane, longest)
+        for k in range(size(model.n)):
+            size_of = maximum(absolute(load(lane, r, k)) * model.weight[k], size_of)
+        share = longest / size_of
+        for k in range(size(model.n)):
+            store(r, k, load(lane, r, k) * share)
+
+
 @inlined
-def _move(lane, model, w, active, slopes):
+def _move(lane, model, par, w, active, slopes):
     """Apply the increment -r where `active`, eqs. [80]-[82]; return its weighted size, NaN if not finite."""
+    _bound(lane, model, stride(model), w.r)
     _take_multipliers(lane, model.algebraic, w, active, slopes.a)
     largest_of = splat(lane, 0.0)
     nothing = splat(lane, -0.0)  # x + -0.0 is x to the last bit
@@ -124,6 +137,7 @@ def _move(lane, model, w, active, slopes):
             for k in range(size(model.n)):
                 store(w.r, k, select_lt(0.5, active, load(lane, w.r, k) + load(lane, w.shift, k), nothing))
     update(lane, model, w.q, 1.0, w.r, None)
+    settle(lane, model, par, None, w, active, slopes)
     return largest_of
 
 
@@ -146,7 +160,7 @@ def newton(lane, model, drive, par, w, slopes, scheme, plain):
         solve_known(lane, model, drive, w, fresh)
         apply_friction(lane, model, par, state_of(w), weights, slopes.v / slopes.a, w.S, w.r)
         corrected = correct_period(lane, model, drive, par, scheme.tolerance, w, corrected, active, slopes)
-        increment = _move(lane, model, w, active, slopes)
+        increment = _move(lane, model, par, w, active, slopes)
         w.counts[ITERATIONS] += 1.0
         # What is left after this update, from the contraction seen: increment * theta / (1 - theta).
         theta = select_lt(increment, before * 0.9, increment / before, splat(lane, 0.9))

@@ -22,6 +22,7 @@ from ..protocol import (
     difference,
     out_of_range,
     predict,
+    settle,
     update,
 )
 from .books import keep_books, open_books
@@ -71,7 +72,7 @@ def _stay(lane, model, w, slopes):
 
 
 @kernel
-def _guess(lane, model, predictor, w, slopes):
+def _guess(lane, model, par, predictor, w, slopes):
     """Start of Newton where the formulation knows better (predictor None)."""
     if predictor is None:
         copy_rows(lane, size(model.n), w.q, w.r)
@@ -81,6 +82,7 @@ def _guess(lane, model, predictor, w, slopes):
             d = q - load(lane, w.q, k)
             store(w.q, k, q)
             follow(lane, w, k, d, slopes)
+        settle(lane, model, par, (0,), w, splat(lane, 1.0), slopes)
 
 
 @kernel
@@ -175,7 +177,7 @@ def advance_within(lane, model, drive, par, w, t, h, n_steps, scheme, books):
         if arms(lane) == 1 and again:
             _stay(lane, model, w, slopes)
         _prescribe(lane, drive, w, start + part, part)
-        _guess(lane, model, model.predictor, w, slopes)
+        _guess(lane, model, par, model.predictor, w, slopes)
         active = newton(lane, model, drive, par, w, slopes, scheme, again)
         _settle(lane, model, drive, par, model.algebraic, w)
         _react(lane, model, drive, par, w)

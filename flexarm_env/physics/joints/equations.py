@@ -16,7 +16,7 @@ contact would begin with a jump of the torque and end with a pull.
 
 from __future__ import annotations
 
-from ...compiler import absolute, kernel, load, select_lt, size, splat, store
+from ...compiler import absolute, inlined, kernel, load, select_lt, size, splat, store
 from .. import protocol
 from ..arithmetic import add, clip, put
 from ..model import Jointed
@@ -206,6 +206,18 @@ def predict(lane, model, start, q):
 
 
 @kernel
+def settle(lane, model, par, start, w, active, slopes):
+    """The arm's own."""
+    protocol.settle(lane, model.arm, par, start, w, active, slopes)
+
+
+@kernel
+def stride(model):
+    """The arm's own."""
+    return protocol.stride(model.arm)
+
+
+@kernel
 def update(lane, model, q, share, d, more):
     """The arm's own, and angles that add up."""
     protocol.update(lane, model.arm, q, share, d, more)
@@ -271,7 +283,17 @@ def friction(model):
 @kernel
 def damping_work(lane, model, par, q, v, x):
     """The arm's own, the gears' damping and viscous friction."""
-    total = protocol.damping_work(lane, model.arm, par, q, v, x)
+    return _damped(lane, model, par, v, x, protocol.damping_work(lane, model.arm, par, q, v, x))
+
+
+@kernel
+def damping_over(lane, model, par, q, v, start, end, x, h):
+    """Likewise."""
+    return _damped(lane, model, par, v, x, protocol.damping_over(lane, model.arm, par, q, v, start, end, x, h))
+
+
+@inlined
+def _damped(lane, model, par, v, x, total):
     for i in range(count(model)):
         at, one = PLACES * i, law(lane, model, par, i)
         row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
@@ -368,7 +390,7 @@ def shape(model, q, points):
 
 
 register(
-    Jointed, assemble, pin, factor, solve, solve_transposed, predict, update, inertia, rotate, ports,
-    friction, damping_work, energy, link_poses, out_of_range, shape, difference, ports_after, task_poses, stand, light,
-    conserve, gauge, renewed,
+    Jointed, assemble, pin, factor, solve, solve_transposed, predict, settle, stride, update, inertia, rotate, ports,
+    friction, damping_work, damping_over, energy, link_poses, out_of_range, shape, difference, ports_after, task_poses,
+    stand, light, conserve, gauge, renewed,
 )  # fmt: skip

@@ -188,9 +188,9 @@ def _swung(w, alpha, arm):
 
 
 @kernel
-def hinged(lane, model, state, k, tip):
-    """The `Hinge` of link k on the section before."""
-    q, v, a = state
+def planted(lane, model, q, v, k, tip):
+    """The turn of joint k, the lever from the `Place` tip of the section before to where its link begins to bend (None
+    without levers), the `Place` there, and the joint's rate."""
     o, row = J.end * k, joint_row(model, k)
     axis, mount = three_of(lane, model.joints, o + J.axis), nine_of(lane, model.joints, o + J.mount)
     half_sine, half_cosine = sincos(load(lane, q, row) * 0.5)
@@ -199,19 +199,32 @@ def hinged(lane, model, state, k, tip):
     vector_part = three_of(lane, model.joints, o + J.quaternion + 1)
     held = splat(lane, model.joints[o + J.quaternion]), vector_part[0], vector_part[1], vector_part[2]
     own = half_cosine, axis[0] * half_sine, axis[1] * half_sine, axis[2] * half_sine
-    p = composed(composed(tip.place.p, held), own)
+    p = composed(composed(tip.p, held), own)
     rate = times(axis, load(lane, v, row))
-    spin = plus(back(turn, tip.place.spin), rate)
-    alpha = plus(plus(back(turn, tip.alpha), times(axis, load(lane, a, row))), cross(spin, rate))
+    spin = plus(back(turn, tip.spin), rate)
     if model.levers is None:
-        return Hinge(turn, None, Vertex(Place(tip.place.r, tip.place.v, p, spin), tip.a, alpha))
+        return turn, None, Place(tip.r, tip.v, p, spin), rate
     near, far = three_of(lane, model.joints, o + J.before), three_of(lane, model.joints, o + J.beyond)
-    A, B, w = matrix(tip.place.p), matrix(p), tip.place.spin
+    A, B = matrix(tip.p), matrix(p)
     lever = plus(near, turned(turn, far))
-    r = plus(tip.place.r, turned(A, lever))
-    rate = plus(tip.place.v, plus(turned(A, cross(w, near)), turned(B, cross(spin, far))))
+    moved = plus(tip.v, plus(turned(A, cross(tip.spin, near)), turned(B, cross(spin, far))))
+    return turn, lever, Place(plus(tip.r, turned(A, lever)), moved, p, spin), rate
+
+
+@kernel
+def hinged(lane, model, state, k, tip):
+    """The `Hinge` of link k on the section before."""
+    q, v, a = state
+    o = J.end * k
+    turn, lever, root, rate = planted(lane, model, q, v, k, tip.place)
+    own = times(three_of(lane, model.joints, o + J.axis), load(lane, a, joint_row(model, k)))
+    alpha = plus(plus(back(turn, tip.alpha), own), cross(root.spin, rate))
+    if model.levers is None:
+        return Hinge(turn, None, Vertex(root, tip.a, alpha))
+    near, far = three_of(lane, model.joints, o + J.before), three_of(lane, model.joints, o + J.beyond)
+    A, B, w, spin = matrix(tip.place.p), matrix(root.p), tip.place.spin, root.spin
     second = plus(tip.a, plus(turned(A, _swung(w, tip.alpha, near)), turned(B, _swung(spin, alpha, far))))
-    return Hinge(turn, lever, Vertex(Place(r, rate, p, spin), second, alpha))
+    return Hinge(turn, lever, Vertex(root, second, alpha))
 
 
 @kernel

@@ -29,10 +29,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from ...compiler import kernel, select_lt, store
-from ..arithmetic import add, clip, smaller
+from ...compiler import kernel, store
+from ..arithmetic import add
 from .layout import F
 from .rotations import (
     about_identity,
@@ -51,8 +49,8 @@ from .rotations import (
     scaled,
     shorter,
     skew,
+    skewed,
     sum_of,
-    symmetric,
     times,
     transposed,
     turn_of,
@@ -61,13 +59,6 @@ from .rotations import (
 
 BOW = 1.0 / 24.0
 """Of the square of its angle: an arc is longer by that share than its chord."""
-
-
-MOST, PULL, HEAVY = 0.5, 16.0, 40.0
-"""Largest force of its own in an element's tangent, over EI / l^2 (its buckling force is pi^2 of that), where inertia
-in steps is more than `HEAVY` times as stiff: as Newton begins, strains are off by second order of a step's turn. Times
-EA that is a force that no tangent should have in it, and forces that are real are little beside such inertia. One that
-pulls buckles nothing: `PULL` times as much of it."""
 
 
 class Section(NamedTuple):
@@ -100,6 +91,9 @@ class Middle(NamedTuple):
     T: Any  # T^-1(psi)
     n: Any  # force over the section, its axes
     m: Any  # moment
+    spin: Any  # that it turns by, 1/s, and so are the next two; None without damping
+    slip: Any  # of the right end against the left, over the length
+    both: Any  # sum of the ends' spins
 
 
 @kernel
@@ -116,19 +110,21 @@ def middle(section, left, right):
     psi, half, g, T = turn_of(relative)
     R = matrix(composed(left.p, half))
     e = times(back(R, minus(right.r, left.r)), share)
-    arc, bow = _arc(section.uneven, psi), bow_of(section.uneven, psi)
+    arc, bow = arc_of(section.uneven, psi), bow_of(section.uneven, psi)
     gamma = e[0] - 1.0 - bow[0], e[1] - bow[1], e[2] - bow[2]
     bent = minus(psi, section.rest)
     n, m = gamma, bent
+    spin, slip, both = None, None, None
     if section.tau is not None:
-        turn = mean(g, left.spin, right.spin)
-        rate = plus(times(back(R, minus(right.v, left.v)), share), cross(e, turn))
+        spin, both = mean(g, left.spin, right.spin), plus(left.spin, right.spin)
+        slip = times(back(R, minus(right.v, left.v)), share)
+        rate = plus(slip, cross(e, spin))
         bend = minus(turned(T, right.spin), back(T, left.spin))
         n = plus(n, times(plus(rate, turned(arc, bend)), section.tau))
         m = plus(m, times(bend, section.tau))
     n = scale(n, section.stretch)
     m = plus(times(scale(m, section.bend), share), times(back(arc, n), section.length))
-    return (gamma, bent), Middle(psi, R, e, g, T, n, m)
+    return (gamma, bent), Middle(psi, R, e, g, T, n, m, spin, slip, both)
 
 
 @kernel
@@ -142,7 +138,7 @@ def bow_of(uneven, psi):
 
 
 @kernel
-def _arc(uneven, psi):
+def arc_of(uneven, psi):
     """Derivative of Gamma by psi: of - `bow_of`."""
     x, y, z = times(psi, BOW)
     zero = x * 0.0
@@ -160,7 +156,7 @@ def rates(section, left, right):
     e = times(back(R, minus(right.r, left.r)), share)
     stretch = plus(times(back(R, minus(right.v, left.v)), share), cross(e, turn))
     bend = minus(turned(T, right.spin), back(T, left.spin))
-    return plus(stretch, turned(_arc(section.uneven, psi), bend)), bend
+    return plus(stretch, turned(arc_of(section.uneven, psi), bend)), bend
 
 
 @kernel
@@ -197,26 +193,10 @@ def fill(S, o, xx, xt, tx, tt):
 
 
 @kernel
-def _columns(A, d):
-    """A diag(d)."""
-    return scale(A[0], d), scale(A[1], d), scale(A[2], d)
-
-
-@kernel
-def most_force(section, sixth, mass):
-    """See `MOST`; sixth: of the element's mass, mass: that weight of the matrix."""
-    x, y, z = section.bend
-    square = section.length * section.length
-    own = smaller(smaller(x, y), z) / square
-    return select_lt(own * HEAVY, sixth * section.length * (6.0 * mass), own * MOST, np.inf)
-
-
-@kernel
-def tangent(section, at, c, cd, most, S, o):
+def tangent(section, at, c, cd, S, o):
     """Derivative of `forces`, c times by positions and cd by rates, to the `FACTOR` at o of S.
 
-    Forces of its own that are in it are bounded by `most` (see `MOST`). What moments change by at third order in the
-    element's own psi is left out, and what rates change by positions: Newton's iteration has no need of it.
+    What moments change by at third order in the element's own psi is left out: Newton's iteration has no need of it.
     """
     R, g, T, e, psi, l = at.R, at.g, at.T, at.e, at.psi, section.length
     Tt, rate = transposed(T), c
@@ -224,22 +204,34 @@ def tangent(section, at, c, cd, most, S, o):
         rate = section.tau * cd + c
     share = 1.0 / l
     D, b = times(section.stretch, rate), times(section.bend, share * rate)
-    arc = _arc(section.uneven, psi)
-    kept = smaller(-smaller(-at.n[0], most), most * PULL), clip(at.n[1], most), clip(at.n[2], most)
-    n, own = times(kept, c), minus(at.m, times(back(arc, minus(at.n, kept)), l))
+    arc, zero = arc_of(section.uneven, psi), l * 0.0
+    n, own = times(at.n, c), at.m
+    x, y, z = times(n, l * BOW)
     # of Gamma by the rotations of the ends: e^ P - arc T^T, e^ Q + arc T; P, Q = 1/2 -+ g^/2
     swing, straight = _half_of_both(e, g)
     left_w, right_w = (
         difference(difference(straight, swing), product(arc, Tt)),
         sum_of(sum_of(straight, swing), product(arc, T)),
     )
-    left_D, right_D = _rows(D, left_w), _rows(D, right_w)
-    xx = scaled(symmetric(_rows(D, transposed(R)), transposed(R)), share)
+    left_D, right_D, x_D = _rows(D, left_w), _rows(D, right_w), scaled(_rows(D, transposed(R)), share)
+    bend = (b[0], -y, -z), (-y, x * 2.0 + b[1], zero), (-z, zero, x * 2.0 + b[2])
+    if section.tau is not None:  # what rates change by positions: e, slip and psi seen from axes that turn
+        late, w, u = times(section.stretch, section.tau * c), at.spin, at.slip
+        x_D = difference(x_D, scaled(_rows(late, skewed(w, transposed(R))), share))
+        swing = sum_of(skew(u), plus_identity(scaled(outer(e, w), -1.0), dot(w, e)))
+        straight = cross(swing[0], g), cross(swing[1], g), cross(swing[2], g)
+        late = times(late, 0.5)
+        left_D = sum_of(left_D, _rows(late, difference(swing, straight)))
+        right_D = sum_of(right_D, _rows(late, sum_of(swing, straight)))
+        bend = difference(bend, _rows(times(section.bend, share * section.tau * c * 0.5), skew(at.both)))
+    _put_nine(S, o + F.by_place, x_D)
+    _put_nine(S, o + F.by_left, left_D)
+    _put_nine(S, o + F.by_right, right_D)
     swing, straight = _half_of_both(n, g)
-    xl, xr = (
-        product(R, sum_of(difference(left_D, straight), swing)),
-        product(R, difference(difference(right_D, straight), swing)),
-    )
+    own_l, own_r = product(R, difference(swing, straight)), product(R, sum_of(swing, straight))
+    xx, xl, xr = product(R, x_D), sum_of(product(R, left_D), own_l), difference(product(R, right_D), own_r)
+    left_w, right_w = scaled(transposed(left_w), l), scaled(transposed(right_w), l)
+    lx, rx = sum_of(product(left_w, x_D), transposed(own_l)), difference(product(right_w, x_D), transposed(own_r))
     # l n^ e^ between P or Q and P or Q
     Qe, Pe, Qn, Pn = _half(g, e), _half(times(g, -1.0), e), _half(g, times(n, l)), _half(times(g, -1.0), times(n, l))
     along, square = dot(n, e) * l, dot(g, g)
@@ -249,21 +241,26 @@ def tangent(section, at, c, cd, most, S, o):
         plus_identity(scaled(gg, -1.0), along * (square - 1.0) * 0.25),
     )
     spin = skew(times(g, 0.5 * along))
-    x, y, z = times(n, l * BOW)
     f, m = times(cross(n, e), l * 0.125), times(own, 0.5 * c)
     swing = _second(psi, times(own, c * (1.0 / 12.0)))  # of psi x (psi x m) / 12 in T m
-    left = difference(difference(skew(minus(m, f)), swing), _by_bend(T, b, x, y, z))
-    right = sum_of(sum_of(skew(plus(m, f)), swing), _by_bend(Tt, b, x, y, z))
-    both = scaled(product(transposed(left_w), right_D), l)
-    ll = sum_of(scaled(symmetric(left_w, left_D), l), difference(sum_of(outer(Qe, Qn), crossing), product(left, Tt)))
-    lr = sum_of(both, sum_of(difference(sum_of(outer(Qe, Pn), turning), spin), product(left, T)))
-    rl = sum_of(transposed(both), difference(sum_of(sum_of(outer(Pe, Qn), turning), spin), product(right, Tt)))
-    rr = sum_of(scaled(symmetric(right_w, right_D), l), sum_of(sum_of(outer(Pe, Pn), crossing), product(right, T)))
-    lx, rx, minus_xx = transposed(xl), transposed(xr), scaled(xx, -1.0)
+    left = difference(difference(skew(minus(m, f)), swing), product(T, bend))
+    right = sum_of(sum_of(skew(plus(m, f)), swing), product(Tt, bend))
+    ll = sum_of(product(left_w, left_D), difference(sum_of(outer(Qe, Qn), crossing), product(left, Tt)))
+    lr = sum_of(product(left_w, right_D), sum_of(difference(sum_of(outer(Qe, Pn), turning), spin), product(left, T)))
+    rl = sum_of(product(right_w, left_D), difference(sum_of(sum_of(outer(Pe, Qn), turning), spin), product(right, Tt)))
+    rr = sum_of(product(right_w, right_D), sum_of(sum_of(outer(Pe, Pn), crossing), product(right, T)))
+    minus_xx = scaled(xx, -1.0)
     fill(S, o + F.LL, xx, scaled(xl, -1.0), scaled(lx, -1.0), ll)
     fill(S, o + F.LR, minus_xx, scaled(xr, -1.0), lx, lr)
     fill(S, o + F.RL, minus_xx, xl, scaled(rx, -1.0), rl)
     fill(S, o + F.RR, xx, xr, rx, rr)
+
+
+@kernel
+def _put_nine(S, o, A):
+    for i in range(3):
+        for j in range(3):
+            store(S, o + 3 * i + j, A[i][j])
 
 
 @kernel
@@ -283,18 +280,6 @@ def _half_of_both(a, g):
 def _half(g, a):
     """(a + g x a) / 2."""
     return times(plus(a, cross(g, a)), 0.5)
-
-
-@kernel
-def _by_bend(A, b, x, y, z):
-    """A times what psi changes moments by: by bending b and the force on the arc."""
-    u, v = x * 2.0 + b[1], x * 2.0 + b[2]
-    one, two, three = A
-    return (
-        (one[0] * b[0] - (one[1] * y + one[2] * z), one[1] * u - one[0] * y, one[2] * v - one[0] * z),
-        (two[0] * b[0] - (two[1] * y + two[2] * z), two[1] * u - two[0] * y, two[2] * v - two[0] * z),
-        (three[0] * b[0] - (three[1] * y + three[2] * z), three[1] * u - three[0] * y, three[2] * v - three[0] * z),
-    )
 
 
 @kernel

@@ -11,7 +11,6 @@ from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from ..protocol import RESIDUAL_ALONE, State, register
 from .chain import (
     SpatialBeam,
-    Vertex,
     body,
     clear,
     hinged,
@@ -23,9 +22,10 @@ from .chain import (
     three_of,
     vertex_at,
 )
-from .element import forces, inertia, middle, middle_of, most_force, tangent
+from .element import forces, inertia, middle, middle_of, tangent
 from .framed import framed
 from .layout import AXES, B, E, F, H, J, L, P, before, count_of, factor_at, hinge_at, joint_row, rows_before
+from .lost import damping_over
 from .matrix import factor, gyrate, lean, matrix_in, pin, put_matrix, solve, stiffen, sway
 from .output import (
     damping_work,
@@ -37,12 +37,14 @@ from .output import (
     ports,
     ports_after,
     predict,
+    root_of,
     shape,
     stand,
     task_poses,
     update,
 )
 from .rotations import add_vector, back, cross, dot, matrix, minus, plus, put_vector, times, turned, vector
+from .settled import settle, stride
 
 
 @kernel
@@ -126,11 +128,11 @@ def assemble(lane, model, par, state, u, weights, r, S):
 def _exact(lane, model, section, left, right, element, weights, S, f):
     """((force, moment) of the left end, of the right) of an element of the exact beam; its `FACTOR` at f of S."""
     inner = middle(section, left.place, right.place)[1]
+    put_vector(S, f + F.force, inner.n)
     on_left, on_right = forces(section, inner)
     masses = three_of(lane, model.sections, E.end * element + E.mass)
     if weights.mass != 0.0:
-        most = most_force(section, masses[1] * 0.25, weights.mass)
-        tangent(section, inner, weights.stiffness, weights.damping, most, S, f)
+        tangent(section, inner, weights.stiffness, weights.damping, S, f)
     at_left, at_right = inertia(lane, masses[1], section.length, left, right, weights, S, f)
     I = three_of(lane, model.sections, E.end * element + E.inertia)
     on_left = _both(_both(on_left, at_left), lump(lane, masses[0], I, left, weights, S, f + F.LL))
@@ -147,7 +149,7 @@ def _of_body(lane, array, o, mass, at):
 @kernel
 def _momentum(lane, model, par, q, v):
     """Of a chain of exact beams, whose masses are those of `element.inertia`."""
-    state, tip, element = State(q, v, v), place_at(lane, q, v, 0), 0
+    tip, element = place_at(lane, q, v, 0), 0
     zero = splat(lane, 0.0)
     total = zero, zero, zero
     for k in range(model.links):
@@ -155,7 +157,7 @@ def _momentum(lane, model, par, q, v):
         if k > 0:
             mass = splat(lane, model.joints[at + J.near + P.mass])
             total = plus(total, _of_body(lane, model.joints, at + J.near, mass, tip))
-        left = hinged(lane, model, state, k, Vertex(tip, tip.v, tip.spin)).root.place
+        left = root_of(lane, model, q, v, k, tip)
         mass = splat(lane, model.joints[at + J.far + P.mass])
         total = plus(total, _of_body(lane, model.joints, at + J.far, mass, left))
         for _ in range(count_of(model, k)):
@@ -267,4 +269,5 @@ register(
     difference=difference, energy=energy, ports=ports, ports_after=ports_after, damping_work=damping_work,
     link_poses=link_poses, shape=shape, predict=predict, task_poses=task_poses, stand=stand,
     light=light, conserve=conserve, gyrate=gyrate, lean=lean, sway=sway, gauge=gauge, renewed=renewed,
+    settle=settle, stride=stride, damping_over=damping_over,
 )  # fmt: skip

@@ -8,16 +8,23 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ...compiler import kernel, load, splat
-from ..arithmetic import clip
+import numpy as np
+
+from ...compiler import kernel, load, select_lt, splat
+from ..arithmetic import clip, smaller
 from ..model import STIFFNESS_FACTOR
 from .chain import three_of
-from .element import most_force, scale
+from .element import scale
 from .frame import across, frame_of, lifted, phi_second, rates_of, seconds, swirl
 from .framed_tangent import tangent
 from .inner import HELIX, constant, ends_by, inner_by, product
 from .layout import W, frame_at, inner_of, inner_row, points_of, weight_end
 from .rotations import add_vector, back, cross, dot, minus, plus, times, turned, vector
+
+MOST, HEAVY = 0.5, 40.0
+"""Largest force of its own in a segment's tangent, over EI / l^2 (its buckling force is pi^2 of that), where inertia in
+steps is more than `HEAVY` times as stiff: as Newton begins, strains are off by second order of a step's turn. Times EA
+that is a force that no tangent should have in it, and forces that are real are little beside such inertia."""
 
 
 class Stiff(NamedTuple):
@@ -152,6 +159,15 @@ def _across_with(lane, model, to, x, row, n):
 
 
 @kernel
+def _most_force(section, sixth, mass):
+    """See `MOST`; sixth: of the segment's mass, mass: that weight of the matrix."""
+    x, y, z = section.bend
+    square = section.length * section.length
+    own = smaller(smaller(x, y), z) / square
+    return select_lt(own * HEAVY, sixth * section.length * (6.0 * mass), own * MOST, np.inf)
+
+
+@kernel
 def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
     """((force, moment) of the left end, of the right) of segment i, between two `Vertex`; its `FACTOR` at f of S, the
     rows of its inner modes in r."""
@@ -193,7 +209,7 @@ def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
     couple = minus(plus(couple, turn), plus(turned(a.T, ml), turned(b.T, mr)))
     aside = stiff.pull, couple[2] / frame.length, -((couple[1] + couple[0] * frame.k) / frame.length)
     if weights.mass != 0.0:
-        most = most_force(section, model.frames[at.mass] * 0.5, weights.mass)
+        most = _most_force(section, model.frames[at.mass] * 0.5, weights.mass)
         now = (clip(aside[0], most), clip(aside[1], most), clip(aside[2], most)), ml, mr
         tangent(lane, model, par, section.tau, frame, stiff, clip(stiff.pull, most), now, i, state.q, weights, S, f)
     on_l = plus(plus(back(a.T, ml), times(a.g, couple[0])), turn_l)

@@ -87,6 +87,10 @@ FACTOR = Layout(
     Field("LR", (6, 6), "", ""),
     Field("RL", (6, 6), "", "after `factor` RR^-1 RL"),
     Field("RR", (6, 6), "", "after `factor` its L and U, pivots inverted"),
+    Field("force", (3,), "N", "of an exact element over the section, its middle's axes; of the residual made last"),
+    Field("by_place", (3, 3), "N/m", "what that changes by with the right end's place; of the matrix made last"),
+    Field("by_left", (3, 3), "N", "with the rotation of the left end"),
+    Field("by_right", (3, 3), "N", "with that of the right end"),
 )  # fmt: skip
 
 INNER = Layout(

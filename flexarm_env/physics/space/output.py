@@ -7,7 +7,7 @@ from ..arithmetic import put
 from ..layout import SPACE_POSE as SP
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from ..protocol import State
-from .chain import SpatialBeam, Vertex, energy_of, hinged, place_at, section_at, three_of, uneven_of
+from .chain import SpatialBeam, energy_of, place_at, planted, section_at, three_of, uneven_of
 from .element import Place, bow_of, middle, middle_of, rates, scale
 from .frame import frame_of
 from .framed import frame_damping, frame_energy
@@ -110,13 +110,14 @@ def _middle_of(lane, model, element, left, right):
 @kernel
 def predict(lane, model, start, q):
     """Places in q anew: from the base's, with the rotations of q and the strains of `start` (see `exact.output`); a
-    chord is shorter by the bow that it has there."""
-    old, new = State(start, start, start), State(q, q, q)
+    chord is shorter by the bow that it has there. Exact beams have `settle`."""
+    if model.frames is None:
+        return
     tip, moved_tip, element = place_at(lane, start, start, 0), place_at(lane, q, q, 0), 0
     for k in range(model.links):
         i = joint_row(model, k) + 1
-        left = hinged(lane, model, old, k, Vertex(tip, tip.v, tip.spin)).root.place
-        moved_left = hinged(lane, model, new, k, Vertex(moved_tip, moved_tip.v, moved_tip.spin)).root.place
+        left = root_of(lane, model, start, start, k, tip)
+        moved_left = root_of(lane, model, q, q, k, moved_tip)
         for _ in range(count_of(model, k)):
             right, after = place_at(lane, start, start, i), place_at(lane, q, q, i)
             axes, bow = _middle_of(lane, model, element, left, right)
@@ -154,7 +155,7 @@ def _element_energy(lane, model, par, left, right, element):
 @kernel
 def energy(lane, model, par, q, v):
     """(kinetic, strain, gravity), J."""
-    state, tip, element = State(q, v, v), place_at(lane, q, v, 0), 0
+    tip, element = place_at(lane, q, v, 0), 0
     kinetic, strain, gravity = splat(lane, 0.0), splat(lane, 0.0), splat(lane, 0.0)
     for k in range(model.links):
         at, i = J.end * k, joint_row(model, k) + 1
@@ -162,8 +163,7 @@ def energy(lane, model, par, q, v):
             mass = splat(lane, model.joints[at + J.near + P.mass])
             more, fall = energy_of(lane, model, model.joints, at + J.near, mass, None, tip)
             kinetic, gravity = kinetic + more, gravity + fall
-        root = hinged(lane, model, state, k, Vertex(tip, tip.v, tip.spin)).root
-        left = root.place
+        left = root_of(lane, model, q, v, k, tip)
         mass = splat(lane, model.joints[at + J.far + P.mass])
         more, fall = energy_of(lane, model, model.joints, at + J.far, mass, None, left)
         kinetic, gravity = kinetic + more, gravity + fall
@@ -191,13 +191,11 @@ def damping_work(lane, model, par, q, v, x):
     total = splat(lane, 0.0)
     if model.damped is None:
         return total
-    by_v, by_x, at, element = State(q, v, v), State(q, x, x), State(q, v, x), 0
+    at, element = State(q, v, x), 0
     tip_v, tip_x = place_at(lane, q, v, 0), place_at(lane, q, x, 0)
     for k in range(model.links):
         i = joint_row(model, k) + 1
-        root_v = hinged(lane, model, by_v, k, Vertex(tip_v, tip_v.v, tip_v.spin)).root
-        root_x = hinged(lane, model, by_x, k, Vertex(tip_x, tip_x.v, tip_x.spin)).root
-        tip_v, tip_x = root_v.place, root_x.place
+        tip_v, tip_x = root_of(lane, model, q, v, k, tip_v), root_of(lane, model, q, x, k, tip_x)
         for _ in range(count_of(model, k)):
             section = section_at(lane, model, par, element)
             right_v, right_x = place_at(lane, q, v, i), place_at(lane, q, x, i)
@@ -234,7 +232,7 @@ SECTIONS.register(SpatialBeam, last_section=_last_vertex)
 @kernel
 def root_of(lane, model, q, v, k, tip):
     """The `Place` of the root of link k on the section before."""
-    return hinged(lane, model, State(q, v, v), k, Vertex(tip, tip.v, tip.spin)).root.place
+    return planted(lane, model, q, v, k, tip)[2]
 
 
 @kernel
@@ -358,13 +356,13 @@ def _put_pair(lane, live, rows, i, first, second):
 @kernel
 def stand(lane, model, live, angles, rates, q, v):
     """See `protocol`; links are straight."""
-    state, tip, element = State(q, v, v), place_at(lane, q, v, 0), 0
+    tip, element = place_at(lane, q, v, 0), 0
     for k in range(model.links):
         i = joint_row(model, k)
         put(live, q, i, load(lane, angles, k), load(lane, q, i))
         if rates is not None:
             put(live, v, i, load(lane, rates, i), load(lane, v, i))
-        root = hinged(lane, model, state, k, Vertex(tip, tip.v, tip.spin)).root.place
+        root = root_of(lane, model, q, v, k, tip)
         A, along, tip, i = matrix(root.p), splat(lane, 0.0), root, i + 1
         for _ in range(_vertices(model, k)):
             slip, turn = root.v, root.spin
@@ -429,11 +427,11 @@ def shape(model, q, points):
     if points.shape[1] < 3:
         return 0
     lane = (0,)
-    state, tip = State(q, q, q), place_at(lane, q, q, 0)
+    tip = place_at(lane, q, q, 0)
     count = _drawn(points, 0, tip.r)
     for k in range(model.links):
         i = joint_row(model, k) + 1
-        left = hinged(lane, model, state, k, Vertex(tip, tip.v, tip.spin)).root.place
+        left = root_of(lane, model, q, q, k, tip)
         count = _drawn(points, count, left.r)
         for _ in range(count_of(model, k)):
             right = place_at(lane, q, q, i)
