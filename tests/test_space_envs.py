@@ -212,9 +212,10 @@ def test_gymnasium_checks_it_and_bad_actions_end_an_episode() -> None:
     assert all(np.array_equal(a, b) for a, b in list(pairs)[:2])
 
 
-def test_full_torques_stay_sound() -> None:
-    """Bang-bang: no episode fails, and energy keeps its books."""
-    env = gym.make_vec("SpatialFlexArm-v0", num_envs=8, info_level="full", initial_vibration=1e-12, elements=1, dt=5e-4)
+@pytest.mark.parametrize(("settings", "most"), [({"elements": 1, "dt": 5e-4, "tolerance": 1e-7}, 0.01), ({}, 0.1)])
+def test_full_torques_stay_sound(settings: dict[str, Any], most: float) -> None:
+    """Bang-bang: no episode fails, energy keeps its books, and Newton's method takes few iterations."""
+    env: Any = gym.make_vec("SpatialFlexArm-v0", num_envs=8, info_level="full", initial_vibration=1e-12, **settings)
     _, start = env.reset(seed=0)
     rng, before, turned_over = np.random.default_rng(0), 0.0, np.zeros(8)
     for _ in range(30):
@@ -223,7 +224,9 @@ def test_full_torques_stay_sound() -> None:
         before, turned_over = info["work"], turned_over + np.abs(info["work"] - before)
     names = ("energy_kinetic", "energy_strain", "energy_gravity", "energy_dissipated")
     off = sum(info[name] - start[name] for name in names) - info["work"]
-    assert np.abs(off / turned_over).max() < 0.03
+    assert np.abs(off / turned_over).max() < most
+    iterations, _, _, steps = env.unwrapped.batch.counts.sum(0)
+    assert iterations < 5.0 * steps
 
 
 def test_features_carry_over() -> None:
