@@ -370,15 +370,13 @@ def in_batch(features: tuple[str, ...], method: str, n: int = 9, dt: float = 5e-
     """The first of n arms, which have 0.9 of its actions each after the one before, over control periods of SAMPLE; in
     fields of a trajectory, and all its states."""
     scene, (formulation, options) = scene_of(features), METHODS[method]
-    count, change = scene.arm.n_links, _change(features)
+    count, change = scene.arm.n_links, _change(features) or (2.0 * DURATION, 1.0)  # or none, in the same compiled form
     arm = dataclasses.replace(scene.arm, torque_limits=TORQUES[:count])
     settings = Settings.make(formulation, dt=dt, **options)
     task = SPACE.build(arm, np.zeros(len(SPACE.rewards)), SAMPLE, {})
     starts = Starts(start=[(x, x) for x in scene.angles], target=[(0.0, 0.0)] * count)
-    extras = Extras()
-    if change is not None:
-        when, factor = round(change[0] / SAMPLE), change[1]
-        extras = Extras(payload_change=PayloadChange(np.array([when, when]), np.array([factor, factor]), (0,)))
+    when = round(change[0] / SAMPLE)
+    extras = Extras(payload_change=PayloadChange(np.array([when, when]), np.array([change[1]] * 2), (0,)))
     batch = Batch(arm, settings, n, task, starts, period=SAMPLE, gravity=scene.gravity, books=True, extras=extras)
     batch.start(range(n), range(n), limit=len(times()))
     rows = [(*batch.motion(0)[:2], batch.table[:, 0].copy())]
