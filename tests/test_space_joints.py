@@ -250,7 +250,7 @@ def test_gears_play_and_friction_are_those_of_the_plane(how: str, side: str, mos
 def test_modes_and_rest_on_a_gear_are_those_of_the_plane() -> None:
     """Frequencies with the motor free and held; the rest under gravity, the motor held."""
     arm = geared(backlash=0.0, friction_coulomb=0.0)
-    scene = fx.Scene("s", arm, duration=1.0, dt=1e-3, angles=(0.2, 0.9))
+    scene = fx.Scene("s", arm, duration=1.0, dt=1e-3, angles=(0.2, 0.9), gravity=(0.0, 0.0))
     for held in ((), (0,), (0, 1)):
         plane = modes(scene, 5, EXACT, elements=8, order=2, clamped=held).frequencies
         space = modes(dataclasses.replace(scene, space=True), 16, elements=8, clamped=held).frequencies
