@@ -159,8 +159,8 @@ def test_jitter_draws_how_late_each_command_comes() -> None:
         assert min(np.abs(np.array(ends) - end)) < 1e-6
     counts = np.bincount(late[9:], minlength=27)
     assert set(np.flatnonzero(counts)) == set(range(2, 27)) and counts.max() < 40  # 16 expected of each
-    vector = gym.make_vec(ONE, num_envs=9, actuator={"jitter": 4 * dt, "lag": lag}, dt=dt, threads=1)
-    single = gym.make(ONE, actuator={"jitter": 4 * dt, "lag": lag}, dt=dt)
+    keywords = rich(ONE, actuator={"delay": dt, "jitter": 4 * dt, "lag": lag}, dt=dt)
+    vector, single = gym.make_vec(ONE, num_envs=9, threads=1, **keywords), gym.make(ONE, **keywords)
     vector.reset(seed=3), single.reset(seed=7)
     for a in actions[:20]:
         many, one = vector.step(np.tile(a, (9, 1)).astype(np.float32)), single.step(a.astype(np.float32))
@@ -467,7 +467,7 @@ def test_factors_of_joints_are_drawn_anew_and_only_where_they_are_asked_for() ->
     assert len(plain.batch.parameters(0)) == 4
     refuses("must not be drawn for linear models", lambda: env.linearize(0))
     with pytest.raises(ValueError, match=r"options.motion.*must not be given in an environment that draws"):
-        gym.make(ONE, **given).reset(options={"motion": np.array([[0.0, 0.0], [1.0, 0.1]])})
+        env.reset(options={"motion": np.array([[0.0, 0.0], [1.0, 0.1]])})
 
 
 @pytest.mark.parametrize(

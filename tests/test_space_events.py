@@ -16,6 +16,7 @@ from flexarm_env.rotations import matrices
 from flexarm_env.settings import Settings
 from flexarm_env.tasks.program import PUSHED
 from tests.env_tools import assert_pair_same, assert_same, episode, pair
+from tests.refusals import refuses
 
 pytestmark = pytest.mark.slow
 
@@ -116,6 +117,8 @@ def test_single_and_vector_agree_to_the_bit_and_states_go_back() -> None:
     _, info = env.reset(seed=4)
     mass, share = info["drawn_payload"], info["drawn_payload_inertia"]
     assert env.batch.parameters(0)[:2] == pytest.approx([0.1 * mass, mass * share]) and mass != 1.0 != share
+    motion = {"joint0": np.array([[0.0, 0.0], [1.0, 0.1]])}
+    refuses(r"must not be given in an environment with pushes", lambda: env.reset(options={"motion": motion}))
 
 
 def test_pushes_come_from_all_around() -> None:

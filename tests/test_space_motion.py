@@ -311,5 +311,3 @@ def test_what_does_not_go_with_a_motion_is_refused() -> None:
         "motion": {"joint0": TURNS[0]}, "start": (0.4, 0.0, 0.0)}))  # fmt: skip
     scene = fx.Scene("s", arms.named("turret_boom"), duration=1.0, dt=0.01)
     refuses(r"options\.motion = 's': must be a scene of this", lambda: env.reset(options={"motion": scene}))
-    pushed = gym.make("SpatialFlexArm-v0", pushes={"wait": (1, 1), "force": (0.1, 0.1), "lasting": 0.1}, **COARSE)
-    refuses(r"must not be given in an environment with pushes", lambda: pushed.reset(options={"motion": TURNS}))

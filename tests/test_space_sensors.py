@@ -11,6 +11,8 @@ from scipy.spatial.transform import Rotation
 
 import flexarm_env as fx
 from flexarm_env import arms
+from flexarm_env.envs.options import plan
+from flexarm_env.envs.space import SPACE
 from flexarm_env.rigid import rate_scale
 from flexarm_env.runtime.laws import law_of, memory_of
 from flexarm_env.runtime.readings import read_rows
@@ -265,7 +267,7 @@ def test_a_vector_is_the_single_environment_with_every_sensor() -> None:
 def test_an_arm_s_own_sensors_and_what_is_refused() -> None:
     own = Sensors(gyroscope=Gyroscope(), strain_gauges=(StrainGauge(link=1, measures="torsion"),))
     arm = dataclasses.replace(arms.named("three_dof"), sensors=own)
-    names = gym.make("SpatialFlexArm-v0", arm=arm, observation="measured").unwrapped.plan.names
+    names = plan(SPACE, arm=arm, observation="measured").names
     assert {"gyroscope_z", "strain_gauge_1"} <= set(names)
     again = arms.from_toml(arms.to_toml(arm)) if hasattr(arms, "to_toml") else arm
     assert again.sensors == own
