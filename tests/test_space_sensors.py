@@ -18,13 +18,14 @@ from flexarm_env.runtime.laws import law_of, memory_of
 from flexarm_env.runtime.readings import read_rows
 from flexarm_env.sensors import Accelerometer, Gyroscope, Sensors, StrainGauge
 from flexarm_env.time_functions import constant, ramp, sine
+from tests.scene_tools import everything
 
 EXACT, FLOATING = "geometrically_exact", "floating_frame"
 THREE = ("xy", "xz", "torsion")
 
 
 def run(scene: fx.Scene, how: str = EXACT, **options: Any) -> Any:
-    found = fx.simulate(scene, how, estimate_error=False, **options)
+    found = fx.simulate(everything(scene), how, estimate_error=False, **options)
     assert found.finished, found.message
     return found
 
