@@ -26,6 +26,10 @@ from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, ren
 from .period import correct_period
 from .work import solve_known, state_of, take_out_known
 
+LINEAR = 1e-3
+"""Least contraction to expect of a later iteration where a model keeps factors: what is off most falls by its square at
+first, and hides from the contraction seen what falls in proportion."""
+
 
 class Slopes(NamedTuple):
     """What v, a and b of a step's end change by where its q changes by one; the step's length."""
@@ -164,6 +168,8 @@ def newton(lane, model, drive, par, w, slopes, scheme, plain):
         w.counts[ITERATIONS] += 1.0
         # What is left after this update, from the contraction seen: increment * theta / (1 - theta).
         theta = select_lt(increment, before * 0.9, increment / before, splat(lane, 0.9))
+        if not renewed(model, 2):  # known when compiled
+            theta = maximum(theta, LINEAR)
         if iteration == 0:
             theta = _first_contraction(lane, _trust(model.predictor), increment)
         active = select_lt(increment * theta / (1.0 - theta), scheme.tolerance, splat(lane, 0.0), active)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ from ...parameters import Arm, Link
 from ...scene import Scene
 from ...settings import Settings
 from ..elastica.build import HEAVIER
+from ..elastica.slenderness import _largest
 from ..model import System
 from . import build as chains
 from .chain import SpatialElastica
@@ -156,11 +158,17 @@ BENT = 0.3
 
 
 class Notes(dict[str, float]):
-    """ "stretch_and_shear", a fraction of the arm's length: what leaving them out costs where links bend by `BENT`."""
+    """ "stretch_and_shear", a fraction of the arm's length: what leaving them out costs where links bend by `BENT`, and
+    where they are stretched as joints turn as prescribed, with all mass at the tip; a longer link is softer, too."""
 
-    def __init__(self, arm: Arm) -> None:
-        self.share = max((_softness(link) for link in arm.links if not link.rigid), default=0.0)
-        super().__init__(stretch_and_shear=min(1.0, BENT * self.share))
+    def __init__(self, scene: Scene) -> None:
+        arm = scene.arm
+        links = [link for link in arm.links if not link.rigid]
+        rate = sum(_largest(m.function, scene.duration, 1) for m in scene.motions if m.joint is not None)
+        mass = arm.payload.mass + sum(elbow.mass for elbow in arm.elbows) + sum(0.5 * link.mass for link in arm.links)
+        stretch = rate**2 * arm.total_length * mass / min((link.series("EA") for link in links), default=math.inf)
+        self.share = max(map(_softness, links), default=0.0) + 3.0 * stretch
+        super().__init__(stretch_and_shear=min(1.0, BENT * self.share + stretch))
 
     @property
     def softer(self) -> float:
@@ -211,7 +219,7 @@ def build(scene: Scene, settings: Settings) -> System:
         curved=(0,) if any(link.curved for link in arm.links if not link.rigid) else None, **common,
     )  # fmt: skip
     coordinates = {name: i for i, name in enumerate(names) if name.startswith(("root_", "joint"))}
-    return System(model, chains.parameters(scene), *_start(scene, names), coordinates, names, (), (), Notes(arm))
+    return System(model, chains.parameters(scene), *_start(scene, names), coordinates, names, (), (), Notes(scene))
 
 
 # ------------------------------------------------------------------ what is read off
