@@ -37,7 +37,7 @@ def settled(name: str, episodes: int, seed: int, **keywords: Any) -> list[float 
 
 def measure(options: argparse.Namespace) -> pages.Found:
     """Times of each controller, on the same reaches."""
-    cases: dict[str, dict[str, Any]] = {"pd": {}, "zv": {}, "zvd": {}, "lqr": {}, "lqg": MEASURED}
+    cases: dict[str, dict[str, Any]] = {"pd": {}, "zv": {}, "zvd": {}, "lqr": {}, "lqg": MEASURED, "mpc": {}}
     return {"times": {name: settled(name, options.episodes, 10_000, **more) for name, more in cases.items()}}
 
 

@@ -9,13 +9,15 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from flexarm_env import arms, control
-from flexarm_env.control import space_lqg, space_shaping
+from flexarm_env import arms, control, shapes
+from flexarm_env.control import optimal, space_lqg, space_shaping
 from flexarm_env.control.arm_model import held
 from flexarm_env.control.catalogue import tuned_gains
+from flexarm_env.control.dynamics import dynamics
 from flexarm_env.control.space import tip_at
-from flexarm_env.control.space_pd import held_model, holding
-from flexarm_env.physics.space.reading import frames
+from flexarm_env.control.space_dynamics import SpatialDynamics
+from flexarm_env.control.space_pd import held_model, holding, rest
+from flexarm_env.physics.space.reading import frames, tips
 from flexarm_env.rigid import coriolis, rigid_inertia
 
 ID = "SpatialFlexArm-v0"
@@ -128,15 +130,21 @@ def test_gains_of_pd_have_a_margin() -> None:
             assert np.abs(np.linalg.eigvals(loop)).max() < 1.0 + 1e-9
 
 
-@pytest.mark.parametrize(("name", "keywords"), [("lqr", COARSE), pytest.param("lqg", MEASURED, marks=pytest.mark.slow)])
-def test_reaches_settle_sooner_than_under_pd(name: str, keywords: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    ("name", "keywords", "periods"),
+    [
+        ("lqr", COARSE, 280), pytest.param("lqg", MEASURED, 280, marks=pytest.mark.slow),
+        pytest.param("mpc", {}, 200, marks=pytest.mark.slow),
+    ],
+)
+def test_reaches_settle_sooner_than_under_pd(name: str, keywords: dict[str, Any], periods: int) -> None:
     """Within 2.8 s, where PD has few that do; one arm's actions are those it has among others."""
     env: Any = gym.make_vec(ID, num_envs=3, **keywords)
     controller, alone = control.make(name, env), control.make(name, env)
     seen, _ = env.reset(seed=400)
     controller.reset(seen)
     alone.reset(seen[1])
-    for k in range(280):
+    for k in range(periods):
         actions = controller.act(seen)
         if k < 5:
             assert alone.act(seen[1]) == pytest.approx(actions[1], abs=1e-5)
@@ -163,9 +171,64 @@ def test_goals_that_encoders_tell_are_those_of_the_targets_place() -> None:
 
 def test_what_is_not_there_is_refused_by_name() -> None:
     env = gym.make(ID, **COARSE)
-    there = 'must be one of "pd", "zv", "zvd", "lqr", "lqg" for an arm in space'
-    for name, words in (("mpc", there), ("lqg", "LQG needs the entry hub_error")):
+    there = 'must be one of "pd", "zv", "zvd", "lqr", "lqg", "mpc" for an arm in space'
+    for name, words in (("time_optimal", there), ("lqg", "LQG needs the entry hub_error")):
         with pytest.raises(ValueError, match=words):
             control.make(name, env)
     with pytest.raises(ValueError, match=r"^gains = .*: must be a LQGGains"):
         control.make("lqr", env, tuned_gains("pd", "space"))
+
+
+# ------------------------------------------------------------------ plans on the elastica
+@pytest.fixture(scope="module")
+def plant() -> Any:
+    return dynamics("three_dof", 0.02, gravity=(0.0, 0.0, -9.81))
+
+
+def test_periods_of_the_elastica_rest_where_the_arm_does_and_their_derivatives_are_differences(plant: Any) -> None:
+    angles, rng, arm = np.array([[0.3, 0.7, -0.5], [-1.0, -0.4, 1.1]]), np.random.default_rng(0), plant.arm
+    plant = SpatialDynamics(arm, 0.02, 3, plant.gravity)
+    plant.settings = replace(plant.settings, tolerance=1e-11)  # whose differences are those of steps that are solved
+    x, u = plant.still(angles)
+    assert plant.advance(x, u) == pytest.approx(x, abs=2e-6) and x[:, plant.joints] == pytest.approx(angles)
+    for own, held_by, joints in zip(x, u, angles, strict=True):
+        found = rest(arm, np.array(plant.gravity), joints)
+        assert held_by * plant.limits == pytest.approx(np.array(found.joint_torques()), abs=1e-3)
+        tip = tips(arm, found.settings, found.work.q[None])[0, 0]
+        assert plant.tip(own)[0] == pytest.approx(tip, abs=1e-4)
+    u = u + rng.uniform(-0.2, 0.2, u.shape)
+    x = plant.advance(x, u)
+    A, B = plant.jacobians(x, u)
+    way, pull, step = rng.normal(size=x.shape) * np.repeat([0.1, 1.0], plant.half), rng.normal(size=u.shape), 1e-4
+    ends = [plant.advance(x + sign * step * way, u + sign * step * pull) for sign in (1.0, -1.0)]
+    slope = (ends[0] - ends[1]) / (2.0 * step)
+    found = np.einsum("nij,nj->ni", A, way) + np.einsum("nij,nj->ni", B, pull)
+    assert found == pytest.approx(slope, abs=1e-4 * np.abs(slope).max())
+    for of in (plant.points, plant.bends, plant.tip):
+        slope = (of(x + step * way)[0] - of(x - step * way)[0]) / (2.0 * step)
+        assert np.einsum("n...s,ns->n...", of(x)[1], way) == pytest.approx(slope, abs=1e-6)
+
+
+def test_a_plan_in_space_goes_round_a_ball_that_is_in_the_way(plant: Any) -> None:
+    start, goal = plant.rest([[0.0, 0.5, 0.3]]), plant.rest([[0.9, 0.5, 0.3]])
+    free = optimal.least_effort(plant, start, goal, 40)
+    ball = shapes.Sphere(tuple(plant.tip(free.states[28, 0])[0] + [0.0, 0.0, 0.04]), 0.06)
+    kept = optimal.least_effort(plant, start, goal, 40, optimal.Bounds(keep_out=[ball]), guess=free.controls)
+    near = [float(ball.distance(plant.places(motion.states)).min()) for motion in (free, kept)]
+    assert free.found.all() and kept.found.all()
+    assert near[0] < -0.019 and near[1] > -optimal.TOLERANCE * plant.arm.total_length
+    assert kept.energy(0.02)[0] > free.energy(0.02)[0]
+    soon = optimal.least_time(plant, start, goal, most=60)
+    assert soon.found.all() and soon.periods[0] <= 14 and np.abs(soon.controls).max() <= 1.0
+    assert plant.advance(soon.states[13], soon.controls[13]) == pytest.approx(soon.states[14], abs=1e-12)
+
+
+@pytest.mark.slow
+def test_the_receding_horizon_begins_with_a_plan_round_what_it_is_kept_out_of() -> None:
+    """A ball on the way of the regulator's tip."""
+    ball = shapes.Sphere((0.457, 0.624, 0.781), 0.06)
+    env: Any = gym.make_vec(ID, num_envs=1, keep_out=ball)
+    controller: Any = control.make("mpc", env)
+    target = tip_at(controller.setup.arm, np.array([0.9, 0.5, 0.3]))
+    controller.reset(env.reset(options={"start": [0.0, 0.5, 0.3], "target": target.tolist()})[0])
+    assert controller.arrival[0] < 60 and ball.distance(controller.plant.places(controller.plan.states)).min() > 0.0

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..parameters import Arm
 from ..sensors import Sensors
+from ..shapes import Shape
 from .kinematics import goal_angles, rigid_inertia, tip_in_hub_frame, wrapped
 
 Array = NDArray[np.float64]
@@ -36,7 +37,7 @@ class Setup:
         sensors: that read the entries; None: ideal ones, or not known. noise: that all entries have beside it, in their
             units; (): none.
         action_mode: what an action stands for; "": not known. residual_share: of action_mode="residual_pd".
-        gravity: m/s^2; None: none.
+        gravity: m/s^2; None: none. keep_out: shapes that the arm is to stay out of.
     """
 
     task: str
@@ -51,6 +52,7 @@ class Setup:
     action_mode: str = ""
     residual_share: float | None = None
     gravity: tuple[float, ...] | None = None
+    keep_out: tuple[Shape, ...] = ()
 
     @classmethod
     def of(cls, env: Any) -> Setup:
@@ -68,7 +70,7 @@ class Setup:
         share = None if extras.controller is None else float(extras.controller.share)
         return cls(
             plan.kind.task, plan.arm, plan.period, limits, names, scales, plan.history, plan.sensors, noise,
-            plan.action_mode, share, plan.gravity,
+            plan.action_mode, share, plan.gravity, plan.keep_out,
         )  # fmt: skip
 
     @property

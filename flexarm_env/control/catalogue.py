@@ -16,6 +16,7 @@ from .mpc import MPC, MPCGains
 from .pd import PD, PDGains
 from .shaping import ShapedGains, ShapedPD
 from .space_lqg import SpatialLQG, SpatialLQR
+from .space_mpc import SpatialMPC
 from .space_pd import SpatialPD, SpatialPDGains
 from .space_shaping import SpatialShapedGains, SpatialShapedPD
 from .time_optimal import TimeOptimal, TimeOptimalGains
@@ -36,6 +37,7 @@ _SPACE: dict[str, tuple[type[Any], Callable[[Setup, Any], Controller]]] = {
     "zvd": (SpatialShapedGains, lambda setup, gains: SpatialShapedPD(setup, gains, "zvd")),
     "lqr": (LQGGains, SpatialLQR),
     "lqg": (LQGGains, SpatialLQG),
+    "mpc": (MPCGains, SpatialMPC),
 }
 """Those of arms in space."""
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -16,16 +17,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import arms
 from .. import validation as check
-from ..batch import MODE, RUNNING, Batch, Chain, Reach, Slew, Starts, Task
+from ..batch import MODE, RUNNING, Batch, Chain, Reach, Slew, SpaceReach, Starts, Task
 from ..derivatives import Periods
 from ..parameters import Arm
 from ..physics.elastica.chain import chain
 from ..settings import Settings
+from .arm_model import arm_model
+from .kinematics import rigid_inertia
 
 Array = NDArray[np.float64]
+Vector = tuple[float, ...]
 
-STEP = 0.02 / 3.0
-"""Longest step of the solver, s: the environments'."""
+POINTS = 4
+"""Of a link that are kept out of shapes, its tip among them."""
 
 AT_ONCE = 1024
 """Most arms that one compiled call moves: their memory stays in the processor's cache."""
@@ -42,21 +46,14 @@ class Dynamics:
         nodes: of a link.
     """
 
+    gravity: Vector | None = None
+    step = 0.02 / 3.0
+    """Longest of the solver, s: the environments' in the plane."""
+
     def __init__(self, arm: Arm | str | os.PathLike[str], period: float, nodes: int = 4) -> None:
-        arm, period = arms.resolve(arm), check.number("period", period, "s", above=0.0)
+        arm = arms.resolve(arm)
         arm.check_planar()
-        if arm.torque_limits is None:
-            raise check.MissingKey("arm.torque_limits", f"torques are over theirs: {arm.n_links} limit(s) (N m)")
-        self.arm = dataclasses.replace(arm, joints=(), joint_limits=None)
-        self.period, self.nodes = period, nodes
-        dt = period / max(1, math.ceil(period / STEP - 1e-9))
-        self.settings = Settings.make("elastica", nodes=nodes, dt=dt, tolerance=1e-7)
-        self.n_inputs, self.half = arm.n_links, arm.n_links * nodes
-        self.size = 2 * self.half
-        self.joints = np.arange(arm.n_links) * nodes
-        """Where the joints' angles stand in x; their rates `half` further on."""
-        self._batches: dict[int, Batch] = {}
-        self._differentiated: dict[int, tuple[Periods, Array]] = {}
+        self._begin(arm, period, nodes, np.arange(arm.n_links) * nodes, np.arange(arm.n_links * nodes))
         parts = chain(self.arm, nodes)
         self._angles = np.eye(self.half)
         for k in self.joints[1:]:
@@ -70,6 +67,23 @@ class Dynamics:
         for k in range(arm.n_links):
             own = self._shapes[k, k * nodes + 1 : (k + 1) * nodes]
             self._bent[k, 1:] = np.linalg.solve(parts.K[k][1:, 1:], own)
+        ends = [np.linspace(0.0, link.length, POINTS + 1)[1:] for link in arm.links]
+        self._arms = np.vstack([parts.arms_to(k, s) for k, s in enumerate(ends)])
+
+    def _begin(self, arm: Arm, period: float, nodes: int, joints: NDArray[np.int64], rows: NDArray[np.int64]) -> None:
+        """What all arms have: where joints stand in x, and the rows of a state that x holds."""
+        if arm.torque_limits is None:
+            raise check.MissingKey("arm.torque_limits", f"torques are over theirs: {arm.n_links} limit(s) (N m)")
+        self.arm = dataclasses.replace(arm, joints=(), joint_limits=None)
+        self.period, self.nodes = check.number("period", period, "s", above=0.0), nodes
+        dt = period / max(1, math.ceil(period / self.step - 1e-9))
+        self.settings = Settings.make("elastica", nodes=nodes, dt=dt, tolerance=1e-7)
+        self.limits = np.array(arm.torque_limits)
+        self.n_inputs, self.half, self.size = arm.n_links, len(rows), 2 * len(rows)
+        self.joints, self._rows = joints, rows
+        """Where the joints' angles stand in x; their rates `half` further on."""
+        self._batches: dict[int, Batch] = {}
+        self._differentiated: dict[int, tuple[Periods, Array]] = {}
 
     def advance(self, x: Array, u: Array) -> Array:
         """States (m, S) after a period; not finite where the solver fails."""
@@ -119,6 +133,39 @@ class Dynamics:
             x[:, at] = angles[:, k]
         return x
 
+    unbent = rest
+    """States (m, S) of the straight arm without motion, at joint angles (m, N)."""
+
+    def still(self, angles: ArrayLike) -> tuple[Array, Array]:
+        """States of the arm at rest at joint angles (m, N), and torques (m, N) over their limits that hold it."""
+        x = self.rest(angles)
+        return x, np.zeros((len(x), self.n_inputs))
+
+    def begun(self, start: Array, goal: Array, periods: int) -> Array:
+        """Controls (T, n, N) that plans from states to others (n, S) begin with."""
+        return np.zeros((periods, len(start), self.n_inputs))
+
+    def inertia(self, angles: Array) -> Array:
+        """(m, N, N), kg m^2: of the rigid arm about its joints at angles (m, N)."""
+        return rigid_inertia(self.arm, angles[:, 1:])
+
+    @property
+    def first(self) -> float:
+        """Lowest frequency of bending of the straight arm, its joints free, rad/s."""
+        return float(arm_model(self.arm, (0.0,) * (self.n_inputs - 1)).frequencies[0])
+
+    def points(self, x: Array) -> tuple[Array, Array]:
+        """`POINTS` of each link, as far apart as its root from the first, (..., P, 2), m; their derivative by x."""
+        phi = x[..., : self.half] @ self._angles.T
+        cosine, sine = np.cos(phi)[..., None, :] * self._arms, np.sin(phi)[..., None, :] * self._arms
+        slope = np.zeros((*cosine.shape[:-1], 2, self.size))
+        slope[..., 0, : self.half], slope[..., 1, : self.half] = -sine @ self._angles, cosine @ self._angles
+        return np.stack([cosine.sum(-1), sine.sum(-1)], axis=-1), slope
+
+    def places(self, x: Array) -> Array:
+        """`points` without the derivative."""
+        return self.points(x)[0]
+
     def tip(self, x: Array) -> tuple[Array, Array]:
         """Tip (..., 2), m, about the root, and its derivative (..., 2, S)."""
         phi = x[..., : self.half] @ self._angles.T
@@ -136,6 +183,17 @@ class Dynamics:
         slope = np.zeros((*x.shape[:-1], self.n_inputs, self.size))
         slope[..., : self.half] = own @ self._angles
         return np.sin(phi - roots) @ self._shapes.T, slope
+
+    def outputs(self, x: Array) -> tuple[Array, Array]:
+        """Joint angles, their rates, deflections (in space twists too) and their rates, (m, O), and their derivative
+        by x (m, O, S), but for what rates of deflections change by with deflections."""
+        half, joints, (bends, slope) = self.half, self.joints, self.bends(x)
+        n, many, own = len(joints), bends.shape[1], slope[..., :half]
+        C = np.zeros((len(x), 2 * (n + many), self.size))
+        C[:, np.arange(n), joints] = C[:, n + np.arange(n), half + joints] = 1.0
+        C[:, 2 * n : 2 * n + many, :half] = C[:, 2 * n + many :, half:] = own
+        rates = np.einsum("mns,ms->mn", own, x[:, half:])
+        return np.concatenate([x[:, joints], x[:, half + joints], bends, rates], axis=1), C
 
     def corrected(self, x: Array, outputs: Array) -> Array:
         """The states (m, S) that have these outputs (m, 4 N): joint angles, their rates, tip deflections over length,
@@ -171,19 +229,18 @@ class Dynamics:
     def _move(self, x: Array, u: Array, out: Array) -> None:
         batch = self._batch(len(x))
         lanes, m, block = len(batch.lane), len(x), batch.block
-        groups = -(-m // lanes)
-        state = np.zeros((groups * lanes, self.size))
-        state[:m] = x
-        block[:groups, : self.size * lanes] = (
-            state.reshape(groups, lanes, self.size).transpose(0, 2, 1).reshape(groups, -1)
-        )
+        groups, rows = -(-m // lanes), len(batch.system.q0)
+        own, many = np.concatenate([self._rows, rows + self._rows]), 2 * rows
+        state = np.zeros((groups * lanes, many))
+        state[:m, own] = x
+        block[:groups, : many * lanes] = state.reshape(groups, lanes, many).transpose(0, 2, 1).reshape(groups, -1)
         mode = batch.layout.record + MODE * lanes
         block[:groups, mode : mode + lanes] = RUNNING
         batch.action[:m] = u
         batch.action[m:] = 0.0
         batch.compiled_step(batch.address, 0, groups)
-        moved = block[:groups, : self.size * lanes].reshape(groups, self.size, lanes)
-        out[...] = moved.transpose(0, 2, 1).reshape(-1, self.size)[:m]
+        moved = block[:groups, : many * lanes].reshape(groups, many, lanes)
+        out[...] = moved.transpose(0, 2, 1).reshape(-1, many)[:m, own]
         out[batch.table[batch.info_at.reason, :m] != 0.0] = np.nan
 
     def _periods(self, m: int) -> tuple[Periods, Array]:
@@ -200,9 +257,9 @@ class Dynamics:
         while size < m:
             size *= 2
         if size not in self._batches:
-            arm, reach = self.arm, self.arm.total_length
-            standing = Starts(start=[(0.0, 0.0)] * arm.n_links, target=[(reach, reach), (0.0, 0.0)])
-            made = Batch(arm, self.settings, size, _task(arm), standing, period=self.period)
+            arm, reach, none = self.arm, self.arm.total_length, [(0.0, 0.0)] * self.n_inputs
+            standing = Starts(start=none, target=none if arm.spatial else [(reach, reach), (0.0, 0.0)])
+            made = Batch(arm, self.settings, size, _task(arm), standing, period=self.period, gravity=self.gravity)
             made.start(range(size), [0] * size, limit=10**9)
             self._batches[size] = made
         return self._batches[size]
@@ -230,25 +287,39 @@ class Grid:
         return A, B
 
 
-def dynamics(arm: Arm | str | os.PathLike[str], period: float, nodes: int = 4) -> Dynamics:
-    """`Dynamics`, one for all that ask for the same."""
-    return _one_for_all(arms.resolve(arm), check.number("period", period, "s", above=0.0), nodes)
+def dynamics(
+    arm: Arm | str | os.PathLike[str], period: float, nodes: int | None = None, gravity: Vector | None = None
+) -> Dynamics:
+    """`Dynamics`, one for all that ask for the same.
+
+    nodes: None: 4; in space 3. gravity: (x, y, z), m/s^2, of an arm in space; in the plane there is none.
+    """
+    arm = arms.resolve(arm)
+    period = check.number("period", period, "s", above=0.0)
+    return _one_for_all(arm, period, nodes, gravity if arm.spatial else None)
 
 
 @lru_cache(maxsize=16)
-def _one_for_all(arm: Arm, period: float, nodes: int) -> Dynamics:
-    return Dynamics(arm, period, nodes)
+def _one_for_all(arm: Arm, period: float, nodes: int | None, gravity: Vector | None) -> Dynamics:
+    if arm.spatial:
+        return IN_SPACE[0](arm, period, nodes or 3, gravity or (0.0, 0.0, 0.0))
+    return Dynamics(arm, period, nodes or 4)
+
+
+IN_SPACE: list[Callable[[Arm, float, int, Vector], Dynamics]] = []
+"""What makes those of arms in space: `space_dynamics`, which is made of this module, enters it here."""
 
 
 def _task(arm: Arm) -> Task:
     """A task that asks for nothing; of the environments' kind, so that their compiled functions serve."""
-    n = arm.n_links
-    kind = Slew if n == 1 else Reach if n == 2 else Chain
-    entries = 6 if n == 1 else 5 * n + 4
+    n, space = arm.n_links, arm.spatial
+    kind = SpaceReach if space else Slew if n == 1 else Reach if n == 2 else Chain
+    entries = 3 * n + 6 * sum(not link.rigid for link in arm.links) + 6 if space else 6 if n == 1 else 5 * n + 4
     assert arm.torque_limits is not None
     return kind(
-        links=(0,) * n, targets=(0,) * (1 if n == 1 else 2), terms=(0,) * 6, entries=(0,) * entries,
-        length=arm.total_length, lengths=np.array([link.span for link in arm.links]), scales=np.ones(entries),
+        links=(0,) * n, targets=(0,) * (3 if space else 1 if n == 1 else 2), terms=(0,) * 6, entries=(0,) * entries,
+        length=arm.total_length, lengths=np.array([0.0 if link.rigid else link.span for link in arm.links]),
+        scales=np.ones(entries),
         rates=np.ones(n), weights=np.zeros(6), torque_limits=np.array(arm.torque_limits),
         joint_limits=np.array([(-np.inf, np.inf)] * n).ravel(), hold=1.0, bands=np.full(3, np.inf),
     )  # fmt: skip

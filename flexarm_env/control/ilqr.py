@@ -2,7 +2,9 @@
 
 What is to be minimised is, for each arm by itself,
 
-    sum_k cost_k(x_k) + 1/2 sum_k weight . u_k^2     with x_k+1 = f(x_k, u_k), |u| <= bound, k = 0 ... T - 1 (cost: T)
+    sum_k cost_k(x_k) + 1/2 sum_k weight . (u_k - still)^2   with x_k+1 = f(x_k, u_k), |u| <= bound, k = 0 ... T - 1
+
+(cost_k: up to T).
 
 Every iteration takes the derivatives of all stages of all arms together, solves the linear-quadratic problem backwards
 with controls kept within limits, and tries steps of several lengths at once. Limits on states are costs with
@@ -74,17 +76,20 @@ class Limits:
     """low <= g(x) <= high by augmented Lagrangian; with low = high an equality.
 
     of: x (..., S) -> g (..., G) and its derivative (..., G, S). low, high: (T + 1, n, G), infinite where there is none.
+    alone: x -> g, where that costs much less.
     """
 
     of: Any
     low: Array
     high: Array
     penalty: Array
+    alone: Any = None
     above: Array = field(init=False)
     below: Array = field(init=False)
 
     def __post_init__(self) -> None:
         self.above, self.below = np.zeros(self.high.shape), np.zeros(self.high.shape)
+        self.alone = self.alone or (lambda x: self.of(x)[0])
 
     def _active(self, g: Array, k: int | slice) -> tuple[Array, Array]:
         """Forces (..., n, G) that push back, and where they do."""
@@ -95,7 +100,7 @@ class Limits:
 
     def value(self, x: Array, k: int | slice) -> Array:
         """See `Cost`."""
-        over, under = self._active(self.of(x)[0], k)
+        over, under = self._active(self.alone(x), k)
         return np.asarray((over**2 + under**2).sum(-1) / (2.0 * self.penalty))
 
     def slopes(self, x: Array) -> tuple[Array, Array]:
@@ -108,12 +113,12 @@ class Limits:
 
     def violation(self, x: Array) -> Array:
         """Largest violation (n,) along trajectories (T + 1, n, S)."""
-        g = self.of(x)[0]
+        g = self.alone(x)
         return np.asarray(np.maximum(np.maximum(g - self.high, self.low - g), 0.0).max(axis=(0, 2)))
 
     def update(self, x: Array) -> None:
         """Multipliers for the next round."""
-        self.above, self.below = self._active(self.of(x)[0], slice(None))
+        self.above, self.below = self._active(self.alone(x), slice(None))
 
 
 @dataclass
@@ -147,9 +152,9 @@ def followed(system: System, x: Array, plan: Solution, bound: float = 1.0) -> tu
     return controls, states
 
 
-def total(costs: Sequence[Cost], effort: Array, states: Array, controls: Array) -> Array:
+def total(costs: Sequence[Cost], effort: Array, states: Array, controls: Array, still: Array | float = 0.0) -> Array:
     """Cost (n,) of trajectories; infinite where they are not finite."""
-    value = 0.5 * np.einsum("tna,a->n", controls**2, effort)
+    value = 0.5 * np.einsum("tna,a->n", (controls - still) ** 2, effort)
     with np.errstate(all="ignore"):
         for cost in costs:
             value = value + cost.value(states, slice(None)).sum(0)
@@ -158,7 +163,7 @@ def total(costs: Sequence[Cost], effort: Array, states: Array, controls: Array) 
 
 def solve(
     system: System, x: Array, guess: Array | Solution, costs: Sequence[Cost], effort: Array, *,
-    iterations: int = 50, tolerance: float = 1e-6, bound: float = 1.0,
+    iterations: int = 50, tolerance: float = 1e-6, bound: float = 1.0, still: Array | float = 0.0,
 ) -> Solution:  # fmt: skip
     """The controls that cost least, found from a first guess.
 
@@ -166,7 +171,7 @@ def solve(
         x: states (n, S) to start from. guess: controls (T, n, N), or a plan, which is followed by its gains where x is
             not where it starts. effort (N,): weights, positive.
         iterations: at most. tolerance: of the cost, over itself: when no arm's falls by more, it is done.
-        bound: of the controls.
+        bound: of the controls. still (n, N): those that cost nothing.
     Raises:
         ValueError: the first guess leads to states that are not finite, and so does no control.
     """
@@ -175,18 +180,19 @@ def solve(
     else:
         controls = np.clip(guess, -bound, bound)
         states = rollout(system, x, controls)
-    cost = total(costs, effort, states, controls)
-    if not np.isfinite(cost).all():
-        controls = np.where(np.isfinite(cost)[:, None], controls, 0.0)
-        states = rollout(system, x, controls)
-        cost = total(costs, effort, states, controls)
+    cost = total(costs, effort, states, controls, still)
+    for other in (guess.controls if isinstance(guess, Solution) else guess, still):
+        if not np.isfinite(cost).all():
+            controls = np.where(np.isfinite(cost)[:, None], controls, np.clip(other, -bound, bound))
+            states = rollout(system, x, controls)
+            cost = total(costs, effort, states, controls, still)
     if not np.isfinite(cost).all():
         raise ValueError("controls: the first guess leads to states that are not finite, and so does no control")
     damping = np.full(len(x), 0.0)
     gains = np.zeros((*controls.shape, system.size))
     for _ in range(iterations):
-        feed, gains = backward(system, states, controls, costs, effort, damping, bound)
-        found, moved, costs_of = _forward(system, states, controls, feed, gains, costs, effort, bound)
+        feed, gains = backward(system, states, controls, costs, effort, damping, bound, still)
+        found, moved, costs_of = _forward(system, states, controls, feed, gains, costs, effort, bound, still)
         best = np.argmin(costs_of, axis=0)
         arms = np.arange(len(x))
         lower = costs_of[best, arms]
@@ -210,6 +216,7 @@ def backward(
     effort: Array,
     damping: Array,
     bound: float = 1.0,
+    still: Array | float = 0.0,
 ) -> tuple[Array, Array]:
     """Changes of the controls (T, n, N) and their gains (T, n, N, S) that solve the linear-quadratic problem.
 
@@ -223,7 +230,7 @@ def backward(
     feed, gains = np.empty(controls.shape), np.empty((*controls.shape, system.size))
     low, high = -bound - controls, bound - controls
     own = np.eye(count) * (effort + damping[:, None])[:, None, :]
-    pull = controls * effort
+    pull = (controls - still) * effort
     for k in range(periods - 1, -1, -1):
         Ak, Bk = A[k], B[k]
         AT, BT = Ak.swapaxes(1, 2), Bk.swapaxes(1, 2)
@@ -302,6 +309,7 @@ def _forward(
     costs: Sequence[Cost],
     effort: Array,
     bound: float,
+    still: Array | float,
 ) -> tuple[Array, Array, Array]:
     """States (T + 1, 8, n, S), controls (T, 8, n, N) and costs (8, n) of steps of all `LENGTHS`."""
     periods, n, count = controls.shape
@@ -315,7 +323,7 @@ def _forward(
             u = ahead[k] + (gains[k] @ off[..., None])[..., 0]
             moved[k] = u = np.minimum(np.maximum(u, -bound), bound)
             found[k + 1] = system.stage(k, found[k].reshape(-1, size), u.reshape(-1, count)).reshape(tried, n, size)
-    value = np.array([total(costs, effort, found[:, i], moved[:, i]) for i in range(tried)])
+    value = np.array([total(costs, effort, found[:, i], moved[:, i], still) for i in range(tried)])
     return found, moved, value
 
 

@@ -32,12 +32,12 @@ def tip_in_hub_frame(arm: Arm, elbows: Array, bends: Array) -> Array:
     return tip
 
 
-def rigid_times(arm: Arm, goal: Array, to_go: Array, limits: Array) -> Array:
-    """Times (n,), s, that the rigid arm in its posture at the goal (n, N) takes from rest to rest, its joints in step.
+def rigid_times(inertia: Array, to_go: Array, limits: Array) -> Array:
+    """Times (n,), s, that a rigid arm of inertia (n, N, N) takes from rest to rest, its joints in step.
 
     to_go (n, N): angles that the joints turn by, rad. limits (N,): largest torques, N m.
     """
-    load = np.abs(np.einsum("nij,nj->ni", rigid_inertia(arm, goal[:, 1:]), to_go)) / limits
+    load = np.abs(np.einsum("nij,nj->ni", inertia, to_go)) / limits
     times: Array = 2.0 * np.sqrt(load.max(axis=1))
     return times
 

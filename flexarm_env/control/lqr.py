@@ -30,9 +30,12 @@ class StateWeights:
     bend: float
     bend_rate: float
 
-    def of_outputs(self, first: float, joints: int) -> Array:
-        """On the outputs (4 N,) of an arm's model; first: its first flexible frequency, rad/s."""
-        return np.repeat([self.angle, self.rate / first, self.bend, self.bend_rate / first], joints)
+    def of_outputs(self, first: float, joints: int, bends: int | None = None) -> Array:
+        """On the outputs (4 N,) of an arm's model, of which `bends` (None: N) are deflections; first: its first
+        flexible frequency, rad/s."""
+        many = joints if bends is None else bends
+        weights = [self.angle, self.rate / first, self.bend, self.bend_rate / first]
+        return np.repeat(weights, [joints, joints, many, many])
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,8 @@ regulator stays within the limits by itself, it takes over.
 Read are joint angles, deflections of the tips and their rates. The rest of the state is the model's prediction, drawn
 towards that of a link bent by a force at its tip: the prediction knows the higher modes of the nominal arm, and is
 wrong on another.
+
+Joint limits, and shapes that the arm is to stay out of, cost what plans miss them by.
 """
 
 from __future__ import annotations
@@ -23,21 +25,22 @@ from numpy.typing import NDArray
 
 from ..parameters import Arm
 from . import ilqr
-from .arm_model import GRID, arm_model
+from .arm_model import GRID
 from .base import Controller, Setup, Signals
-from .dynamics import Grid, dynamics
-from .kinematics import rigid_times
+from .dynamics import Dynamics, Grid, dynamics
+from .kinematics import rigid_inertia, rigid_times
 from .lqr import StateWeights, riccati
+from .optimal import Bounds, within
 
 Array = NDArray[np.float64]
-
-PUT_OFF = 0.03
-"""Share of its time by which an arrival is put off while an episode's first plan is made."""
 
 LATEST = 2.0
 """Times the arrival first planned at which it is not put off any more: whatever an arm of a quarter of the stiffness,
 or four times the mass, does takes twice as long. For ever a few periods ahead, it would leave the vibration before it,
 which costs nothing, to grow where damping does not stop it."""
+
+STIFF = 100.0
+"""Times the penalties that optimal plans begin with: here nobody learns multipliers."""
 
 MOST = 60
 """First plans that are made at most."""
@@ -52,6 +55,7 @@ class MPCGains(StateWeights):
         allowed: cost of the distance from the goal at which a plan has arrived.
         block: control periods over which planned torques are held. horizon: such blocks that are planned.
         iterations: of a decision. first: of an episode's first plan.
+        margin: by which plans stay out of shapes, over the arm's length.
     """
 
     memory: float = 1.0
@@ -60,6 +64,7 @@ class MPCGains(StateWeights):
     horizon: int = 50
     iterations: int = 1
     first: int = 10
+    margin: float = 0.02
 
 
 class Regulator(NamedTuple):
@@ -71,15 +76,13 @@ class Regulator(NamedTuple):
 
 
 @lru_cache(maxsize=32)
-def stage_weight(arm: Arm, period: float, gains: MPCGains) -> Array:
+def stage_weight(arm: Arm, period: float, gains: MPCGains, gravity: tuple[float, ...] | None = None) -> Array:
     """(S, S): cost of a state's distance from rest at the goal."""
-    plant, n = dynamics(arm, period), arm.n_links
-    first = float(arm_model(plant.arm, (0.0,) * (n - 1)).frequencies[0])
-    half = plant.half
-    outputs = np.zeros((4 * n, plant.size))
-    outputs[np.arange(n), plant.joints] = outputs[n + np.arange(n), half + plant.joints] = 1.0
-    outputs[2 * n : 3 * n, :half] = outputs[3 * n :, half:] = plant.bends(np.zeros(plant.size))[1][:, :half]
-    weight: Array = outputs.T @ np.diag(gains.of_outputs(first, n) ** 2) @ outputs + 1e-6 * np.eye(plant.size)
+    plant, n = dynamics(arm, period, gravity=gravity), arm.n_links
+    outputs = plant.outputs(np.zeros((1, plant.size)))[1][0]
+    many = len(outputs) // 2 - n
+    weights = np.diag(gains.of_outputs(plant.first, n, many) ** 2)
+    weight: Array = outputs.T @ weights @ outputs + 1e-6 * np.eye(plant.size)
     return weight
 
 
@@ -87,10 +90,18 @@ def stage_weight(arm: Arm, period: float, gains: MPCGains) -> Array:
 def regulator(arm: Arm, period: float, gains: MPCGains, posture: tuple[float, ...]) -> Regulator:
     """The regulator at a posture (elbow angles, rad)."""
     plant = dynamics(arm, period)
-    n = arm.n_links
-    A, B = (part[0] for part in plant.jacobians(plant.rest(np.array([(0.0, *posture)])), np.zeros((1, n))))
-    K, P = riccati(A, B, stage_weight(arm, period, gains), np.eye(n))
-    return Regulator(K, P, 1.0 / float(np.max(np.einsum("is,is->i", K, np.linalg.solve(P, K.T).T))))
+    rest = plant.still(np.array([(0.0, *posture)]))
+    return regulators(plant, *rest, stage_weight(arm, period, gains))[0]
+
+
+def regulators(plant: Dynamics, x: Array, u: Array, stage: Array) -> list[Regulator]:
+    """Those about rest at states x (n, S), held by torques u (n, N) over their limits."""
+    found = []
+    for A, B, held in zip(*plant.jacobians(x, u), u, strict=True):
+        K, P = riccati(A, B, stage, np.eye(plant.n_inputs))
+        left = (1.0 - np.minimum(np.abs(held), 1.0)) ** 2
+        found.append(Regulator(K, P, float(np.min(left / np.einsum("is,is->i", K, np.linalg.solve(P, K.T).T)))))
+    return found
 
 
 class MPC(Controller):
@@ -102,45 +113,61 @@ class MPC(Controller):
     """
 
     needs_bends = True
+    wild, ahead, put_off = np.inf, 1.0, 0.03
+    """What a plan misses its goal by that is taken for none; times the rigid arm's time at which an episode's first
+    plan is to be there; share of its time by which an arrival is put off while it is made."""
 
     def __init__(self, setup: Setup, gains: MPCGains) -> None:
         super().__init__(setup)
         self.gains = gains
-        held = [dynamics(setup.arm, k * setup.control_dt) for k in range(1, gains.block + 1)]
+        arm, dt = setup.arm, setup.control_dt
+        own = setup.gravity if arm.spatial else None
+        held = [dynamics(arm, k * dt, gravity=own) for k in range(1, gains.block + 1)]
         self.plant, self.grids = held[0], [Grid(first, held[-1]) for first in held]
-        self.stage = stage_weight(setup.arm, setup.control_dt, gains)
+        self.stage = stage_weight(arm, dt, gains, own)
+        joints = [(-np.inf, np.inf) if one is None else one for one in arm.joint_limits or ()]
+        self.bounds = Bounds(joints=joints, keep_out=setup.keep_out, margin=gains.margin * arm.total_length)
         self.effort = np.full(setup.n_joints, float(gains.block))
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
         n, gains, setup = len(to_go), self.gains, self.setup
-        postures = np.round(self.goal[:, 1:] / GRID) * GRID
-        owned = [regulator(setup.arm, setup.control_dt, gains, tuple((0.0 + row).tolist())) for row in postures]
+        self.home, self.still = self.plant.still(self.goal)
+        owned = self._regulators()
         self.K, self.P = np.stack([r.K for r in owned]), np.stack([r.P for r in owned])
         self.reach = np.array([r.reach for r in owned])
-        self.home, self.x = self.plant.rest(self.goal), self._standing(signals, to_go)
+        self.x = self._standing(signals, to_go)
         shape, self.left = (gains.horizon, n, setup.n_joints), gains.block
         states = np.zeros((gains.horizon + 1, *self.x.shape))
-        self.plan = ilqr.Solution(np.zeros(shape), states, np.zeros(n), np.zeros((*shape, self.plant.size)))
-        self.arrival = np.ceil(rigid_times(setup.arm, self.goal, to_go, self.limits) / setup.control_dt)
+        controls = np.broadcast_to(self.still, shape).copy()
+        self.plan = ilqr.Solution(controls, states, np.zeros(n), np.zeros((*shape, self.plant.size)))
+        self._begin(to_go)
+        self.latest = LATEST * self.arrival
+
+    def _begin(self, to_go: Array) -> None:
+        """The episodes' first plans: from the rigid arm's time on the arrival is put off, until there is a plan."""
+        n, gains = len(to_go), self.gains
+        quickest = rigid_times(self._inertia(), to_go, self.limits)
+        self.arrival = np.ceil(self.ahead * quickest / self.setup.control_dt)
         late, iterations, missed = np.ones(n, np.bool_), gains.first, np.zeros(n)
         for _ in range(MOST):
             missed[late] = self._improve(late, iterations)
             late = (missed > gains.allowed) & (self.arrival < self._ends[-2])
             if not late.any():
                 break
-            self.arrival[late] += np.maximum(1.0, np.round(PUT_OFF * self.arrival[late]))
+            self.arrival[late] += np.maximum(1.0, np.round(self.put_off * self.arrival[late]))
             iterations = 3
-        self.latest = LATEST * self.arrival
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        kept, self.plan.states[0] = self.gains.memory, self.x
-        guess = kept * self.x + (1.0 - kept) * self._standing(signals, to_go)
-        self.x = self.plant.corrected(guess, signals.outputs(self.goal - to_go))
+        self.plan.states[0] = self.x
+        self.x = self._estimate(signals, to_go)
         off = self.x - self.home
-        shares = -(self.K @ off[:, :, None])[:, :, 0]
+        shares = self.still - (self.K @ off[:, :, None])[:, :, 0]
         far = np.einsum("ni,nij,nj->n", off, self.P, off) > self.reach
         if far.any():
             missed = self._improve(far, self.gains.iterations)
+            wild = far.copy()
+            wild[far] = missed > self.wild
+            self._give_up(wild)
             shares[far] = self.plan.controls[0][far]
             self.arrival[far] += (missed > self.gains.allowed) & (self.arrival[far] < self.latest[far])
         return np.asarray(shares * self.limits)
@@ -154,7 +181,7 @@ class MPC(Controller):
             plan, self.left = self.plan, self.gains.block
             for values in (plan.controls, plan.gains, plan.states):
                 values[:-1] = values[1:]
-            plan.controls[-1], plan.gains[-1] = 0.0, 0.0
+            plan.controls[-1], plan.gains[-1] = self.still, 0.0
 
     @property
     def _ends(self) -> Array:
@@ -168,12 +195,19 @@ class MPC(Controller):
         weight = (self.gains.block * there)[:, :, None, None] * self.stage
         weight[-1] = self.P[chosen]
         cost = ilqr.Quadratic(self.home[chosen], weight)
+        limits = within(self.plant, self.bounds, weight.shape[1], len(weight) - 1, STIFF)
         grid, plan = self.grids[self.left - 1], self.plan
         own = ilqr.Solution(plan.controls[:, chosen], plan.states[:, chosen], plan.cost, plan.gains[:, chosen])
         try:
-            found = ilqr.solve(grid, self.x[chosen], own, [cost], self.effort, iterations=iterations)
+            found = ilqr.solve(
+                grid, self.x[chosen], own, [cost, *limits], self.effort, iterations=iterations,
+                still=self.still[chosen],
+            )  # fmt: skip
         except ValueError:  # no arm of the model moves from where one is taken to be
-            plan.controls[:, chosen], plan.gains[:, chosen] = 0.0, 0.0
+            if len(own.cost[chosen]) > 1:
+                ones = np.eye(len(chosen), dtype=np.bool_)[chosen]
+                return np.concatenate([self._improve(one, iterations) for one in ones])
+            self._give_up(chosen)
             return np.full(own.controls.shape[1], np.inf)
         plan.controls[:, chosen], plan.states[:, chosen] = found.controls, found.states
         plan.gains[:, chosen] = found.gains
@@ -183,4 +217,24 @@ class MPC(Controller):
 
     def _standing(self, signals: Signals, to_go: Array) -> Array:
         """States (n, S) with what is read, the links bent by forces at their tips."""
-        return self.plant.corrected(self.plant.rest(self.goal - to_go), signals.outputs(self.goal - to_go))
+        return self.plant.corrected(self.plant.unbent(self.goal - to_go), signals.outputs(self.goal - to_go))
+
+    def _inertia(self) -> Array:
+        """(n, N, N), kg m^2: of the rigid arm at its goal."""
+        return rigid_inertia(self.setup.arm, self.goal[:, 1:])
+
+    def _give_up(self, chosen: NDArray[np.bool_]) -> None:
+        """What is begun with where there is no plan: no torque."""
+        self.plan.controls[:, chosen], self.plan.gains[:, chosen] = 0.0, 0.0
+
+    def _estimate(self, signals: Signals, to_go: Array) -> Array:
+        """States (n, S), from what was predicted and what is read."""
+        kept = self.gains.memory
+        guess = kept * self.x + (1.0 - kept) * self._standing(signals, to_go)
+        return self.plant.corrected(guess, signals.outputs(self.goal - to_go))
+
+    def _regulators(self) -> list[Regulator]:
+        """Of each arm."""
+        own = self.setup.arm, self.setup.control_dt, self.gains
+        postures = np.round(self.goal[:, 1:] / GRID) * GRID
+        return [regulator(*own, tuple((0.0 + row).tolist())) for row in postures]

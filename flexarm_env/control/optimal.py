@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import validation as check
+from ..shapes import Shape
 from . import ilqr
 from .dynamics import Dynamics
-from .kinematics import rigid_inertia, rigid_times
+from .kinematics import rigid_times
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -36,12 +37,15 @@ class Bounds:
     """Limits beside the motors' own.
 
     torque: share of the torque limits, above 0 and at most 1. joints: (low, high) of each joint angle, rad, infinite
-    where there is none; () for none at all. deflection: largest tip deflection over length of any link.
+    where there is none; () for none at all. deflection: largest tip deflection over length of any link (in space: also
+    twist, rad). keep_out: shapes that `Dynamics.points` stay out of, by `margin`, m.
     """
 
     torque: float = 1.0
     joints: Sequence[tuple[float, float]] | Array = ()
     deflection: float = np.inf
+    keep_out: Sequence[Shape] = ()
+    margin: float = 0.0
 
     def __post_init__(self) -> None:
         torque = check.number("bounds.torque", self.torque, "share of the limits", above=0.0, maximum=1.0)
@@ -55,7 +59,10 @@ class Bounds:
             if low > high:
                 raise check.InvalidValue(path, (low, high), "must be (low, high) with low at most high")
             pairs.append((low, high))
-        check.store(self, joints=tuple(pairs))
+        shapes = check.sequence("bounds.keep_out", self.keep_out, "shapes (`flexarm_env.shapes`)")
+        shapes = tuple(check.instance(f"bounds.keep_out[{k}]", one, Shape) for k, one in enumerate(shapes))
+        check.store(self, joints=tuple(pairs), keep_out=shapes)
+        check.store(self, margin=check.number("bounds.margin", self.margin, "m", minimum=0.0))
 
 
 def _or_infinite(path: str, value: object, unit: str = "", **bounds: float) -> float:
@@ -92,16 +99,13 @@ FALL = 0.9
 
 def rates_of(plant: Dynamics) -> float:
     """A rate that is large for the arm, 1/s: what full torque makes of a joint of the straight rigid arm in 1 rad."""
-    arm = plant.arm
-    assert arm.torque_limits is not None
-    inertia = rigid_inertia(arm, np.zeros((1, arm.n_links - 1)))[0]
-    return float(np.sqrt(np.max(np.asarray(arm.torque_limits) / np.diag(inertia))))
+    inertia = plant.inertia(np.zeros((1, plant.n_inputs)))[0]
+    return float(np.sqrt(np.max(plant.limits / np.diag(inertia))))
 
 
 def rigid_periods(plant: Dynamics, start: Array, goal: Array) -> Counts:
     """Control periods (n,) that the rigid arm at the goal's posture takes from rest to rest, joints (n, N) in step."""
-    assert plant.arm.torque_limits is not None
-    times = rigid_times(plant.arm, goal, goal - start, np.asarray(plant.arm.torque_limits))
+    times = rigid_times(plant.inertia(goal), goal - start, plant.limits)
     return np.asarray(np.maximum(1, np.ceil(times / plant.period)), np.int64)
 
 
@@ -146,8 +150,11 @@ def arrive(plant: Dynamics, goal: Array, periods: Counts, total: int) -> ilqr.Li
     return ilqr.Limits(off, low, -low, np.full(len(goal), 100.0))
 
 
-def within(plant: Dynamics, bounds: Bounds, n: int, total: int) -> list[ilqr.Limits]:
-    """Joint angles and, over their bound, deflections, throughout."""
+def within(plant: Dynamics, bounds: Bounds, n: int, total: int, stiff: float = 1.0) -> list[ilqr.Limits]:
+    """Joint angles; over their bound, deflections; distances from shapes, over the arm's length; throughout.
+
+    stiff: times the penalties that plans begin with.
+    """
     found = []
     count = plant.n_inputs
     if bounds.joints:
@@ -159,22 +166,39 @@ def within(plant: Dynamics, bounds: Bounds, n: int, total: int) -> list[ilqr.Lim
         def angles(x: Array) -> tuple[Array, Array]:
             return x[..., plant.joints], np.broadcast_to(slope, (*x.shape[:-1], *slope.shape))
 
-        found.append(_throughout(angles, low, high, n, total, 100.0))
+        found.append(_throughout(angles, low, high, n, total, stiff * 100.0))
     if np.isfinite(bounds.deflection):
 
         def shares(x: Array) -> tuple[Array, Array]:
             bend, slope = plant.bends(x)
             return bend / bounds.deflection, slope / bounds.deflection
 
-        found.append(_throughout(shares, -np.ones(count), np.ones(count), n, total, 1.0))
+        many = np.ones(plant.bends(np.zeros(plant.size))[0].shape)
+        found.append(_throughout(shares, -many, many, n, total, stiff))
+    if bounds.keep_out:
+        length = plant.arm.total_length
+
+        def distances(x: Array) -> Array:
+            places = plant.places(x)
+            far = [shape.distance(places) for shape in bounds.keep_out]
+            return np.asarray(np.concatenate(far, axis=-1) - bounds.margin) / length
+
+        def approach(x: Array) -> tuple[Array, Array]:
+            points, slope = plant.points(x)
+            ways = [np.einsum("...d,...ds->...s", shape.gradient(points), slope) for shape in bounds.keep_out]
+            return distances(x), np.concatenate(ways, axis=-2) / length
+
+        low = np.zeros(distances(np.zeros(plant.size)).shape)
+        found.append(_throughout(approach, low, low + np.inf, n, total, stiff * 1e4, distances))
     return found
 
 
 def _throughout(
-    of: Callable[[Array], tuple[Array, Array]], low: Array, high: Array, n: int, total: int, penalty: float
-) -> ilqr.Limits:
+    of: Callable[[Array], tuple[Array, Array]], low: Array, high: Array, n: int, total: int, penalty: float,
+    alone: Callable[[Array], Array] | None = None,
+) -> ilqr.Limits:  # fmt: skip
     shape = (total + 1, n, len(low))
-    return ilqr.Limits(of, np.broadcast_to(low, shape), np.broadcast_to(high, shape), np.full(n, penalty))
+    return ilqr.Limits(of, np.broadcast_to(low, shape), np.broadcast_to(high, shape), np.full(n, penalty), alone)
 
 
 def _kept_by(plant: Dynamics, bounds: Bounds | None, **states: Array) -> Bounds:
@@ -211,7 +235,7 @@ def least_effort(
     """
     start, goal, own = _posed(plant, start, goal, bounds)
     n, total = len(start), check.integer("periods", periods, minimum=1)
-    controls = np.zeros((total, n, plant.n_inputs))
+    controls = plant.begun(start, goal, total)
     if guess is not None:
         controls = check.array("guess", guess, controls.shape)
     when = np.full(n, total)
@@ -238,7 +262,7 @@ def least_time(
         found, missed = optimise(plant, start[chosen], guess[:total], [], limits, 1e-2, torque=own.torque)
         return Motion(found.controls, found.states, periods, missed, periods)
 
-    motion = soonest(plant, start, high, tried, most)
+    motion = soonest(plant, start, high, tried, most, plant.begun(start, goal, most))
     if not motion.found.all():
         arm = int(np.argmin(motion.found))
         wider = "" if own == Bounds() else f", or {own} wider"
@@ -321,7 +345,7 @@ def _padded(controls: Array, total: int) -> Array:
 
 @dataclass
 class TipPath:
-    """1/2 weight |tip - path|^2, stage by stage: path (T + 1, n, 2) m; weight: 1/m^2."""
+    """1/2 weight |tip - path|^2, stage by stage: path (T + 1, n, 2 or 3) m; weight: 1/m^2."""
 
     plant: Dynamics
     path: Array
@@ -346,19 +370,20 @@ def follow(
     """Torques that lead the tip along a path: feedforward for what bends.
 
     Args:
-        plant: the arm. start: states (n, S), tips at the path's start. path (T + 1, n, 2): where the tips are to be at
+        plant: the arm. start: states (n, S), tips at the path's start. path (T + 1, n, 2 or 3): where tips are to be at
             each control instant, m about the root. bounds: see `Bounds`. weight: of distances squared, 1/m^2, against
             the squared torques over their limits; the larger, the nearer the tip keeps to the path.
     Returns a motion; `missed` is of the bounds alone.
     """
     start = check.array("start", start, ("n", plant.size), STATES)
     own, n = _kept_by(plant, bounds, start=start), len(start)
-    path = check.array("path", path, ("T + 1", n, 2), "a row of tips a control instant, m about the root")
+    numbers = len(plant.tip(start[0])[0])
+    path = check.array("path", path, ("T + 1", n, numbers), "a row of tips a control instant, m about the root")
     total, weight = len(path) - 1, check.number("weight", weight, "1/m^2", above=0.0)
     iterations = check.integer("iterations", iterations, minimum=1)
     if not total:
-        raise check.InvalidValue("shape of path", path.shape, f"must be (T + 1, {n}, 2), T at least 1")
-    limits, controls = within(plant, own, n, total), np.zeros((total, n, plant.n_inputs))
+        raise check.InvalidValue("shape of path", path.shape, f"must be (T + 1, {n}, {numbers}), T at least 1")
+    limits, controls = within(plant, own, n, total), plant.begun(start, start, total)
     for share in (1e-4, 1e-2, 1.0):
         cost = TipPath(plant, path, share * weight)
         found, missed = optimise(

@@ -136,7 +136,8 @@ class ShapedPD(Shaped):
     def initialise(self, signals: Signals, to_go: Array) -> None:
         arm = self.setup.arm
         shapers = [closed_loop_shaper(arm, self.gains, self.kind, posture) for posture in postures(self.goal)]
-        self.shape(shapers, rigid_times(arm, self.goal, to_go, self.gains.effort * self.limits), to_go)
+        inertia = rigid_inertia(arm, self.goal[:, 1:])
+        self.shape(shapers, rigid_times(inertia, to_go, self.gains.effort * self.limits), to_go)
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
         left, rates, accelerations = self.reference()

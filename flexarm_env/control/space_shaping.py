@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..parameters import Arm
 from .base import Setup, Signals
+from .kinematics import rigid_times
 from .shaping import Shaped, Shaper, cascade
 from .space_pd import SpatialPD, SpatialPDGains, held_model, holding
 
@@ -59,8 +60,7 @@ class SpatialShapedPD(Shaped, SpatialPD):
     def initialise(self, signals: Signals, to_go: Array) -> None:
         SpatialPD.initialise(self, signals, to_go)
         shapers = [closed_loop_shaper(self.setup.arm, self.gravity, self.shaped, self.kind, goal) for goal in self.goal]
-        load = np.abs(np.einsum("nij,nj->ni", self.inertia, to_go)) / (self.shaped.effort * self.limits)
-        self.shape(shapers, 2.0 * np.sqrt(load.max(axis=1)), to_go)
+        self.shape(shapers, rigid_times(self.inertia, to_go, self.shaped.effort * self.limits), to_go)
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
         left, rates, accelerations = self.reference()

@@ -13,6 +13,7 @@ from ..batch import Batch
 from ..compiler import SINGLE, WIDEST, Crew, Placed, dual, entry, native, uncompiled
 from ..physics import precision
 from ..physics.model import OK, Elastica, ExactBeam, FloatingChain, Jointed
+from ..physics.space.chain import SpatialElastica
 from ..runtime import derivative
 from ..runtime.adjoint import adjoint, room_of
 from ..runtime.implicit import implicit
@@ -29,7 +30,7 @@ MOST_AT_ONCE = 3
 
 
 PASSES = 5
-"""Solutions for a step's tangents where its matrix is the derivative but for a thousandth: the exact beam's."""
+"""Solutions for a step's tangents where its matrix is the derivative but for a thousandth: of exact beams, in space."""
 
 
 def _renamed(name: str, now: str) -> None:
@@ -162,7 +163,8 @@ class Periods:
         lane = SINGLE if joined or guided else WIDEST
         lanes, columns = len(lane), core + self.action_size
         decided = model.correction is None and not (fitted or joined or kept)  # by a step's equations, but for friction
-        turned = batch.arm.spatial  # what rotations add up to depends on Newton's way to where a step ends
+        # what rotations of sections add up to depends on Newton's way to where a step ends
+        turned = batch.arm.spatial and not isinstance(model, SpatialElastica)
         implied = decided and getattr(model, "friction", None) is None and not turned
         at_once = -(-columns // -(-columns // MOST_AT_ONCE)) if implied or joined or guided else 1
         self._derivative, chunks = (implicit, -(-columns // at_once)) if implied else (derivative.tangents, 1)
@@ -186,9 +188,10 @@ class Periods:
             self._blocks = [*blocks, guide.room]
         else:
             room = lanes * int(uncompiled(room_of)(model, task, program.n_steps))
+        passes = PASSES if batch.arm.spatial or batch.settings.formulation == "geometrically_exact" else 1
         self._program = derivative.Derivative(
             lane=lane, dual=both, program=program, guide=guide, plain=layouts[0], both=layouts[1], columns=columns,
-            moving=core, passes=PASSES if batch.settings.formulation == "geometrically_exact" else 1,
+            moving=core, passes=passes,
             places=places_of(batch, model, lanes, layouts[0], parameters, kept)[0],
             twice=places_of(batch, model, len(both), layouts[1], parameters, kept)[0],
             chosen=np.asarray(self._memory.chosen, np.int64), n=self.n,
