@@ -23,6 +23,7 @@ from benchmarks.operations import CASES, STEP, thrown
 from flexarm_env.compiler.decorator import kernel
 from flexarm_env.compiler.lanes import EIGHT, SINGLE, load, store
 from flexarm_env.physics.integrator.step import advance
+from flexarm_env.simulation import Simulation
 
 CHAINS = 12
 """Independent chains: more than two units with four cycles of latency need."""
@@ -94,6 +95,22 @@ def step_time(arm_name: str, formulation: str, options: dict[str, Any], lane: tu
             advance(lane, simulation.model, None, par, flat, 0, 0.0, STEP, 0, simulation.scheme, None)
 
     return (_best(run) - _best(overhead)) / (100 * steps * len(lane))
+
+
+def in_lanes(runs: list[Simulation], steps: int = 50) -> list[float]:
+    """CPU time of so many steps of eight arms from the middle of each scene, s; the least of 15, in turn."""
+    least = [np.inf] * len(runs)
+    for run in runs:
+        assert run.advance_to(0.5 * run.scene.duration)
+    for _ in range(15):
+        for i, run in enumerate(runs):
+            flat = np.concatenate([np.repeat(run._flat[:-4], len(EIGHT)), run._flat[-4:]])
+            par, moved = np.repeat(run.par, len(EIGHT)), run.n_motions
+            clock = time.process_time()
+            advance(EIGHT, run.model, run.drive, par, flat, moved, run.t, run.dt, steps, run.scheme, None)
+            least[i] = min(least[i], time.process_time() - clock)
+            assert np.isfinite(flat).all()
+    return least
 
 
 def counted() -> dict[str, dict[str, float]]:

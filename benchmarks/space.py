@@ -7,7 +7,6 @@ import argparse
 import dataclasses
 import json
 import math
-import time
 from typing import Any
 
 import numpy as np
@@ -16,12 +15,11 @@ from scipy.spatial.transform import Rotation
 
 import flexarm_env as fx
 from benchmarks import pages
+from benchmarks.cost_model import in_lanes
 from benchmarks.machine import DOCS, table
 from flexarm_env import arms, scenes
-from flexarm_env.compiler.lanes import EIGHT
 from flexarm_env.envs.video import pictures, write_film
 from flexarm_env.linear import campbell, modes, static_equilibrium
-from flexarm_env.physics.integrator.step import advance
 from flexarm_env.plotting import plot_campbell, plot_trajectory
 from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import constant, cycloid, pulse
@@ -245,26 +243,11 @@ def beside_the_plane() -> list[list[Any]]:
             pairs = [[fx.simulate(one, "geometrically_exact", elements=n, **options) for one in both] for _ in range(7)]
             runs = [min(of, key=lambda run: run.cpu_seconds) for of in zip(*pairs, strict=True)]
             plane, space = (float(np.abs(run.tip[:, :2] - fine).max()) / scene.arm.total_length for run in runs)
-            ratio = runs[1].cpu_seconds / runs[0].cpu_seconds
-            rows.append([scene.name, n, f"{space:.1e}", f"{plane:.1e}", f"{ratio:.1f}", f"{in_lanes(both, n):.1f}"])
+            meshes = [one.settings("geometrically_exact", elements=n) for one in both]
+            times = [run.cpu_seconds for run in runs], in_lanes(list(map(Simulation, both, meshes)))
+            ratios = (f"{of[1] / of[0]:.1f}" for of in times)
+            rows.append([scene.name, n, f"{space:.1e}", f"{plane:.1e}", *ratios])
     return rows
-
-
-def in_lanes(pair: tuple[fx.Scene, fx.Scene], elements: int, steps: int = 50) -> float:
-    """CPU time of steps of eight arms, the second scene's over the first's from their middles; least of 15, in turn."""
-    least = [math.inf, math.inf]
-    runs = [Simulation(scene, scene.settings("geometrically_exact", elements=elements)) for scene in pair]
-    for run in runs:
-        assert run.advance_to(0.5 * run.scene.duration)
-    for _ in range(15):
-        for i, run in enumerate(runs):
-            flat = np.concatenate([np.repeat(run._flat[:-4], len(EIGHT)), run._flat[-4:]])
-            par, moved = np.repeat(run.par, len(EIGHT)), run.n_motions
-            clock = time.process_time()
-            advance(EIGHT, run.model, run.drive, par, flat, moved, run.t, run.dt, steps, run.scheme, None)
-            least[i] = min(least[i], time.process_time() - clock)
-            assert np.isfinite(flat).all()
-    return least[1] / least[0]
 
 
 def _with_torsion(name: str) -> fx.Scene:
