@@ -13,7 +13,7 @@ from ..batch import Batch
 from ..compiler import SINGLE, WIDEST, Crew, Placed, dual, entry, native, uncompiled
 from ..physics import precision
 from ..physics.model import OK, Elastica, ExactBeam, FloatingChain, Jointed
-from ..physics.space.chain import SpatialElastica
+from ..physics.space.chain import SpatialBeam, SpatialElastica
 from ..runtime import derivative
 from ..runtime.adjoint import adjoint, room_of
 from ..runtime.implicit import implicit
@@ -29,8 +29,9 @@ MOST_AT_ONCE = 3
 """Columns that go side by side: more of them cost as much and take longer to compile."""
 
 
-PASSES = 5
-"""Solutions for a step's tangents where its matrix is the derivative but for a thousandth: of exact beams, in space."""
+PASSES, MOST_PASSES = 5, 20
+"""Solutions for a step's tangents where its matrix is the derivative but for a thousandth: of exact beams, in space; of
+exact beams there at most as many, until nothing is left."""
 
 
 def _renamed(name: str, now: str) -> None:
@@ -163,9 +164,7 @@ class Periods:
         lane = SINGLE if joined or guided else WIDEST
         lanes, columns = len(lane), core + self.action_size
         decided = model.correction is None and not (fitted or joined or kept)  # by a step's equations, but for friction
-        # what rotations of sections add up to depends on Newton's way to where a step ends
-        turned = batch.arm.spatial and not isinstance(model, SpatialElastica)
-        implied = decided and getattr(model, "friction", None) is None and not turned
+        implied = decided and getattr(model, "friction", None) is None
         at_once = -(-columns // -(-columns // MOST_AT_ONCE)) if implied or joined or guided else 1
         self._derivative, chunks = (implicit, -(-columns // at_once)) if implied else (derivative.tangents, 1)
         both = dual(lane, at_once)
@@ -188,10 +187,9 @@ class Periods:
             self._blocks = [*blocks, guide.room]
         else:
             room = lanes * int(uncompiled(room_of)(model, task, program.n_steps))
-        passes = PASSES if batch.arm.spatial or batch.settings.formulation == "geometrically_exact" else 1
         self._program = derivative.Derivative(
             lane=lane, dual=both, program=program, guide=guide, plain=layouts[0], both=layouts[1], columns=columns,
-            moving=core, passes=passes,
+            moving=core, passes=_passes(model),
             places=places_of(batch, model, lanes, layouts[0], parameters, kept)[0],
             twice=places_of(batch, model, len(both), layouts[1], parameters, kept)[0],
             chosen=np.asarray(self._memory.chosen, np.int64), n=self.n,
@@ -369,6 +367,13 @@ def checked(name: str, value: Any, shape: tuple[int, ...]) -> Array:
     return rows
 
 
+def _passes(model: Any) -> int:
+    arm = getattr(model, "arm", model)
+    if isinstance(arm, SpatialBeam):
+        return MOST_PASSES
+    return PASSES if isinstance(arm, ExactBeam | SpatialElastica) else 1
+
+
 def _goes_back(model: Any, controls: bool, parameters: bool) -> bool:
     """Whether a model has derivatives backwards; controls: controllers or amplifiers look at it."""
     if isinstance(model, Elastica):
@@ -380,4 +385,4 @@ def _goes_back(model: Any, controls: bool, parameters: bool) -> bool:
     if isinstance(model, Jointed):
         dry = model.friction is not None and isinstance(model.arm, FloatingChain)
         return not parameters and not dry and _goes_back(model.arm, controls, parameters)
-    return isinstance(model, ExactBeam)
+    return isinstance(model, ExactBeam) or (isinstance(model, SpatialBeam) and model.frames is None)

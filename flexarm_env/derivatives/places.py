@@ -52,9 +52,11 @@ def places_of(
     work = uncompiled(unpack)((0,) * stride, model, np.arange(layout.par, dtype=np.float64), 0)
     afresh = not kept and isinstance(model.predictor, tuple)
     friction = getattr(model, "friction", None) is not None
-    free = [k for k in range(rows) if k not in fixed]
     moving: list[_Place] = []
     forces = set() if model.algebraic is None else set(model.algebraic.tolist())
+    # rigid links' rows follow others, and nothing looks at them
+    passive = set(np.flatnonzero(model.weight == 0.0).tolist()) - forces
+    free = [k for k in range(rows) if k not in fixed | passive]
     for name in ("q", "v") if afresh else ("q", "v", "a", "b"):
         first = int(getattr(work, name)[0])
         moving += [_Place(f"{name}[{k}]", first + k * stride) for k in free if name == "q" or k not in forces]
@@ -73,6 +75,8 @@ def places_of(
     own += recorded("torque_factor", TORQUE_FACTOR, 1)
     own += [_Place(name, layout.par + (PARAMETERS + k) * stride) for k, name, _ in _laws(model)]
     given = [_Place(f"q[{k}]", int(work.q[0]) + k * stride) for k in sorted(fixed)]
+    for name in "qvab":
+        given += [_Place(f"{name}[{k}]", int(getattr(work, name)[0]) + k * stride) for k in sorted(passive)]
     remembered, drawn = _of_sensors(extras.instruments, at.readings, recorded)
     moving += remembered
     if parameters:

@@ -41,12 +41,18 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     solve_transposed(lane, model, S, x)  only for derivatives backwards: x <- S^-T x
     vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar)  likewise, the residual's derivatives: to
         par_bar, bar (a State) and u_bar is added what r_bar comes to there, and r_bar becomes 0; S is free
+    multiply(lane, model, S, x, y)   only of models that are light: y <- y + S x, S being as `assemble` leaves it
+    vjp_product(lane, model, par, par_bar, state, u, weights, x, S, bar, u_bar, y_bar)  likewise, for derivatives
+        backwards: `vjp_residual` of S x, for a constant x
     vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar)  likewise those of `link_poses`
     ports(lane, model, par, q, y)    y[i]: the displacement that input i works on (angle or position)
     ports_after(lane, model, par, start, y0, q, y)  `ports`, y0 being those of `start`, where rotations do not add up
     difference(lane, model, start, q, d)  d: the increment by which `update` moves start to q
     update(lane, model, q, share, d, more)  q <- q moved by the increment share * d and then by `more`, or None: their
         sum, unless a formulation's coordinates add up otherwise, as rotations do; rows of multipliers are zero
+    rotates(model)  None, or a tag where q holds rotations, which `update` moves by increments in body axes
+    tangent_map(lane, model, d, inverse, x)  likewise, in rows of rotations: x <- T^T x, or T^-T x, with T(d) that of
+        exp(d + e) = exp(d) exp(T e): of cotangents of increments in body axes those of d, or back
     friction(model)  None, or a tag where joints have Coulomb friction, which is in no residual (`joints.friction`)
     light(model)  None, or a tag where joints may have next to no inertia of their own: a torque that jumps makes an
         acceleration there that steps do not resolve, which is not to be solved for with M alone
@@ -187,6 +193,12 @@ def _everywhere(lane, model, par, q):
 
 
 @kernel
+def _adds_up(model):
+    """`rotates` of a formulation whose coordinates add up."""
+    return None
+
+
+@kernel
 def _no_friction(model):
     """`friction` of a formulation whose joints are ideal."""
     return None
@@ -220,7 +232,7 @@ FORMULATIONS = Family(
     "model", predict=_no_guess, settle=_straight, stride=_any_length, update=_add, difference=_subtract,
     ports_after=_at_once, stiffen=_no_stiffness, friction=_no_friction, residual=_by_assembling,
     constrain=_no_constraint, out_of_range=_everywhere, task_poses=_as_link_poses, light=_resolved, conserve=_held,
-    renewed=_always, gauge=_linear_gauge, damping_over=_at_mean_rates,
+    renewed=_always, gauge=_linear_gauge, damping_over=_at_mean_rates, rotates=_adds_up,
 )  # fmt: skip
 """Each formulation's functions, by the class of its Model."""
 
@@ -243,11 +255,17 @@ factor = FORMULATIONS.function("factor", "lane, model, S")
 solve = FORMULATIONS.function("solve", "lane, model, S, x")
 solve_transposed = FORMULATIONS.function("solve_transposed", "lane, model, S, x")
 vjp_residual = FORMULATIONS.function("vjp_residual", "lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar")
+multiply = FORMULATIONS.function("multiply", "lane, model, S, x, y")
+vjp_product = FORMULATIONS.function(
+    "vjp_product", "lane, model, par, par_bar, state, u, weights, x, S, bar, u_bar, y_bar"
+)
 vjp_poses = FORMULATIONS.function("vjp_poses", "lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar")
 ports = FORMULATIONS.function("ports", "lane, model, par, q, y")
 ports_after = FORMULATIONS.function("ports_after", "lane, model, par, start, y0, q, y")
 difference = FORMULATIONS.function("difference", "lane, model, start, q, d")
 update = FORMULATIONS.function("update", "lane, model, q, share, d, more")
+rotates = FORMULATIONS.function("rotates", "model")
+tangent_map = FORMULATIONS.function("tangent_map", "lane, model, d, inverse, x")
 friction = FORMULATIONS.function("friction", "model")
 conserve = FORMULATIONS.function("conserve", "lane, model, par, before, h, q, v, u, zero, r, S")
 light = FORMULATIONS.function("light", "model")

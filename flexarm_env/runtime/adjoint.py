@@ -26,20 +26,20 @@ from ..compiler import (
     store,
     vjp_of,
 )
-from ..physics.integrator.adjoint import vjp_restart, vjp_step, vjp_switch
+from ..physics.integrator.adjoint import vjp_light, vjp_restart, vjp_step, vjp_switch
 from ..physics.integrator.newton import slopes_of
 from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
 from ..physics.integrator.switching import switch
 from ..physics.integrator.tangents import prepare
-from ..physics.integrator.work import copy_rows, unpack
+from ..physics.integrator.work import copy_rows, moved_by, rows_of_shift, unpack
 from ..physics.layout import POSE
-from ..physics.protocol import link_poses, vjp_poses
+from ..physics.protocol import difference, light, rotates, tangent_map, task_poses, vjp_poses
 from ..tasks.program import PERIODS, record_at, saved_at, sections
 from ..tasks.task import info_of, judge, observe
 from .derivative import fill
 from .keeping import keep, read_parts, write_parts
-from .motors import command, record_commands, start_stiff, turn_motors
+from .motors import command, record_commands, start_stiff, starting, turn_motors
 
 
 class Asked(NamedTuple):
@@ -51,6 +51,7 @@ class Asked(NamedTuple):
     y: np.ndarray
 
 
+@kernel
 def _see(lane, task, poses, record, action, seen, outcome):
     info = stack(lane, (0,) * info_of(task).end)
     for k in range(info_of(task).end):
@@ -96,30 +97,37 @@ def _period(lane, d, g, block, bars, tape):
     length = _length(model, p.task) * len(lane)
     start = tape[(p.n_steps + 1) * length :]
     for s in range(p.n_steps):
-        _turn(lane, p.task, p.actuator, s, record, w, tape[(s + 1) * length :])
+        _turn(lane, model, p.task, p.actuator, s, record, w, tape[(s + 1) * length :])
         if s == 0:
             _torques_jump(lane, p, par, record, saved, block, w)
-            write_parts(_of_step(lane, p.task, w), tape)
+            write_parts(_of_step(lane, model, p.task, w), tape)
             write_parts(_of_jump(w), start)
         advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
-        write_parts(_of_step(lane, p.task, w), tape[(s + 1) * length :])
+        if rotates(model) is not None:
+            _, foreseen = moved_by(w)
+            difference(lane, model, w.q0, foreseen, foreseen)  # what foresees it moves by is what is kept
+        write_parts(_of_step(lane, model, p.task, w), tape[(s + 1) * length :])
     for i in range(arms(lane)):
         if g * arms(lane) + i < d.n:
             d.failed[g * arms(lane) + i] = np.uint8(w.flag[i])
     _seed(lane, d, g, bars)
-    link_poses(lane, model, par, w.q, w.v, poses)
+    task_poses(lane, model, par, w.q, w.v, poses)
     _vjp_sight(lane, p.task, poses, record, action, seen, info, poses_bar, record_bar, action_bar, seen_bar, reward_bar)
     vjp_poses(lane, model, par, par_bar, w.q, w.v, poses, bar.q, bar.v, poses_bar)
+    if rotates(model) is not None:
+        tangent_map(lane, model, w.q, True, bar.q)
     slopes = slopes_of(p.scheme, p.h)
     for s in range(p.n_steps - 1, -1, -1):
-        read_parts(_of_step(lane, p.task, w), tape[(s + 1) * length :])
+        read_parts(_of_step(lane, model, p.task, w), tape[(s + 1) * length :])
         prepare(lane, model, par, w, slopes)
         vjp_step(lane, model, par, par_bar, w, bar, slopes, p.scheme, d.passes)
         if s == 0:
-            read_parts(_of_step(lane, p.task, w), tape)
+            read_parts(_of_step(lane, model, p.task, w), tape)
             read_parts(_of_jump(w), start)
             _vjp_torques_jump(lane, p, par, par_bar, record, saved, block, w, bar)
-        _vjp_turn(lane, p.task, p.actuator, s, record, record_bar, bar, tape[(s + 1) * length :])
+        _vjp_turn(lane, model, p.task, p.actuator, s, record, record_bar, bar, tape[(s + 1) * length :])
+    if rotates(model) is not None:
+        tangent_map(lane, model, w.q, False, bar.q)
     _vjp_record_commands(lane, p.task, p.actuator, record_bar, bar)
     _vjp_command(
         lane, model, p.task, p.controller, p.amplifier, par, w.q, w.v, record, action, w.u,
@@ -134,11 +142,13 @@ def _period(lane, d, g, block, bars, tape):
 def _torques_jump(lane, p, par, record, saved, block, w):
     """`motors._jump`; accelerations before it in a0."""
     afresh = isinstance(p.model.predictor, tuple)
-    if not afresh:
+    if not afresh and light(p.model) is None:
         start_stiff(lane, p, p.model, par, record, saved, block, w)
     copy_rows(lane, size(p.model.n), w.a, w.a0)
     if afresh:
         restart(lane, p.model, None, par, block, 0, 0.0, p.h, True)
+    elif light(p.model) is not None:
+        switch(lane, p.model, par, block, 0, p.h, starting(lane, record))
     else:
         switch(lane, p.model, par, block, 0, p.h, None)
 
@@ -148,6 +158,8 @@ def _vjp_torques_jump(lane, p, par, par_bar, record, saved, block, w, bar):
     """`_torques_jump` backwards."""
     if isinstance(p.model.predictor, tuple):
         vjp_restart(lane, p.model, par, par_bar, w, bar, splat(lane, 1.0), p.h)
+    elif light(p.model) is not None:
+        vjp_light(lane, p.model, par, par_bar, w, bar, p.h, starting(lane, record))
     else:
         _vjp_switch(lane, p, par, par_bar, record, saved, block, w, bar)
 
@@ -174,8 +186,20 @@ def _vjp_switch(lane, p, par, par_bar, record, saved, block, w, bar):
 # --- what is kept of each step ----------------------------------------------------------------------
 @kernel
 def _length(model, task):
-    """Numbers kept of a step: q, v, a, the torques, and the motors' before it."""
-    return 3 * size(model.n) + 2 * size(task.links)
+    """Numbers kept of a step: q, v, a, what moved q, the torques, and the motors' before it."""
+    return _last(model, task) + size(task.links)
+
+
+@kernel
+def _last(model, task):
+    """Where of them the motors' torques are."""
+    return 3 * size(model.n) + _shift(model) + size(task.links)
+
+
+@kernel
+def _shift(model):
+    """Of them what moved q."""
+    return 0 if rotates(model) is None else rows_of_shift(model, size(model.n))
 
 
 @kernel
@@ -185,9 +209,9 @@ def room_of(model, task, n_steps):
 
 
 @kernel
-def _of_step(lane, task, w):
+def _of_step(lane, model, task, w):
     """What is kept where a step ends."""
-    return w.q, w.v, w.a, w.u[: size(task.links) * len(lane)]
+    return w.q, w.v, w.a, w.shift[: _shift(model) * len(lane)], w.u[: size(task.links) * len(lane)]
 
 
 @kernel
@@ -198,22 +222,22 @@ def _of_jump(w):
 
 # --- motors -----------------------------------------------------------------------------------------
 @kernel
-def _turn(lane, task, actuator, s, record, w, tape):
+def _turn(lane, model, task, actuator, s, record, w, tape):
     """The motors' torques in step s; what they were before is kept last in the tape's numbers of that step."""
     if actuator is not None:
         n = size(task.links)
-        at, last = record_at(0, n, size(task.acted), 1, actuator.rows, 0, 0), 3 * w.q.shape[0] // len(lane) + n
+        at, last = record_at(0, n, size(task.acted), 1, actuator.rows, 0, 0), _last(model, task)
         for k in range(n):
             store(tape, last + k, load(lane, record, at.torque + k))
         turn_motors(lane, task, actuator, s, record, w)
 
 
 @kernel
-def _vjp_turn(lane, task, actuator, s, record, record_bar, bar, tape):
+def _vjp_turn(lane, model, task, actuator, s, record, record_bar, bar, tape):
     """`turn_motors`, backwards."""
     if actuator is not None:
         n, zero = size(task.links), splat(lane, 0.0)
-        at, last = record_at(0, n, size(task.acted), 1, actuator.rows, 0, 0), 3 * bar.q.shape[0] // len(lane) + n
+        at, last = record_at(0, n, size(task.acted), 1, actuator.rows, 0, 0), _last(model, task)
         age = actuator.age + 1 if s < actuator.late else actuator.age
         for k in range(n):
             before, asked = load(lane, tape, last + k), load(lane, record, at.commands + age * n + k)

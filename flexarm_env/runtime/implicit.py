@@ -7,7 +7,7 @@ carries some of the columns (`physics.integrator.tangents`).
 
 from __future__ import annotations
 
-from ..compiler import follow, kernel, largest, load, select_lt, size, splat
+from ..compiler import follow, kernel, largest, load, select_lt, size, splat, store
 from ..physics.arithmetic import put
 from ..physics.integrator.newton import slopes_of
 from ..physics.integrator.start import restart
@@ -16,17 +16,19 @@ from ..physics.integrator.switching import switch
 from ..physics.integrator.tangents import (
     before_switch,
     copy_state,
+    light_tangents,
     prepare,
     restart_tangents,
     step_tangents,
     switch_tangents,
 )
 from ..physics.integrator.work import copy_rows, unpack
-from ..tasks.program import PERIODS, sections
+from ..physics.protocol import light
+from ..tasks.program import sections
 from .derivative import at_once, close, fill, seed, take_columns, write_outcome
 from .events import change_payloads, set_pushes
 from .keeping import keep
-from .motors import command, record_commands, start_stiff, turn_motors
+from .motors import command, record_commands, start_stiff, starting, turn_motors
 
 
 @kernel
@@ -128,6 +130,8 @@ def _jump(lane, d, chunks, par, record, saved, block, scratch, w):
     """`motors._jump` with its tangents."""
     if isinstance(d.program.model.predictor, tuple):
         _afresh(lane, d, chunks, par, block, scratch, w)
+    elif light(d.program.model) is not None:
+        _light(lane, d, chunks, par, record, block, scratch, w)
     else:
         _stiff(lane, d, chunks, par, record, saved, block, scratch, w)
 
@@ -142,6 +146,22 @@ def _afresh(lane, d, chunks, par, block, scratch, w):
         restart_tangents(lane, d.dual, model, _parameters(d, both), w, x)
         copy_rows(d.dual, size(model.n), x.r, x.a)
         copy_rows(d.dual, size(model.n), x.r, x.b)
+
+
+@kernel
+def _light(lane, d, chunks, par, record, block, scratch, w):
+    p, model = d.program, d.program.model
+    for c in range(chunks):
+        both = _chunk(d, c, scratch)
+        x, first, zero = unpack(d.dual, model, both, 0), starting(d.dual, _record(d, both)), splat(d.dual, 0.0)
+        before_switch(lane, d.dual, model, _parameters(d, both), w, x)
+        for k in range(size(model.n)):
+            store(x.q0, k, select_lt(0.5, first, zero, load(d.dual, x.q0, k)))
+    switch(lane, model, par, block, 0, p.h, starting(lane, record))
+    for c in range(chunks):
+        both = _chunk(d, c, scratch)
+        x = unpack(d.dual, model, both, 0)
+        light_tangents(lane, d.dual, model, _parameters(d, both), w, x, p.h)
 
 
 @kernel
@@ -163,8 +183,8 @@ def _stiff(lane, d, chunks, par, record, saved, block, scratch, w):
 @kernel
 def _start_tangents(lane, d, model, p, both, w, x):
     """Tangents of lanes where an episode begins."""
-    wide, zero = d.dual, splat(d.dual, 0.0)
-    first = select_lt(load(wide, _record(d, both), PERIODS), 0.5, splat(wide, 1.0), zero)
+    wide = d.dual
+    first = starting(wide, _record(d, both))
     copy_rows(wide, size(model.n), x.a, x.v0)
     restart_tangents(lane, wide, model, _parameters(d, both), w, x)
     for k in range(size(model.n)):

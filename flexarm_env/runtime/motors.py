@@ -92,10 +92,15 @@ def take_steps(lane, p, model, parts, controller, actuator, par, poses, record, 
 
 
 @kernel
+def starting(lane, record):
+    """1 in lanes where an episode begins."""
+    return select_lt(load(lane, record, PERIODS), 0.5, splat(lane, 1.0), splat(lane, 0.0))
+
+
+@kernel
 def start_stiff(lane, p, model, par, record, saved, block, w):
     """1 in lanes where an episode begins, whose accelerations are solved for; elsewhere they stay."""
-    n, zero = size(model.n), splat(lane, 0.0)
-    first = select_lt(load(lane, record, PERIODS), 0.5, splat(lane, 1.0), zero)
+    n, first = size(model.n), starting(lane, record)
     if largest(first) > 0.5:
         restart(lane, model, None, par, block, 0, 0.0, p.h, True)
         for k in range(size(model.n_inputs)):
@@ -117,8 +122,7 @@ def _jump(lane, p, model, par, record, saved, block, w):
     if isinstance(model.predictor, tuple):
         restart(lane, model, None, par, block, 0, 0.0, p.h, True)
     elif light(model) is not None:
-        first = select_lt(load(lane, record, PERIODS), 0.5, splat(lane, 1.0), splat(lane, 0.0))
-        switch(lane, model, par, block, 0, p.h, first)
+        switch(lane, model, par, block, 0, p.h, starting(lane, record))
     else:
         start_stiff(lane, p, model, par, record, saved, block, w)
         switch(lane, model, par, block, 0, p.h, None)

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from ...compiler import kernel, load, select_lt, size, splat, store
 from ..joints.friction import friction_cotangents, note_branch, note_cotangents
-from ..protocol import MASS_ALONE, State, Weights, solve_transposed, vjp_residual
-from .work import copy_rows, state_of, take_out_known
+from ..protocol import MASS_ALONE, State, Weights, rotates, solve_transposed, tangent_map, vjp_product, vjp_residual
+from .switching import light_weights
+from .tangents import largest_row, solved
+from .work import copy_rows, moved_by, state_of, take_out_known
 
 
 @kernel
@@ -29,9 +31,19 @@ def vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, passes):
     w.r, w.S: from `tangents.prepare`. passes: 1 where S is the residual's derivative; where it is nearly so, what is
     left is solved for again.
     """
-    n, h, am, af = size(model.n), slopes.h, scheme.alpha_m, scheme.alpha_f
     weights, half = Weights(slopes.a, slopes.v, 1.0), slopes.v / slopes.a
     note_branch(lane, model, par, state_of(w), weights, half, w.r, w.S)
+    if rotates(model) is None:
+        _vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, weights, half, passes)
+    else:
+        _vjp_shift(lane, model, par, par_bar, w, bar, slopes, scheme, weights, half, passes)
+        _vjp_foresee(lane, model, w, bar, slopes.h, scheme)
+
+
+@kernel
+def _vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, weights, half, passes):
+    """`vjp_step` of coordinates that add up."""
+    n, h, am, af = size(model.n), slopes.h, scheme.alpha_m, scheme.alpha_f
     for _ in range(passes):
         for k in range(n):  # all that comes to q of the end, which the residual is to take away
             q, v = load(lane, bar.q, k), load(lane, bar.v, k)
@@ -47,6 +59,101 @@ def vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, passes):
         store(bar.v, k, v + ahead * h)
         store(bar.b, k, v * (h * (1.0 - scheme.gamma)) + a * (am / (1.0 - af)) + ahead * (h * h * (0.5 - scheme.beta)))
         store(bar.a, k, a * (-af / (1.0 - af)))
+
+
+@kernel
+def _follow(lane, model, bar, slopes, d_bar):
+    """d_bar <- what v, a and b have of what q is moved by."""
+    for k in range(size(model.n)):
+        v, a, b = load(lane, bar.v, k), load(lane, bar.a, k), load(lane, bar.b, k)
+        store(d_bar, k, v * slopes.v + a * slopes.a + b * slopes.b)
+
+
+@kernel
+def _turn_back(lane, model, d, free, x):
+    """x <- T^-1 x, of T that is d's (`protocol.tangent_map`)."""
+    for k in range(size(model.n)):
+        store(free, k, -load(lane, d, k))
+    tangent_map(lane, model, free, True, x)
+
+
+@kernel
+def _vjp_shift(lane, model, par, par_bar, w, bar, slopes, scheme, weights, ahead, passes):
+    """bar: cotangents of q, v and a from where increments of rotations have moved q to, v, a and b following, back to
+    where it began. w.shift: what moved it.
+
+    What comes to q of stiff strains cancels in the end, and is not summed up: it is what v, a and b take with them.
+    """
+    n, moved = size(model.n), moved_by(w)[0]
+    first, before = splat(lane, 0.0), splat(lane, 0.0)
+    tangent_map(lane, model, w.q, False, bar.q)
+    for k in range(passes):
+        _follow(lane, model, bar, slopes, bar.r)
+        copy_rows(lane, n, bar.q, bar.q0)
+        tangent_map(lane, model, moved, True, bar.r)
+        tangent_map(lane, model, w.q, True, bar.q0)
+        for i in range(n):
+            store(bar.r, i, load(lane, bar.r, i) + load(lane, bar.q0, i))
+        friction_cotangents(lane, model, weights, ahead, w.S, bar.r, bar.v, bar.a)
+        _multiply(lane, model, w, bar)
+        left = largest_row(lane, model, bar.r, 1, 0)
+        first = left if k == 0 else first
+        vjp_residual(lane, model, par, par_bar, state_of(w), w.u, bar.S, state_of(bar), bar.u, bar.r)
+        if k > 0 and solved(lane, scheme, first, before, left):
+            break
+        before = left
+    _follow(lane, model, bar, slopes, bar.q)
+    for i in range(n):
+        store(bar.q, i, -load(lane, bar.q, i))
+    _turn_back(lane, model, moved, bar.a0, bar.q)
+
+
+@kernel
+def _vjp_foresee(lane, model, w, bar, h, scheme):
+    """`step.foresee` of no acceleration, backwards; second in w.shift: the increment that it moves q by."""
+    am, af, beta, gamma, n = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma, size(model.n)
+    _, way = moved_by(w)
+    tangent_map(lane, model, way, False, bar.q)
+    for k in range(n):
+        d, v, b = load(lane, bar.q, k), load(lane, bar.v, k), load(lane, bar.b, k)
+        ahead = (b + v * (h * gamma) + d * (h * h * beta)) * (1.0 / (1.0 - am))
+        store(bar.v, k, v + d * h)
+        store(bar.a, k, ahead * af)
+        store(bar.b, k, v * (h * (1.0 - gamma)) + d * (h * h * (0.5 - beta)) - ahead * am)
+    _turn_back(lane, model, way, bar.a0, bar.q)
+
+
+@kernel
+def vjp_light(lane, model, par, par_bar, w, bar, h, first):
+    """`vjp_switch` of models that are `protocol.light`, q's cotangents of increments in body axes; first: 1 where there
+    was no residual before. What the matrix itself changes by counts too."""
+    n, zero, one = size(model.n), splat(lane, 0.0), State(w.q, w.v, w.a0)
+    after, before = State(bar.q0, bar.v0, bar.a0), State(w.q0, w.v0, w.b0)
+    for k in range(n):
+        store(bar.r, k, load(lane, bar.a, k) + load(lane, bar.b, k))
+        store(w.r, k, load(lane, w.a, k) - load(lane, w.a0, k))
+        for part in (after, before):
+            store(part.q, k, zero)
+            store(part.v, k, zero)
+            store(part.a, k, zero)
+    friction_cotangents(lane, model, MASS_ALONE, 0.5 * h, w.S, bar.r, bar.v, bar.a)
+    _multiply(lane, model, w, bar)
+    copy_rows(lane, n, bar.r, w.b)
+    for k in range(n):
+        store(bar.b0, k, select_lt(0.5, first, zero, -load(lane, bar.r, k)))
+    note_cotangents(lane, model, w.S, bar.b0)
+    vjp_residual(lane, model, par, par_bar, one, w.u, bar.S, after, bar.u, bar.r)
+    vjp_residual(lane, model, par, par_bar, one, w.u0, bar.S, before, bar.u0, bar.b0)
+    for k in range(n):
+        store(after.q, k, load(lane, after.q, k) + load(lane, before.q, k))
+        store(after.v, k, load(lane, after.v, k) + load(lane, before.v, k))
+        store(after.a, k, load(lane, after.a, k) + load(lane, before.a, k))
+    vjp_product(lane, model, par, par_bar, one, w.u, light_weights(h), w.r, bar.S, after, bar.u, w.b)
+    tangent_map(lane, model, w.q, True, after.q)
+    for k in range(n):
+        store(bar.q, k, load(lane, bar.q, k) + load(lane, after.q, k))
+        store(bar.v, k, load(lane, bar.v, k) + load(lane, after.v, k))
+        store(bar.a, k, load(lane, bar.a, k) + load(lane, after.a, k))
 
 
 @kernel

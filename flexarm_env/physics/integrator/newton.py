@@ -22,9 +22,9 @@ from ...compiler import (
 )
 from ..joints.friction import apply_friction
 from ..layout import ITERATIONS
-from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, renewed, settle, solve, stride, update
+from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, renewed, rotates, settle, solve, stride
 from .period import correct_period
-from .work import solve_known, state_of, take_out_known
+from .work import move_on, solve_known, state_of, take_out_known
 
 LINEAR = 1e-3
 """Least contraction to expect of a later iteration where a model keeps factors: what is off most falls by its square at
@@ -140,7 +140,7 @@ def _move(lane, model, par, w, active, slopes):
         if model.correction is not None:
             for k in range(size(model.n)):
                 store(w.r, k, select_lt(0.5, active, load(lane, w.r, k) + load(lane, w.shift, k), nothing))
-    update(lane, model, w.q, 1.0, w.r, None)
+    move_on(lane, model, w, w.r)
     settle(lane, model, par, None, w, active, slopes)
     return largest_of
 
@@ -177,7 +177,7 @@ def newton(lane, model, drive, par, w, slopes, scheme, plain):
         if largest(active) < 0.5:
             break
     if len(lane) > arms(lane):
-        for _ in range(3):
+        for _ in range(3 if rotates(model) is None else 6):
             _sharpen(lane, model, drive, par, w, slopes)
     return active
 
@@ -198,4 +198,4 @@ def _sharpen(lane, model, drive, par, w, slopes):
         d = change(-load(lane, w.r, k))
         store(w.r, k, d)
         follow(lane, w, k, d, slopes)
-    update(lane, model, w.q, 1.0, w.r, None)
+    move_on(lane, model, w, w.r)

@@ -22,13 +22,14 @@ from ..protocol import (
     difference,
     out_of_range,
     predict,
+    rotates,
     settle,
     update,
 )
 from .books import keep_books, open_books
 from .drive import set_inputs, set_motions
 from .newton import follow, newton, slopes_of
-from .work import copy_rows, note_reactions, set_known, solve_known, state_of, unpack
+from .work import copy_rows, note_reactions, open_shift, set_known, solve_known, state_of, unpack
 
 
 @kernel
@@ -82,6 +83,8 @@ def _guess(lane, model, par, predictor, w, slopes):
             d = q - load(lane, w.q, k)
             store(w.q, k, q)
             follow(lane, w, k, d, slopes)
+            if rotates(model) is not None:
+                store(w.shift, k, d)
         settle(lane, model, par, (0,), w, splat(lane, 1.0), slopes)
 
 
@@ -177,6 +180,7 @@ def advance_within(lane, model, drive, par, w, t, h, n_steps, scheme, books):
         if arms(lane) == 1 and again:
             _stay(lane, model, w, slopes)
         _prescribe(lane, drive, w, start + part, part)
+        open_shift(lane, model, w)
         _guess(lane, model, par, model.predictor, w, slopes)
         active = newton(lane, model, drive, par, w, slopes, scheme, again)
         _settle(lane, model, drive, par, model.algebraic, w)

@@ -10,6 +10,12 @@ from .work import state_of, take_out_known, unpack
 
 
 @kernel
+def light_weights(h):
+    """Shares in the matrix that accelerations of light joints jump by."""
+    return Weights(1.0, 0.5 * h, 0.25 * h * h)
+
+
+@kernel
 def switch(lane, model, par, flat, n_motions, h, first):
     """Let accelerations jump with the inputs, from w.u0 to w.u: M da + Phi_q^T dlambda = B (u - u0), for a and b alike.
 
@@ -26,7 +32,7 @@ def switch(lane, model, par, flat, n_motions, h, first):
         if first is not None:
             before = select_lt(0.5, first, 0.0, before)
         store(w.q0, k, before)
-    weights = MASS_ALONE if first is None else Weights(1.0, 0.5 * h, 0.25 * h * h)
+    weights = MASS_ALONE if first is None else light_weights(h)
     assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
     for k in range(n):
         store(w.r, k, load(lane, w.r, k) - load(lane, w.q0, k))

@@ -7,7 +7,7 @@ from typing import Any
 from ...compiler import inlined, kernel, load, size, splat, store
 from ...layout import Field, Layout
 from ..layout import BOOKS, COUNTS, FACTORISATIONS, MOTION, OF_MOTION
-from ..protocol import State, factor, pin, solve
+from ..protocol import State, factor, pin, rotates, solve, update
 
 _ROWS = ("n", "lanes")
 _INPUTS = ("inputs", "lanes")
@@ -23,7 +23,7 @@ WORK = Layout(
     Field("a0", _ROWS, "1/s^2", ""),
     Field("b0", _ROWS, "1/s^2", ""),
     Field("r", _ROWS, "N, N m", "residual, and what it is solved for"),
-    Field("shift", ("shift", "lanes"), "m, rad", "2 n rows where the period is corrected, otherwise none"),
+    Field("shift", ("shift", "lanes"), "m, rad", "2 n rows where the period is corrected, or rotations are moved"),
     Field("S", ("factor", "lanes"), "", "iteration matrix and its factors"),
     Field("u", _INPUTS, "N m, N", "inputs"),
     Field("u0", _INPUTS, "N m, N", ""),
@@ -47,21 +47,22 @@ _views = inlined(WORK.views)
 
 
 @kernel
-def _rows_of_shift(correction, n):
-    return 0 if correction is None else 2 * n
+def rows_of_shift(model, n):
+    """What of `shift` there is."""
+    return 0 if model.correction is None and rotates(model) is None else 2 * n
 
 
 @kernel
 def work_size(lanes, model, n_motions):
     """Length of the flat array behind `Work`."""
-    n, shift = size(model.n), _rows_of_shift(model.correction, size(model.n))
+    n, shift = size(model.n), rows_of_shift(model, size(model.n))
     return _work_at(0, lanes, n, shift, size(model.n_factor), size(model.n_inputs), n_motions).end
 
 
 @inlined
 def unpack(lane, model, flat, n_motions):
     """`Work` as views of `flat`."""
-    n, shift = size(model.n), _rows_of_shift(model.correction, size(model.n))
+    n, shift = size(model.n), rows_of_shift(model, size(model.n))
     return _views(flat, 0, len(lane), n, shift, size(model.n_factor), size(model.n_inputs), n_motions)
 
 
@@ -76,6 +77,37 @@ def copy_rows(lane, count, source, target):
     """target <- source, so many elements."""
     for k in range(count):
         store(target, k, load(lane, source, k))
+
+
+@kernel
+def moved_by(w):
+    """Where rotations are moved: (what q is its prediction moved by, as increments in body axes; that prediction)."""
+    n = w.q.shape[0]
+    return w.shift[:n], w.shift[n : 2 * n]
+
+
+@kernel
+def open_shift(lane, model, w):
+    """q is where it is to be moved from."""
+    if rotates(model) is not None:
+        total, start = moved_by(w)
+        copy_rows(lane, size(model.n), w.q, start)
+        for k in range(size(model.n)):
+            store(total, k, splat(lane, 0.0))
+
+
+@kernel
+def move_on(lane, model, w, d):
+    """q moved by d. Rotations do not add up: increments do, and it is their sum that moves the prediction, so that
+    where a step ends does not depend on the way that Newton took there."""
+    if rotates(model) is None:
+        update(lane, model, w.q, 1.0, d, None)
+    else:
+        total, start = moved_by(w)
+        for k in range(size(model.n)):
+            store(total, k, load(lane, total, k) + load(lane, d, k))
+        copy_rows(lane, size(model.n), start, w.q)
+        update(lane, model, w.q, 1.0, total, None)
 
 
 @kernel

@@ -162,6 +162,26 @@ def solve_transposed(lane, model, S, x):
 
 
 @kernel
+def multiply(lane, model, S, x, y):
+    """See `protocol`: the arm's own, motors, and what is on the joints themselves."""
+    protocol.multiply(lane, model.arm, S, x, y)
+    for i in range(count(model)):
+        at, g = PLACES * i, gear_at(model, i)
+        row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
+        turned = load(lane, x, row)
+        add(lane, y, row, load(lane, S, g + GEAR.own) * turned)
+        if motor >= 0:
+            slope, wound = load(lane, S, g + GEAR.slope), load(lane, x, motor)
+            add(lane, y, row, slope * (turned - wound))
+            add(lane, y, motor, load(lane, S, g + GEAR.pivot) * wound - slope * turned)
+            turned = wound
+        if model.spin is not None:
+            column = _sway_of(lane, model, S, i)
+            for j in range(len(column)):
+                add(lane, y, row - len(column) + j, column[j] * turned)
+
+
+@kernel
 def _sway_of(lane, model, S, i):
     """The column of a motor's rate in the three rows before its joint's."""
     a, b, c = protocol.sway(lane, model.arm, S, model.table[PLACES * i + PLACE.joint])
@@ -360,6 +380,18 @@ def gauge(lane, model, q, row):
 
 
 @kernel
+def rotates(model):
+    """The arm's own."""
+    return protocol.rotates(model.arm)
+
+
+@kernel
+def tangent_map(lane, model, d, inverse, x):
+    """The arm's own."""
+    protocol.tangent_map(lane, model.arm, d, inverse, x)
+
+
+@kernel
 def light(model):
     """The arm's own."""
     return protocol.light(model.arm)
@@ -392,5 +424,5 @@ def shape(model, q, points):
 register(
     Jointed, assemble, pin, factor, solve, solve_transposed, predict, settle, stride, update, inertia, rotate, ports,
     friction, damping_work, damping_over, energy, link_poses, out_of_range, shape, difference, ports_after, task_poses,
-    stand, light, conserve, gauge, renewed,
+    stand, light, conserve, gauge, renewed, rotates, tangent_map, multiply,
 )  # fmt: skip

@@ -26,7 +26,7 @@ from .layout import AXES, B, F, H, J, L, P, before, count_of, factor_at, hinge_a
 from .matrix import (
     _block,
     _eliminate_joint,
-    _times,
+    block_times,
     factor_base,
     gyrate,
     lean,
@@ -165,7 +165,7 @@ def _condense(lane, model, S, k):
     one = zero + 1.0
     for c in range(n):
         i = to.last + 6 * c
-        on = _times(lane, S, f + F.RR, vector(lane, S, i), vector(lane, S, i + 3))
+        on = block_times(lane, S, f + F.RR, vector(lane, S, i), vector(lane, S, i + 3))
         for row in range(n):
             o = to.last + 6 * row
             add(lane, S, to.matrix + n * row + c, dot(vector(lane, S, o), on[0]) + dot(vector(lane, S, o + 3), on[1]))
@@ -180,7 +180,7 @@ def _condense(lane, model, S, k):
     for axis in ((one, zero, zero), (zero, one, zero), (zero, zero, one)):
         for place, turn in ((axis, (zero, zero, zero)), ((zero, zero, zero), axis)):
             moved = _to_last(lane, S, to, place, turn)
-            on = _times(lane, S, f + F.RR, moved[0], moved[1])
+            on = block_times(lane, S, f + F.RR, moved[0], moved[1])
             on = _to_root(lane, S, to, on[0], on[1])
             for i in range(3):
                 add(lane, S, f + F.LL + 6 * i + c, on[0][i])
@@ -281,7 +281,7 @@ def solve(lane, model, S, x):
     clear(lane, S, noted_at(model, model.links - 1).x, 6)
     for back_k in range(model.links):
         _down(lane, model, S, model.links - 1 - back_k, x)
-    solve_base(lane, S, x)
+    solve_base(lane, S, x, False)
     for k in range(model.links):
         _up(lane, model, S, k, x)
 

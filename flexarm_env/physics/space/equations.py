@@ -38,8 +38,10 @@ from .output import (
     ports_after,
     predict,
     root_of,
+    rotates,
     shape,
     stand,
+    tangent_map,
     task_poses,
     update,
 )
@@ -268,6 +270,6 @@ register(
     SpatialBeam, assemble=assemble, pin=pin, stiffen=stiffen, factor=factor, solve=solve, update=update,
     difference=difference, energy=energy, ports=ports, ports_after=ports_after, damping_work=damping_work,
     link_poses=link_poses, shape=shape, predict=predict, task_poses=task_poses, stand=stand,
-    light=light, conserve=conserve, gyrate=gyrate, lean=lean, sway=sway, gauge=gauge, renewed=renewed,
-    settle=settle, stride=stride, damping_over=damping_over,
+    light=light, rotates=rotates, tangent_map=tangent_map, conserve=conserve, gyrate=gyrate, lean=lean, sway=sway,
+    gauge=gauge, renewed=renewed, settle=settle, stride=stride, damping_over=damping_over,
 )  # fmt: skip

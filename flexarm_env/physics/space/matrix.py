@@ -133,6 +133,21 @@ def _solution(lane, A, x):
 
 
 @traced
+def solve_six_transposed(lane, A, x):
+    """x <- A^-T x, of the factors in A."""
+    y = [load(lane, x, k) for k in range(6)]
+    for k in range(6):
+        for j in range(k):
+            y[k] = y[k] - load(lane, A, 6 * j + k) * y[j]
+        y[k] = y[k] * load(lane, A, 7 * k)
+    for k in range(5, -1, -1):
+        for j in range(k + 1, 6):
+            y[k] = y[k] - load(lane, A, 6 * j + k) * y[j]
+    for k, value in enumerate(y):
+        store(x, k, value)
+
+
+@traced
 def _factor_six(lane, A):
     """`_factors`."""
     _factors(lane, A)
@@ -160,7 +175,7 @@ def _eliminate(lane, LL, LR, RL, RR):
 
 
 @kernel
-def _part(lane, S, o, n):
+def part_of(lane, S, o, n):
     """n numbers of S from o on."""
     return S[o * len(lane) : (o + n) * len(lane)]
 
@@ -199,7 +214,7 @@ def _eliminate_joint(lane, model, S, k):
     pivot = dot(axis, turned(tt, axis)) + load(lane, S, h + H.own)
     if model.levers is not None:
         frame, lever, pull = matrix_in(lane, S, h + H.frame), vector(lane, S, h + H.lever), vector(lane, S, h + H.force)
-        swing = turned(turn, cross(axis, three_of(lane, model.joints, J.end * k + J.beyond)))  # axes of the section
+        swing = swing_of(lane, model, k, axis, turn)
         X, c = scaled(product(frame, skew(lever)), -1.0), turned(frame, swing)
         Xt, sideways = transposed(X), turned(xx, c)
         put_matrix(S, h + H.shift, X)
@@ -255,16 +270,19 @@ def factor_base(lane, S):
                 store(S, B.matrix + 6 * i + j, zero)
                 store(S, B.matrix + 6 * j + i, zero)
             store(S, B.matrix + 7 * i, one)
-    _factor_six(lane, _part(lane, S, B.matrix, 36))
+    _factor_six(lane, part_of(lane, S, B.matrix, 36))
 
 
 @kernel
-def solve_base(lane, S, x):
-    """What the base moves by."""
+def solve_base(lane, S, x, across):
+    """What the base moves by; across: of the transposed system."""
     for i in range(6):
         if S[(B.pinned + i) * len(lane)] != 0.0:
             store(x, i, splat(lane, 0.0))
-    _solve_six(lane, _part(lane, S, B.matrix, 36), _part(lane, x, 0, 6))
+    if across:
+        solve_six_transposed(lane, part_of(lane, S, B.matrix, 36), part_of(lane, x, 0, 6))
+    else:
+        _solve_six(lane, part_of(lane, S, B.matrix, 36), part_of(lane, x, 0, 6))
 
 
 @kernel
@@ -274,8 +292,8 @@ def factor(lane, model, S):
         k = model.links - 1 - back_k
         for back_e in range(count_of(model, k)):
             o = factor_at(model, k, count_of(model, k) - 1 - back_e)
-            left, right = _part(lane, S, o + F.LL, 36), _part(lane, S, o + F.RR, 36)
-            _eliminate(lane, left, _part(lane, S, o + F.LR, 36), _part(lane, S, o + F.RL, 36), right)
+            left, right = part_of(lane, S, o + F.LL, 36), part_of(lane, S, o + F.RR, 36)
+            _eliminate(lane, left, part_of(lane, S, o + F.LR, 36), part_of(lane, S, o + F.RL, 36), right)
             if back_e < count_of(model, k) - 1:
                 for i in range(36):
                     add(lane, S, o - F.end + F.RR + i, load(lane, S, o + F.LL + i))
@@ -284,10 +302,23 @@ def factor(lane, model, S):
 
 
 @kernel
-def _times(lane, S, o, a, b):
+def block_times(lane, S, o, a, b):
     """The 6 x 6 matrix at o times (a, b)."""
     upper = plus(turned(_block(lane, S, o, 0, 0), a), turned(_block(lane, S, o, 0, 1), b))
     return upper, plus(turned(_block(lane, S, o, 1, 0), a), turned(_block(lane, S, o, 1, 1), b))
+
+
+@kernel
+def transposed_times(lane, S, o, a, b):
+    """The transposed 6 x 6 matrix at o times (a, b)."""
+    upper = plus(back(_block(lane, S, o, 0, 0), a), back(_block(lane, S, o, 1, 0), b))
+    return upper, plus(back(_block(lane, S, o, 0, 1), a), back(_block(lane, S, o, 1, 1), b))
+
+
+@kernel
+def swing_of(lane, model, k, axis, turn):
+    """By how much the beginning of link k moves with its joint's angle, in axes of the section before."""
+    return turned(turn, cross(axis, three_of(lane, model.joints, J.end * k + J.beyond)))
 
 
 @kernel
@@ -307,14 +338,14 @@ def _down(lane, model, S, k, x):
                 add_vector(lane, x, i - 3, on_left[1])
             else:
                 a, b = on_left
-        _solve_six(lane, _part(lane, S, o + F.RR, 36), _part(lane, x, i, 6))
+        _solve_six(lane, part_of(lane, S, o + F.RR, 36), part_of(lane, x, i, 6))
         if e > 0:
-            push, turn_by = _times(lane, S, o + F.LR, vector(lane, x, i), vector(lane, x, i + 3))
+            push, turn_by = block_times(lane, S, o + F.LR, vector(lane, x, i), vector(lane, x, i + 3))
             add_vector(lane, x, i - 6, times(push, -1.0))
             add_vector(lane, x, i - 3, times(turn_by, -1.0))
     if count > 0:
         push, turn_by = vector(lane, x, row + 1), vector(lane, x, row + 4)
-        push, turn_by = _times(lane, S, factor_at(model, k, 0) + F.LR, push, turn_by)
+        push, turn_by = block_times(lane, S, factor_at(model, k, 0) + F.LR, push, turn_by)
         if model.inner is None:
             a, b = times(push, -1.0), times(turn_by, -1.0)
         else:
@@ -351,7 +382,7 @@ def _up(lane, model, S, k, x):
         put_vector(x, i, a)
         put_vector(x, i + 3, b)
     for e in range(count_of(model, k)):
-        up, low = _times(lane, S, factor_at(model, k, e) + F.RL, a, b)
+        up, low = block_times(lane, S, factor_at(model, k, e) + F.RL, a, b)
         left = a, b
         a, b = minus(vector(lane, x, i), up), minus(vector(lane, x, i + 3), low)
         put_vector(x, i, a)
@@ -367,6 +398,6 @@ def solve(lane, model, S, x):
     """See `protocol`."""
     for back_k in range(model.links):
         _down(lane, model, S, model.links - 1 - back_k, x)
-    solve_base(lane, S, x)
+    solve_base(lane, S, x, False)
     for k in range(model.links):
         _up(lane, model, S, k, x)

@@ -7,6 +7,7 @@ from ..arithmetic import put
 from ..layout import SPACE_POSE as SP
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from ..protocol import State
+from . import rotations
 from .chain import SpatialBeam, energy_of, place_at, planted, section_at, three_of, uneven_of
 from .element import Place, bow_of, middle, middle_of, rates, scale
 from .frame import frame_of
@@ -96,6 +97,18 @@ def difference(lane, model, start, q, d):
             i += AXES
     for j in range(i, model.n):
         store(d, j, load(lane, q, j) - load(lane, start, j))
+
+
+@kernel
+def tangent_map(lane, model, d, inverse, x):
+    """See `protocol`."""
+    put_vector(x, 3, rotations.tangent_map(vector(lane, d, 3), inverse, vector(lane, x, 3)))
+    i = AXES
+    for k in range(model.links):
+        i += 1
+        for _ in range(_vertices(model, k)):
+            put_vector(x, i + 3, rotations.tangent_map(vector(lane, d, i + 3), inverse, vector(lane, x, i + 3)))
+            i += AXES
 
 
 @kernel
@@ -387,6 +400,12 @@ def stand(lane, model, live, angles, rates, q, v):
 @kernel
 def link_poses(lane, model, par, q, v, out):
     """Nothing: poses in space are read off the coordinates (`space.reading`)."""
+
+
+@kernel
+def rotates(model):
+    """See `protocol`."""
+    return (0,)
 
 
 @kernel

@@ -249,6 +249,25 @@ def turn_of(p):
 
 
 @kernel
+def tangent_map(d, inverse, x):
+    """T^T x, or T^-T x, T being that of d (`Turn`), at most 2 pi."""
+    square, p = dot(d, d), quaternion(d)
+    sine = (p[1] * p[1] + p[2] * p[2]) + p[3] * p[3]  # of half the angle, squared
+    over = select_lt(square, 1e-3, 1.0, square)
+    by_square = square_root(sine / over)  # sin(|d|/2) / |d|
+    if inverse:
+        once = square * 0.0 - 0.5
+        closed = (1.0 - p[0] / (by_square * 2.0)) / over
+        twice = select_lt(square, 1e-3, 1.0 / 12.0 + square * (1.0 / 720.0 + square * (1.0 / 30240.0)), closed)
+    else:
+        once = select_lt(square, 1e-3, 0.5 - square * (1.0 / 24.0 - square * (1.0 / 720.0)), sine * 2.0 / over)
+        closed = (1.0 - p[0] * by_square * 2.0) / over
+        twice = select_lt(square, 1e-3, 1.0 / 6.0 - square * (1.0 / 120.0 - square * (1.0 / 5040.0)), closed)
+    y = cross(d, x)
+    return plus(x, plus(times(y, once), times(cross(d, y), twice)))
+
+
+@kernel
 def matrix(p):
     """The rotation's matrix, body axes to those that stand still."""
     w, x, y, z = p

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from ...compiler import kernel, load, select_lt, splat, store
 from ..integrator.newton import follow
+from ..integrator.work import moved_by
 from .chain import place_at, planted, section_at, three_of
 from .element import Place, arc_of, bow_of, mean, middle
 from .layout import AXES, F, H, J, count_of, factor_at, hinge_at, joint_row
@@ -115,7 +116,7 @@ def settle(lane, model, par, start, w, active, slopes):
         _add_forces(lane, model, w)
     else:
         _hold_forces(lane, model, par, w)
-    tip, element = place_at(lane, w.q, w.v, 0), 0
+    tip, element, (total, begin) = place_at(lane, w.q, w.v, 0), 0, moved_by(w)
     for k in range(model.links):
         i = joint_row(model, k) + 1
         left = planted(lane, model, w.q, w.v, k, tip)[2]
@@ -124,7 +125,9 @@ def settle(lane, model, par, start, w, active, slopes):
             r = _chord(section, left, right, vector(lane, w.S, factor_at(model, k, e) + F.force), slopes.v)
             for j in range(3):
                 d = select_lt(0.5, active, r[j] - right.r[j], splat(lane, -0.0))
-                store(w.q, i + j, right.r[j] + d)
+                moved = load(lane, total, i + j) + d
+                store(total, i + j, moved)
+                store(w.q, i + j, load(lane, begin, i + j) + moved)
                 follow(lane, w, i + j, d, slopes)
             left = Place(vector(lane, w.q, i), vector(lane, w.v, i), right.p, right.spin)
             i += AXES
