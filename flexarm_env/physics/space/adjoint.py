@@ -1,5 +1,5 @@
-"""Derivatives backwards of exact beams in space: residual and poses from their sources (`compiler.vjp_of`); the transposed
-solve and the product with the matrix as `matrix` eliminates."""
+"""Derivatives backwards of exact beams in space: residual and poses from their sources (`compiler.vjp_of`), the solve
+of the transposed system and the product with the matrix as `matrix` eliminates."""
 
 from ...compiler import kernel, load, store, vjp_of
 from ..arithmetic import add

@@ -27,9 +27,9 @@ from .framed import framed
 from .layout import AXES, B, E, F, H, J, L, P, before, count_of, factor_at, hinge_at, joint_row, rows_before
 from .lost import damping_over
 from .matrix import factor, gyrate, lean, matrix_in, pin, put_matrix, solve, stiffen, sway
+from .moving import difference, rotates, tangent_map, update
 from .output import (
     damping_work,
-    difference,
     energy,
     gauge,
     light,
@@ -38,12 +38,9 @@ from .output import (
     ports_after,
     predict,
     root_of,
-    rotates,
     shape,
     stand,
-    tangent_map,
     task_poses,
-    update,
 )
 from .rotations import add_vector, back, cross, dot, matrix, minus, plus, put_vector, times, turned, vector
 from .settled import settle, stride

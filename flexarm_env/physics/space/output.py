@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from ...compiler import Family, alone, change, kernel, load, select_lt, splat, square_root, store
+from ...compiler import Family, kernel, load, splat, square_root, store
 from ..arithmetic import put
 from ..layout import SPACE_POSE as SP
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from ..protocol import State
-from . import rotations
 from .chain import SpatialBeam, energy_of, place_at, planted, section_at, three_of, uneven_of
 from .element import Place, bow_of, middle, middle_of, rates, scale
 from .frame import frame_of
 from .framed import frame_damping, frame_energy
 from .layout import AXES, E, G, J, L, P, count_of, joint_row
+from .moving import vertices_of
 from .rotations import (
-    add_vector,
     back,
     composed,
     cross,
@@ -22,10 +21,8 @@ from .rotations import (
     inverse,
     matrix,
     minus,
-    moved,
     plus,
     put_vector,
-    quaternion,
     rotation_vector,
     shorter,
     times,
@@ -33,82 +30,6 @@ from .rotations import (
     turned,
     vector,
 )
-
-
-@kernel
-def _move_vertex(lane, q, i, share, d, more):
-    """Place and rotation of the rows from i on; what does not turn, as of arms that are done, stays to the last bit."""
-    step, turn = times(vector(lane, d, i), share), times(vector(lane, d, i + 3), share)
-    if more is not None:
-        step, turn = plus(step, vector(lane, more, i)), plus(turn, vector(lane, more, i + 3))
-    add_vector(lane, q, i, step)
-    old, square = vector(lane, q, i + 3), dot(turn, turn)
-    new = moved(old, turn)
-    for a in range(3):
-        store(q, i + 3 + a, select_lt(0.0, square, new[a], alone(old[a]) + change(new[a])))
-
-
-@kernel
-def _vertices(model, k):
-    """How many places of rotations follow the joint of link k."""
-    return max(count_of(model, k), 1)
-
-
-@kernel
-def update(lane, model, q, share, d, more):
-    """See `protocol`: rotations are moved by increments in body axes, the sum of both."""
-    _move_vertex(lane, q, 0, share, d, more)
-    i = AXES
-    for k in range(model.links):
-        angle = load(lane, q, i) + load(lane, d, i) * share
-        if more is not None:
-            angle = angle + load(lane, more, i)
-        store(q, i, angle)
-        i += 1
-        for _ in range(_vertices(model, k)):
-            _move_vertex(lane, q, i, share, d, more)
-            i += AXES
-    for j in range(i, model.n):
-        amplitude = load(lane, q, j) + load(lane, d, j) * share
-        if more is not None:
-            amplitude = amplitude + load(lane, more, j)
-        store(q, j, amplitude)
-
-
-@kernel
-def _between(lane, start, q, i):
-    """The increment in body axes that moves the rotation in rows i of start to that of q."""
-    before, after = quaternion(vector(lane, start, i)), quaternion(vector(lane, q, i))
-    return rotation_vector(shorter(composed(inverse(before), after)))
-
-
-@kernel
-def difference(lane, model, start, q, d):
-    """See `protocol`."""
-    put_vector(d, 0, minus(vector(lane, q, 0), vector(lane, start, 0)))
-    put_vector(d, 3, _between(lane, start, q, 3))
-    i = AXES
-    for k in range(model.links):
-        store(d, i, load(lane, q, i) - load(lane, start, i))
-        i += 1
-        for _ in range(_vertices(model, k)):
-            put_vector(d, i, minus(vector(lane, q, i), vector(lane, start, i)))
-            put_vector(d, i + 3, _between(lane, start, q, i + 3))
-            i += AXES
-    for j in range(i, model.n):
-        store(d, j, load(lane, q, j) - load(lane, start, j))
-
-
-@kernel
-def tangent_map(lane, model, d, inverse, x):
-    """See `protocol`."""
-    put_vector(x, 3, rotations.tangent_map(vector(lane, d, 3), inverse, vector(lane, x, 3)))
-    i = AXES
-    for k in range(model.links):
-        i += 1
-        for _ in range(_vertices(model, k)):
-            put_vector(x, i + 3, rotations.tangent_map(vector(lane, d, i + 3), inverse, vector(lane, x, i + 3)))
-            i += AXES
 
 
 @kernel
@@ -377,7 +298,7 @@ def stand(lane, model, live, angles, rates, q, v):
             put(live, v, i, load(lane, rates, i), load(lane, v, i))
         root = root_of(lane, model, q, v, k, tip)
         A, along, tip, i = matrix(root.p), splat(lane, 0.0), root, i + 1
-        for _ in range(_vertices(model, k)):
+        for _ in range(vertices_of(model, k)):
             slip, turn = root.v, root.spin
             if count_of(model, k) > 0:
                 along = along + model.sections[E.end * element + E.length]
@@ -400,12 +321,6 @@ def stand(lane, model, live, angles, rates, q, v):
 @kernel
 def link_poses(lane, model, par, q, v, out):
     """Nothing: poses in space are read off the coordinates (`space.reading`)."""
-
-
-@kernel
-def rotates(model):
-    """See `protocol`."""
-    return (0,)
 
 
 @kernel
