@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from flexarm_env import suite
 from flexarm_env import validation as check
 from flexarm_env.cli.codes import DONE, FAILED, Parser
@@ -110,13 +112,15 @@ def _best(wanted: Sequence[Task], as_json: bool) -> int:
         found[task.id] = {
             "date": kept.date, "value": float(values.mean()), "success_rate": float(successes.mean()),
             "episodes": len(values), "equal": int((values == kept.values).sum()),
+            "same": int((np.abs(values - kept.values) <= best.ROUNDING).sum()),
         }  # fmt: skip
     if as_json:
         show({"records": found}, True)
     for name, one in () if as_json else found.items():
         what = f"J {one['value']:.2f}, success {one['success_rate']:.0%}"
-        print(f"{name}: record of {one['date']}: {what}; {one['equal']} of {one['episodes']} episodes to the bit")
-    return DONE if all(one["equal"] == one["episodes"] for one in found.values()) else FAILED
+        equal = f"{one['same']} of {one['episodes']} episodes as recorded, {one['equal']} to the bit"
+        print(f"{name}: record of {one['date']}: {what}; {equal}")
+    return DONE if all(one["same"] == one["episodes"] for one in found.values()) else FAILED
 
 
 def _summary(results: Results, notes: Mapping[str, str], wanted: Sequence[Task], folder: Path) -> dict[str, Any]:

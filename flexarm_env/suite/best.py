@@ -21,6 +21,10 @@ from .score import FIRST
 
 Array = NDArray[np.float64]
 
+ROUNDING = 1e-6
+"""A record is played again to the bit where NumPy's linear algebra rounds as where it was made, which depends on the
+processor; elsewhere values differ by less than this."""
+
 
 @dataclass(frozen=True)
 class Record:

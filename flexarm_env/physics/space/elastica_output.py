@@ -8,7 +8,8 @@ from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from ..protocol import added
 from .chain import SpatialElastica, energy_of, place_at
 from .layout import AXES, J, P, count_of, joint_row
-from .output import SECTIONS, _between, _drawn, _move_vertex, _tip_lever, root_of
+from .moving import between, move_vertex
+from .output import SECTIONS, _drawn, _tip_lever, root_of
 from .rotations import (
     matrix,
     minus,
@@ -25,7 +26,7 @@ from .strained_layout import strained_at
 @kernel
 def update(lane, model, q, share, d, more):
     """See `protocol`: the base's rotation is moved by an increment in its own axes."""
-    _move_vertex(lane, q, 0, share, d, more)
+    move_vertex(lane, q, 0, share, d, more)
     for k in range(AXES, model.n):
         store(q, k, added(lane, q, share, d, more, k))
 
@@ -34,7 +35,7 @@ def update(lane, model, q, share, d, more):
 def difference(lane, model, start, q, d):
     """See `protocol`."""
     put_vector(d, 0, minus(vector(lane, q, 0), vector(lane, start, 0)))
-    put_vector(d, 3, _between(lane, start, q, 3))
+    put_vector(d, 3, between(lane, start, q, 3))
     for k in range(AXES, model.n):
         store(d, k, load(lane, q, k) - load(lane, start, k))
 

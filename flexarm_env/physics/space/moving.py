@@ -23,7 +23,7 @@ from .rotations import (
 
 
 @kernel
-def _move_vertex(lane, q, i, share, d, more):
+def move_vertex(lane, q, i, share, d, more):
     """Place and rotation of the rows from i on; what does not turn, as of arms that are done, stays to the last bit."""
     step, turn = times(vector(lane, d, i), share), times(vector(lane, d, i + 3), share)
     if more is not None:
@@ -44,7 +44,7 @@ def vertices_of(model, k):
 @kernel
 def update(lane, model, q, share, d, more):
     """See `protocol`: rotations are moved by increments in body axes, the sum of both."""
-    _move_vertex(lane, q, 0, share, d, more)
+    move_vertex(lane, q, 0, share, d, more)
     i = AXES
     for k in range(model.links):
         angle = load(lane, q, i) + load(lane, d, i) * share
@@ -53,7 +53,7 @@ def update(lane, model, q, share, d, more):
         store(q, i, angle)
         i += 1
         for _ in range(vertices_of(model, k)):
-            _move_vertex(lane, q, i, share, d, more)
+            move_vertex(lane, q, i, share, d, more)
             i += AXES
     for j in range(i, model.n):
         amplitude = load(lane, q, j) + load(lane, d, j) * share
@@ -63,7 +63,7 @@ def update(lane, model, q, share, d, more):
 
 
 @kernel
-def _between(lane, start, q, i):
+def between(lane, start, q, i):
     """The increment in body axes that moves the rotation in rows i of start to that of q."""
     before, after = quaternion(vector(lane, start, i)), quaternion(vector(lane, q, i))
     return rotation_vector(shorter(composed(inverse(before), after)))
@@ -73,14 +73,14 @@ def _between(lane, start, q, i):
 def difference(lane, model, start, q, d):
     """See `protocol`."""
     put_vector(d, 0, minus(vector(lane, q, 0), vector(lane, start, 0)))
-    put_vector(d, 3, _between(lane, start, q, 3))
+    put_vector(d, 3, between(lane, start, q, 3))
     i = AXES
     for k in range(model.links):
         store(d, i, load(lane, q, i) - load(lane, start, i))
         i += 1
         for _ in range(vertices_of(model, k)):
             put_vector(d, i, minus(vector(lane, q, i), vector(lane, start, i)))
-            put_vector(d, i + 3, _between(lane, start, q, i + 3))
+            put_vector(d, i + 3, between(lane, start, q, i + 3))
             i += AXES
     for j in range(i, model.n):
         store(d, j, load(lane, q, j) - load(lane, start, j))
