@@ -51,7 +51,21 @@ KINDS: dict[str, Callable[[int], dict[str, Any]]] = {
 }
 """Keywords of the environments, by the number of links."""
 
-IDS = {1: "FlexibleArm-v0", 2: "TwoLinkFlexArm-v0"}
+IDS = {1: "FlexibleArm-v0", 2: "TwoLinkFlexArm-v0", 3: "SpatialFlexArm-v0"}
+SPACE: dict[str, Callable[[int], dict[str, Any]]] = {
+    "in space": lambda links: {},
+    "in space, randomised": lambda links: {"randomization": {"payload": (0.5, 1.5), "EI": (0.8, 1.2)}},
+    "in space, motors": lambda links: {"actuator": {"lag": 0.01, "delay": 0.02}},
+    "in space, gears": lambda links: {"arm": _on_gears()},
+}
+CASES = [*itertools.product(KINDS, (1, 2)), *itertools.product(SPACE, (3,))]
+"""Kinds and numbers of links that are measured."""
+
+
+def _on_gears() -> Any:
+    """`three_dof` behind gears that give."""
+    arm, own = arms_by_name.named("three_dof"), arms_by_name.named("two_link_geared").joints[0]
+    return dataclasses.replace(arm, joints=[dataclasses.replace(own, friction_coulomb=0.0)] * 3)
 
 
 def least(calls: dict[str, Callable[[], Any]]) -> dict[str, float]:
@@ -69,7 +83,7 @@ def least(calls: dict[str, Callable[[], Any]]) -> dict[str, float]:
 
 def measure(kind: str, links: int, n: int) -> dict[str, Any]:
     """A row of the table."""
-    keywords = KINDS[kind](links)
+    keywords = {**KINDS, **SPACE}[kind](links)
     arms, rng = Arms(IDS[links], n, threads=1, **keywords), np.random.default_rng(0)
     state = arms.reset(seed=0)
     actions = rng.uniform(-0.5, 0.5, (PERIODS, n, arms.action_size))
@@ -110,7 +124,7 @@ def measured(given: argparse.Namespace) -> pages.Found:
     known = given.out / "derivatives.json"
     kept = json.loads(known.read_text(encoding="utf-8"))["rows"] if given.only != [""] and known.exists() else []
     rows = []
-    for kind, links in itertools.product(KINDS, IDS):
+    for kind, links in CASES:
         if not any(word in kind for word in given.only):
             rows += [row for row in kept if (row["kind"], row["links"]) == (kind, links)]
         else:
