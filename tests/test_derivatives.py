@@ -220,7 +220,7 @@ def test_in_space(keywords: dict[str, Any]) -> None:
         errors.append(np.linalg.norm(found.moved - wanted, axis=(1, 2)) / np.linalg.norm(wanted, axis=(1, 2)))
     assert np.minimum(*errors).max() < 3e-6
     as_the_jacobians(arms, state, action, 1e-10)
-    along(arms, state, 5, 1e-6, 1e-5)
+    along(arms, state, 5, 1e-5, 1e-5)
     arms.close()
 
 
