@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -117,7 +118,7 @@ def _bound(lane, model, longest, r):
 
 
 @inlined
-def _move(lane, model, par, w, active, slopes):
+def _move(lane, model, par, w, active, slopes, tolerance):
     """Apply the increment -r where `active`, eqs. [80]-[82]; return its weighted size, NaN if not finite."""
     _bound(lane, model, stride(model), w.r)
     _take_multipliers(lane, model.algebraic, w, active, slopes.a)
@@ -141,6 +142,8 @@ def _move(lane, model, par, w, active, slopes):
             for k in range(size(model.n)):
                 store(w.r, k, select_lt(0.5, active, load(lane, w.r, k) + load(lane, w.shift, k), nothing))
     move_on(lane, model, w, w.r)
+    if stride(model) is not None:  # of smaller increments the square is below the tolerance
+        active = select_lt(math.sqrt(tolerance), largest_of, active, splat(lane, 0.0))
     settle(lane, model, par, None, w, active, slopes)
     return largest_of
 
@@ -164,7 +167,7 @@ def newton(lane, model, drive, par, w, slopes, scheme, plain):
         solve_known(lane, model, drive, w, fresh)
         apply_friction(lane, model, par, state_of(w), weights, slopes.v / slopes.a, w.S, w.r)
         corrected = correct_period(lane, model, drive, par, scheme.tolerance, w, corrected, active, slopes)
-        increment = _move(lane, model, par, w, active, slopes)
+        increment = _move(lane, model, par, w, active, slopes, scheme.tolerance)
         w.counts[ITERATIONS] += 1.0
         # What is left after this update, from the contraction seen: increment * theta / (1 - theta).
         theta = select_lt(increment, before * 0.9, increment / before, splat(lane, 0.9))

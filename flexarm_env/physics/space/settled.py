@@ -11,7 +11,8 @@ stretch and shear a force is affine in the chord's components e of the element's
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, select_lt, splat, store
+from ...compiler import kernel, largest, load, select_lt, splat, store
+from ..arithmetic import add
 from ..integrator.newton import follow
 from ..integrator.work import moved_by
 from .chain import place_at, planted, section_at, three_of
@@ -19,7 +20,6 @@ from .element import Place, arc_of, bow_of, mean, middle
 from .layout import AXES, F, H, J, count_of, factor_at, hinge_at, joint_row
 from .matrix import matrix_in
 from .rotations import (
-    add_vector,
     back,
     composed,
     cross,
@@ -88,8 +88,8 @@ def _hold_forces(lane, model, par, w):
 
 
 @kernel
-def _add_forces(lane, model, w):
-    """Elements are to have the forces that the increment w.r brings to first order."""
+def _add_forces(lane, model, w, active):
+    """Elements are to have the forces that the increment w.r brings to first order, where `active`."""
     a, b = vector(lane, w.r, 0), vector(lane, w.r, 3)
     for k in range(model.links):
         i, h = joint_row(model, k) + 1, hinge_at(k)
@@ -102,7 +102,9 @@ def _add_forces(lane, model, w):
             f, x, y = factor_at(model, k, e), vector(lane, w.r, i), vector(lane, w.r, i + 3)
             n = turned(matrix_in(lane, w.S, f + F.by_place), minus(x, a))
             n = plus(n, turned(matrix_in(lane, w.S, f + F.by_left), b))
-            add_vector(lane, w.S, f + F.force, plus(n, turned(matrix_in(lane, w.S, f + F.by_right), y)))
+            n = plus(n, turned(matrix_in(lane, w.S, f + F.by_right), y))
+            for j in range(3):
+                add(lane, w.S, f + F.force + j, select_lt(0.5, active, n[j], splat(lane, -0.0)))
             a, b = x, y
             i += AXES
 
@@ -113,7 +115,9 @@ def settle(lane, model, par, start, w, active, slopes):
     if model.frames is not None:
         return
     if start is None:
-        _add_forces(lane, model, w)
+        if largest(active) < 0.5:
+            return
+        _add_forces(lane, model, w, active)
     else:
         _hold_forces(lane, model, par, w)
     tip, element, (total, begin) = place_at(lane, w.q, w.v, 0), 0, moved_by(w)
