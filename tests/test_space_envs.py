@@ -331,17 +331,6 @@ def test_what_is_not_there_is_refused_by_name(arguments: dict[str, Any], words: 
     assert words in str(caught.value)
 
 
-def test_what_is_built_upon_environments_refuses_them() -> None:
-    env = gym.make("SpatialFlexArm-v0", **COARSE)
-    for make, words in (
-        (lambda: control.make("mpc", env), 'controller = \'mpc\': must be one of "pd", "zv", "zvd", "lqr"'),
-    ):
-        env.reset(seed=0)
-        with pytest.raises(ValueError) as caught:
-            make()
-        assert words in str(caught.value)
-
-
 def test_weight_and_inertia_of_the_rigid_arm() -> None:
     """Torques that hold it beside the slope of the masses' heights; the straight strips' inertia about the elbow."""
     gravity, angles, eps = np.array([0.0, 0.0, -9.81]), np.array([[0.3, 0.7, -0.5]]), 1e-6
