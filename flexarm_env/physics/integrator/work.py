@@ -83,7 +83,7 @@ def copy_rows(lane, count, source, target):
 def moved_by(w):
     """Where rotations are moved: (what q is its prediction moved by, as increments in body axes; that prediction)."""
     n = w.q.shape[0]
-    return w.shift[:n], w.shift[n : 2 * n]
+    return w.shift[:n], w.shift[n:]
 
 
 @kernel
