@@ -97,7 +97,7 @@ def test_the_discrete_model_is_the_solver_s(root: str) -> None:
         joints = [i for i, name in enumerate(model.states) if name.startswith("joint")]
         change[joints] = rng.normal(size=len(joints)) * (j < 4)
         torque[first:] = rng.normal(size=m)
-        size = 3e-5
+        size = 1e-5
         sides = [after(simulation, model, s * size * change, s * size * torque, period, end)[1] for s in (1.0, -1.0)]
         found = (sides[0] - sides[1]) / (2.0 * size)
         wanted = model.A @ change + model.B @ torque[first:]

@@ -9,7 +9,7 @@ from llvmlite import ir
 from .kinds import WORD
 from .symbols import DOUBLE
 
-ON_STACK = 8192
+ON_STACK = 32768
 """Words that lie on the stack."""
 
 _BYTE = ir.IntType(8)
