@@ -224,6 +224,18 @@ def test_in_space(keywords: dict[str, Any]) -> None:
     arms.close()
 
 
+@pytest.mark.slow
+def test_dry_friction_in_space() -> None:
+    """Joints stick and slide as they did, backwards as forwards; differences would step over the kinks."""
+    arm = arms_by_name.named("three_dof")
+    short = dataclasses.replace(arm, links=arm.links[:2], elbows=arm.elbows[:1], torque_limits=arm.torque_limits[:2])
+    short = dataclasses.replace(short, joints=rough(2).joints)
+    arms = Arms("SpatialFlexArm-v0", 9, tolerance=1e-14, elements=1, arm=short)
+    assert arms.backwards
+    as_the_jacobians(arms, *moving(arms), 1e-10)
+    arms.close()
+
+
 def test_former_names_warn() -> None:
     arms = Arms(ONE, 2)
     state, action = moving(arms)

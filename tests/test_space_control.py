@@ -147,7 +147,8 @@ def test_reaches_settle_sooner_than_under_pd(name: str, keywords: dict[str, Any]
     for k in range(periods):
         actions = controller.act(seen)
         if k < 5:
-            assert alone.act(seen[1]) == pytest.approx(actions[1], abs=1e-4)  # plans go on until the last is found
+            # plans end after some iterations, which carry round-off as far: 0 to 3e-5, by where arrays lie in memory
+            assert alone.act(seen[1]) == pytest.approx(actions[1], abs=1e-4)
         seen, *_, info = env.step(actions)
     assert info["is_success"].all()
 
