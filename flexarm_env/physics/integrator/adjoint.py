@@ -124,18 +124,35 @@ def _vjp_foresee(lane, model, w, bar, h, scheme):
 
 
 @kernel
+def _open_jump(lane, n, bar, after, before):
+    """bar.r <- what comes to a jump of a and b; nothing to the states of both sides."""
+    zero = splat(lane, 0.0)
+    for k in range(n):
+        store(bar.r, k, load(lane, bar.a, k) + load(lane, bar.b, k))
+        for part in (after, before):
+            store(part.q, k, zero)
+            store(part.v, k, zero)
+            store(part.a, k, zero)
+
+
+@kernel
+def _add_state(lane, n, more, to):
+    """to <- to + more."""
+    for k in range(n):
+        store(to.q, k, load(lane, to.q, k) + load(lane, more.q, k))
+        store(to.v, k, load(lane, to.v, k) + load(lane, more.v, k))
+        store(to.a, k, load(lane, to.a, k) + load(lane, more.a, k))
+
+
+@kernel
 def vjp_light(lane, model, par, par_bar, w, bar, h, first):
     """`vjp_switch` of models that are `protocol.light`, q's cotangents of increments in body axes; first: 1 where there
     was no residual before. What the matrix itself changes by counts too."""
     n, zero, one = size(model.n), splat(lane, 0.0), State(w.q, w.v, w.a0)
     after, before = State(bar.q0, bar.v0, bar.a0), State(w.q0, w.v0, w.b0)
     for k in range(n):
-        store(bar.r, k, load(lane, bar.a, k) + load(lane, bar.b, k))
         store(w.r, k, load(lane, w.a, k) - load(lane, w.a0, k))
-        for part in (after, before):
-            store(part.q, k, zero)
-            store(part.v, k, zero)
-            store(part.a, k, zero)
+    _open_jump(lane, n, bar, after, before)
     friction_cotangents(lane, model, MASS_ALONE, 0.5 * h, w.S, bar.r, bar.v, bar.a)
     _multiply(lane, model, w, bar)
     copy_rows(lane, n, bar.r, w.b)
@@ -144,16 +161,10 @@ def vjp_light(lane, model, par, par_bar, w, bar, h, first):
     note_cotangents(lane, model, w.S, bar.b0)
     vjp_residual(lane, model, par, par_bar, one, w.u, bar.S, after, bar.u, bar.r)
     vjp_residual(lane, model, par, par_bar, one, w.u0, bar.S, before, bar.u0, bar.b0)
-    for k in range(n):
-        store(after.q, k, load(lane, after.q, k) + load(lane, before.q, k))
-        store(after.v, k, load(lane, after.v, k) + load(lane, before.v, k))
-        store(after.a, k, load(lane, after.a, k) + load(lane, before.a, k))
+    _add_state(lane, n, before, after)
     vjp_product(lane, model, par, par_bar, one, w.u, light_weights(h), w.r, bar.S, after, bar.u, w.b)
     tangent_map(lane, model, w.q, True, after.q)
-    for k in range(n):
-        store(bar.q, k, load(lane, bar.q, k) + load(lane, after.q, k))
-        store(bar.v, k, load(lane, bar.v, k) + load(lane, after.v, k))
-        store(bar.a, k, load(lane, bar.a, k) + load(lane, after.a, k))
+    _add_state(lane, n, after, bar)
 
 
 @kernel
@@ -161,14 +172,9 @@ def vjp_switch(lane, model, par, par_bar, w, bar, h):
     """bar: cotangents from after a jump of the torques from u0 to u to before it; w: after it, its matrix in w.S, but
     for a0: accelerations before it. What the residual has of stiffness on both sides is the same to the last bit, and
     is taken from one another as such."""
-    n, zero = size(model.n), splat(lane, 0.0)
+    n = size(model.n)
     after, before = State(bar.q0, bar.v0, bar.a0), State(w.q0, w.v0, w.b0)
-    for k in range(n):
-        store(bar.r, k, load(lane, bar.a, k) + load(lane, bar.b, k))
-        for part in (after, before):
-            store(part.q, k, zero)
-            store(part.v, k, zero)
-            store(part.a, k, zero)
+    _open_jump(lane, n, bar, after, before)
     friction_cotangents(lane, model, MASS_ALONE, 0.5 * h, w.S, bar.r, bar.v, bar.a)
     _multiply(lane, model, w, bar)
     for k in range(n):
@@ -176,10 +182,8 @@ def vjp_switch(lane, model, par, par_bar, w, bar, h):
     note_cotangents(lane, model, w.S, bar.b0)
     vjp_residual(lane, model, par, par_bar, state_of(w), w.u, bar.S, after, bar.u, bar.r)
     vjp_residual(lane, model, par, par_bar, State(w.q, w.v, w.a0), w.u0, bar.S, before, bar.u0, bar.b0)
-    for k in range(n):
-        store(bar.q, k, load(lane, bar.q, k) + (load(lane, after.q, k) + load(lane, before.q, k)))
-        store(bar.v, k, load(lane, bar.v, k) + (load(lane, after.v, k) + load(lane, before.v, k)))
-        store(bar.a, k, load(lane, bar.a, k) + (load(lane, after.a, k) + load(lane, before.a, k)))
+    _add_state(lane, n, before, after)
+    _add_state(lane, n, after, bar)
 
 
 @kernel
