@@ -1,6 +1,7 @@
 """How soon policies are learned by gradients, PPO beside, and what a tolerance leaves: docs/results/derivatives.md.
 
-python -m benchmarks.gradients [--seeds 5] [--ppo 5] [--arms 512] [--kept] [--page] [--out FOLDER] [--runs FOLDER]
+python -m benchmarks.gradients [--seeds 5] [--ppo 5] [--arms 512] [--kept] [--only ENV ...] [--page] [--out FOLDER]
+    [--runs FOLDER]
 
 Learning: `agents.train_ppo` with
 --algo gradient and ppo and the default configs, one process, one thread; processor time without imports, compilation,
@@ -25,6 +26,7 @@ from benchmarks.machine import table
 
 ENVS: dict[str, dict[str, Any]] = {
     "FlexibleArm-v0": {"most": 6.0, "every": 32_768}, "TwoLinkFlexArm-v0": {"most": 40.0, "every": 65_536},
+    "SpatialFlexArm-v0": {"most": 90.0, "every": 65_536},
 }  # fmt: skip
 """most: s of processor time within which gradients are to solve it. every: steps from one evaluation to the next."""
 
@@ -36,6 +38,7 @@ JUDGED = (
 )  # fmt: skip
 """Of the policies in the test episodes: what, its key, which sign is better."""
 
+MORE: tuple[dict[str, Any], ...] = ({}, {"tolerance": 1e-12})
 PERIODS = (1, 10, 200)
 """Of the rollouts whose gradients are compared at two tolerances."""
 
@@ -53,19 +56,21 @@ def kept_bytes(env_id: str, n: int, periods: int = 20) -> float:
 
 def gaps(env_id: str, n: int) -> dict[str, Any]:
     """What the solver's tolerance leaves of a gradient: over so many periods, from the same starts under the same
-    actions, the norm of the difference from the gradient at 1e-12, over that gradient's; the largest of n arms."""
+    actions, the norm of the difference from the gradient at 1e-12, over that gradient's; the largest of those of n arms
+    that do not fail. Of random cotangents of all that moves but accelerations."""
     from flexarm_env.derivatives import Arms
 
-    usual, sharp = (Arms(env_id, n, threads=1, **more) for more in ({}, {"tolerance": 1e-12}))
+    usual, sharp = (Arms(env_id, n, threads=1, **more) for more in MORE)
     rng = np.random.default_rng(1)
     start, found = usual.reset(seed=1), {}
     for periods in PERIODS:
         actions = 0.4 * rng.uniform(-1.0, 1.0, (periods, n, usual.action_size))
         wanted = np.zeros((periods + 1, *start.shape))
         wanted[-1, :, : usual.moving] = rng.standard_normal((n, usual.moving))
+        wanted[-1, :, [name[:2] in ("a[", "b[") for name in usual.names]] = 0.0
         one, other = (arms.rollout(start, actions).vjp(states=wanted).actions for arms in (usual, sharp))
         size = np.linalg.norm(other, axis=(0, 2))
-        found[str(periods)] = float((np.linalg.norm(one - other, axis=(0, 2)) / size).max())
+        found[str(periods)] = float(np.nanmax(np.linalg.norm(one - other, axis=(0, 2)) / size))
     for arms in (usual, sharp):
         arms.close()
     return {"env": env_id, "tolerance": usual.environment.plan.settings.tolerance, "gaps": found}
@@ -142,25 +147,31 @@ def blocks(found: pages.Found) -> pages.Blocks:
             worth = f"{row['success']:.0%}", f"{row['settling']:.2f}", f"{row['settling_mean']:.2f}"
             whole = f"{row['steps']:.0f}", f"{row['cpu_s']:.1f}"
             rows.append((row["algorithm"], row["seed"], *solved, *whole, *worth))
-        lines[env_id] = table(heads + " | mean, s", rows)
+        lines[env_id] = table(heads, rows)
     return lines
 
 
 def measure(options: argparse.Namespace) -> pages.Found:
     """Measure, train, judge."""
-    sizes, runs = {env_id: kept_bytes(env_id, options.arms) for env_id in ENVS}, []
+    chosen, sizes, runs, gap = options.only or list(ENVS), dict[str, float](), list[dict[str, Any]](), list[Any]()
+    if options.only:
+        kept = json.loads((options.out / "gradients.json").read_text(encoding="utf-8"))
+        sizes = {env_id: size for env_id, size in kept["bytes"].items() if env_id not in chosen}
+        runs, gap = ([row for row in kept[part] if row["env"] not in chosen] for part in ("runs", "gaps"))
+    sizes |= {env_id: kept_bytes(env_id, options.arms) for env_id in chosen}
     for algorithm, seeds in (("gradient", options.seeds), ("ppo", options.ppo)):
-        for env_id, seed in itertools.product(ENVS, range(seeds)):
+        for env_id, seed in itertools.product(chosen, range(seeds)):
             row = learned(env_id, algorithm, seed, options.runs, options.kept)
             runs += [] if row is None else [row]
             print(json.dumps(row), flush=True)
-    gap = [gaps(env_id, options.arms) for env_id in ENVS]
+    gap += [gaps(env_id, options.arms) for env_id in chosen]
     return {"bytes": sizes, "gaps": gap, "runs": runs, "verdicts": verdicts(sizes, runs)}
 
 
 def flags(parser: argparse.ArgumentParser) -> None:
     """Of the command line."""
     parser.add_argument("--runs", type=Path, default=Path("runs/gradients"), help="folder of the runs")
+    parser.add_argument("--only", nargs="+", choices=ENVS, help="only these environments, the others as they are")
     parser.add_argument("--kept", action="store_true", help="tell of runs that have finished, start none")
 
 
