@@ -250,8 +250,8 @@ class Equations:
         zero = np.zeros(self.n)
         return exact_slopes(lambda x: self.residual(replace(point, v=x), 1), zero, self.free)[self.algebraic]
 
-    def derivatives(self, point: Point, rates: bool = True) -> Derivatives:
-        """All derivatives at a point; `rates`: those of the constraints' velocity and acceleration forms as well."""
+    def derivatives(self, point: Point) -> Derivatives:
+        """All derivatives at a point."""
         free, lam = self.free, self.algebraic
 
         def by_q(level: int) -> Array:
@@ -263,16 +263,15 @@ class Equations:
         M = exact_slopes(lambda x: self.residual(replace(point, a=x)), point.a, free)
         B = -exact_slopes(lambda x: self.residual(replace(point, u=x)), point.u, self.inputs)
         none = np.zeros((lam.size, free.size))
-        several = lam.size > 0
         return Derivatives(
             M=M[free],
             C=by_v(0)[free],
             K=by_q(0)[free],
             B=B[free],
             G=self.constraint_slopes(point),
-            G_rate=by_q(1)[lam] if several and rates else none,
-            H_v=by_v(2)[lam] if several and rates else none,
-            H_q=by_q(2)[lam] if several and rates else none,
+            G_rate=by_q(1)[lam] if lam.size else none,
+            H_v=by_v(2)[lam] if lam.size else none,
+            H_q=by_q(2)[lam] if lam.size else none,
         )
 
     def reduced(self, point: Point, spin: float = 0.0) -> Reduced:

@@ -1,43 +1,31 @@
-"""The derivative of what the solver does in a period: tangents of each of its steps at their solution.
+"""The derivative of what the solver does in a period: its own steps, with tangents in dual lanes.
 
-A step (`integrator.step`) solves generalized-alpha's equations for q with the constraints on q; with multipliers it
-then takes out of v and of a what lies across the constraints. A step whose period is corrected also depends on how the
-iteration matrix changes: there the derivative is one of differences.
+What a step does is then differentiated as it is computed, with multipliers, with a correction of the period, and of
+rotations, which depend, in second order of what a step turns by, on Newton's way.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..compiler import SINGLE
+from ..compiler import SINGLE, dual, uncompiled
 from ..physics.integrator.step import advance
-from ..physics.integrator.work import Work
+from ..physics.integrator.work import Work, unpack, work_size
 from ..physics.layout import HALVINGS
-from ..physics.model import MESSAGE, OK, Drive, Scheme
+from ..physics.model import MESSAGE, OK, Scheme
 from ..simulation import Simulation
-from ..time_functions import C0, PIECE
-from .equations import Derivatives, Equations, Point, Reduced, Rows, slopes
+from .equations import Equations, Point, Reduced, Rows
 
 Array = NDArray[np.float64]
 
-STEP, SHARP = 1e-4, 1e-12
-"""Step of differences of the solver, in variables of size 1, and Newton's tolerance there: a correction of the period
-that comes an iteration sooner is another within the tolerance."""
-
-
-@dataclass
-class _Tangents:
-    """Derivatives of q, v, a, b over the rows that can move, (f, 2 n + m), by the start's state and by the inputs."""
-
-    q: Array
-    v: Array
-    a: Array
-    b: Array
+SHARP = 1e-12
+"""Newton's tolerance where the period is corrected: a correction that comes an iteration sooner is another within the
+tolerance."""
 
 
 def point_of(w: Work) -> Point:
@@ -59,148 +47,77 @@ def solved(
     simulation: Simulation, equations: Equations, flat: Array, w: Work, reduced: Reduced, dt: float
 ) -> tuple[Array, Array, Array]:
     """A, B and the next state of a period, along the motion that starts in the work array (which moves on)."""
-    scheme = simulation.scheme
-    steps, h = steps_of(simulation, dt)
     n, m, f = equations.independent.size, equations.inputs.size, equations.free.size
-    if simulation.model.correction is not None:
-        return _by_differences(simulation, equations, flat, w, reduced, h, steps)
     q = np.hstack([reduced.lift, np.zeros((f, n + m))])
     v = np.hstack([reduced.drift, reduced.lift, np.zeros((f, m))])
     a = reduced.lift @ reduced.accelerations + reduced.bend_v @ v + reduced.bend_q @ q
-    tangents = _Tangents(q, v, a, a)
-    for step in range(steps):
-        start, b = point_of(w), w.b.copy()
-        advance_steps(simulation, simulation.drive, flat, w, simulation.t + step * h, h, 1)
-        end_point = point_of(w)
-        found = _found(equations, scheme, h, start, b, end_point)
-        derivatives = equations.derivatives(found, rates=False)
-        tangents = _after(derivatives, scheme, h, tangents)
-        if equations.algebraic.size:
-            tangents = _settled(equations, derivatives, found, end_point, tangents)
-    change = np.vstack([equations.changes(w.q, tangents.q), equations.changes(w.q, tangents.v)])
+    found = carried(simulation, flat, w, (q, v, a), equations.free, equations.inputs, dt)
+    change = np.vstack([equations.changes(w.q, tangents) for tangents in found])
     return change[:, : 2 * n], change[:, 2 * n :], np.concatenate(equations.state(w.q, w.v))
 
 
-def advance_steps(
-    simulation: Simulation, drive: Drive, flat: Array, w: Work, at: float, h: float, steps: int
-) -> None:
-    """Equal steps of h from t = at; RuntimeError where they fail or have to be halved."""
+def carried(
+    simulation: Simulation, flat: Array, w: Work, starts: tuple[Array, Array, Array], rows: Rows, inputs: Any, dt: float
+) -> tuple[Array, Array]:
+    """Tangents (f, columns) of q and v of some rows after a period, of those of q, v and a at its start; the last
+    columns are those of 1 of the inputs. The work array moves on with them."""
+    steps, h = steps_of(simulation, dt)
+    n, links = starts[0].shape[1], simulation.scene.arm.n_links
+    given = {name: np.zeros((len(getattr(w, name)), n)) for name in "qvabu"}
+    for name, tangents in zip("qvab", (*starts, starts[2]), strict=True):
+        given[name][rows] = tangents
+    given["u"][inputs, range(n - len(inputs), n)] = 1.0
+    columns = [_Dual(simulation, w, {name: x[:, k] for name, x in given.items()}) for k in range(n)]
+    for step in range(steps):
+        at = simulation.t + step * h
+        _advance(simulation, flat, w, at, h)
+        for column in columns:
+            column.step(w.u[:links], at, h)
+    q, v = (np.array([column.numbers(name)[rows, 1] for column in columns]).T for name in "qv")
+    return q, v
+
+
+def _scheme_of(simulation: Simulation) -> Scheme:
+    """The solver's own, but for its tolerance where the period is corrected."""
     scheme = simulation.scheme
-    if simulation.model.correction is not None:
-        scheme = scheme._replace(tolerance=min(SHARP, scheme.tolerance))
-    advance(SINGLE, simulation.model, drive, simulation.par, flat, simulation.n_motions, at, h, steps, scheme, (0,))
+    sharp = simulation.model.correction is not None
+    return scheme._replace(tolerance=min(SHARP, scheme.tolerance)) if sharp else scheme
+
+
+def _advance(of: Simulation, flat: Array, w: Work, at: float, h: float) -> None:
+    """A step of h from t = at; RuntimeError where it fails or has to be halved."""
+    scheme = _scheme_of(of)
+    advance(SINGLE, of.model, of.drive, of.par, flat, of.n_motions, at, h, 1, scheme, (0,))
     if w.flag[0] != OK:
-        bound = float(getattr(simulation.model, "bound", 0.0))
+        bound = float(getattr(of.model, "bound", 0.0))
         text = MESSAGE[int(w.flag[0])].format(t=at, h=h, halvings=scheme.max_halvings, bound=bound)
         raise RuntimeError(f"the solver failed within the period: {text}")
     if w.counts[HALVINGS] > 0:
         raise RuntimeError(f"the solver halved the step of {h:.3g} s from t = {at:.6g} s; take a smaller dt")
 
 
-def _offset(drive: Drive, entries: Rows, values: Array) -> Drive:
-    """The drive with values added to the functions of some inputs, where they have one."""
-    pieces = drive.pieces.copy()
-    for entry, value in zip(entries, values, strict=True):
-        own = drive.terms[drive.entries == entry]
-        if own.size:
-            pieces.reshape(-1, PIECE)[drive.first[own[0]] : drive.first[own[0] + 1], C0] += value
-    return drive._replace(pieces=pieces)
+class _Dual:
+    """The arm in a work array, with a tangent of each of its numbers."""
 
+    def __init__(self, simulation: Simulation, w: Work, tangents: dict[str, Array]) -> None:
+        self.simulation, self.lane = simulation, dual(SINGLE)
+        model, motions = simulation.model, simulation.n_motions
+        self.flat = np.zeros(int(uncompiled(work_size)(2, model, motions)))
+        self.work = uncompiled(unpack)(self.lane, model, self.flat, motions)
+        self.par = np.stack([simulation.par, np.zeros_like(simulation.par)], axis=1).ravel()
+        for name, own in tangents.items():
+            self.numbers(name)[:] = np.stack([getattr(w, name), own], axis=1)
+        loads = simulation.drive.entries >= simulation.scene.arm.n_links  # torques are given with their tangents
+        self.drive = simulation.drive._replace(
+            entries=simulation.drive.entries[loads], terms=simulation.drive.terms[loads]
+        )
 
-def _by_differences(
-    simulation: Simulation, e: Equations, flat: Array, w: Work, reduced: Reduced, h: float, steps: int
-) -> tuple[Array, Array, Array]:
-    """A, B and the next state of `steps` steps of h by sixth-order differences of the solver, in variables scaled so
-    that each moves the coordinates, itself or by the accelerations it causes, by about as much."""
-    start, dt = point_of(w), h * steps
-    n, m = e.independent.size, e.inputs.size
-    size = 1.0 / simulation.model.weight[e.free[e.independent]]
-    caused = h * h * np.abs(reduced.accelerations / size[:, None]).max(axis=0)
-    unit = 1.0 / np.maximum(np.concatenate([1.0 / size, dt / size, np.zeros(m)]), caused)
+    def numbers(self, name: str) -> Array:
+        """Values and tangents (rows, 2) of a field of the work array, a view."""
+        return np.asarray(getattr(self.work, name)).reshape(-1, 2)
 
-    def after(z: Array) -> Array:
-        x, v, u = np.split(unit * z, [n, 2 * n])
-        w.q[:], w.v[:], w.u[:], w.psi[:] = start.q, start.v, start.u, start.psi
-        w.q[e.free] += reduced.lift @ x
-        w.v[e.free] += reduced.lift @ v + reduced.drift @ x
-        w.u[e.inputs] += u
-        drive = _offset(simulation.drive, e.inputs, u)
-        simulation.make_consistent(simulation.model, drive, flat)
-        advance_steps(simulation, drive, flat, w, simulation.t, h, steps)
-        return np.concatenate(e.state(w.q, w.v))
-
-    rows = np.arange(2 * n + m)
-    change = slopes(after, np.zeros(2 * n + m), rows, np.full(2 * n + m, STEP)) / unit
-    return change[:, : 2 * n], change[:, 2 * n :], after(np.zeros(2 * n + m))
-
-
-def _bordered(A: Array, G: Array, right: Array, below: Array | float = 0.0) -> Array:
-    """x and lambda of A x + G' lambda = right, G x = below; scaled so that both parts of the matrix have one size."""
-    f, g = A.shape[0], G.shape[0]
-    scale = float(np.abs(A).max())
-    matrix = np.zeros((f + g, f + g))
-    matrix[:f, :f] = A
-    matrix[:f, f:], matrix[f:, :f] = scale * G.T, scale * G
-    x = np.linalg.solve(matrix, np.vstack([right, np.zeros((g, right.shape[1])) + scale * below]))
-    x[f:] *= scale
-    return np.asarray(x)
-
-
-def _found(e: Equations, scheme: Scheme, h: float, start: Point, b: Array, end: Point) -> Point:
-    """What Newton's iteration has found: the end itself, or with multipliers the point before it was settled."""
-    if not e.algebraic.size:
-        return end
-    am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
-    free = e.free
-    v, a, q = end.v.copy(), end.a.copy(), end.q.copy()
-    new_b = ((end.q - start.q - h * start.v) / (h * h) - (0.5 - beta) * b)[free] / beta
-    v[free] = start.v[free] + h * ((1.0 - gamma) * b[free] + gamma * new_b)
-    a[free] = ((1.0 - am) * new_b - af * start.a[free] + am * b[free]) / (1.0 - af)
-    q[e.algebraic] = 0.0
-    found = replace(end, q=q, v=v, a=a)
-    balance = e.residual(found)[free]
-    q[e.algebraic] = -np.linalg.lstsq(e.constraint_slopes(found).T, balance, rcond=None)[0]
-    return found
-
-
-def _after(d: Derivatives, scheme: Scheme, h: float, t: _Tangents) -> _Tangents:
-    """Tangents after Newton's iteration of a step of generalized-alpha."""
-    am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
-    c_b, c_v = 1.0 / (beta * h * h), gamma / (beta * h)
-    c_m = c_b * (1.0 - am) / (1.0 - af)
-    q_ahead, v_ahead = t.q + h * t.v + h * h * (0.5 - beta) * t.b, t.v + h * (1.0 - gamma) * t.b
-    right = d.M @ (c_m * q_ahead + (af * t.a - am * t.b) / (1.0 - af)) + d.C @ (c_v * q_ahead - v_ahead)
-    right[:, right.shape[1] - d.B.shape[1] :] += d.B
-    q = _bordered(c_m * d.M + c_v * d.C + d.K, d.G, right)[: len(right)]
-    b = c_b * (q - q_ahead)
-    return _Tangents(q, v_ahead + gamma * h * b, ((1.0 - am) * b - af * t.a + am * t.b) / (1.0 - af), b)
-
-
-def _settled(e: Equations, d: Derivatives, found: Point, end: Point, t: _Tangents) -> _Tangents:
-    """Tangents after v and a have been brought onto the constraints: M dv + G' Lambda = 0 and M da + G' dlambda = 0."""
-    after = e.derivatives(end)
-    f = len(e.free)
-
-    def settled(before: Array, after_: Array, tangent: Array, below: Array) -> Array:
-        right = d.M @ tangent + _jump_slopes(e, d, before - after_, end) @ t.q
-        return _bordered(d.M, d.G, right, below)[:f]
-
-    v = settled(found.v, end.v, t.v, -after.G_rate @ t.q)
-    a = settled(found.a, end.a, t.a, -after.H_v @ v - after.H_q @ t.q)
-    return _Tangents(t.q, v, a, t.b - t.a + a)
-
-
-def _jump_slopes(e: Equations, d: Derivatives, jump: Array, end: Point) -> Array:
-    """Derivative by q of M(q) jump + G(q)' impulses, which is zero at the end; rows that can move."""
-    free, lam, zero = e.free, e.algebraic, np.zeros(e.n)
-    moved = np.zeros(e.n)
-    moved[free] = jump[free]
-    impulses = -np.linalg.lstsq(d.G.T, d.M @ moved[free], rcond=None)[0]
-
-    def momentum(q: Array) -> Array:
-        with_impulse, without = q.copy(), q.copy()
-        with_impulse[lam], without[lam] = impulses, 0.0
-        still = Point(without, zero, zero, np.zeros_like(end.u), end.psi)
-        return e.residual(replace(still, q=with_impulse, a=moved)) - e.residual(still)
-
-    return slopes(momentum, end.q, free, e.steps)[free]
+    def step(self, torques: Array, t: float, h: float) -> None:
+        """A step of h from t under joint torques (N,)."""
+        own = self.simulation
+        self.numbers("u")[: len(torques), 0] = torques
+        advance(self.lane, own.model, self.drive, self.par, self.flat, own.n_motions, t, h, 1, _scheme_of(own), None)

@@ -17,23 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import rotations
-from ..compiler import SINGLE, dual, uncompiled
+from ..compiler import SINGLE, uncompiled
 from ..physics.equations import read_gauges, read_poses
 from ..physics.gauges import curvature_rows
-from ..physics.integrator.step import advance
-from ..physics.integrator.work import Work, unpack, work_size
+from ..physics.integrator.work import Work
 from ..physics.layout import SPACE_POSE, SPACE_POSES
 from ..physics.protocol import difference, update
 from ..simulation import Simulation
 from .equations import Reduced, Rows
-from .period import advance_steps, steps_of
+from .period import carried
 from .space import SmallMotions
 from .stability import eigenpairs, growing
 
 Array = NDArray[np.float64]
-
-AT_ONCE = 6
-"""Columns of the solver's derivative that go side by side."""
 
 SHOWN = {
     "": "angle", "_rate": "rate", "deflection_y": "deflection", "deflection_z": "deflection",
@@ -172,56 +168,11 @@ def _period(
     simulation: Simulation, tangent: Tangent, flat: Array, w: Work, right: Array, dt: float
 ) -> dict[str, Array]:
     """A, B and the state after a period (increments of rotations and of all else from the start, and rates)."""
-    steps, h = steps_of(simulation, dt)
-    model, rows, f, inputs = simulation.model, tangent.rows, len(tangent.rows), tangent.inputs
-    n, links = 2 * f + len(inputs), simulation.scene.arm.n_links
-    starts = {name: np.zeros((len(getattr(w, name)), n)) for name in "qvabu"}
-    starts["q"][rows, :f] = np.linalg.inv(tangent.slope(w.q))
-    starts["v"][rows, range(f, 2 * f)] = 1.0
-    starts["a"][rows] = starts["b"][rows] = right
-    starts["u"][inputs, range(2 * f, n)] = 1.0
-    some = [slice(at, at + AT_ONCE) for at in range(0, n, AT_ONCE)]
-    chunks = [_Dual(simulation, w, {name: x[:, own] for name, x in starts.items()}) for own in some]
+    rows, f, n = tangent.rows, len(tangent.rows), right.shape[1]
+    q, v = np.zeros((f, n)), np.zeros((f, n))
+    q[:, :f], v[:, f : 2 * f] = np.linalg.inv(tangent.slope(w.q)), np.eye(f)
     begun, way = w.q.copy(), np.zeros(len(w.q))
-    for step in range(steps):
-        advance_steps(simulation, simulation.drive, flat, w, simulation.t + step * h, h, 1)
-        for chunk in chunks:
-            chunk.step(w.u[:links], simulation.t + step * h, h)
-    q, v = (np.hstack([chunk.tangents(name) for chunk in chunks])[rows, :n] for name in "qv")
-    uncompiled(difference)(SINGLE, model, begun, w.q, way)
+    q, v = carried(simulation, flat, w, (q, v, right), rows, tangent.inputs, dt)
+    uncompiled(difference)(SINGLE, simulation.model, begun, w.q, way)
     change = np.vstack([tangent.slope(w.q) @ q, v])
     return {"A": change[:, : 2 * f], "B": change[:, 2 * f :], "rate": np.concatenate([way[rows], w.v[rows]])}
-
-
-class _Dual:
-    """The arm in a work array with tangents, which go through the solver's own steps: what rotations add up to depends
-    on Newton's way."""
-
-    def __init__(self, simulation: Simulation, w: Work, tangents: dict[str, Array]) -> None:
-        self.simulation, self.lane = simulation, dual(SINGLE, AT_ONCE)
-        model, motions, many = simulation.model, simulation.n_motions, len(self.lane)
-        self.flat = np.zeros(int(uncompiled(work_size)(many, model, motions)))
-        self.work = uncompiled(unpack)(self.lane, model, self.flat, motions)
-        self.par = np.zeros(len(simulation.par) * many)
-        self.par[::many] = simulation.par
-        for name, own in tangents.items():
-            both = self.numbers(name)
-            both[:, 0], both[:, 1 : 1 + own.shape[1]] = getattr(w, name), own
-        loads = simulation.drive.entries >= simulation.scene.arm.n_links  # torques are given with their tangents
-        self.drive = simulation.drive._replace(
-            entries=simulation.drive.entries[loads], terms=simulation.drive.terms[loads]
-        )
-
-    def numbers(self, name: str) -> Array:
-        """Values and tangents (rows, 1 + AT_ONCE) of a field of the work array, a view."""
-        return np.asarray(getattr(self.work, name)).reshape(-1, len(self.lane))
-
-    def tangents(self, name: str) -> Array:
-        """(rows, AT_ONCE)."""
-        return self.numbers(name)[:, 1:]
-
-    def step(self, torques: Array, t: float, h: float) -> None:
-        """A step of h from t under joint torques (N,)."""
-        own = self.simulation
-        self.numbers("u")[: len(torques), 0] = torques
-        advance(self.lane, own.model, self.drive, self.par, self.flat, own.n_motions, t, h, 1, own.scheme, None)
