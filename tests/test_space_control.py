@@ -10,13 +10,11 @@ import numpy as np
 import pytest
 
 from flexarm_env import arms, control, shapes
-from flexarm_env.control import optimal, space_lqg, space_shaping
+from flexarm_env.control import lqg, optimal, shaping
 from flexarm_env.control.arm_model import held
 from flexarm_env.control.catalogue import tuned_gains
-from flexarm_env.control.dynamics import dynamics
-from flexarm_env.control.space import tip_at
-from flexarm_env.control.space_dynamics import SpatialDynamics
-from flexarm_env.control.space_pd import held_model, holding, rest
+from flexarm_env.control.dynamics import SpatialDynamics, dynamics
+from flexarm_env.control.space import held_model, holding, rest, tip_at
 from flexarm_env.physics.space.reading import frames, tips
 from flexarm_env.rigid import coriolis, rigid_inertia
 
@@ -31,8 +29,8 @@ MEASURED: dict[str, Any] = {
 @pytest.mark.parametrize(("name", "keywords"), [("lqr", {}), ("lqg", MEASURED)])
 def test_regulator_and_filter_about_a_bent_rest(name: str, keywords: dict[str, Any]) -> None:
     controller, angles = control.make(name, gym.make(ID, **keywords)), np.array([0.3, 0.7, -0.5])
-    assert isinstance(controller, space_lqg.SpatialLQG)
-    own, y = space_lqg.plant(controller.setup, controller.gravity, angles)
+    assert isinstance(controller, lqg.SpatialLQG)
+    own, y = lqg.plant_in_space(controller.setup, controller.gravity, angles)
     d, size, turned = controller.design(own), len(own.A), 1e-4 * np.eye(3)
     joints, rates = (np.array([own.rows[f"joint{k}{end}"] for k in range(3)]) for end in ("", "_rate"))
     assert joints @ own.rigid == pytest.approx(np.eye(3), abs=1e-6)
@@ -55,7 +53,7 @@ def test_inertia_and_coriolis_torques_of_an_arm_of_the_plane(name: str) -> None:
     angles, rates = rng.uniform(-2.0, 2.0, (2, 5, arm.n_links))
     none = np.zeros(3)
     assert holding(arm, none, angles)[1] == pytest.approx(rigid_inertia(arm, angles[:, 1:]), rel=1e-9, abs=1e-12)
-    found = space_shaping.coriolis(arm, none, angles, rates)
+    found = shaping.coriolis_in_space(arm, none, angles, rates)
     wanted = coriolis(arm, angles[:, 1:], rates)
     assert found == pytest.approx(wanted, abs=1e-7 * np.abs(wanted).max())
 

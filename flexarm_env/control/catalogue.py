@@ -4,41 +4,31 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, partial
 from importlib import resources
 from typing import Any
 
 from .. import validation as check
 from .base import Controller, Setup
-from .lqg import LQG, LQGGains
+from .lqg import LQG, LQGGains, SpatialLQG, SpatialLQR
 from .lqr import LQR, LQRGains
-from .mpc import MPC, MPCGains
-from .pd import PD, PDGains
-from .shaping import ShapedGains, ShapedPD
-from .space_lqg import SpatialLQG, SpatialLQR
-from .space_mpc import SpatialMPC
-from .space_pd import SpatialPD, SpatialPDGains
-from .space_shaping import SpatialShapedGains, SpatialShapedPD
+from .mpc import MPC, MPCGains, SpatialMPC
+from .pd import PD, PDGains, SpatialPD, SpatialPDGains
+from .shaping import SHAPERS, ShapedGains, ShapedPD, SpatialShapedGains, SpatialShapedPD
 from .time_optimal import TimeOptimal, TimeOptimalGains
 
-_KINDS: dict[str, tuple[type[Any], Callable[[Setup, Any], Controller]]] = {
+_Kind = tuple[type[Any], Callable[[Setup, Any], Controller]]
+_KINDS: dict[str, _Kind] = {
     "pd": (PDGains, PD),
-    "zv": (ShapedGains, lambda setup, gains: ShapedPD(setup, gains, "zv")),
-    "zvd": (ShapedGains, lambda setup, gains: ShapedPD(setup, gains, "zvd")),
-    "lqr": (LQRGains, LQR),
-    "lqg": (LQGGains, LQG),
-    "mpc": (MPCGains, MPC),
+    **{kind: (ShapedGains, partial(ShapedPD, kind=kind)) for kind in SHAPERS},
+    "lqr": (LQRGains, LQR), "lqg": (LQGGains, LQG), "mpc": (MPCGains, MPC),
     "time_optimal": (TimeOptimalGains, TimeOptimal),
-}
-
-_SPACE: dict[str, tuple[type[Any], Callable[[Setup, Any], Controller]]] = {
+}  # fmt: skip
+_SPACE: dict[str, _Kind] = {
     "pd": (SpatialPDGains, SpatialPD),
-    "zv": (SpatialShapedGains, lambda setup, gains: SpatialShapedPD(setup, gains, "zv")),
-    "zvd": (SpatialShapedGains, lambda setup, gains: SpatialShapedPD(setup, gains, "zvd")),
-    "lqr": (LQGGains, SpatialLQR),
-    "lqg": (LQGGains, SpatialLQG),
-    "mpc": (MPCGains, SpatialMPC),
-}
+    **{kind: (SpatialShapedGains, partial(SpatialShapedPD, kind=kind)) for kind in SHAPERS},
+    "lqr": (LQGGains, SpatialLQR), "lqg": (LQGGains, SpatialLQG), "mpc": (MPCGains, SpatialMPC),
+}  # fmt: skip
 """Those of arms in space."""
 
 NAMES = tuple(_KINDS)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -21,9 +20,12 @@ from ..batch import MODE, RUNNING, Batch, Chain, Reach, Slew, SpaceReach, Starts
 from ..derivatives import Periods
 from ..parameters import Arm
 from ..physics.elastica.chain import chain
+from ..physics.space.reading import read
 from ..settings import Settings
 from .arm_model import arm_model
 from .kinematics import rigid_inertia
+from .lqr import StateWeights, riccati
+from .space import held_model, holding
 
 Array = NDArray[np.float64]
 Vector = tuple[float, ...]
@@ -118,12 +120,20 @@ class Dynamics:
         return A.reshape(*x.shape, -1), B.reshape(*x.shape, -1)
 
     def rest(self, angles: ArrayLike) -> Array:
-        """States (m, S) of the straight arm at rest at joint angles (m, N)."""
+        """States (m, S) of the arm at rest at joint angles (m, N); in space bent by its weight."""
+        return self.still(angles)[0]
+
+    def _turned(self, angles: ArrayLike) -> tuple[Array, Array]:
+        """Joint angles (m, N), checked, and states (m, S) of zeros."""
         angles = np.asarray(angles, np.float64)
         if angles.ndim != 2 or angles.shape[1] != self.n_inputs:
             what = f"must be (m, {self.n_inputs}), a row an arm"
             raise check.InvalidValue("shape of joint angles", angles.shape, what)
-        x = np.zeros((len(angles), self.size))
+        return angles, np.zeros((len(angles), self.size))
+
+    def unbent(self, angles: ArrayLike) -> Array:
+        """States (m, S) of the straight arm without motion, at joint angles (m, N)."""
+        angles, x = self._turned(angles)
         for k, joint in enumerate(self.joints):
             x[:, joint : joint + self.nodes] = angles[:, k : k + 1] if k == 0 else 0.0
         turned = np.cumsum(angles, axis=1)
@@ -133,12 +143,9 @@ class Dynamics:
             x[:, at] = angles[:, k]
         return x
 
-    unbent = rest
-    """States (m, S) of the straight arm without motion, at joint angles (m, N)."""
-
     def still(self, angles: ArrayLike) -> tuple[Array, Array]:
         """States of the arm at rest at joint angles (m, N), and torques (m, N) over their limits that hold it."""
-        x = self.rest(angles)
+        x = self.unbent(angles)
         return x, np.zeros((len(x), self.n_inputs))
 
     def begun(self, start: Array, goal: Array, periods: int) -> Array:
@@ -156,11 +163,7 @@ class Dynamics:
 
     def points(self, x: Array) -> tuple[Array, Array]:
         """`POINTS` of each link, as far apart as its root from the first, (..., P, 2), m; their derivative by x."""
-        phi = x[..., : self.half] @ self._angles.T
-        cosine, sine = np.cos(phi)[..., None, :] * self._arms, np.sin(phi)[..., None, :] * self._arms
-        slope = np.zeros((*cosine.shape[:-1], 2, self.size))
-        slope[..., 0, : self.half], slope[..., 1, : self.half] = -sine @ self._angles, cosine @ self._angles
-        return np.stack([cosine.sum(-1), sine.sum(-1)], axis=-1), slope
+        return self._ahead(x, self._arms)
 
     def places(self, x: Array) -> Array:
         """`points` without the derivative."""
@@ -168,9 +171,14 @@ class Dynamics:
 
     def tip(self, x: Array) -> tuple[Array, Array]:
         """Tip (..., 2), m, about the root, and its derivative (..., 2, S)."""
+        place, slope = self._ahead(x, self._tip[None])
+        return place[..., 0, :], slope[..., 0, :, :]
+
+    def _ahead(self, x: Array, levers: Array) -> tuple[Array, Array]:
+        """Points (..., P, 2) so far along the nodes' tangents, levers (P, half), and their derivative by x."""
         phi = x[..., : self.half] @ self._angles.T
-        cosine, sine = np.cos(phi) * self._tip, np.sin(phi) * self._tip
-        slope = np.zeros((*x.shape[:-1], 2, self.size))
+        cosine, sine = np.cos(phi)[..., None, :] * levers, np.sin(phi)[..., None, :] * levers
+        slope = np.zeros((*cosine.shape[:-1], 2, self.size))
         slope[..., 0, : self.half], slope[..., 1, : self.half] = -sine @ self._angles, cosine @ self._angles
         return np.stack([cosine.sum(-1), sine.sum(-1)], axis=-1), slope
 
@@ -194,6 +202,10 @@ class Dynamics:
         C[:, 2 * n : 2 * n + many, :half] = C[:, 2 * n + many :, half:] = own
         rates = np.einsum("mns,ms->mn", own, x[:, half:])
         return np.concatenate([x[:, joints], x[:, half + joints], bends, rates], axis=1), C
+
+    def stage_weight(self, weights: StateWeights) -> Array:
+        """(S, S): cost of a state's distance from rest."""
+        return weights.stage(self.outputs(np.zeros((1, self.size)))[1][0], self.first, self.n_inputs)
 
     def corrected(self, x: Array, outputs: Array) -> Array:
         """The states (m, S) that have these outputs (m, 4 N): joint angles, their rates, tip deflections over length,
@@ -265,6 +277,119 @@ class Dynamics:
         return self._batches[size]
 
 
+STEP = 1e-5
+"""Of differences: rad, and of strains."""
+
+GENTLE = StateWeights(1.0, 0.5, 1.0, 0.5)
+"""Of regulators that bring the arm home from afar."""
+
+NEWTON = 8
+"""Steps to where the arm rests."""
+
+
+class SpatialDynamics(Dynamics):
+    """`Dynamics` of an arm on a base that is held, under gravity.
+
+    q of a link are its joint's angle, then its strains: `nodes` - 1 polynomials of torsion, bending about y and z.
+    Deflections are those of its flexible links along y, then z, over their lengths, then their twists, rad.
+    """
+
+    step = 0.005
+
+    def __init__(self, arm: Arm, period: float, nodes: int, gravity: Vector) -> None:
+        strains = 3 * (nodes - 1)
+        counts = [1 if link.rigid else 1 + strains for link in arm.links]
+        rows = 6 + np.arange(sum(counts))  # behind those of the base
+        self.gravity = gravity
+        self._begin(arm, period, nodes, np.cumsum([0, *counts[:-1]]), rows)
+        self._bending = [k for k, link in enumerate(arm.links) if not link.rigid]
+        self._strains = np.setdiff1d(np.arange(self.half), self.joints)
+
+    def still(self, angles: ArrayLike) -> tuple[Array, Array]:
+        """See `Dynamics.still`: what a period does not move, by Newton's method."""
+        x, n = self.unbent(angles), self.n_inputs
+        u, half = np.zeros((len(x), n)), self.half
+        u[:] = holding(self.arm, np.array(self.gravity), x[:, self.joints])[0] / self.limits
+        weight = np.repeat([1.0 / self.period, 1.0], half)
+        for _ in range(NEWTON):
+            A, B = self.jacobians(x, u)
+            off = (self.advance(x, u) - x) * weight
+            slope = np.concatenate([(A - np.eye(self.size))[:, :, self._strains], B], axis=2) * weight[:, None]
+            step = -np.linalg.pinv(slope) @ off[:, :, None]
+            x[:, self._strains] += step[:, :-n, 0]
+            u += step[:, -n:, 0]
+        return x, u
+
+    def unbent(self, angles: ArrayLike) -> Array:
+        angles, x = self._turned(angles)
+        x[:, self.joints] = angles
+        return x
+
+    def homing(self, x: Array, u: Array) -> Array:
+        """Gains (m, N, S) of gentle regulators, u - K dx, about rest at states (m, S) that torques u (m, N) hold."""
+        stage, R = self.stage_weight(GENTLE), np.eye(self.n_inputs)
+        return np.stack([riccati(A, B, stage, R)[0] for A, B in zip(*self.jacobians(x, u), strict=True)])
+
+    def begun(self, start: Array, goal: Array, periods: int) -> Array:
+        """What gentle regulators do: torques that are held would let an arm fall."""
+        home, held = self.still(goal[:, self.joints])
+        K, x, controls = self.homing(home, held), start, np.zeros((periods, *held.shape))
+        for k in range(periods):
+            controls[k] = np.clip(held - (K @ (x - home)[:, :, None])[:, :, 0], -1.0, 1.0)
+            x = self.advance(x, controls[k])
+        return controls
+
+    def inertia(self, angles: Array) -> Array:
+        """(m, N, N), kg m^2: of the rigid arm about its joints at angles (m, N)."""
+        return holding(self.arm, np.array(self.gravity), angles)[1]
+
+    @property
+    def first(self) -> float:
+        """Lowest frequency of bending of the arm at joint angles 0, its joints free, rad/s."""
+        n = self.n_inputs
+        A = held_model(self.arm, np.array(self.gravity), np.zeros(n))[2]
+        return float(np.sqrt(np.sort(-np.linalg.eigvals(A[len(A) // 2 :, : len(A) // 2]).real)[n]))
+
+    def tip(self, x: Array) -> tuple[Array, Array]:
+        """Tip (..., 3), m, about the root, and its derivative (..., 3, S)."""
+        place, slope = self.points(x)
+        return place[..., -1, :], slope[..., -1, :, :]
+
+    def points(self, x: Array) -> tuple[Array, Array]:
+        """Sections of all links and their tips, (..., P, 3), m about the root, and their derivative by x."""
+        return self._seen(x, "shapes")
+
+    def places(self, x: Array) -> Array:
+        """`points` without the derivative."""
+        found = self._read(x[..., : self.half].reshape(-1, self.half), "shapes")
+        return found.reshape(*x.shape[:-1], *found.shape[1:])
+
+    def bends(self, x: Array) -> tuple[Array, Array]:
+        """Deflections over length and twists (..., 3 F), and their derivative (..., 3 F, S)."""
+        return self._seen(x, "bends")
+
+    def _seen(self, x: Array, what: str) -> tuple[Array, Array]:
+        """Values (..., *) and derivative (..., *, S), by differences."""
+        q = x[..., : self.half].reshape(-1, self.half)
+        ways = STEP * np.concatenate([np.zeros((1, self.half)), np.eye(self.half), -np.eye(self.half)])
+        found = self._read((q + ways[:, None]).reshape(-1, self.half), what)
+        found = found.reshape(len(ways), *x.shape[:-1], *found.shape[1:])
+        slope = np.zeros((*found.shape[1:], self.size))
+        ends = found[1 : 1 + self.half] - found[1 + self.half :]
+        slope[..., : self.half] = np.moveaxis(ends, 0, -1) / (2.0 * STEP)
+        return found[0], slope
+
+    def _read(self, q: Array, what: str) -> Array:
+        """(m, P, 3): points; (m, 3 F): deflections and twists."""
+        rows = np.zeros((len(q), 6 + self.half))
+        rows[:, 6:] = q
+        found = read(self.arm, self.settings, rows, np.zeros_like(rows))
+        if what == "shapes":
+            return np.asarray(found["shapes"][:, 1:])
+        bent, twist = found["tip_deflection"][:, self._bending], found["twist"][:, self._bending]
+        return np.concatenate([bent[..., 0], bent[..., 1], twist], axis=1)
+
+
 class Grid:
     """Stages of one length after a first one that may be shorter.
 
@@ -302,12 +427,8 @@ def dynamics(
 @lru_cache(maxsize=16)
 def _one_for_all(arm: Arm, period: float, nodes: int | None, gravity: Vector | None) -> Dynamics:
     if arm.spatial:
-        return IN_SPACE[0](arm, period, nodes or 3, gravity or (0.0, 0.0, 0.0))
+        return SpatialDynamics(arm, period, nodes or 3, gravity or (0.0, 0.0, 0.0))
     return Dynamics(arm, period, nodes or 4)
-
-
-IN_SPACE: list[Callable[[Arm, float, int, Vector], Dynamics]] = []
-"""What makes those of arms in space: `space_dynamics`, which is made of this module, enters it here."""
 
 
 def _task(arm: Arm) -> Task:

@@ -23,14 +23,13 @@ from ..rigid import link_inertia
 from .arm_model import GRID, postures
 from .base import Controller
 from .export import c_array, c_comment, c_named, c_part
-from .lqg import LEARNING, LQG, SHARP, Design
+from .lqg import FARTHEST, LEARNING, LQG, SHARP, Design, SpatialLQG, SpatialLQR, plant_in_space
 from .lqg import design as lqg_design
 from .lqr import LQR
 from .lqr import design as lqr_design
-from .pd import PD
+from .pd import PD, SpatialPD
 from .shaping import ShapedPD, closed_loop_shaper
-from .space_lqg import FARTHEST, SpatialLQG, SpatialLQR, plant
-from .space_pd import NEAR, AboutRest, SpatialPD
+from .space import NEAR, AboutRest
 from .time_optimal import TimeOptimal, plan, rigid_time
 
 Array = NDArray[np.float64]
@@ -150,7 +149,7 @@ def _in_space(own: Controller, targets: Points | None) -> tuple[dict[str, Any], 
         gains = own.gains
         found["filter"] = [own.passed, gains.rate**2, 2.0 * gains.ratio * gains.rate]
     if isinstance(own, SpatialLQG):
-        plants = [plant(own.setup, own.gravity, angle) for angle in angles]
+        plants = [plant_in_space(own.setup, own.gravity, angle) for angle in angles]
         designs = [own.design(one) for one, _ in plants]
         still = np.array([own.resting(y) for _, y in plants])
         if type(own) is SpatialLQG:

@@ -14,16 +14,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..parameters import Arm
 from ..sensors import Encoder, Sensors, StrainGauge
-from .arm_model import NODES, postures
+from .arm_model import NODES, held, postures
 from .base import Controller, Setup, Signals
 from .kinematics import rigid_inertia
-from .lqr import StateWeights, riccati
+from .lqr import SENSOR, StateWeights, riccati
+from .space import AboutRest, held_model, holding
 
 Array = NDArray[np.float64]
 
@@ -63,7 +65,7 @@ class Plant(NamedTuple):
     """An arm about rest, over a control period: x+ = A x + B u; outputs are rows . x.
 
     rigid (2n, N): x by the joint angles of a stiff arm, of rigid inertia (N, N). first: lowest flexible frequency,
-    joints free, rad/s. bends: rows of tip deflections over length, and their rates' (in space of twists too).
+    joints free, rad/s. shown: rows of joint angles, their rates, what `bent_of` names and its rates.
     """
 
     A: Array
@@ -73,7 +75,7 @@ class Plant(NamedTuple):
     inertia: Array
     first: float
     states: tuple[str, ...]
-    bends: tuple[Array, Array]
+    shown: list[Array]
 
 
 class Design(NamedTuple):
@@ -111,10 +113,26 @@ def plant(setup: Setup, posture: tuple[float, ...]) -> Plant:
     rigid = np.vstack([modes @ np.linalg.inv(joints @ modes), np.zeros((size, n))])
     first = float(np.sqrt(np.sort(-np.linalg.eigvals(stiffness).real)[n]))
     rows = dict(zip(free.outputs, free.C, strict=True))
-    spans = np.array([[link.span] for link in setup.arm.links])
-    bends = [np.array([rows[f"deflection{k}{end}"] for k in range(n)]) / spans for end in ("", "_rate")]
     inertia = rigid_inertia(setup.arm, np.array([posture or (0.0,) * (n - 1)]))[0]
-    return Plant(held.A, held.B, rows, rigid, inertia, first, free.states, (bends[0], bends[1]))
+    return Plant(held.A, held.B, rows, rigid, inertia, first, free.states, _shown(setup.arm, rows))
+
+
+def bent_of(arm: Arm) -> list[tuple[str, float]]:
+    """Outputs of a linear model that are, over what stands beside them, a controller's `Signals.bends`."""
+    if not arm.spatial:
+        return [(f"deflection{k}", link.span) for k, link in enumerate(arm.links)]
+    bending = [(k, link.span) for k, link in enumerate(arm.links) if not link.rigid]
+    bends = [(f"deflection{k}_{d}", span) for d in "yz" for k, span in bending]
+    return bends + [(f"twist{k}", 1.0) for k, _ in bending]
+
+
+def _shown(arm: Arm, rows: dict[str, Array]) -> list[Array]:
+    """See `Plant`."""
+    parts = [(f"joint{k}", 1.0) for k in range(arm.n_links)], bent_of(arm)
+    return [
+        np.array([rows[name + end] / over for name, over in part]).reshape(-1, len(rows["joint0"]))
+        for part in parts for end in ("", "_rate")
+    ]  # fmt: skip
 
 
 @lru_cache(maxsize=256)
@@ -168,11 +186,8 @@ def designed(setup: Setup, gains: LQGGains, own: Plant, seen: Array, variances: 
 
 def _regulator(setup: Setup, gains: LQGGains, own: Plant) -> Array:
     """K (N, 2n)."""
-    joints = [np.array([own.rows[f"joint{k}{end}"] for k in range(setup.n_joints)]) for end in ("", "_rate")]
-    Q = np.vstack([
-        gains.angle * joints[0], gains.rate / own.first * joints[1],
-        gains.bend * own.bends[0], gains.bend_rate / own.first * own.bends[1],
-    ])  # fmt: skip
+    weights = gains.angle, gains.rate / own.first, gains.bend, gains.bend_rate / own.first
+    Q = np.vstack([weight * rows for weight, rows in zip(weights, own.shown, strict=True)])
     R = np.diag(1.0 / np.asarray(setup.torque_limits) ** 2)
     return riccati(own.A, own.B, Q.T @ Q + 1e-9 * np.eye(len(own.A)), R)[0]
 
@@ -262,3 +277,82 @@ class LQG(Controller):
         rates = z @ (d.stopping @ d.A).T + torques @ (d.stopping @ d.B).T
         stops = sharp * rates / np.diagonal(d.stopping @ d.B)
         return np.clip(stops, -self.friction, self.friction)
+
+
+FARTHEST = 1.0
+"""rad that a joint is pulled by at most, as if its goal were no farther."""
+
+
+def plant_in_space(setup: Setup, gravity: Array, angles: Array) -> tuple[Plant, dict[str, float]]:
+    """The arm about its rest with joints at angles (N,), its rigid weight held; and outputs there."""
+    arm, n = setup.arm, setup.n_joints
+    free, joints, A = held_model(arm, gravity, angles, [gauge.spot for gauge in gauges_of(setup).values()])
+    rows, y = dict(zip(free.outputs, free.C, strict=True)), dict(zip(free.outputs, free.y.tolist(), strict=True))
+    size = len(free.A) // 2
+    # a stiff arm turns as the flexible one does where its joints are turned slowly
+    turned = np.block([[free.A[size:, :size], free.B[size:]], [joints[:, :size], np.zeros((n, n))]])
+    turned /= np.abs(turned).max(axis=1, keepdims=True)
+    slow = np.linalg.solve(turned, np.vstack([np.zeros((size, n)), np.eye(n)]))[:size]
+    rigid = np.vstack([slow, np.zeros((size, n))])
+    squares = np.sort(-np.linalg.eigvals(A[size:, :size]).real)
+    first = float(np.sqrt(squares[n])) if size > n else 1.0 / setup.control_dt
+    discrete, inertia = held(A, free.B, setup.control_dt), holding(arm, gravity, angles[None])[1][0]
+    return Plant(*discrete, rows, rigid, inertia, first, free.states, _shown(arm, rows)), y
+
+
+class SpatialLQG(LQG, AboutRest):
+    """u = what holds the arm - K x - d + f, about its goal (see `LQG`)."""
+
+    def initialise(self, signals: Signals, to_go: Array) -> None:
+        AboutRest.initialise(self, signals, to_go)
+        plants = [plant_in_space(self.setup, self.gravity, angles) for angles in self.goal]
+        self.designs = [(self.design(own), np.arange(len(plants)) == i) for i, (own, _) in enumerate(plants)]
+        self.at_rest = np.array([self.resting(y) for _, y in plants])
+        LQG.initialise(self, signals, to_go)
+
+    def design(self, own: Plant) -> Design:
+        """Regulator and filter of a plant."""
+        return measured(self.setup, self.gains, own)
+
+    def resting(self, y: dict[str, float]) -> list[float]:
+        """What is seen at the goal."""
+        return [0.0] * self.setup.n_joints + [unit * y[name] for unit, name in curvatures(self.setup)]
+
+    def seen(self, signals: Signals, to_go: Array) -> Array:
+        """What the filter takes in, about what it is at the goal, (n, p)."""
+        found: Array = super().seen(signals, to_go) - self.at_rest
+        return found
+
+    def _parts(self, angles: Array) -> Any:
+        return self.designs
+
+    def torques(self, signals: Signals, to_go: Array) -> Array:
+        self.held = self.forward(to_go)
+        torques, beyond = super().torques(signals, to_go), to_go - np.clip(to_go, -FARTHEST, FARTHEST)
+        for d, rows in self.designs:
+            torques[rows] -= beyond[rows] @ (d.K @ d.rigid).T
+        return self.held + torques
+
+    def predict(self, torques: Array) -> None:
+        super().predict(torques - self.held)
+
+
+class SpatialLQR(SpatialLQG):
+    """The same on what the observation says of angles, deflections, twists and their rates."""
+
+    needs_goals, needs_bends = False, True
+
+    def design(self, own: Plant) -> Design:
+        """Regulator and filter of a plant."""
+        noise = np.repeat([SENSOR, SENSOR * own.first] * 2, [len(part) for part in own.shown])
+        return designed(self.setup, self.gains, own, np.vstack(own.shown), noise**2, np.zeros(0))
+
+    def resting(self, y: dict[str, float]) -> list[float]:
+        """What is seen at the goal."""
+        still = [y[name] / over for name, over in bent_of(self.setup.arm)]
+        return [0.0] * (2 * self.setup.n_joints) + still + [0.0] * len(still)
+
+    def seen(self, signals: Signals, to_go: Array) -> Array:
+        """What the filter takes in, about what it is at the goal, (n, p)."""
+        found: Array = signals.outputs(-to_go) - self.at_rest
+        return found

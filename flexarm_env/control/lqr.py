@@ -30,12 +30,13 @@ class StateWeights:
     bend: float
     bend_rate: float
 
-    def of_outputs(self, first: float, joints: int, bends: int | None = None) -> Array:
-        """On the outputs (4 N,) of an arm's model, of which `bends` (None: N) are deflections; first: its first
-        flexible frequency, rad/s."""
-        many = joints if bends is None else bends
+    def stage(self, C: Array, first: float, joints: int) -> Array:
+        """(S, S): cost of a state, by rows C (O, S) of so many angles, their rates, deflections and their rates; first:
+        the model's first flexible frequency, rad/s."""
+        many = len(C) // 2 - joints
         weights = [self.angle, self.rate / first, self.bend, self.bend_rate / first]
-        return np.repeat(weights, [joints, joints, many, many])
+        own = np.diag(np.repeat(weights, [joints, joints, many, many]) ** 2)
+        return np.asarray(C.T @ own @ C + 1e-6 * np.eye(C.shape[1]))
 
 
 @dataclass(frozen=True)
@@ -85,8 +86,7 @@ def design(arm: Arm, limits: tuple[float, ...], dt: float, gains: LQRGains, post
     A, B = model.discrete(dt)
     C = model.C
     first = model.frequencies[0]
-    Q = C.T @ np.diag(gains.of_outputs(first, n) ** 2) @ C + 1e-6 * np.eye(len(A))
-    K, _ = riccati(A, B, Q, np.diag(1.0 / np.asarray(limits) ** 2))
+    K, _ = riccati(A, B, gains.stage(C, first, n), np.diag(1.0 / np.asarray(limits) ** 2))
     W = B @ np.diag((gains.noise * np.asarray(limits)) ** 2) @ B.T + 1e-10 * np.eye(len(A))
     V = np.diag(np.repeat([SENSOR, SENSOR * first, SENSOR, SENSOR * first], n) ** 2)
     S = solve_discrete_are(A.T, C.T, W, V)

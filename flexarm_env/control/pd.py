@@ -1,4 +1,4 @@
-"""PD control of the joints."""
+"""PD control of the joints: in the plane, and in space about the arm's rest at its target under gravity."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..parameters import Arm
 from .arm_model import arm_model
 from .base import Controller, Setup, Signals
+from .space import AboutRest, holding
 
 Array = NDArray[np.float64]
 
@@ -50,4 +51,50 @@ class PD(Controller):
     def towards(self, wanted: Array, angles: Array, rates: Array) -> Array:
         """Torques (N,), N m, that turn joints at angles, with filtered rates, to the angles wanted, all (N,)."""
         found: Array = self.kp * (wanted - angles) - self.kd * rates
+        return found
+
+
+@dataclass(frozen=True)
+class SpatialPDGains:
+    """rate: rad/s, of each joint under its spring, others still. ratio: of damping. lag: s, of the filter of rates: a
+    beam's root turns so lightly that what is sampled of it must not come back at once."""
+
+    rate: float
+    ratio: float
+    lag: float
+
+
+class SpatialPD(AboutRest):
+    """What holds the arm, and a PD about its goal."""
+
+    def __init__(self, setup: Setup, gains: SpatialPDGains) -> None:
+        super().__init__(setup)
+        self.gains = gains
+        self.passed = float(1.0 - np.exp(-setup.control_dt / gains.lag))
+        """Of a change of the rates, by their filter, in a period."""
+
+    def initialise(self, signals: Signals, to_go: Array) -> None:
+        super().initialise(signals, to_go)
+        self.rates = signals.rates.copy()
+
+    def torques(self, signals: Signals, to_go: Array) -> Array:
+        return self.forward(to_go) + self.pulled(signals, to_go)
+
+    def pulled(self, signals: Signals, to_go: Array, rates: Array | float = 0.0) -> Array:
+        """Torques (n, N), N m, towards joint angles and rates."""
+        self.rates += self.passed * (signals.rates - rates - self.rates)
+        found: Array = np.diagonal(self.inertia, axis1=1, axis2=2) * self._pull(to_go, self.rates)
+        return found
+
+    def _pull(self, to_go: Array, rates: Array) -> Array:
+        """Accelerations of the joints, rad/s^2."""
+        rate, ratio = self.gains.rate, self.gains.ratio
+        found: Array = rate * rate * np.clip(to_go, -1.0, 1.0) - 2.0 * ratio * rate * rates
+        return found
+
+    def towards(self, wanted: Array, angles: Array, rates: Array) -> Array:
+        """Torques (N,), N m, that hold the rigid arm's weight and turn joints at angles, with filtered rates, to the
+        angles wanted, all (N,)."""
+        weight, inertia = holding(self.setup.arm, self.gravity, angles[None], self.bodies)
+        found: Array = weight[0] + np.diag(inertia[0]) * self._pull(wanted - angles, rates)
         return found

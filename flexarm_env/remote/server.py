@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..control import make as controller
 from ..control.base import Setup
-from ..control.pd import PD
-from ..control.space_pd import SpatialPD
+from ..control.pd import PD, SpatialPD
 from .packet import (
     ARM,
     HELD,
