@@ -33,7 +33,7 @@ from benchmarks.pages import write_page
 from flexarm_env import control
 from flexarm_env.control import optimal
 from flexarm_env.control.dynamics import Dynamics, dynamics
-from flexarm_env.control.mpc import MPC, MPCGains, regulator, stage_weight
+from flexarm_env.control.mpc import MPC, MPCGains, regulator
 from flexarm_env.training import episodes as fixed
 from flexarm_env.training.evaluate import Arguments as Question
 from flexarm_env.training.evaluate import keywords as keywords_of
@@ -260,7 +260,7 @@ def planned(lot: Lot, case: Case, guess: Guess, limit: int) -> Array:
     if plant.n_inputs == 1:
         goal = lot.target[:, None]
     home, arm, period = plant.rest(goal), plant.arm, plant.period
-    stage = stage_weight(arm, period, AFTER)
+    stage = plant.stage_weight(AFTER)
     after = [regulator(arm, period, AFTER, tuple(angles[1:].tolist())) for angles in goal]
     motion = optimal.least_settling(
         plant, lot.x, home, lot.off, (stage, np.stack([r.P for r in after])), guess=guess.actions,

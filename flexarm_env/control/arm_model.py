@@ -7,11 +7,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..parameters import Arm
+from ..scene import Scene
+
+if TYPE_CHECKING:
+    from ..linear.state_space import LinearModel
 
 Array = NDArray[np.float64]
 
@@ -84,6 +89,15 @@ class ArmModel:
         return np.concatenate([q, v], axis=-1)
 
 
+def linear_model(arm: Arm, posture: tuple[float, ...], **options: Any) -> LinearModel:
+    """The elastica's about rest with elbows at a posture, rad (() is straight); options: of `linear.linearize`."""
+    from ..linear import linearize
+
+    angles = (0.0, *np.cumsum(posture or np.zeros(arm.n_links - 1)).tolist())
+    scene = Scene("design", arm, angles=angles, duration=1.0, dt=1e-3)
+    return linearize(scene, "elastica", nodes=NODES, **options)
+
+
 @lru_cache(maxsize=256)
 def arm_model(arm: Arm, posture: tuple[float, ...] = (), flexible: int | None = None) -> ArmModel:
     """The arm's linear model about rest.
@@ -92,13 +106,7 @@ def arm_model(arm: Arm, posture: tuple[float, ...] = (), flexible: int | None = 
         arm: the arm. posture: angles of joints 1 to N-1, rad (() is straight).
         flexible: modes kept beside the N rigid ones, at least 1; None keeps N + 1.
     """
-    from ..linear import linearize
-    from ..scene import Scene
-
-    n_joints = arm.n_links
-    angles = (0.0, *np.cumsum(posture or np.zeros(n_joints - 1)).tolist())
-    scene = Scene("design", arm, angles=angles, duration=1.0, dt=1e-3)
-    full = linearize(scene, "elastica", nodes=NODES)
+    n_joints, full = arm.n_links, linear_model(arm, posture)
     size = len(full.A) // 2
     stiffness, damping, force = -full.A[size:, :size], -full.A[size:, size:], full.B[size:]
     values, vectors = np.linalg.eig(stiffness)

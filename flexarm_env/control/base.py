@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..parameters import Arm
+from ..rigid import rigid_inertia
 from ..sensors import Sensors
 from ..shapes import Shape
-from .kinematics import goal_angles, rigid_inertia, tip_in_hub_frame, wrapped
+from .kinematics import goal_angles, tip_in_hub_frame, wrapped
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,9 +21,9 @@ from ..derivatives import Periods
 from ..parameters import Arm
 from ..physics.elastica.chain import chain
 from ..physics.space.reading import read
+from ..rigid import rigid_inertia
 from ..settings import Settings
 from .arm_model import arm_model
-from .kinematics import rigid_inertia
 from .lqr import StateWeights, riccati
 from .space import held_model, holding
 
@@ -343,7 +343,7 @@ class SpatialDynamics(Dynamics):
         """(m, N, N), kg m^2: of the rigid arm about its joints at angles (m, N)."""
         return holding(self.arm, np.array(self.gravity), angles)[1]
 
-    @property
+    @cached_property
     def first(self) -> float:
         """Lowest frequency of bending of the arm at joint angles 0, its joints free, rad/s."""
         n = self.n_inputs

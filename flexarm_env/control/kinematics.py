@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..parameters import Arm
-from ..rigid import coriolis, rigid_inertia
 
 Array = NDArray[np.float64]
 
@@ -74,9 +73,3 @@ def goal_angles(arm: Arm, angles: Array, target: Array, rates: Array) -> Array:
     x = np.cos(hub) * target[:, 0] - np.sin(hub) * target[:, 1]
     y = np.sin(hub) * target[:, 0] + np.cos(hub) * target[:, 1]
     return np.array([goal_of(lengths, rates[i], limits, x[i], y[i], angles[i]) for i in range(len(angles))])
-
-
-__all__ = [
-    "coriolis", "goal_angles", "goal_of", "rigid_inertia", "rigid_times", "tip_in_hub_frame",
-    "wrapped",
-]  # fmt: skip

@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..parameters import Arm
+from ..rigid import rigid_inertia
 from ..sensors import Encoder, Sensors, StrainGauge
-from .arm_model import NODES, held, postures
+from .arm_model import held, linear_model, postures
 from .base import Controller, Setup, Signals
-from .kinematics import rigid_inertia
 from .lqr import SENSOR, StateWeights, riccati
 from .space import AboutRest, held_model, holding
 
@@ -98,15 +98,9 @@ class Design(NamedTuple):
 @lru_cache(maxsize=256)
 def plant(setup: Setup, posture: tuple[float, ...]) -> Plant:
     """The arm with its elbows at a posture in rad, and the gauges that are observed."""
-    from ..linear import linearize
-    from ..scene import Scene
-
-    n = setup.n_joints
-    places = [(gauge.link, gauge.place) for gauge in gauges_of(setup).values()]
-    angles = (0.0, *np.cumsum(posture or np.zeros(n - 1)).tolist())
-    scene = Scene("design", setup.arm, angles=angles, duration=1.0, dt=1e-3)
-    free = linearize(scene, "elastica", nodes=NODES, gauges=places)
-    held = linearize(scene, "elastica", nodes=NODES, gauges=places, discrete=setup.control_dt, method="zoh")
+    n, places = setup.n_joints, [(gauge.link, gauge.place) for gauge in gauges_of(setup).values()]
+    free = linear_model(setup.arm, posture, gauges=places)
+    period = linear_model(setup.arm, posture, gauges=places, discrete=setup.control_dt, method="zoh")
     size = len(free.A) // 2
     stiffness, joints = free.A[size:, :size], free.C[[free.outputs.index(f"joint{k}") for k in range(n)], :size]
     modes = np.linalg.svd(stiffness)[2][-n:].T
@@ -114,7 +108,7 @@ def plant(setup: Setup, posture: tuple[float, ...]) -> Plant:
     first = float(np.sqrt(np.sort(-np.linalg.eigvals(stiffness).real)[n]))
     rows = dict(zip(free.outputs, free.C, strict=True))
     inertia = rigid_inertia(setup.arm, np.array([posture or (0.0,) * (n - 1)]))[0]
-    return Plant(held.A, held.B, rows, rigid, inertia, first, free.states, _shown(setup.arm, rows))
+    return Plant(period.A, period.B, rows, rigid, inertia, first, free.states, _shown(setup.arm, rows))
 
 
 def bent_of(arm: Arm) -> list[tuple[str, float]]:

@@ -24,11 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..parameters import Arm
+from ..rigid import rigid_inertia
 from . import ilqr
 from .arm_model import GRID
 from .base import Controller, Setup, Signals
 from .dynamics import Dynamics, Grid, SpatialDynamics, dynamics
-from .kinematics import rigid_inertia, rigid_times
+from .kinematics import rigid_times
 from .lqr import SENSOR, StateWeights, riccati
 from .optimal import Bounds, within
 from .space import AboutRest
@@ -76,18 +77,12 @@ class Regulator(NamedTuple):
     reach: float
 
 
-@lru_cache(maxsize=32)
-def stage_weight(arm: Arm, period: float, gains: MPCGains, gravity: tuple[float, ...] | None = None) -> Array:
-    """(S, S): cost of a state's distance from rest at the goal."""
-    return dynamics(arm, period, gravity=gravity).stage_weight(gains)
-
-
 @lru_cache(maxsize=512)
 def regulator(arm: Arm, period: float, gains: MPCGains, posture: tuple[float, ...]) -> Regulator:
     """The regulator at a posture (elbow angles, rad)."""
     plant = dynamics(arm, period)
     rest = plant.still(np.array([(0.0, *posture)]))
-    return regulators(plant, *rest, stage_weight(arm, period, gains))[0]
+    return regulators(plant, *rest, plant.stage_weight(gains))[0]
 
 
 def regulators(plant: Dynamics, x: Array, u: Array, stage: Array) -> list[Regulator]:
@@ -120,7 +115,7 @@ class MPC(Controller):
         own = setup.gravity if arm.spatial else None
         held = [dynamics(arm, k * dt, gravity=own) for k in range(1, gains.block + 1)]
         self.plant, self.grids = held[0], [Grid(first, held[-1]) for first in held]
-        self.stage = stage_weight(arm, dt, gains, own)
+        self.stage = self.plant.stage_weight(gains)
         joints = [(-np.inf, np.inf) if one is None else one for one in arm.joint_limits or ()]
         self.bounds = Bounds(joints=joints, keep_out=setup.keep_out, margin=gains.margin * arm.total_length)
         self.effort = np.full(setup.n_joints, float(gains.block))

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..parameters import Arm
+from ..rigid import coriolis, rigid_inertia
 from .arm_model import arm_model, postures
 from .base import Controller, Setup, Signals
-from .kinematics import coriolis, rigid_inertia, rigid_times
+from .kinematics import rigid_times
 from .pd import PDGains, SpatialPD, SpatialPDGains
 from .space import held_model, holding
 
