@@ -22,7 +22,7 @@ from .physics.gauges import Spot, curvature_rows
 from .physics.integrator.work import unpack, work_size
 from .physics.joints.build import with_own_laws
 from .physics.layout import COUNTS, POSE, SPACE_POSE
-from .physics.model import OK, STIFFNESS_FACTOR, TAU_D, System
+from .physics.model import OK, STIFFNESSES, TAU_D, System
 from .physics.space.reading import read
 from .runtime import episode as environment
 from .runtime import starts
@@ -155,8 +155,7 @@ class Batch:
         assert settings.dt is not None
         self.arm, self.settings, self.n, self.task, self.starts = arm, settings, n, task, starts
         self.period, self.gravity, self.books, self.extras = period, gravity, books, extras or Extras()
-        _, (_, bending), (_, damping), _ = starts.factors
-        self.tolerance = precision.of_torques(arm, settings, bending, damping)
+        self.tolerance = precision.of_torques(arm, settings, precision.largest(starts), starts.factors[2][1])
         pushed = self.extras.pushes is not None
         self.systems = fitted_systems(standing_scene(arm, settings.dt, gravity, pushed=pushed), settings)
         self.systems = [with_own_laws(system) for system in self.systems] if starts.laws else self.systems
@@ -257,7 +256,7 @@ class Batch:
 
     # --- motion ----------------------------------------------------------------------------------
     def parameters(self, i: int) -> Array:
-        """Payload mass, payload inertia, EI factor and tau_d of arm i (see `physics.model.PAYLOAD_MASS`), a copy."""
+        """What is arm i's own (see `physics.model.PAYLOAD_MASS`), a copy."""
         return self._par(i).copy()
 
     def motion(self, i: int) -> tuple[Array, Array, Array]:
@@ -265,7 +264,7 @@ class Batch:
         return tuple(rows[i].copy() for rows in self.motions()[:3])
 
     def motions(self) -> tuple[Array, Array, Array, Array]:
-        """Of all arms: coordinates and rates (n, rows), joint torques (n, N), parameters (n, 4), copies."""
+        """Of all arms: coordinates and rates (n, rows), joint torques (n, N), parameters as `parameters`, copies."""
         work = uncompiled(unpack)(self.lane, self.system.model, np.arange(self.layout.par, dtype=np.float64), 0)
         rows, lanes = len(self.system.q0), len(self.lane)
 
@@ -381,9 +380,10 @@ class Batch:
         self.table[:, i] = self._mine(self.layout.info, self.layout.saved, i)
 
     def check_stiffness(self, block: Array) -> None:
-        """An arm's `block` of `get_state` whose own EI or tau_d is too stiff for double precision is a ValueError."""
+        """An arm's `block` of `get_state` that is itself too stiff for double precision is a ValueError."""
         own = block[self._work :][: len(self.system.par)]
-        precision.check_parameters(self.arm, self.settings, own[STIFFNESS_FACTOR], own[TAU_D], 0.0, "state.arm")
+        factors = {name: own[k] for name, k in STIFFNESSES.items() if self.arm.spatial or name == "EI"}
+        precision.check_parameters(self.arm, self.settings, factors, own[TAU_D], 0.0, "state.arm")
 
     @property
     def counts(self) -> Array:

@@ -21,7 +21,7 @@ from .physics import assembly, precision
 from .physics.integrator.start import restart
 from .physics.integrator.work import Work, unpack, work_size
 from .physics.layout import DISSIPATED, POSE, WORK_DONE
-from .physics.model import MESSAGE, OK, STATUS, STIFFNESS_FACTOR, TIMED_OUT, Drive, System
+from .physics.model import EI_Y_FACTOR, MESSAGE, OK, STATUS, STIFFNESS_FACTOR, TIMED_OUT, Drive, System
 from .rest import rested
 from .runtime.fitted import APART, FITS, close_fit, end_run, open_fit, start_run
 from .runtime.keeping import keep
@@ -439,7 +439,8 @@ def _probe(
 ) -> accuracy.Probe:  # fmt: skip
     """A companion run: its tips alone. stiffness: times EI."""
     simulation = Simulation(scene, accuracy.in_steps(scene, settings, end, interval))
-    simulation.follow, simulation.par[STIFFNESS_FACTOR] = levels, simulation.par[STIFFNESS_FACTOR] * stiffness
+    simulation.follow = levels
+    simulation.par[[STIFFNESS_FACTOR, EI_Y_FACTOR][: 1 + simulation.scene.spatial]] *= stiffness
     simulation.compile()
     simulation.deadline = None if allowed is None else time.perf_counter() + allowed
     fields, _ = simulation.record(end, interval)

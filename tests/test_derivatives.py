@@ -57,6 +57,12 @@ def dragged() -> Any:
     return dataclasses.replace(arms_by_name.named("de_luca_siciliano"), mass_damping=0.3)
 
 
+_THREE = arms_by_name.named("three_dof")
+SHORT = dataclasses.replace(
+    _THREE, links=_THREE.links[:2], elbows=_THREE.elbows[:1], torque_limits=(_THREE.torque_limits or ())[:2]
+)
+"""Yaw and a strip that pitches, bends both ways and twists."""
+
 ONE, TWO = "FlexibleArm-v0", "TwoLinkFlexArm-v0"
 FLOATING, EXACT = {"formulation": "floating_frame"}, {"formulation": "geometrically_exact"}
 FALL, ROOT_MODES = {"gravity": (0.0, -9.81)}, {"frame": "root", "modes": 2, "segments": 1}
@@ -199,15 +205,12 @@ def as_the_jacobians(arms: Arms, state: Array, action: Array, most: float) -> No
     ids=["parameters", "motors", "targets", "gears"],
 )
 def test_in_space(keywords: dict[str, Any]) -> None:
-    """Yaw and a strip that pitches, bends both ways and twists: relative error of a period below 3e-6 for each arm, by
+    """Of `SHORT`: relative error of a period below 3e-6 for each arm, by
     one of two steps of the differences (forces are cut off in Newton's matrix, which is a kink of 1e-4 that one of them
     may step over; accelerations have round-off of 1e-6), of five periods' observations below 1e-5. Without controllers
     and targets that move cotangents have kernels of their own, and are what the Jacobians give to 1e-10."""
-    arm = arms_by_name.named("three_dof")
-    short = dataclasses.replace(arm, links=arm.links[:2], elbows=arm.elbows[:1], torque_limits=arm.torque_limits[:2])
-    if keywords.pop("geared", False):
-        short = dataclasses.replace(short, joints=geared(2).joints)
-    arms = Arms("SpatialFlexArm-v0", 9, tolerance=1e-14, elements=1, **{"arm": short, **keywords})
+    arm = dataclasses.replace(SHORT, joints=geared(2).joints) if keywords.pop("geared", False) else SHORT
+    arms = Arms("SpatialFlexArm-v0", 9, tolerance=1e-14, elements=1, **{"arm": arm, **keywords})
     assert arms.backwards == ("action_mode" not in keywords and "task" not in keywords)
     as_in_the_environment(arms)
     state, action = moving(arms)
@@ -225,12 +228,42 @@ def test_in_space(keywords: dict[str, Any]) -> None:
 
 
 @pytest.mark.slow
+def test_factors_in_space_are_those_on_sections() -> None:
+    """Periods of an arm with a factor are those of an arm made with it, to round-off; so are derivatives by it, whose
+    columns are differences between such arms."""
+
+    def made(**stiffer: float) -> Arms:
+        sections = [{name: f * getattr(link.section, name) for name, f in stiffer.items()} for link in SHORT.links[1:]]
+        links = [dataclasses.replace(link, section=dataclasses.replace(link.section, **fields))
+                 for link, fields in zip(SHORT.links[1:], sections, strict=True)]  # fmt: skip
+        arm = dataclasses.replace(SHORT, links=(SHORT.links[0], *links))
+        return Arms("SpatialFlexArm-v0", 3, tolerance=1e-14, elements=2, arm=arm, parameters=True)
+
+    arms = made()
+    state, action = moving(arms)
+    found = arms.jacobians(state, action)
+    for name in ("EI", "EI_y", "GJ"):
+        k, e = arms.names.index(f"{name}_factor"), 1e-3
+        state[:, k], there = 1.1, made(**{name: 1.1})
+        own, state[:, k] = arms.step(state, action)[1], 1.0
+        assert abs(own - there.step(state, action)[1]).max() < 1e-10
+        there.close()
+        assert abs(own - found.observation).max() > 1e-5
+        total = 0.0
+        for way in (1.0, -1.0):
+            there = made(**{name: 1.0 + way * e})
+            total = total + way / (2.0 * e) * after(there, state, action)
+            there.close()
+        total[:, k] = 1.0  # the factor itself
+        assert np.linalg.norm(found.moved[:, :, k] - total) < 1e-5 * np.linalg.norm(total)
+    arms.close()
+
+
+@pytest.mark.slow
 def test_dry_friction_in_space() -> None:
     """Joints stick and slide as they did, backwards as forwards; differences would step over the kinks."""
-    arm = arms_by_name.named("three_dof")
-    short = dataclasses.replace(arm, links=arm.links[:2], elbows=arm.elbows[:1], torque_limits=arm.torque_limits[:2])
-    short = dataclasses.replace(short, joints=rough(2).joints)
-    arms = Arms("SpatialFlexArm-v0", 9, tolerance=1e-14, elements=1, arm=short)
+    arm = dataclasses.replace(SHORT, joints=rough(2).joints)
+    arms = Arms("SpatialFlexArm-v0", 9, tolerance=1e-14, elements=1, arm=arm)
     assert arms.backwards
     as_the_jacobians(arms, *moving(arms), 1e-10)
     arms.close()

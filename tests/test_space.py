@@ -20,7 +20,9 @@ from flexarm_env.linear import linearize, modes, static_equilibrium
 from flexarm_env.linear.space import stability_of
 from flexarm_env.physics import assembly, protocol
 from flexarm_env.physics.layout import STEPS
+from flexarm_env.physics.model import STIFFNESSES
 from flexarm_env.physics.protocol import RESIDUAL_ALONE, State, Weights
+from flexarm_env.physics.space.layout import FRAME, points_for
 from flexarm_env.physics.space.reading import tips
 from flexarm_env.sections import torsion_constant
 from flexarm_env.simulation import Simulation
@@ -91,17 +93,22 @@ def _solved(lane, model, S, x):  # type: ignore[no-untyped-def]
 
 class Drawn:
     """A chain with oblique hinges, tensors, offsets, in a drawn state; with `levers` rigid ends and a rigid link; with
-    `damped` time constants that differ from link to link, else next to none: one compiled form."""
+    `damped` time constants that differ from link to link, else next to none: one compiled form. stiffer: factors on
+    fields of its sections."""
 
     def __init__(
         self, levers: bool, bent: float, moving: float, damped: bool = False, how: str = EXACT,
-        joints: tuple[fx.Joint, ...] = (),
+        joints: tuple[fx.Joint, ...] = (), stiffer: dict[str, float] | None = None,
     ) -> None:  # fmt: skip
         def tensor(*own: float) -> Any:
             return tuple(map(tuple, np.diag(own)))
 
         s = fx.Section(EI=10.0, EA=1e4, C=4e3, m=0.5, J=1e-3, EI_y=20.0, C_y=4e3, J_y=2e-3, GJ=5.0)
         thin = dataclasses.replace(s, EI=3.0, EI_y=12.0, m=0.3)
+        s, thin = (
+            dataclasses.replace(x, **{name: f * getattr(x, name) for name, f in (stiffer or {}).items()})
+            for x in (s, thin)
+        )
         tapered = fx.Link(1.0, ((0.0, s), (1.0, thin)), curvature=((0.0, 0.8), (1.0, -0.3)))
         links: tuple[fx.Link, ...] = (tapered, fx.Link(0.6, s), fx.Link(0.7, s, curvature=0.5))
         if levers:
@@ -204,6 +211,35 @@ def test_damping_takes_what_the_power_lacks(levers: bool, how: str) -> None:
     """r . v - d(T + V)/dt = v'C v, which the books count, with a time constant of each link's own: positive."""
     taken, lost, _ = _taken(Drawn(levers, 0.02, 1.0, damped=True, how=how))
     assert lost > 0.0 and taken == pytest.approx(lost, rel=1e-5)
+
+
+@CHAINS
+@pytest.mark.parametrize(("name", "shear"), [("EI", "C"), ("EI_y", "C_y"), ("GJ", "")])
+def test_a_factor_is_that_on_the_sections(levers: bool, how: str, name: str, shear: str) -> None:
+    """Forces, energy, damping and Newton's matrix, to round-off. A segment's bending and shear are one stiffness, and
+    what it is shorter for its bending is left as it is."""
+    frames = how in (FLOATING, MODES)
+    fields = {name: 1.3} | ({shear: 1.3} if shear and frames else {})
+    own, other = Drawn(levers, 0.05, 1.0, True, how), Drawn(levers, 0.05, 1.0, True, how, stiffer=fields)
+    own.par[STIFFNESSES[name]] = 1.3
+    if frames:
+        sizes = {"inner": 2 * (how == MODES)}
+        sizes["points"] = points_for(sizes["inner"])
+        for field in ("coupling", "inner_coupling"):
+            here, there = (FRAME.unpack(x.model.frames.reshape(-1, FRAME.offsets(0, **sizes).end), **sizes)[field]
+                           for x in (own, other))  # fmt: skip
+            there[:] = here
+    found = []
+    for arm in (own, other):
+        S, x = arm.room.copy(), np.sin(np.arange(arm.n))
+        _factored(SINGLE, arm.model, arm.par, State(own.q, own.v, own.a), arm.u, Weights(1e4, 1e2, 1.0), x.copy(), S)
+        _solved(SINGLE, arm.model, S, x)
+        lost = float(_lost(SINGLE, arm.model, arm.par, own.q, own.v))
+        found.append((arm.residual(own.q, own.v, own.a), arm.energy(own.q, own.v), lost, x))
+    for one, two in zip(*found, strict=True):
+        assert np.abs(one - two).max() < 1e-11 * np.abs(two).max()
+    apart = np.abs(Drawn(levers, 0.05, 1.0, True, how).residual(own.q, own.v, own.a) - found[0][0])
+    assert apart.max() > 1e-3
 
 
 NEAR = pytest.mark.parametrize(("bent", "moving", "most"), [(0.0, 0.0, 1e-6), (1e-3, 0.1, 1e-3), (0.01, 0.3, 0.05)])

@@ -307,6 +307,23 @@ def test_strain_at_rest_is_that_of_the_weight() -> None:
     assert costs == [0.0, 1.0, 0.0]
 
 
+def test_drawn_stiffnesses() -> None:
+    """EI is on both bendings, EI_y and GJ each on their own besides; what else is drawn stays; in the plane refused."""
+    both: dict[str, Any] = {"EI": (0.5, 1.5), "payload_inertia": (1.0, 1.0)}
+    drawn = []
+    for more in ({}, {"EI_y": (0.8, 1.2), "GJ": (0.5, 2.0)}):
+        env = gym.make_vec("SpatialFlexArm-v0", num_envs=9, randomization=both | more, info_level="numbers", **COARSE)
+        _, info = env.reset(seed=4)
+        EI, EI_y, GJ = (info.get(f"drawn_{name}", np.ones(9)) for name in ("EI", "EI_y", "GJ"))
+        own = np.array([env.unwrapped.batch.parameters(i) for i in range(9)])
+        assert own.shape == (9, 6) and np.array_equal(own[:, [2, 4, 5]].T, [EI, EI * EI_y, GJ])
+        drawn.append((EI, EI_y, GJ))
+    assert np.array_equal(drawn[0][0], drawn[1][0]) and (drawn[0][1] == 1.0).all() and (drawn[0][2] == 1.0).all()
+    assert len({*drawn[1][1], *drawn[1][2]}) == 18
+    with pytest.raises(ValueError, match=r"randomization\.GJ"):
+        gym.make("FlexibleArm-v0", randomization={"GJ": (0.5, 2.0)})
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -319,6 +336,8 @@ def test_strain_at_rest_is_that_of_the_weight() -> None:
         ({"action_mode": "voltage"}, "arm.joints[0].motor: missing"),
         ({"sensors": {"strain_gauges": [0.0]}}, "strain_gauges[0].link = 0: must be a link that bends"),
         ({"randomization": {"friction": (0.5, 2.0)}}, "randomization.friction"),
+        ({"randomization": {"GJ": (0.0, 1.0)}}, "randomization.GJ[0] = 0.0: must be a positive number"),
+        ({"randomization": {"EI_y": (1.0, 1e15)}}, "randomization.EI_y[1] = 1000000000000000.0: must be at most"),
         ({"formulation": "elastica"}, "formulation = 'elastica'"),
         ({"arm": "three_strips"}, "arm = 'three_strips': must leave the x-y plane"),
         ({"gravity": (0.0, -9.81)}, "gravity"),

@@ -38,9 +38,10 @@ class Arms(Periods):
 
     Args:
         id: of an environment of this package. n: how many arms. threads: at most so many; None: as the vector
-            environment chooses. parameters: also by payload mass and inertia, the factor on EI, tau_d and the factor on
-            the torque constant, and by what joints that are not ideal have of stiffness, damping, rotor, friction and
-            backlash (`stiffness[0]`, ...), which then stand last among the numbers that move, but for what was seen.
+            environment chooses. parameters: also by payload mass and inertia, the factor on EI (in space those on EI,
+            EI_y and GJ), tau_d and the factor on the torque constant, and by what joints that are not ideal have of
+            stiffness, damping, rotor, friction and backlash (`stiffness[0]`, ...), which then stand last among the
+            numbers that move, but for what was seen.
         keywords: of the environment and its solver.
     Attributes:
         n, state_size, action_size, observation_size. moving: how many of a state's first numbers change with time or

@@ -12,7 +12,7 @@ from .. import validation as check
 from ..batch import Batch
 from ..compiler import SINGLE, WIDEST, Crew, Placed, dual, entry, native, uncompiled
 from ..physics import precision
-from ..physics.model import OK, Elastica, ExactBeam, FloatingChain, Jointed
+from ..physics.model import OK, STIFFNESSES, Elastica, ExactBeam, FloatingChain, Jointed
 from ..physics.space.chain import SpatialBeam, SpatialElastica
 from ..runtime import derivative
 from ..runtime.adjoint import adjoint, room_of
@@ -149,8 +149,8 @@ class Periods:
         if guided is not None:
             program = program_of(program, guided[1])
         self.n = program.n
-        if parameters and isinstance(program.model, Jointed):
-            program = program._replace(model=program.model._replace(own=(0,)))
+        if parameters and isinstance(program.model, Jointed) and program.model.own is None:
+            program = program._replace(model=program.model._replace(own=(0,) * len(batch.system.par)))
         model, fitted = program.model, program.models is not None
         self.action_size = len(task.links)
         lanes, layout = len(batch.lane), batch.layout
@@ -171,10 +171,9 @@ class Periods:
         layouts = [layout_of(k, model, task, batch.entries, extras, fitted) for k in (lanes, len(both))]
         seen, rows, size = self._memory.entries, core + self._memory.entries + 1, len(names)
         self.observation_size = self._memory.size
-        self._stiff = [
-            k for k, name in enumerate(self.names) if name in ("EI_factor", "tau_d") or name[:10] == "stiffness["
-        ]
-        self._last_stiff: tuple[float, ...] = ()
+        stiff = "EI_factor", "EI_y_factor", "GJ_factor", "tau_d"
+        self._stiff = [k for k, name in enumerate(self.names) if name in stiff or name[:10] == "stiffness["]
+        self._last_stiff: list[float] = []
         self._laws = None
         if parameters and isinstance(model, Jointed) and not batch.starts.laws:
             self._laws = laws_of(model, names)
@@ -323,11 +322,13 @@ class Periods:
 
     def _carried(self, rows: Array) -> None:
         """Arms whose parameters are too stiff for double precision are a ValueError."""
-        bending, damping, *springs = np.fmax.reduce(rows[:, self._stiff], axis=0).tolist()
-        if (bending, damping, *springs) != self._last_stiff:
-            arm, settings = self._batch.arm, self._batch.settings
-            precision.check_parameters(arm, settings, bending, damping, max(springs, default=0.0), "state")
-            self._last_stiff = (bending, damping, *springs)
+        most = np.fmax.reduce(rows[:, self._stiff], axis=0).tolist()
+        if most != self._last_stiff:
+            of = dict(zip((self.names[k] for k in self._stiff), most, strict=True))
+            factors = {name: of[f"{name}_factor"] for name in STIFFNESSES if f"{name}_factor" in of}
+            spring = max((of[name] for name in of if name.startswith("stiffness[")), default=0.0)
+            precision.check_parameters(self._batch.arm, self._batch.settings, factors, of["tau_d"], spring, "state")
+            self._last_stiff = most
 
     def _rows(self, name: str, size: int) -> Array:
         return np.array(getattr(self._program, name).reshape(self.n, size))

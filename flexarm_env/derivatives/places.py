@@ -10,6 +10,7 @@ from ..compiler import size, uncompiled
 from ..physics.integrator.work import unpack
 from ..physics.joints.layout import LAW as JOINT_LAW
 from ..physics.joints.layout import PLACE, PLACES
+from ..physics.model import OWN, OWN_IN_SPACE
 from ..runtime.layout import record_sizes
 from ..tasks.program import (
     CHANGE,
@@ -17,7 +18,6 @@ from ..tasks.program import (
     HOLD,
     LAW,
     LEVEL,
-    PARAMETERS,
     PATH,
     PATH_AT,
     PERIODS,
@@ -30,8 +30,6 @@ from ..tasks.program import (
 )
 
 _JOINT, _LAW = JOINT_LAW.places, LAW.places
-OWN = ("payload_mass", "payload_inertia", "EI_factor", "tau_d")
-"""What arms have of their own (`physics.model.PAYLOAD_MASS` and so on)."""
 
 
 class _Place(NamedTuple):
@@ -71,9 +69,10 @@ def places_of(
     moving += recorded("acted", at.acted, len(task.acted))
     if extras.actuator is not None:
         moving += recorded("motor", at.torque, links) + recorded("asked", at.commands, at.seen - at.commands)
-    own = [_Place(name, layout.par + k * stride) for k, name in enumerate(OWN)]
+    words = OWN_IN_SPACE if len(task.targets) == 3 else OWN
+    own = [_Place(name, layout.par + k * stride) for k, name in enumerate(words)]
     own += recorded("torque_factor", TORQUE_FACTOR, 1)
-    own += [_Place(name, layout.par + (PARAMETERS + k) * stride) for k, name, _ in _laws(model)]
+    own += [_Place(name, layout.par + (len(model.own) + k) * stride) for k, name, _ in _laws(model)]
     given = [_Place(f"q[{k}]", int(work.q[0]) + k * stride) for k in sorted(fixed)]
     for name in "qvab":
         given += [_Place(f"{name}[{k}]", int(getattr(work, name)[0]) + k * stride) for k in sorted(passive)]

@@ -50,6 +50,8 @@ benchmarks/choose_default.py is the reason."""
 FACTORS = ("payload", "EI", "damping", "torque_constant")
 MORE = ("payload_inertia", "friction", "backlash", "motor_inertia")
 """Factors that are drawn only where they are asked for; those but the first are on what the arm's joints have."""
+MORE_IN_SPACE = ("EI_y", "GJ")
+"""Likewise, of what links have in space; EI is on EI_y too."""
 """Keys of `randomization`, each a range (low, high) of the factor on the nominal value."""
 
 
@@ -116,7 +118,7 @@ class Plan:
     @cached_property
     def farthest(self) -> float:
         """Largest angle of a start, rad (`physics.precision`)."""
-        return precision.farthest(self.arm, self.settings, self.starts.factors[1][1])
+        return precision.farthest(self.arm, self.settings, precision.largest(self.starts))
 
     @property
     def deflection_bound(self) -> float:
@@ -209,12 +211,12 @@ def plan(
     vibration = check.number("initial_vibration", initial_vibration, minimum=0.0, maximum=0.5)
     begun, absolute = events.starts(kind, own, starts)
     factors, more = _factors(randomization, own)
-    laws = more is not None and more[1:] != ((1.0, 1.0),) * 3
+    laws = more is not None and more[1:4] != ((1.0, 1.0),) * 3
     begun = dataclasses.replace(begun, factors=factors, more=more, laws=laws, vibration=vibration)
     if vibration > 0.0:
         modes = swing(own, settings) if kind.space else shake(own, settings, frame.gravity)
         begun = dataclasses.replace(begun, shake=modes)
-    drawn = {name: k for k, name in enumerate((*FACTORS, *MORE)) if name in (randomization or {})}
+    drawn = {name: k for k, name in enumerate((*FACTORS, *MORE, *MORE_IN_SPACE)) if name in (randomization or {})}
     aims = events.aims(frame, extras, success, turns, absolute, bool(drawn))
     built = kind.build(own, weights, period, aims)
     return Plan(
@@ -305,26 +307,28 @@ def _gravity(kind: Kind, given: Any) -> tuple[float, ...] | None:
 
 
 def _factors(given: Any, arm: Arm) -> tuple[tuple[events.Pair, ...], tuple[events.Pair, ...] | None]:
-    """Ranges of `FACTORS`, and of `MORE`: None where none of these is given."""
-    table, rows = table_of("randomization", given, (*FACTORS, *MORE)), []
+    """Ranges of `FACTORS`, and of `MORE` (with `MORE_IN_SPACE` where one of those is given), or None."""
+    names = (*FACTORS, *MORE, *(MORE_IN_SPACE if arm.spatial else ()))
+    table, rows = table_of("randomization", given, names), []
     joints = [arm.joint(k) for k in range(arm.n_links)]
     there = {
         "friction": any(joint.friction_viscous > 0.0 or joint.friction_coulomb > 0.0 for joint in joints),
         "backlash": any(joint.backlash > 0.0 for joint in joints),
         "motor_inertia": any(joint.rotor > 0.0 for joint in joints),
     }
-    for name in (*FACTORS, *MORE):
+    for name in names:
         path = f"randomization.{name}"
         low, high = check.limits(path, table.get(name, (1.0, 1.0)), minimum=0.0)
-        if low == 0.0 and name in ("EI", "torque_constant"):
+        if low == 0.0 and name in ("EI", "EI_y", "GJ", "torque_constant"):
             raise check.InvalidValue(f"{path}[0]", low, "must be a positive number: an arm without it cannot be moved")
         if name == "motor_inertia" and low == 0.0:
             raise check.InvalidValue(f"{path}[0]", low, "must be positive: behind a gear something must move")
         if name in table and not there.get(name, True):
             raise check.InvalidValue(path, table[name], f"must not be given: no joint of {arm.name} has any")
         rows.append((low, high))
-    asked = any(name in table for name in MORE)
-    return tuple(rows[: len(FACTORS)]), tuple(rows[len(FACTORS) :]) if asked else None
+    drawn, more = len(FACTORS) + len(MORE), names[len(FACTORS) :]
+    last = len(names) if any(name in table for name in MORE_IN_SPACE) else drawn
+    return tuple(rows[: len(FACTORS)]), tuple(rows[len(FACTORS) : last]) if any(k in table for k in more) else None
 
 
 ARGUMENTS = (

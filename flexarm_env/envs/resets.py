@@ -99,8 +99,8 @@ def guide_of(plan: Plan, asked: Request) -> Guide | None:
     """The arm of an episode with prescribed motion; None for an ordinary episode."""
     if asked.motion is None:
         return None
-    if plan.starts.more is not None:
-        what = "must not be given in an environment that draws payload_inertia, friction, backlash or motor_inertia"
+    if plan.starts.laws:
+        what = "must not be given in an environment that draws friction, backlash or motor_inertia"
         raise check.InvalidValue("options.motion", "a motion", what)
     own = guide(plan, asked.motion, asked.angles)
     starts = own.starts().tolist()

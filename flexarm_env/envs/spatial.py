@@ -127,6 +127,7 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | `gravity` | (0, 0, -9.81) | (x, y, z), m/s^2 |
     | `elements`, `dt`, `tolerance` | 2, 0.0025, 1e-5 | elements a link; s; of Newton's increments |
     | `task` | "reach" | or "track": the target moves (`reference`: x, y, z over time, m; None: a circle); "replay" |
+    | `randomization` | {} | `EI` is a factor on EI and EI_y; also `EI_y` (besides `EI`) and `GJ` |
     | `starts` | {} | `angles`: (low, high) of each joint, rad; `target`: of the joint angles there; `straight` |
 
     `reference` as in TwoLinkFlexArm-v0, of three functions or a table t, x, y, z; of drawn paths `bearing` is that

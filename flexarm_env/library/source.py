@@ -20,7 +20,7 @@ from ..layout import Layout
 from ..physics import precision
 from ..physics.joints.layout import LAW, PLACES
 from ..physics.layout import POSES, SPACE_POSES
-from ..physics.model import JOINT_LAWS, Jointed
+from ..physics.model import STIFFNESSES, Jointed
 from ..tasks.program import ENERGIES, INFO, REQUEST, TORQUE_FACTOR
 
 VERSION = metadata.version("flexarm_env")
@@ -34,7 +34,10 @@ _OWN = (
 )  # fmt: skip
 """Of an arm's own parameters the name, unit, meaning and what each is at least."""
 
-_OWN_IN_SPACE = (_OWN[0], ("payload_inertia", "", "a factor on the payload's tensor", 0.0), *_OWN[2:])
+_OWN_IN_SPACE = (
+    _OWN[0], ("payload_inertia", "", "a factor on the payload's tensor", 0.0), ("EI_factor", "", "on EI", LEAST),
+    _OWN[3], ("EI_y_factor", "", "on EI_y", LEAST), ("GJ_factor", "", "on GJ", LEAST),
+)  # fmt: skip
 
 SENTENCES = {
     "ok": "ok",
@@ -135,13 +138,14 @@ class Source:
         counts = {"links": task.links, "targets": task.targets, "terms": task.terms, "further": task.further}
         return {key: len(value) for key, value in counts.items()}
 
-    def _most(self) -> tuple[float, float, float, float]:
+    def _most(self) -> tuple[float, ...]:
         """The largest parameters that double precision carries; see `physics.precision`."""
         batch, largest = self.batch, 10.0 * self.batch.arm.damping[0] * self.batch.starts.factors[2][1]
 
-        def carried(bending: float, damping: float) -> bool:
+        def carried(factor: float, damping: float) -> bool:
+            factors = dict.fromkeys(STIFFNESSES, factor)
             try:
-                precision.check_parameters(batch.arm, batch.settings, bending, damping, 0.0, "")
+                precision.check_parameters(batch.arm, batch.settings, factors, damping, 0.0, "")
             except check.InvalidValue:
                 return False
             return True
@@ -151,13 +155,13 @@ class Source:
         for _ in range(50):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if carried(2.0**middle, damping) else (low, middle)
-        return check.LARGEST, check.LARGEST, 2.0**low, damping
+        return check.LARGEST, check.LARGEST, 2.0**low, damping, 2.0**low, 2.0**low
 
     @cached_property
     def parameters(self) -> list[Parameter]:
         """What may be set between periods."""
         batch, system = self.batch, self.batch.system
-        own = zip(_OWN_IN_SPACE if self.spatial else _OWN, self._most(), strict=True)
+        own = zip(_OWN_IN_SPACE if self.spatial else _OWN, self._most(), strict=False)
         found = [
             Parameter(name, unit, meaning, float(system.par[k]), least, most, None, batch.layout.par + k)
             for k, ((name, unit, meaning, least), most) in enumerate(own)
@@ -174,7 +178,7 @@ class Source:
                 continue
             least = LEAST if field.name in ("stiffness", "rotor") else 0.0
             most = stiffest if field.name == "stiffness" else check.LARGEST
-            at = batch.layout.par + JOINT_LAWS + k
+            at = batch.layout.par + len(system.model.own or ()) + k
             about = f"{field.name}[{joint}]", field.unit.replace("^", ""), f"of joint {joint}: {field.meaning}", value
             found.append(Parameter(*about, least, most, None if drawn else k, at if drawn else 0))
         return found

@@ -38,9 +38,15 @@ MESSAGE = (
 )
 """Sentences of the status codes."""
 
-PAYLOAD_MASS, PAYLOAD_INERTIA, STIFFNESS_FACTOR, TAU_D, JOINT_LAWS = range(5)
-"""Entries of an arm's own parameters `par` (kg; kg m^2, in space a factor on the payload's tensor; factor on EI; s):
-what may differ between arms of a batch; behind them, where a `Jointed` model says so, the laws of its joints."""
+PAYLOAD_MASS, PAYLOAD_INERTIA, STIFFNESS_FACTOR, TAU_D, EI_Y_FACTOR, GJ_FACTOR = range(6)
+"""Entries of an arm's own parameters `par` (kg; kg m^2, in space a factor on the payload's tensor; factor on EI; s;
+in space alone factors on EI_y and GJ): what may differ between arms of a batch; behind them, where a `Jointed` model
+says so, the laws of its joints."""
+OWN = ("payload_mass", "payload_inertia", "EI_factor", "tau_d")
+OWN_IN_SPACE = (*OWN, "EI_y_factor", "GJ_factor")
+"""Their names."""
+STIFFNESSES = {"EI": STIFFNESS_FACTOR, "EI_y": EI_Y_FACTOR, "GJ": GJ_FACTOR}
+"""Those of sections that have one, the last two in space."""
 
 
 def damped(arm: Arm) -> tuple[int, ...] | NDArray[np.float64] | None:
@@ -286,7 +292,7 @@ class Jointed(NamedTuple):
     friction  (0,) where a joint has Coulomb friction, otherwise None
     play   (0,) where a gear has backlash, otherwise None
     spin   in space, where there are rotors, of each of these joints one over its gear's ratio; otherwise None
-    own    (0,) where the laws are each arm's own, in `par` from JOINT_LAWS on, and not those of `data`; otherwise None
+    own    where the laws are each arm's own and not those of `data`: zeros, as many as `par` has before them; or None
     """
 
     n: int | tuple[int, ...]
@@ -339,7 +345,7 @@ def fixed_rows(scene: Scene, coordinates: Mapping[str, int]) -> NDArray[np.int64
 class System:
     """An assembled scene: its Model, the arm's own parameters, the start, and where coordinates stand.
 
-    par  (4,): see PAYLOAD_MASS ... TAU_D. q0, v0 (n,): state at t = 0. coordinates: row of "joint0" ...,
+    par  (4,), in space (6,): see PAYLOAD_MASS and so on. q0, v0 (n,): state at t = 0. coordinates: row of "joint0" ...,
     "root_x", "root_y" (a negative entry -1 - j: prescribed by multiplier j). names (n,): of the rows.
     vectors (k, 2): rows of x and y in inertial axes of what turns with the arm; absolute (k,): rows of angles from the
     inertial x axis; nothing else turns with it.

@@ -12,7 +12,8 @@ tau_d / h) times the turn of a step: no more where a step resolves the motion.
 """
 
 import math
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,6 +42,9 @@ LEFT, FINEST = 1e-2, 1e-13
 STILL = 1e-12
 """rad: an arm that turns by less stands still."""
 
+ALIKE: Mapping[str, float] = {}
+"""Factors on no stiffness."""
+
 FASTEST = 2000
 """Instants at which a scene's motions and loads are looked at."""
 
@@ -65,10 +69,11 @@ def _sections(link: Link, space: bool) -> dict[str, float]:
 
 
 def stiffnesses(
-    arm: Arm, settings: Settings, bending: float = 1.0, damping: float = 1.0, space: bool = False
+    arm: Arm, settings: Settings, factors: Mapping[str, float] = ALIKE, damping: float = 1.0, space: bool = False
 ) -> list[Stiffness]:
-    """All that the formulation's forces have; bending, damping: factors on EI and tau_d; space: of a scene in space."""
-    found = []
+    """All that the formulation's forces have; factors: on EI, in space on EI_y and GJ; damping: on tau_d; space: of a
+    scene in space."""
+    found, bending = [], factors.get("EI", 1.0)
     assert settings.dt is not None
     slow = 1.0 + 2.0 * arm.damping[0] * damping / settings.dt
     for k, link in enumerate(arm.links):
@@ -88,22 +93,30 @@ def stiffnesses(
             if settings.formulation != "elastica":
                 found.append(Stiffness(f"{at}.C_y", has["C_y"], "N", has["C_y"] * link.length * slow))
             for name in ("EI_y", "GJ"):
-                found.append(Stiffness(f"{at}.{name}", has[name], "N m^2", has[name] * bending / link.length * slow))
+                bend = has[name] * factors.get(name, 1.0) / link.length
+                found.append(Stiffness(f"{at}.{name}", has[name], "N m^2", bend * slow))
         spring = arm.joint(k).stiffness
         if math.isfinite(spring):
             found.append(Stiffness(f"joints[{k}].stiffness", spring, "N m/rad", spring))
     return found
 
 
+def largest(starts: Any) -> dict[str, float]:
+    """Largest factors on EI, in space on EI_y and GJ, that a `batch.Starts` draws."""
+    bending, more = starts.factors[1][1], [high for _, high in starts.more or ()][4:] or [1.0, 1.0]
+    return {"EI": bending, "EI_y": bending * more[0], "GJ": more[1]}
+
+
 def ratio(
-    arm: Arm, settings: Settings, torque: float, bending: float = 1.0, damping: float = 1.0, space: bool = False
+    arm: Arm, settings: Settings, torque: float, factors: Mapping[str, float] = ALIKE, damping: float = 1.0,
+    space: bool = False,
 ) -> float:
-    """Sigma of an arm that a torque (N m) moves; bending, damping, space: see `stiffnesses`.
+    """Sigma of an arm that a torque (N m) moves; factors, damping, space: see `stiffnesses`.
 
     Raises:
         ValueError: it is above `MOST`; names the stiffness.
     """
-    found = stiffnesses(arm, settings, bending, damping, space)
+    found = stiffnesses(arm, settings, factors, damping, space)
     if not found:
         return 0.0
     worst = max(found, key=lambda one: one.torque)
@@ -111,8 +124,10 @@ def ratio(
     if not sigma <= MOST:
         path, value, unit = worst.path, worst.value, worst.unit
         own = max(stiffnesses(arm, settings, space=space), key=lambda one: one.torque)
-        if bending != 1.0 and own.torque / torque <= MOST:
-            path, value, unit = "randomization.EI[1]", bending, "times the arm's"
+        name = path.rpartition(".")[2]
+        name = "EI" if factors.get(name) == factors.get("EI") else name  # that is on EI_y too
+        if factors.get(name, 1.0) != 1.0 and own.torque / torque <= MOST:
+            path, value, unit = f"randomization.{name}[1]", factors[name], "times the arm's"
         raise check.InvalidValue(path, value, refusal(value * MOST / sigma, unit, settings, torque))
     return sigma
 
@@ -134,15 +149,18 @@ def tolerance(given: float, sigma: float, turn: float = math.inf) -> float:
     return given if min(given, 10.0 * turn**2) * sigma <= SHARE else min(given, max(FINEST, LEFT / sigma))
 
 
-def farthest(arm: Arm, settings: Settings, bending: float = 1.0) -> float:
+def farthest(arm: Arm, settings: Settings, factors: Mapping[str, float] = ALIKE) -> float:
     """Largest angle (rad) of a start that full torques still move the arm rightly from."""
     if settings.formulation != "elastica" or arm.torque_limits is None:
         return math.inf
-    return TURNED * MOST / ratio(arm, settings, min(arm.torque_limits), bending)
+    return TURNED * MOST / ratio(arm, settings, min(arm.torque_limits), factors)
 
 
-def check_parameters(arm: Arm, settings: Settings, bending: float, damping: float, spring: float, path: str) -> None:
-    """An arm that is given with a factor on EI, a tau_d (s) and a gear's stiffness (N m/rad), as in `ratio`.
+def check_parameters(
+    arm: Arm, settings: Settings, factors: Mapping[str, float], damping: float, spring: float, path: str
+) -> None:
+    """An arm that is given with factors (see `stiffnesses`), a tau_d (s) and a gear's stiffness (N m/rad), as in
+    `ratio`.
 
     Raises:
         ValueError: it is too stiff; names `path`.
@@ -151,21 +169,24 @@ def check_parameters(arm: Arm, settings: Settings, bending: float, damping: floa
     assert h is not None
     if spring > MOST * torque:
         raise check.InvalidValue(f"{path}.stiffness", spring, refusal(MOST * torque, "N m/rad", settings, torque))
-    bent = max(one.torque for one in stiffnesses(arm, settings, bending, 0.0, arm.spatial)) / (MOST * torque)
+    worst = max(stiffnesses(arm, settings, factors, 0.0, arm.spatial), key=lambda one: one.torque)
+    bent, name = worst.torque / (MOST * torque), worst.path.rpartition(".")[2]
+    name = name if name in factors else "EI"
     slow = 1.0 + 2.0 * min(damping, arm.damping[0]) / h
     if bent * slow > 1.0:
-        raise check.InvalidValue(f"{path}.EI_factor", bending, refusal(bending / (bent * slow), "", settings, torque))
+        most = factors[name] / (bent * slow)
+        raise check.InvalidValue(f"{path}.{name}_factor", factors[name], refusal(most, "", settings, torque))
     if bent * (1.0 + 2.0 * damping / h) > 1.0:
         most = 0.5 * h * (1.0 / bent - 1.0)
         raise check.InvalidValue(f"{path}.tau_d", damping, refusal(most, "s", settings, torque))
 
 
-def of_torques(arm: Arm, settings: Settings, bending: float = 1.0, damping: float = 1.0) -> float:
-    """Tolerance for an arm under its full torques, the factors up to `bending` and `damping`; refuses as `ratio`."""
+def of_torques(arm: Arm, settings: Settings, factors: Mapping[str, float] = ALIKE, damping: float = 1.0) -> float:
+    """Tolerance for an arm under its full torques, with factors up to these; refuses as `ratio`."""
     torques, h = arm.torque_limits or (math.inf,), settings.dt
     assert h is not None
     turn = max(torque * h**2 / inertia_beyond(arm, k) for k, torque in enumerate(torques))
-    return tolerance(settings.tolerance, ratio(arm, settings, min(torques), bending, damping, arm.spatial), turn)
+    return tolerance(settings.tolerance, ratio(arm, settings, min(torques), factors, damping, arm.spatial), turn)
 
 
 def of_scene(scene: Scene, settings: Settings) -> float:

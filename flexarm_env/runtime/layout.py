@@ -10,7 +10,8 @@ import numpy as np
 from ..compiler import size, uncompiled
 from ..physics.integrator.work import work_size
 from ..physics.layout import POSE, SPACE_POSE
-from ..tasks.program import CHANNEL, INFO, LAW, PARAMETERS, RECORD, SAVED, SCRATCH, Block
+from ..physics.model import OWN, OWN_IN_SPACE
+from ..tasks.program import CHANNEL, INFO, LAW, RECORD, SAVED, SCRATCH, Block
 
 
 def record_sizes(task: Any, entries: int, extras: Any) -> tuple[int, int, int, int, int, int]:
@@ -28,9 +29,10 @@ def readings_size(instruments: Any) -> int:
     return channels * int(CHANNEL.offsets(0, instruments.room).end)
 
 
-def parameters_of(model: Any) -> int:
+def parameters_of(model: Any, space: bool) -> int:
     """Numbers of an arm's own parameters, with the laws of its joints where these are its own."""
-    return PARAMETERS + (len(model.data) if getattr(model, "own", None) is not None else 0)
+    count = len(OWN_IN_SPACE if space else OWN)
+    return count + (len(model.data) if getattr(model, "own", None) is not None else 0)
 
 
 def layout_of(lanes: int, model: Any, task: Any, entries: int, extras: Any, fitted: bool) -> Block:
@@ -45,8 +47,9 @@ def layout_of(lanes: int, model: Any, task: Any, entries: int, extras: Any, fitt
     saved = SAVED.offsets(0, size(model.n), size(model.n_inputs), 0, kept).end
     first = -(-int(uncompiled(work_size)(lanes, model, 0)) // 8) * 8
     starts = [first]
-    pose = SPACE_POSE.end if len(task.targets) == 3 else POSE.end
-    for count in (parameters_of(model), pose * links, record, links, entries, info, saved):
+    space = len(task.targets) == 3
+    pose = SPACE_POSE.end if space else POSE.end
+    for count in (parameters_of(model, space), pose * links, record, links, entries, info, saved):
         starts.append(starts[-1] + count * lanes)
     scratch = SCRATCH.offsets(0, links, saved).end * lanes if fitted else 0
     return Block(*starts, row=-(-(starts[-1] + scratch) // 8) * 8)  # type: ignore[misc]

@@ -10,7 +10,7 @@ from ..compiler import apart, follow, kernel, load, size, splat, stack, store
 from ..physics.integrator.work import copy_rows, solve_known, unpack
 from ..physics.joints.layout import LAWS
 from ..physics.layout import SPACE_POSE
-from ..physics.model import JOINT_LAWS, OK, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
+from ..physics.model import EI_Y_FACTOR, GJ_FACTOR, OK, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
 from ..physics.protocol import RESIDUAL_ALONE, State, Weights, assemble, energy, stand, task_poses
 from ..tasks.program import (
     FURTHER,
@@ -72,6 +72,8 @@ def _start(lane, p, arm, mode, block, w):
     if p.ranges.pose is not None:
         _place(lanes, i, p.ranges.pose, p.ranges.shake, n_joints, own, size(p.model.n), w.q, w.v, w.a, w.b)
     else:
+        par[EI_Y_FACTOR * lanes + i] = p.ranges.nominal[EI_Y_FACTOR] * own[at.factors + 1]
+        par[GJ_FACTOR * lanes + i] = p.ranges.nominal[GJ_FACTOR]
         _place_in_space(lane, p, arm, own, par, poses, record, action, w)
     if p.ranges.more is not None:
         _draw_more(p, lanes, i, arm, own[at.factors + 4 : at.parameters], par)
@@ -125,7 +127,9 @@ def _draw(task, ranges, stream, request, arm, own):
         vibration = (2.0 * uniform(stream, arm) - 1.0) * ranges.vibration
         own[at.vibration + k] = _given(request[asked.vibration + k], vibration)
     for k in range(4):
-        own[at.factors + k], own[at.factors + 4 + k] = draw(stream, arm, ranges.factors, k), 1.0
+        own[at.factors + k] = draw(stream, arm, ranges.factors, k)
+    for k in range(4, _FACTORS):
+        own[at.factors + k] = 1.0
     own[at.parameters + PAYLOAD_MASS] = ranges.nominal[PAYLOAD_MASS] * own[at.factors]
     own[at.parameters + PAYLOAD_INERTIA] = ranges.nominal[PAYLOAD_INERTIA] * own[at.factors]
     own[at.parameters + STIFFNESS_FACTOR] = ranges.nominal[STIFFNESS_FACTOR] * own[at.factors + 1]
@@ -135,18 +139,22 @@ def _draw(task, ranges, stream, request, arm, own):
 @kernel
 def _draw_more(p, lanes, i, arm, factors, par):
     """What of an arm's own parameters is drawn only where it is asked for, by factors that are put there."""
-    for k in range(4):
+    for k in range(p.ranges.more.shape[0] // 2):
         factors[k] = draw(p.stream, arm, p.ranges.more, k)
     par[PAYLOAD_INERTIA * lanes + i] = par[PAYLOAD_INERTIA * lanes + i] * factors[0]
     friction, play, rotor = factors[1], factors[2], factors[3]
+    if p.ranges.pose is None:
+        par[EI_Y_FACTOR * lanes + i] = par[EI_Y_FACTOR * lanes + i] * factors[4]
+        par[GJ_FACTOR * lanes + i] = par[GJ_FACTOR * lanes + i] * factors[5]
     if p.ranges.laws is not None:
+        laws = par[size(p.model.own) * lanes :]
         for k in range(0, p.model.data.shape[0], LAWS.end):
             for j in range(LAWS.end):
-                par[(JOINT_LAWS + k + j) * lanes + i] = p.model.data[k + j]
-            par[(JOINT_LAWS + k + LAWS.viscous) * lanes + i] = p.model.data[k + LAWS.viscous] * friction
-            par[(JOINT_LAWS + k + LAWS.coulomb) * lanes + i] = p.model.data[k + LAWS.coulomb] * friction
-            par[(JOINT_LAWS + k + LAWS.play) * lanes + i] = p.model.data[k + LAWS.play] * play
-            par[(JOINT_LAWS + k + LAWS.rotor) * lanes + i] = p.model.data[k + LAWS.rotor] * rotor
+                laws[(k + j) * lanes + i] = p.model.data[k + j]
+            laws[(k + LAWS.viscous) * lanes + i] = p.model.data[k + LAWS.viscous] * friction
+            laws[(k + LAWS.coulomb) * lanes + i] = p.model.data[k + LAWS.coulomb] * friction
+            laws[(k + LAWS.play) * lanes + i] = p.model.data[k + LAWS.play] * play
+            laws[(k + LAWS.rotor) * lanes + i] = p.model.data[k + LAWS.rotor] * rotor
 
 
 @kernel

@@ -8,11 +8,11 @@ import numpy as np
 from ..compiler import inlined, kernel
 from ..layout import Field, Layout
 from ..physics.layout import BOOKS
-from ..physics.model import STATUS
+from ..physics.model import OWN, STATUS
 from ..physics.obstacles import KeepOut
 
-PARAMETERS = 4
-"""Numbers of an arm's own parameters `par`, see `physics.model.PAYLOAD_MASS`."""
+PARAMETERS = len(OWN)
+"""Numbers of an arm's own parameters `par` in the plane, see `physics.model.PAYLOAD_MASS`."""
 
 PATH = Layout(
     "Path", "",
@@ -122,7 +122,7 @@ START = Layout(
     "Start", "joints",
     Field("vibration", (3,), "", "initial tip deflection over L; in space of each mode, in the plane the first alone"),
     Field("target", (2,), "m or rad", "as in the record"),
-    Field("factors", (8,), "", "on the nominal values: payload, EI, damping, torque constant; `Ranges.more`"),
+    Field("factors", (10,), "", "on the nominal values: payload, EI, damping, torque constant; `Ranges.more`"),
     Field("parameters", (PARAMETERS,), "", "payload mass, payload inertia, EI factor, tau_d"),
     Field("angles", ("joints",), "rad", "joint angles"),
 )  # fmt: skip
@@ -164,7 +164,7 @@ _FURTHER = Layout(
     Field("payload", (), "kg", "mass of the payload"),
     Field("push", (3,), "N", "force on the tip in the period"),
     Field("step_error", (), "", "of the period over L, as fitted steps have it"),
-    Field("drawn", (8,), "", "factors on the nominal values, as in a `START`"),
+    Field("drawn", (10,), "", "factors on the nominal values, as in a `START`"),
     Field("clearance", (), "m", "from the shapes that it keeps out of; negative within one"),
     Field("penetration", (), "m", "how deep it is in one, or 0"),
 )  # fmt: skip
@@ -237,7 +237,7 @@ CLIP = 10.0
 class Block(NamedTuple):
     """Where the sections of a block begin (in float64), lanes inside."""
 
-    par: int  # 4: payload mass, payload inertia, EI factor, tau_d
+    par: int  # see `physics.model.OWN`
     poses: int  # a `POSES` a link, in space a `SPACE_POSES`
     record: int  # a `RECORD`
     action: int  # 1 a joint, clipped
@@ -263,14 +263,15 @@ class Ranges(NamedTuple):
 
     pose: np.ndarray | None  # (n, 1 + 3 N): q = pose times a `BASIS`; None: `protocol.stand` says, in space
     shake: np.ndarray | None  # (n, 1 + 3 N): v likewise, for a vibration of 1; in space `envs.vibration.swing`, or None
-    nominal: np.ndarray  # (4,) of par
+    nominal: np.ndarray  # of par
     start: np.ndarray  # (N, 2) rad, joint angles
     target: np.ndarray  # (2, 2): rad (slew, from the start), or m and rad (reach, polar); in space (N, 2): joint angles
     straight: float  # share of starts with all joints at 0
     vibration: float  # largest initial vibration, as a tip deflection over L
     factors: np.ndarray  # (4, 2): payload, EI, damping, torque constant
-    more: np.ndarray | None = None  # (4, 2): payload inertia besides, friction, backlash, rotors; None: not drawn
-    laws: tuple[int, ...] | None = None  # a tag where the joints' laws are each arm's own, for the last three
+    # (4, 2): payload inertia besides, friction, backlash, rotors; (6, 2): in space EI_y besides, GJ; None: not drawn
+    more: np.ndarray | None = None
+    laws: tuple[int, ...] | None = None  # a tag where the joints' laws are each arm's own, for rows 1 to 3
 
 
 class Controller(NamedTuple):

@@ -70,7 +70,7 @@ def jointed(scene: Scene, settings: Settings, system: System) -> System:
 
 def with_own_laws(system: System) -> System:
     """A system whose arms have joints' laws of their own, behind their other parameters."""
-    model = system.model._replace(own=(0,))
+    model = system.model._replace(own=(0,) * len(system.par))
     return dataclasses.replace(system, model=model, par=np.concatenate([system.par, model.data]))
 
 

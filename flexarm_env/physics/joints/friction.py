@@ -19,7 +19,6 @@ from ...compiler import absolute, kernel, load, select_lt, size, splat, store
 from .. import protocol
 from ..arithmetic import add, clip
 from ..layout import DISSIPATED
-from ..model import JOINT_LAWS
 from ..protocol import RESIDUAL_ALONE
 from .layout import GEAR, LAWS, PLACE, PLACES
 
@@ -50,7 +49,7 @@ def _number(lane, model, par, k):
     """Number k of the laws: one for all arms, or each arm's."""
     if model.own is None:
         return model.data[k]
-    return load(lane, par, JOINT_LAWS + k)
+    return load(lane, par, size(model.own) + k)
 
 
 @kernel

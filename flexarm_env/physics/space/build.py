@@ -146,12 +146,12 @@ def _elements(link: Link, n: int, damping: float) -> list[Array]:
     rows = []
     for e, length in enumerate(lengths.tolist()):
         rotary = np.maximum([J[e] + J_y[e], J_y[e], J[e]], LEAST_ROTARY * masses[e].sum() * length)
-        pairs = (("C", "EI"), ("C_y", "EI_y"))
-        shears = [1.0 / (1.0 / series[C][e] + length**2 * second[EI][e]) for C, EI in pairs]
         tilts = np.array([tilt["EI_y"][e], tilt["EI"][e]])
         rows.append(
             ELEMENT.pack(
-                {}, length=length, mass=masses[e], inertia=0.5 * length * rotary, stretch=[series["EA"][e], *shears],
+                {}, length=length, mass=masses[e], inertia=0.5 * length * rotary, EA=series["EA"][e],
+                shear=[1.0 / series[name][e] for name in ("C", "C_y")],
+                bow=[length**2 * second[name][e] for name in ("EI", "EI_y")],
                 bend=[series["GJ"][e], series["EI_y"][e], series["EI"][e]], rest=[0.0, 0.0, turns[e]],
                 chord=chords[e] + [0.0, tilts[1] * turns[e], 0.0], tilt=tilts, damping=damping,
             )
@@ -325,7 +325,7 @@ def common(scene: Scene, names: tuple[str, ...], beams: float) -> dict[str, Any]
 
 def parameters(scene: Scene) -> Array:
     """The arm's own, `System.par`."""
-    return np.array([scene.arm.payload.mass, 1.0, 1.0, scene.arm.damping[0]])
+    return np.array([scene.arm.payload.mass, 1.0, 1.0, scene.arm.damping[0], 1.0, 1.0])
 
 
 def build(scene: Scene, settings: Settings) -> System:

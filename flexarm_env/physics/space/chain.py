@@ -8,8 +8,8 @@ import numpy as np
 
 from ...compiler import kernel, load, sincos, splat, store
 from ..arithmetic import add
-from ..model import STIFFNESS_FACTOR, TAU_D
-from .element import Place, Section, add_block
+from ..model import EI_Y_FACTOR, GJ_FACTOR, STIFFNESS_FACTOR, TAU_D
+from .element import Place, Section, add_block, scale
 from .layout import E, H, J, L, P, hinge_at, joint_row
 from .rotations import (
     about_identity,
@@ -155,14 +155,22 @@ def uneven_of(lane, model, i):
 
 
 @kernel
+def factors_of(lane, par):
+    """The arm's own factors on GJ, EI_y, EI."""
+    return load(lane, par, GJ_FACTOR), load(lane, par, EI_Y_FACTOR), load(lane, par, STIFFNESS_FACTOR)
+
+
+@kernel
 def section_at(lane, model, par, i):
     """Constants of element i of the chain."""
-    o, factor = E.end * i, load(lane, par, STIFFNESS_FACTOR)
-    x, y, z = three_of(lane, model.sections, o + E.bend)
-    tau = None if model.damped is None else load(lane, par, TAU_D) * model.sections[o + E.damping]
-    stretch, rest = three_of(lane, model.sections, o + E.stretch), three_of(lane, model.sections, o + E.rest)
-    bend, uneven = (x, y * factor, z * factor), uneven_of(lane, model, i)
-    return Section(splat(lane, model.sections[o + E.length]), stretch, bend, rest, uneven, tau)
+    o, of, factors = E.end * i, model.sections, factors_of(lane, par)
+    tau = None if model.damped is None else load(lane, par, TAU_D) * of[o + E.damping]
+    _, about_y, about_z = factors
+    along_y = about_z / (about_z * of[o + E.shear] + of[o + E.bow])
+    along_z = about_y / (about_y * of[o + E.shear + 1] + of[o + E.bow + 1])
+    stretch = splat(lane, of[o + E.EA]), along_y, along_z
+    bend, rest = scale(three_of(lane, of, o + E.bend), factors), three_of(lane, of, o + E.rest)
+    return Section(splat(lane, of[o + E.length]), stretch, bend, rest, uneven_of(lane, model, i), tau)
 
 
 @kernel

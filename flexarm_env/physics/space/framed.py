@@ -13,7 +13,7 @@ import numpy as np
 from ...compiler import kernel, load, select_lt, splat
 from ..arithmetic import clip, smaller
 from ..model import STIFFNESS_FACTOR
-from .chain import three_of
+from .chain import factors_of, three_of
 from .element import scale
 from .frame import across, frame_of, lifted, phi_second, rates_of, seconds, swirl
 from .framed_tangent import tangent
@@ -41,10 +41,10 @@ class Stiff(NamedTuple):
 
 @kernel
 def _bent(lane, model, par, table, a, b):
-    """K (a, b), with the arm's own factor on EI."""
-    factor = load(lane, par, STIFFNESS_FACTOR)
+    """K (a, b), with the arm's own factors."""
+    factors = factors_of(lane, par)
     l, r = product(lane, model, table, a, b)
-    return (l[0], l[1] * factor, l[2] * factor), (r[0], r[1] * factor, r[2] * factor)
+    return scale(l, factors), scale(r, factors)
 
 
 @kernel
@@ -125,12 +125,12 @@ def _elastic(lane, model, par, frame, rates, tau, at, state, row):
 @kernel
 def _inner_bent(lane, model, par, at, i, x, row):
     """K x of inner mode i."""
-    factor, zero = load(lane, par, STIFFNESS_FACTOR), splat(lane, 0.0)
+    zero = splat(lane, 0.0)
     total = zero, zero, zero
     for j in range(inner_of(model)):
         one = constant(lane, model, at.inner_bend, inner_of(model) * i + j)
         total = plus(total, scale(vector(lane, x, row + 3 * j), one))
-    return total[0], total[1] * factor, total[2] * factor
+    return scale(total, factors_of(lane, par))
 
 
 @kernel

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ...compiler import kernel, load, store
-from ..model import STIFFNESS_FACTOR
+from ...compiler import kernel, store
+from .chain import factors_of
 from .element import fill, scale
 from .frame import across, lifted
 from .inner import HELIX, condense, constant, ends_by, inner_by
@@ -132,12 +132,12 @@ def _inner_column(lane, model, stiff, geometric, own, share, weights, at, k, by)
 @kernel
 def _inner_pair(lane, model, par, slopes, share, rate, pull, weights, at, k, j, S, inner):
     """Rows of inner mode k by mode j, to the `INNER` at `inner` of S."""
-    m, factor, (one, two) = inner_of(model), load(lane, par, STIFFNESS_FACTOR), slopes
+    m, (one, two) = inner_of(model), slopes
     bend = times(constant(lane, model, at.inner_bend, m * k + j), rate)
     own = times(constant(lane, model, at.inner_coupling, (m + 2) * k + 2 + j), pull * weights.stiffness)
     own = plus(own, times(constant(lane, model, at.inner_lateral, (m + 2) * k + 2 + j), weights.mass))
     own = plus(own, times(constant(lane, model, at.inner_rotary, (m + 3) * k + 3 + j), weights.mass))
-    own = plus(own, (bend[0], bend[1] * factor, bend[2] * factor))
+    own = plus(own, scale(bend, factors_of(lane, par)))
     block = outer(one, times(two, share))
     for a in range(3):
         for b in range(3):
@@ -147,9 +147,9 @@ def _inner_pair(lane, model, par, slopes, share, rate, pull, weights, at, k, j, 
 @kernel
 def _bent_rows(lane, model, par, a, b, near, far, at):
     """Rows of the moments on phi_l, phi_r of K by what the `framed._strained` of a, b changes by, near and far."""
-    d, factor = times(minus(b, a), HELIX), load(lane, par, STIFFNESS_FACTOR)
+    d, factors = times(minus(b, a), HELIX), factors_of(lane, par)
     l, r = _both_rows(lane, model, at.bend, near, far)
-    l, r = (l[0], times(l[1], factor), times(l[2], factor)), (r[0], times(r[1], factor), times(r[2], factor))
+    l, r = _rows(factors, l), _rows(factors, r)
     apart, both = scaled(difference(l, r), 0.25), sum_of(l, r)
     more = minus(times(both[1], d[2]), times(both[2], d[1])), times(both[2], -d[0]), times(both[1], d[0])
     return sum_of(sum_of(l, skewed(b, apart)), more), difference(difference(r, skewed(a, apart)), more)

@@ -17,8 +17,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ...compiler import kernel, load, size, splat, square_root, stack
-from ..model import STIFFNESS_FACTOR, TAU_D
-from .chain import Vertex, three_of
+from ..model import TAU_D
+from .chain import Vertex, factors_of, three_of
 from .element import Place, scale
 from .layout import joint_row
 from .rotations import (
@@ -219,7 +219,7 @@ def _own_force(lane, S, to, i, g):
 def elastic(lane, model, par, k, state, r):
     """What resists the strains of link k, to their rows."""
     n, at, row = size(model.polynomials), strained_at(model, k), strain_row(model, k)
-    factor, zero = load(lane, par, STIFFNESS_FACTOR), splat(lane, 0.0)
+    factors, zero = factors_of(lane, par), splat(lane, 0.0)
     tau = zero if model.damped is None else load(lane, par, TAU_D) * model.strains[at.damping]
     for i in range(n):
         total = zero, zero, zero
@@ -228,7 +228,7 @@ def elastic(lane, model, par, k, state, r):
             if model.damped is not None:
                 x = plus(x, times(vector(lane, state.v, row + 3 * j), tau))
             total = plus(total, scale(x, _three(lane, model, at.stiffness, i, j)))
-        total = total[0], total[1] * factor, total[2] * factor
+        total = scale(total, factors)
         for j in range(n):
             a = vector(lane, state.a, row + 3 * j)
             total = minus(total, scale(a, _three(lane, model, at.correction, i, j)))
@@ -246,9 +246,8 @@ def _three(lane, model, table, i, j):
 
 @kernel
 def stiff_of(lane, model, par, k, i, j):
-    """K of polynomials i and j, with the arm's own factor on EI."""
-    K, factor = _three(lane, model, strained_at(model, k).stiffness, i, j), load(lane, par, STIFFNESS_FACTOR)
-    return K[0], K[1] * factor, K[2] * factor
+    """K of polynomials i and j, with the arm's own factors."""
+    return scale(_three(lane, model, strained_at(model, k).stiffness, i, j), factors_of(lane, par))
 
 
 @kernel
