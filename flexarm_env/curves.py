@@ -31,20 +31,35 @@ def checked(value: object, length: float) -> Curvature:
         s, kappa = check.sequence(f"curvature[{i}]", entry, "s (m) and a curvature (1/m)", 2)
         place = check.number(f"curvature[{i}][0]", s, "m", minimum=0.0)
         found.append((place, check.number(f"curvature[{i}][1]", kappa, "1/m")))
-    places = [s for s, _ in found]
+    found[-1] = check_places("curvature[{}][0]", [s for s, _ in found], length), found[-1][1]
+    values = {kappa for _, kappa in found}
+    return values.pop() if len(values) == 1 else tuple(found)
+
+
+def check_places(key: str, places: list[float], length: float) -> float:
+    """Places along a link, m, from its root to its tip, two alike a jump; returns the last, which is the length.
+
+    key: what a wrong one is called in the ValueError, with {} for its number.
+    """
     if places[0] != 0.0:
-        raise check.InvalidValue("curvature[0][0]", places[0], "must be 0, the link's root")
-    last = len(found) - 1
-    if abs(places[-1] - length) > 1e-9 * length:
-        raise check.InvalidValue(f"curvature[{last}][0]", places[-1], f"must be the link's length, {length:g} m")
-    found[-1] = length, found[-1][1]
-    for i in range(1, len(found)):
+        raise check.InvalidValue(key.format(0), places[0], "must be 0, the link's root")
+    last = len(places) - 1
+    if abs(places[last] - length) > 1e-9 * length:
+        raise check.InvalidValue(key.format(last), places[last], f"must be the link's length, {length:g} m")
+    places[last] = length
+    for i in range(1, len(places)):
         at_an_end = places[i] == places[i - 1] and i in (1, last)
         if places[i] < places[i - 1] or at_an_end or (i > 1 and places[i] == places[i - 2]):
             allowed = "must not be below the one before it; two alike are a jump, within the link and not at its ends"
-            raise check.InvalidValue(f"curvature[{i}][0]", places[i], allowed)
-    values = {kappa for _, kappa in found}
-    return values.pop() if len(values) == 1 else tuple(found)
+            raise check.InvalidValue(key.format(i), places[i], allowed)
+    return length
+
+
+def between(places: Array, s: Array, before: bool) -> tuple[NDArray[np.int64], Array]:
+    """Which of the points lies last before each of the places s, and the share of the way to the next; at a jump that
+    behind it, or `before` it."""
+    i = np.clip(np.searchsorted(places, s, side="left" if before else "right") - 1, 0, len(places) - 2)
+    return i, np.clip((s - places[i]) / (places[i + 1] - places[i]), 0.0, 1.0)
 
 
 def points(curve: Curvature) -> tuple[float, ...]:
@@ -63,8 +78,7 @@ def along(curve: Curvature, s: Any, before: bool = False) -> Array:
     if isinstance(curve, float):
         return np.full(s.shape, curve)
     places, values = np.array(curve).T
-    i = np.clip(np.searchsorted(places, s, side="left" if before else "right") - 1, 0, len(places) - 2)
-    share = np.clip((s - places[i]) / (places[i + 1] - places[i]), 0.0, 1.0)
+    i, share = between(places, s, before)
     return np.asarray(values[i] + (values[i + 1] - values[i]) * share)
 
 

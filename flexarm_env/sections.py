@@ -290,9 +290,7 @@ class Link:
         if isinstance(self.section, Section):
             return Properties(*(np.full(s.shape, getattr(self.section, name)) for name in Properties._fields))
         places = np.array([place for place, _ in self.section])
-        i = np.searchsorted(places, s, side="left" if before else "right") - 1
-        i = np.clip(i, 0, len(places) - 2)
-        share = np.clip((s - places[i]) / (places[i + 1] - places[i]), 0.0, 1.0)
+        i, share = curves.between(places, s, before)
         columns = [np.array([getattr(section, name) for _, section in self.section]) for name in Properties._fields]
         return Properties(*(column[i] + (column[i + 1] - column[i]) * share for column in columns))
 
@@ -426,16 +424,5 @@ def _points(value: object, length: float) -> Section | Points:
         s, section = check.sequence(f"section[{i}]", entry, "s (m) and a Section", 2)
         place = check.number(f"section[{i}].s", s, "m", minimum=0.0)
         found.append((place, check.instance(f"section[{i}].section", section, Section)))
-    places = [s for s, _ in found]
-    if places[0] != 0.0:
-        raise check.InvalidValue("section[0].s", places[0], "must be 0, the link's root")
-    if abs(places[-1] - length) > 1e-9 * length:
-        raise check.InvalidValue(f"section[{len(found) - 1}].s", places[-1], f"must be the link's length, {length:g} m")
-    found[-1] = length, found[-1][1]
-    for i in range(1, len(found)):
-        thrice = i > 1 and places[i] == places[i - 2]
-        at_an_end = places[i] == places[i - 1] and i in (1, len(found) - 1)
-        if places[i] < places[i - 1] or thrice or at_an_end:
-            allowed = "must not be below the one before it; two alike are a jump, within the link and not at its ends"
-            raise check.InvalidValue(f"section[{i}].s", places[i], allowed)
+    found[-1] = curves.check_places("section[{}].s", [s for s, _ in found], length), found[-1][1]
     return found[0][1] if all(section == found[0][1] for _, section in found) else tuple(found)

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiler import SINGLE, dual, size
+from ..compiler import SINGLE, dual, size, uncompiled
+from ..physics.integrator.work import unpack
 from ..physics.layout import HALVINGS, OF_MOTION, POSE
 from ..physics.space.reading import read as read_in_space
 from ..runtime import sensitivity
@@ -116,8 +117,10 @@ class Run:
             stars.append(Neighbour(other.model, other.par, other_u.ravel(), offset, weight))
         passes = PASSES if own.settings.formulation == "geometrically_exact" else 1
         passes = PASSES_IN_SPACE if own.scene.spatial else passes
-        room, out = np.zeros(sensitivity.room_of(model, own.par)), np.empty((len(h), 2 * n))
-        first, both = tangent[:2].flatten(), np.stack([self.start, tangent], axis=-1).reshape(4, 2 * n)
+        room, out = np.zeros(int(uncompiled(sensitivity.room_of)(model, own.par))), np.empty((len(h), 2 * n))
+        w = uncompiled(unpack)(dual(SINGLE), model, room, 0)
+        for rows, values, own_tangent in zip((w.q, w.v, w.a, w.b), self.start, tangent, strict=True):
+            rows.reshape(n, 2)[:] = np.stack([values, own_tangent], axis=-1)
         most = max(1, MOST // int(size(model.n_factor)))
         for k in range(0, len(h), most):
             part = slice(k, k + most)
@@ -126,9 +129,9 @@ class Run:
             stage = [star._replace(u=star.u[k * u.shape[1] : (k + most) * u.shape[1]]) for star in stars]
             sensitivity.tangent_rows(
                 SINGLE, dual(SINGLE), model, own.drive, steps, own.scheme, factors, *stage, moved[part], passes,
-                both, room, out[part],
+                room, out[part],
             )  # fmt: skip
-        return np.concatenate([first[None], out[self.every - 1 :: self.every]]).reshape(-1, 2, n)
+        return np.concatenate([tangent[:2].reshape(1, -1), out[self.every - 1 :: self.every]]).reshape(-1, 2, n)
 
     def moved(self, other: Simulation, change: Array, places: bool = True) -> Trajectory:
         """The trajectory with q and v changed (samples, 2, n), of a neighbour's arm.

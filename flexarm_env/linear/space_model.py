@@ -24,7 +24,7 @@ from ..physics.integrator.work import Work
 from ..physics.layout import SPACE_POSE, SPACE_POSES
 from ..physics.protocol import difference, update
 from ..simulation import Simulation
-from .equations import Reduced, Rows
+from .equations import SECOND, Reduced, Rows, slopes
 from .period import carried
 from .space import SmallMotions
 from .stability import eigenpairs, growing
@@ -117,16 +117,13 @@ def _shown(tangent: Tangent, spots: list[Any], gauges: Array) -> tuple[tuple[str
     shown += ["tip_x", "tip_y", "tip_z", *(f"motor{k}{end}" for k in tangent.motors for end in ("", "_rate"))]
     what = {"xy": "curvature", "xz": "curvature_z", "torsion": "torsion"}
     shown += [f"{what[spot[2] if len(spot) > 2 else 'xy']}{spot[0]}@{spot[1]:g}" for spot in spots]
-    still, columns = np.zeros(f), []
-    for j in range(2 * f):
-        size = 1e-4 / tangent.motions.model.weight[tangent.rows[j % f]] if j < f else 1.0
-        sides = []
-        for sign in (1.0, -1.0):
-            change = np.zeros(2 * f)
-            change[j] = sign * size
-            sides.append(tangent.outputs(change[:f], change[f:], gauges))
-        columns.append((sides[0] - sides[1]) / (2.0 * size))
-    return tuple(shown), tangent.outputs(still, still, gauges), np.array(columns).T
+    still, steps = np.zeros(2 * f), np.ones(2 * f)
+    steps[:f] = 1e-4 / tangent.motions.model.weight[tangent.rows]
+
+    def outputs(change: Array) -> Array:
+        return tangent.outputs(change[:f], change[f:], gauges)
+
+    return tuple(shown), outputs(still), slopes(outputs, still, np.arange(2 * f), steps, SECOND)
 
 
 def _numbered(name: str, k: int) -> str:

@@ -57,7 +57,11 @@ def at_rest(equations: Equations, point: Point, held: Sequence[int] = ()) -> Sta
     if not keep:
         return Stability(np.inf, 0, 0)
     pick = np.ix_(keep, keep)
-    M, K = reduced.M[pick], reduced.K[pick]
+    return stability(reduced.M[pick], reduced.K[pick])
+
+
+def stability(M: Array, K: Array) -> Stability:
+    """Of the symmetric parts of inertia and stiffness."""
     squares, _ = undamped(0.5 * (M + M.T), 0.5 * (K + K.T))
     return Stability(float(squares.min()), int((squares < 0.0).sum()), int((squares == 0.0).sum()))
 

@@ -17,7 +17,7 @@ from ..compiler import kernel, load, size, splat, store
 from ..physics.integrator.drive import set_inputs, set_motions
 from ..physics.integrator.newton import slopes_of
 from ..physics.integrator.step import foresee
-from ..physics.integrator.work import copy_rows, take_out_known
+from ..physics.integrator.work import copy_rows, state_of, take_out_known, unpack, work_size
 from ..physics.joints.friction import change_friction, friction_tangents, note_branch
 from ..physics.layout import OF_MOTION
 from ..physics.protocol import (
@@ -81,66 +81,50 @@ def _state(on, k, n):
     return State(on.q[k * n : (k + 1) * n], on.v[k * n : (k + 1) * n], on.a[k * n : (k + 1) * n])
 
 
+@kernel
 def room_of(model, par):
-    """Numbers that `tangent_rows` works in."""
-    return 16 * int(size(model.n)) + 2 * (int(size(model.n_inputs)) + len(par) + int(size(model.n_factor)))
-
-
-class Twice(NamedTuple):
-    """What `integrator.step.foresee` needs of a `Work`, numbers with their tangents."""
-
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    b: np.ndarray
-    q0: np.ndarray
-    v0: np.ndarray
-    a0: np.ndarray
-    b0: np.ndarray
-    r: np.ndarray
+    """Numbers that `tangent_rows` works in: a work array of numbers with their tangents, and more."""
+    return work_size(2, model, 0) + 6 * size(model.n) + 2 * par.shape[0]
 
 
 @kernel
-def tangent_rows(lane, wide, model, drive, steps, scheme, factors, here, ahead, behind, moved, passes, both, room, out):
-    """out (rows, 2 n) <- what q and v at the steps' ends change by; both (4, 2 n): q, v, a, b, each number followed by
-    its tangent: before, then after.
+def tangent_rows(lane, wide, model, drive, steps, scheme, factors, here, ahead, behind, moved, passes, room, out):
+    """out (rows, 2 n) <- what q and v at the steps' ends change by.
 
     wide: `lane` with a tangent. here, ahead, behind: `Neighbour`s; here is the model itself. moved (rows, motions, 3):
     what motions change by. passes: 1 where the factored matrix is the residual's derivative; where it is nearly so,
-    what is left is solved for again. room: `room_of`. A step's end is its prediction moved by what Newton came to, and
-    v, a and b follow that; rotations are moved by `protocol.update`, on both ways.
+    what is left is solved for again. room: of `room_of` numbers, first a work array whose q, v, a and b hold the state,
+    each number followed by its tangent: before, then after. A step ends at its prediction moved by what Newton found,
+    and v, a and b follow that; rotations are moved by `protocol.update`, on both ways.
     """
     n, length, inputs = size(model.n), size(model.n_factor), size(model.n_inputs)
-    r, given, dv, da = room[:n], room[n : 2 * n], room[2 * n : 3 * n], room[3 * n : 4 * n]
-    q0, v0, a0, b0 = room[4 * n : 6 * n], room[6 * n : 8 * n], room[8 * n : 10 * n], room[10 * n : 12 * n]
-    x, d = room[12 * n : 14 * n], room[14 * n : 16 * n]
-    w = Twice(both[0], both[1], both[2], both[3], q0, v0, a0, b0, x)
-    u, par = room[16 * n : 16 * n + 2 * inputs], room[16 * n + 2 * inputs :]
-    free = par[2 * here.par.shape[0] :]
+    w, more = unpack(wide, model, room, 0), room[work_size(2, model, 0) :]
+    r, given, dv, da = more[:n], more[n : 2 * n], more[2 * n : 3 * n], more[3 * n : 4 * n]
+    d, par = more[4 * n : 6 * n], more[6 * n :]
     for i in range(here.par.shape[0]):
         store(par, i, splat(wide, here.par[i]))
     for k in range(steps.h.shape[0]):
         h, slopes, own = steps.h[k], slopes_of(scheme, steps.h[k]), factors[k * length : (k + 1) * length]
         foresee(wide, model, w, h, scheme)
-        copy_rows(wide, n, w.q, q0)
-        copy_rows(wide, n, w.v, v0)
-        copy_rows(wide, n, w.a, a0)
-        copy_rows(wide, n, w.b, b0)
+        copy_rows(wide, n, w.q, w.q0)
+        copy_rows(wide, n, w.v, w.v0)
+        copy_rows(wide, n, w.a, w.a0)
+        copy_rows(wide, n, w.b, w.b0)
         for i in range(n):
             store(w.q, i, splat(wide, steps.q[k * n + i]))
             given[i] = 0.0
         for i in range(drive.known.shape[0]):
             w.q[2 * drive.known[i] + 1] = moved[k, i, OF_MOTION.value]
         for i in range(inputs):
-            store(u, i, splat(wide, here.u[k * inputs + i]))
-        _add(lane, here, steps, k, r, free, given)
-        _add(lane, ahead, steps, k, r, free, given)
-        _add(lane, behind, steps, k, r, free, given)
+            store(w.u, i, splat(wide, here.u[k * inputs + i]))
+        _add(lane, here, steps, k, r, w.S, given)
+        _add(lane, ahead, steps, k, r, w.S, given)
+        _add(lane, behind, steps, k, r, w.S, given)
         for _ in range(passes):
             _follow(wide, model, drive, w, d, slopes, steps, k, moved)
-            residual(wide, model, par, State(w.q, w.v, w.a), u, x, free)
+            residual(wide, model, par, state_of(w), w.u, w.r, w.S)
             for i in range(n):
-                r[i], dv[i], da[i] = given[i] + x[2 * i + 1], w.v[2 * i + 1], w.a[2 * i + 1]
+                r[i], dv[i], da[i] = given[i] + w.r[2 * i + 1], w.v[2 * i + 1], w.a[2 * i + 1]
             take_out_known(lane, model, drive, r, own, False)
             solve(lane, model, own, r)
             _bound(lane, here, own)
@@ -149,13 +133,13 @@ def tangent_rows(lane, wide, model, drive, steps, scheme, factors, here, ahead, 
             weights = Weights(slopes.a, slopes.v, 1.0)
             friction_tangents(lane, model, State(dv, dv, da), weights, slopes.v / slopes.a, own, r)
             for i in range(n):
-                x[2 * i], x[2 * i + 1] = -0.0, -r[i]
-            update(wide, model, w.q, 1.0, x, None)
+                w.r[2 * i], w.r[2 * i + 1] = -0.0, -r[i]
+            update(wide, model, w.q, 1.0, w.r, None)
             for i in range(n):
                 w.q[2 * i] = steps.q[k * n + i]
         _follow(wide, model, drive, w, d, slopes, steps, k, moved)
         for i in range(n):
-            store(w.b, i, load(wide, b0, i) + load(wide, d, i) * slopes.b)
+            store(w.b, i, load(wide, w.b0, i) + load(wide, d, i) * slopes.b)
             out[k, i], out[k, n + i] = w.q[2 * i + 1], w.v[2 * i + 1]
         for i in range(drive.known.shape[0]):
             j = drive.known[i]

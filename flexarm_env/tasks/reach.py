@@ -13,12 +13,12 @@ from .task import (
     Task,
     deflection,
     effort,
-    hold,
     past_limits,
-    pay,
-    pay_change,
     put_info,
+    record_success,
     record_tip,
+    reward_change,
+    reward_term,
     settled,
     show_scaled,
 )
@@ -85,27 +85,27 @@ def reach_judge(lane, task, poses, action, record, live, info):
     error = square_root(dx * dx + dy * dy) / task.length
     speed = square_root(vx * vx + vy * vy) / task.length
     record_tip(lane, task, poses, record, live, info)
-    total = pay_point(lane, task, error, speed, shaking, action, record, live, info)
+    total = reward_point(lane, task, error, speed, shaking, action, record, live, info)
     return total, past_limits(lane, task, poses)
 
 
 @kernel
-def pay_point(lane, task, error, speed, shaking, action, record, live, info):
+def reward_point(lane, task, error, speed, shaking, action, record, live, info):
     """The reward where a tip is `error` from its target, over L, and so fast; and whether it has held there."""
     good = select_lt(error, task.bands[0], splat(lane, 1.0), splat(lane, 0.0))
     good = select_lt(speed, task.bands[1], good, splat(lane, 0.0))
-    hold(lane, task, good, record, live, info)
+    record_success(lane, task, good, record, live, info)
     wide, narrow, slow = error * 10.0, error * 50.0, speed * 10.0
     settle = decay(narrow * narrow + slow * slow)
     if task.paid is not None:
         place, pace = error / task.bands[0], speed / task.bands[1]
         settle = settled(lane, place * place + pace * pace)
-    total = pay(lane, task, live, info, 0, decay(wide * wide))
-    total = total + pay(lane, task, live, info, 1, settle)
-    total = total + pay(lane, task, live, info, 2, -smaller(error, 1.0))
-    total = total + pay(lane, task, live, info, 3, -effort(lane, task, action))
-    total = total + pay(lane, task, live, info, 4, -smaller(shaking, 1.0))
-    return pay_change(lane, task, action, record, live, info, total)
+    total = reward_term(lane, task, live, info, 0, decay(wide * wide))
+    total = total + reward_term(lane, task, live, info, 1, settle)
+    total = total + reward_term(lane, task, live, info, 2, -smaller(error, 1.0))
+    total = total + reward_term(lane, task, live, info, 3, -effort(lane, task, action))
+    total = total + reward_term(lane, task, live, info, 4, -smaller(shaking, 1.0))
+    return reward_change(lane, task, action, record, live, info, total)
 
 
 @kernel

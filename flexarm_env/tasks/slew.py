@@ -12,12 +12,12 @@ from .task import (
     Task,
     deflection,
     effort,
-    hold,
     past_limits,
-    pay,
-    pay_change,
     put_info,
+    record_success,
     record_tip,
+    reward_change,
+    reward_term,
     settled,
     show_scaled,
 )
@@ -66,19 +66,19 @@ def slew_judge(lane, task, poses, action, record, live, info):
     good = select_lt(error, task.bands[0], splat(lane, 1.0), splat(lane, 0.0))
     good = select_lt(absolute(slip), task.bands[1], good, splat(lane, 0.0))
     good = select_lt(rate, task.bands[2], good, splat(lane, 0.0))
-    hold(lane, task, good, record, live, info)
+    record_success(lane, task, good, record, live, info)
     record_tip(lane, task, poses, record, live, info)
     wide, narrow, slow = error * 10.0, error * 50.0, slip * 5.0
     settle = decay(narrow * narrow + slow * slow)
     if task.paid is not None:
         place, pace, shake = error / task.bands[0], slip / task.bands[1], rate / task.bands[2]
         settle = settled(lane, place * place + pace * pace + shake * shake)
-    total = pay(lane, task, live, info, 0, decay(wide * wide))
-    total = total + pay(lane, task, live, info, 1, settle)
-    total = total + pay(lane, task, live, info, 2, -smaller(way, 1.0))
-    total = total + pay(lane, task, live, info, 3, -effort(lane, task, action))
-    total = total + pay(lane, task, live, info, 4, -smaller(rate * rate, 1.0))
-    total = pay_change(lane, task, action, record, live, info, total)
+    total = reward_term(lane, task, live, info, 0, decay(wide * wide))
+    total = total + reward_term(lane, task, live, info, 1, settle)
+    total = total + reward_term(lane, task, live, info, 2, -smaller(way, 1.0))
+    total = total + reward_term(lane, task, live, info, 3, -effort(lane, task, action))
+    total = total + reward_term(lane, task, live, info, 4, -smaller(rate * rate, 1.0))
+    total = reward_change(lane, task, action, record, live, info, total)
     return total, past_limits(lane, task, poses)
 
 

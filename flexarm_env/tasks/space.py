@@ -5,7 +5,7 @@ import math
 from ..compiler import kernel, load, sincos, size, splat, square_root, store
 from ..physics.layout import SPACE_POSE
 from .program import GOAL, MOVING, PATH, TARGET, TARGET_RATE
-from .reach import pay_point
+from .reach import reward_point
 from .space_angles import follow_point, seek_point
 from .stream import uniform
 from .task import TASKS, Task, info_of, past_limit, put_info, show_scaled
@@ -92,7 +92,7 @@ def space_judge(lane, task, poses, action, record, live, info):
         put_info(lane, live, info, at.target + d, load(lane, record, TARGET + d))
     error = square_root((dx * dx + dy * dy) + dz * dz) / task.length
     speed = square_root((vx * vx + vy * vy) + vz * vz) / task.length
-    return pay_point(lane, task, error, speed, shaking, action, record, live, info), past
+    return reward_point(lane, task, error, speed, shaking, action, record, live, info), past
 
 
 @kernel

@@ -126,7 +126,7 @@ def past_limits(lane, task, poses):
 
 
 @kernel
-def hold(lane, task, good, record, live, info):
+def record_success(lane, task, good, record, live, info):
     """Count the instants in the band; success is a count that reaches task.hold."""
     before = load(lane, record, HOLD)
     held = select_lt(0.5, good, before + 1.0, splat(lane, 0.0))
@@ -153,7 +153,7 @@ def settled(lane, square):
 
 
 @kernel
-def pay_change(lane, task, action, record, live, info, total):
+def reward_change(lane, task, action, record, live, info, total):
     """The total less what the actions' change costs, where that is priced: the last term but failure."""
     change = splat(lane, 0.0)
     for j in range(size(task.acted)):
@@ -162,12 +162,12 @@ def pay_change(lane, task, action, record, live, info, total):
         change = change + (now - before) * (now - before)
         put(live, record, at, now, before)
     if size(task.acted) > 0:
-        total = total + pay(lane, task, live, info, size(task.terms) - 2, -change)
+        total = total + reward_term(lane, task, live, info, size(task.terms) - 2, -change)
     return total
 
 
 @kernel
-def pay(lane, task, live, info, k, value):
+def reward_term(lane, task, live, info, k, value):
     """Reward term k, weighted, into info."""
     weighted = value * task.weights[k]
     put_info(lane, live, info, info_of(task).terms + k, weighted)

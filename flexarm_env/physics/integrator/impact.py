@@ -6,7 +6,7 @@ from ...compiler import kernel, load, select_lt, size, splat, store
 from ..layout import DISSIPATED, WORK_DONE
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from ..protocol import MASS_ALONE, RESIDUAL_ALONE, Weights, assemble, constrain, energy
-from .start import SMALL
+from .start import layer_of
 from .switching import jump_multipliers
 from .work import copy_rows, move_multipliers, solve_known, state_of
 
@@ -39,7 +39,7 @@ def change_payload(lane, model, resting, par, new, live, w, h, books):
     for k in range(n):
         v = load(lane, w.v0, k)
         store(w.v0, k, select_lt(0.5, struck, v - load(lane, w.r, k), v))
-    _pass_layer(lane, model, par, w, h)
+    layer_of(lane, model, None, par, w, w.q0, h, True)
     for k in range(n):
         v = load(lane, w.v0, k)
         store(w.v, k, select_lt(0.5, struck, v + load(lane, w.r, k), v))
@@ -93,35 +93,6 @@ def _of_momentum(lane, model, par, new, w):
         store(w.q0, k, rest)
     move_multipliers(lane, model.algebraic, w.r, w.r, True)
     solve_known(lane, model, None, w, True)
-
-
-@kernel
-def _pass_layer(lane, model, par, w, h):
-    """r <- e of -dv where r is -dv and q0 are the forces at rest: t^3 (4 - 3 t) of it with t = 1 - s."""
-    n, part = size(model.n), 0.5 * h * SMALL
-    for k in range(n):
-        store(w.v, k, load(lane, w.r, k) * part)
-    _damp(lane, model, par, w, h, True)
-    for k in range(n):
-        store(w.v, k, load(lane, w.r, k) * part)
-    _damp(lane, model, par, w, h, False)
-    for k in range(n):
-        store(w.v, k, load(lane, w.v, k) * 4.0 - load(lane, w.r, k) * (3.0 * part))
-    _damp(lane, model, par, w, h, False)
-    for k in range(n):
-        store(w.v, k, load(lane, w.r, k) * part)
-    _damp(lane, model, par, w, h, False)
-
-
-@kernel
-def _damp(lane, model, par, w, h, matrix):
-    """r <- t x where v is x times h/2 and `SMALL`, and a is 0."""
-    move_multipliers(lane, model.algebraic, w.v, w.v, True)
-    assemble(lane, model, par, state_of(w), w.u, Weights(1.0 if matrix else 0.0, 0.5 * h, 0.0), w.r, w.S)
-    for k in range(size(model.n)):
-        store(w.r, k, (load(lane, w.r, k) - load(lane, w.q0, k)) * (1.0 / SMALL))
-    move_multipliers(lane, model.algebraic, w.r, w.r, True)
-    solve_known(lane, model, None, w, matrix)
 
 
 @kernel

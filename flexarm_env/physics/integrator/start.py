@@ -177,19 +177,10 @@ def _pass_layer(lane, model, drive, par, w, h, fresh):
     """
     n, part = size(model.n), 0.5 * h * SMALL
     for k in range(n):
-        store(w.v, k, load(lane, w.a0, k) * part)
+        store(w.r, k, load(lane, w.a0, k))
         store(w.a, k, splat(lane, 0.0))
     move_multipliers(lane, model.algebraic, w.q, w.a, False)
-    _damp(lane, model, drive, par, w, h, True, fresh, 1.0)  # (1 - s) dv
-    for k in range(n):
-        store(w.v, k, load(lane, w.r, k) * part)
-    _damp(lane, model, drive, par, w, h, False, fresh, -3.0)  # (1 - s)^2 dv
-    for k in range(n):
-        store(w.v, k, load(lane, w.v, k) * 4.0 - load(lane, w.r, k) * (3.0 * part))  # (1 - s) (1 + 3 s) dv
-    _damp(lane, model, drive, par, w, h, False, fresh, 1.0)  # g
-    for k in range(n):
-        store(w.v, k, load(lane, w.r, k) * part)
-    _damp(lane, model, drive, par, w, h, False, fresh, 1.0)  # e
+    layer_of(lane, model, drive, par, w, w.b0, h, fresh)
     for k in range(n):
         e, dv = load(lane, w.r, k), load(lane, w.a0, k)
         store(w.v, k, load(lane, w.v, k) - e * part)
@@ -206,11 +197,29 @@ def _pass_layer(lane, model, drive, par, w, h, fresh):
 
 
 @kernel
-def _damp(lane, model, drive, par, w, h, matrix, fresh, share):
+def layer_of(lane, model, drive, par, w, rest, h, fresh):
+    """r <- e of the jump dv in r, v <- g times h/2 and SMALL (`_pass_layer`). rest: the forces at rest; a is 0."""
+    n, part = size(model.n), 0.5 * h * SMALL
+    for k in range(n):
+        store(w.v, k, load(lane, w.r, k) * part)
+    _damp(lane, model, drive, par, w, rest, h, True, fresh, 1.0)  # (1 - s) dv
+    for k in range(n):
+        store(w.v, k, load(lane, w.r, k) * part)
+    _damp(lane, model, drive, par, w, rest, h, False, fresh, -3.0)  # (1 - s)^2 dv
+    for k in range(n):
+        store(w.v, k, load(lane, w.v, k) * 4.0 - load(lane, w.r, k) * (3.0 * part))  # (1 - s) (1 + 3 s) dv
+    _damp(lane, model, drive, par, w, rest, h, False, fresh, 1.0)  # g
+    for k in range(n):
+        store(w.v, k, load(lane, w.r, k) * part)
+    _damp(lane, model, drive, par, w, rest, h, False, fresh, 1.0)  # e
+
+
+@kernel
+def _damp(lane, model, drive, par, w, rest, h, matrix, fresh, share):
     """r <- (1 - s) x where v is x times h/2 and SMALL; `share` of it goes into the jump of the accelerations."""
     move_multipliers(lane, model.algebraic, w.v, w.v, True)
     assemble(lane, model, par, state_of(w), w.u, Weights(1.0 if matrix else 0.0, 0.5 * h, 0.0), w.r, w.S)
-    _less(lane, size(model.n), w.r, w.b0, 1.0 / SMALL)
+    _less(lane, size(model.n), w.r, rest, 1.0 / SMALL)
     move_multipliers(lane, model.algebraic, w.r, w.r, True)
     solve_known(lane, model, drive, w, matrix)
     if not fresh:
