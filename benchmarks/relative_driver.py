@@ -1,0 +1,44 @@
+"""Drives shamilmamedov/flexible_arm, from a folder with its files, in an interpreter that has CasADi and Gymnasium.
+
+A line of JSON in, a line out: {"elements", "torques" (T, 3), "state" (joint angles)} gives the tips (T, 3), m, and what
+the steps took of the processor, s. Of its environment the simulator and the tip are run, which its step consists of but
+for distance and observation: the step itself ends in an IndexError where the true state is observed, its default
+(commit fe633ce). What it imports for planning and drawing is left out.
+"""
+
+import json
+import os
+import sys
+import time
+from typing import Any
+from unittest.mock import MagicMock
+
+import numpy as np
+
+
+def main(folder: str) -> None:
+    """Answer until there are no more lines."""
+    for name in ("pinocchio", "pinocchio.visualize", "acados_template", "panda3d_viewer", "torch"):
+        sys.modules[name] = MagicMock()
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # CasADi's warnings
+    os.chdir(folder)
+    sys.path.insert(0, folder)
+    from envs.flexible_arm_env import FlexibleArmEnv, FlexibleArmEnvOptions  # type: ignore[import-not-found]
+
+    made: dict[int, Any] = {}
+    for line in sys.stdin:
+        asked = json.loads(line)
+        n, torques = asked["elements"], np.array(asked["torques"])
+        if n not in made:
+            made[n] = FlexibleArmEnv(FlexibleArmEnvOptions(n_seg=n, sim_noise_R=np.zeros((9, 9)), sim_time=30.0))
+        model, simulator = made[n].model_sym, made[n].simulator
+        state = np.zeros(model.nx)
+        state[model.qa_idx] = asked["state"]
+        simulator.reset(x0=state)
+        tips, begun = [], time.process_time()
+        for k, torque in enumerate(torques, 1):
+            simulator.step(torque)
+            tips.append(np.array(model.p_ee(simulator.x[k, : model.nq])).ravel().tolist())
+        took = time.process_time() - begun
+        print(json.dumps({"tips": tips, "cpu_s": took}), file=answers, flush=True)
