@@ -321,6 +321,7 @@ class SpatialDynamics(Dynamics):
         return x, u
 
     def unbent(self, angles: ArrayLike) -> Array:
+        """See `Dynamics.unbent`."""
         angles, x = self._turned(angles)
         x[:, self.joints] = angles
         return x
