@@ -51,12 +51,12 @@ def solved(
     q = np.hstack([reduced.lift, np.zeros((f, n + m))])
     v = np.hstack([reduced.drift, reduced.lift, np.zeros((f, m))])
     a = reduced.lift @ reduced.accelerations + reduced.bend_v @ v + reduced.bend_q @ q
-    found = carried(simulation, flat, w, (q, v, a), equations.free, equations.inputs, dt)
+    found = period_tangents(simulation, flat, w, (q, v, a), equations.free, equations.inputs, dt)
     change = np.vstack([equations.changes(w.q, tangents) for tangents in found])
     return change[:, : 2 * n], change[:, 2 * n :], np.concatenate(equations.state(w.q, w.v))
 
 
-def carried(
+def period_tangents(
     simulation: Simulation, flat: Array, w: Work, starts: tuple[Array, Array, Array], rows: Rows, inputs: Any, dt: float
 ) -> tuple[Array, Array]:
     """Tangents (f, columns) of q and v of some rows after a period, of those of q, v and a at its start; the last

@@ -25,7 +25,7 @@ from ..physics.layout import SPACE_POSE, SPACE_POSES
 from ..physics.protocol import difference, update
 from ..simulation import Simulation
 from .equations import SECOND, Reduced, Rows, slopes
-from .period import carried
+from .period import period_tangents
 from .space import SmallMotions
 from .stability import eigenpairs, growing
 
@@ -169,7 +169,7 @@ def _period(
     q, v = np.zeros((f, n)), np.zeros((f, n))
     q[:, :f], v[:, f : 2 * f] = np.linalg.inv(tangent.slope(w.q)), np.eye(f)
     begun, way = w.q.copy(), np.zeros(len(w.q))
-    q, v = carried(simulation, flat, w, (q, v, right), rows, tangent.inputs, dt)
+    q, v = period_tangents(simulation, flat, w, (q, v, right), rows, tangent.inputs, dt)
     uncompiled(difference)(SINGLE, simulation.model, begun, w.q, way)
     change = np.vstack([tangent.slope(w.q) @ q, v])
     return {"A": change[:, : 2 * f], "B": change[:, 2 * f :], "rate": np.concatenate([way[rows], w.v[rows]])}

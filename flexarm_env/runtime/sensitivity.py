@@ -117,9 +117,9 @@ def tangent_rows(lane, wide, model, drive, steps, scheme, factors, here, ahead, 
             w.q[2 * drive.known[i] + 1] = moved[k, i, OF_MOTION.value]
         for i in range(inputs):
             store(w.u, i, splat(wide, here.u[k * inputs + i]))
-        _add(lane, here, steps, k, r, w.S, given)
-        _add(lane, ahead, steps, k, r, w.S, given)
-        _add(lane, behind, steps, k, r, w.S, given)
+        _add_residual(lane, here, steps, k, r, w.S, given)
+        _add_residual(lane, ahead, steps, k, r, w.S, given)
+        _add_residual(lane, behind, steps, k, r, w.S, given)
         for _ in range(passes):
             _follow(wide, model, drive, w, d, slopes, steps, k, moved)
             residual(wide, model, par, state_of(w), w.u, w.r, w.S)
@@ -127,9 +127,9 @@ def tangent_rows(lane, wide, model, drive, steps, scheme, factors, here, ahead, 
                 r[i], dv[i], da[i] = given[i] + w.r[2 * i + 1], w.v[2 * i + 1], w.a[2 * i + 1]
             take_out_known(lane, model, drive, r, own, False)
             solve(lane, model, own, r)
-            _bound(lane, here, own)
-            _bound(lane, ahead, own)
-            _bound(lane, behind, own)
+            _add_friction(lane, here, own)
+            _add_friction(lane, ahead, own)
+            _add_friction(lane, behind, own)
             weights = Weights(slopes.a, slopes.v, 1.0)
             friction_tangents(lane, model, State(dv, dv, da), weights, slopes.v / slopes.a, own, r)
             for i in range(n):
@@ -161,7 +161,7 @@ def _follow(wide, model, drive, w, d, slopes, on, k, moved):
 
 
 @kernel
-def _add(lane, one, on, k, r, free, given):
+def _add_residual(lane, one, on, k, r, free, given):
     """given <- given + the weight of a neighbour's residual at the state."""
     if one.weight != 0.0:
         n, inputs = size(one.model.n), size(one.model.n_inputs)
@@ -171,8 +171,8 @@ def _add(lane, one, on, k, r, free, given):
 
 
 @kernel
-def _bound(lane, one, matrix):
-    """Likewise of the friction of joints that slide."""
+def _add_friction(lane, one, matrix):
+    """What `matrix` notes of friction changes by a neighbour's, times its weight, where joints slide."""
     if one.weight != 0.0:
         change_friction(lane, one.model, one.par, one.weight, matrix)
 
