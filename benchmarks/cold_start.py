@@ -1,6 +1,8 @@
 """What it takes from `python` to the first step, for every kind of arm: processor time, memory, room on the disk.
 
-    python -m benchmarks.cold_start [--repeats 3]     measures, writes the lines of docs/results/throughput.md
+    python -m benchmarks.cold_start [--repeats 3] [--only WORD]     writes the lines of docs/results/throughput.md
+
+--only: cases whose names have the word; the others stay as they are.
 
 Each case runs in a fresh process: first with an empty folder of compiled code, then again with what the first one left
 there; the least of the repeats counts. Processor time is that of all threads and child processes, from the start of
@@ -43,7 +45,7 @@ KINDS: dict[str, tuple[str, dict[str, Any]]] = {
     ONE: (ONE, {}), TWO: (TWO, {}), "exact beam": (ONE, EXACT), "floating frame": (ONE, FLOATING),
     "floating frame, modes": (ONE, MODES), "gears and friction": (ONE, {"arm": "strip_geared"}),
     "all features": (ONE, RICH), "all features, exact beam": (ONE, RICH | EXACT),
-    "all features, floating frame": (ONE, RICH | FLOATING),
+    "all features, floating frame": (ONE, RICH | FLOATING), "in space": ("SpatialFlexArm-v0", {}),
 }  # fmt: skip
 SMOOTH = [name for name in KINDS if "features" not in name and "modes" not in name]
 """Kinds that derivatives are taken of."""
@@ -194,15 +196,16 @@ def blocks(found: dict[str, Any]) -> dict[str, list[str]]:
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """All cases, one after the other."""
-    found = {}
+    """All cases that are asked for, one after the other."""
+    kept = options.out / "cold_start.json"
+    found = json.loads(kept.read_text("utf-8"))["cases"] if options.only else {}
     with tempfile.TemporaryDirectory() as folder:
         room = Path(folder).resolve()
         _copied(room)
-        for name in (*CASES, FURTHER):
+        for name in [name for name in (*CASES, FURTHER) if options.only in name]:
             found[name] = measured(name, room, options.repeats)
             print(name, found[name], file=sys.stderr, flush=True)
-    return {"cases": found}
+    return {"cases": {name: found[name] for name in (*CASES, FURTHER)}}
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -213,7 +216,8 @@ def main(arguments: list[str] | None = None) -> int:
         return 0
     from benchmarks import pages  # not in a case's own process
 
-    return pages.run("cold_start", __doc__, measure, blocks, arguments, page="results/throughput", repeats=3)
+    return pages.run("cold_start", __doc__, measure, blocks, arguments, page="results/throughput", repeats=3,
+                     more=lambda parser: parser.add_argument("--only", default=""))  # fmt: skip
 
 
 if __name__ == "__main__":

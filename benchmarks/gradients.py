@@ -26,9 +26,10 @@ from benchmarks.machine import table
 
 ENVS: dict[str, dict[str, Any]] = {
     "FlexibleArm-v0": {"most": 6.0, "every": 32_768}, "TwoLinkFlexArm-v0": {"most": 40.0, "every": 65_536},
-    "SpatialFlexArm-v0": {"most": 90.0, "every": 65_536},
+    "SpatialFlexArm-v0": {"most": 90.0, "ppo": 600.0, "every": 65_536},
 }  # fmt: skip
-"""most: s of processor time within which gradients are to solve it. every: steps from one evaluation to the next."""
+"""most: s of processor time within which gradients are to solve it; ppo: within which PPO is (where nothing is
+asked of it, gradients are to be no worse than it). every: steps from one evaluation to the next."""
 
 TEST_EPISODES = 100
 
@@ -113,9 +114,11 @@ def verdicts(sizes: dict[str, float], runs: list[dict[str, Any]]) -> dict[str, b
     }
     for env_id, wanted in ENVS.items():
         own, ppo = (_of(runs, env_id, algorithm) for algorithm in ("gradient", "ppo"))
-        what = f"{env_id}: solved within {wanted['most']:g} s of processor time by every seed of {len(own)}"
-        found[what] = all(row["solved_cpu_s"] is not None and row["solved_cpu_s"] <= wanted["most"] for row in own)
-        for what, key, sign in JUDGED if ppo else ():
+        limits = [("", wanted["most"], own)] + ([(" by PPO", wanted["ppo"], ppo)] if ppo and "ppo" in wanted else [])
+        for by, most, rows in limits:
+            what = f"{env_id}: solved{by} within {most:g} s of processor time by every seed of {len(rows)}"
+            found[what] = all(row["solved_cpu_s"] is not None and row["solved_cpu_s"] <= most for row in rows)
+        for what, key, sign in JUDGED if ppo and "ppo" not in wanted else ():
             mine, others = ([row[key] for row in rows] for rows in (own, ppo))
             better = [sign * (of(mine) - of(others)) >= 0.0 for of in (np.median, np.mean)]
             found[f"{env_id}: {what} (medians and means of the seeds)"] = all(better)
@@ -154,24 +157,28 @@ def blocks(found: pages.Found) -> pages.Blocks:
 def measure(options: argparse.Namespace) -> pages.Found:
     """Measure, train, judge."""
     chosen, sizes, runs, gap = options.only or list(ENVS), dict[str, float](), list[dict[str, Any]](), list[Any]()
+    looked_at = chosen if options.seeds else []
     if options.only:
         kept = json.loads((options.out / "gradients.json").read_text(encoding="utf-8"))
-        sizes = {env_id: size for env_id, size in kept["bytes"].items() if env_id not in chosen}
-        runs, gap = ([row for row in kept[part] if row["env"] not in chosen] for part in ("runs", "gaps"))
-    sizes |= {env_id: kept_bytes(env_id, options.arms) for env_id in chosen}
+        sizes = {env_id: size for env_id, size in kept["bytes"].items() if env_id not in looked_at}
+        gap = [row for row in kept["gaps"] if row["env"] not in looked_at]
+        anew = {"gradient": options.seeds, "ppo": options.ppo}
+        runs = [row for row in kept["runs"] if row["env"] not in chosen or not anew[row["algorithm"]]]
+    sizes |= {env_id: kept_bytes(env_id, options.arms) for env_id in looked_at}
     for algorithm, seeds in (("gradient", options.seeds), ("ppo", options.ppo)):
         for env_id, seed in itertools.product(chosen, range(seeds)):
             row = learned(env_id, algorithm, seed, options.runs, options.kept)
             runs += [] if row is None else [row]
             print(json.dumps(row), flush=True)
-    gap += [gaps(env_id, options.arms) for env_id in chosen]
+    gap += [gaps(env_id, options.arms) for env_id in looked_at]
     return {"bytes": sizes, "gaps": gap, "runs": runs, "verdicts": verdicts(sizes, runs)}
 
 
 def flags(parser: argparse.ArgumentParser) -> None:
     """Of the command line."""
     parser.add_argument("--runs", type=Path, default=Path("runs/gradients"), help="folder of the runs")
-    parser.add_argument("--only", nargs="+", choices=ENVS, help="only these environments, the others as they are")
+    what = "only these environments, the others as they are; so is what is told of an algorithm with no seeds"
+    parser.add_argument("--only", nargs="+", choices=ENVS, help=what)
     parser.add_argument("--kept", action="store_true", help="tell of runs that have finished, start none")
 
 

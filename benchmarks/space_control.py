@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 
 import flexarm_env  # noqa: F401  (registers the environments)
 from benchmarks import pages
-from benchmarks.machine import table
+from benchmarks.machine import DOCS, table
 from flexarm_env import control
 
 GAUGES = [{"link": k, "measures": what} for k in (1, 2) for what in ("xy", "xz", "torsion")]
@@ -52,7 +53,14 @@ def blocks(found: pages.Found) -> pages.Blocks:
         known = [t for t in times if t is not None]
         late = np.sort([np.inf if t is None else t for t in times])[[len(times) // 2, int(0.95 * len(times))]]
         rows.append((name, f"{len(known)} of {len(times)}", *(f"{t:.2f} s" for t in late)))
-    return {"settled": table("controller | settled | median | 95 % by", rows)}
+    learned = json.loads((DOCS / "results" / "gradients.json").read_text("utf-8"))["runs"]
+    runs = [
+        (row["algorithm"], row["seed"], f"{row['steps'] / 1e6:.1f} million", f"{row['solved_cpu_s']:.0f} s",
+         f"{row['success']:.0%}", f"{row['settling']:.2f} s")
+        for row in learned if row["env"] == "SpatialFlexArm-v0"
+    ]  # fmt: skip
+    heads = "algorithm | seed | steps | 95 % in validation after | success | settling, median"
+    return {"settled": table("controller | settled | median | 95 % by", rows), "learned": table(heads, runs)}
 
 
 def main(arguments: list[str] | None = None) -> int:
