@@ -90,7 +90,7 @@ class Starts:
     start: (low, high) of each joint angle, rad. target: two ranges: rad from the start (slew; the second unused), or
     m and rad, polar (reach); in space those of the joint angles at the target, rad. straight: share of starts with all
     joints at 0. vibration: largest initial vibration, as a tip deflection over L. factors, more, shake: those of
-    `Ranges`; None: none. laws: joints are drawn.
+    `Ranges`; None: none. laws: joints are drawn. hub: see `Ranges`.
     """
 
     start: Sequence[tuple[float, float]]
@@ -101,6 +101,7 @@ class Starts:
     shake: Array | None = None
     more: Sequence[tuple[float, float]] | None = None
     laws: bool = False
+    hub: float = 0.0
 
 
 def info_places(task: Task) -> Any:
@@ -227,13 +228,12 @@ class Batch:
         return self.system.notes.get("stretch_and_shear", float("inf"))
 
     def _ranges(self) -> Ranges:
-        starts = self.starts
-        still = None if self.pose is None else np.zeros(self.pose.size)
+        starts, still = self.starts, None if self.pose is None else np.zeros(self.pose.size)
         ranges = {name: np.array(getattr(starts, name), np.float64).ravel() for name in ("start", "target", "factors")}
         return Ranges(
             pose=None if self.pose is None else self.pose.ravel(), nominal=self.system.par.copy(),
             shake=still if starts.shake is None else starts.shake.ravel(),
-            straight=float(starts.straight), vibration=float(starts.vibration), **ranges,
+            straight=float(starts.straight), vibration=float(starts.vibration), hub=float(starts.hub), **ranges,
             more=None if starts.more is None else np.ravel(starts.more), laws=(0,) if starts.laws else None,
         )  # fmt: skip
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from flexarm_env import arms
+from flexarm_env.physics.joints.layout import LAWS
 from flexarm_env.tasks.program import GOAL
 from tests.env_tools import assert_same, episode, rich, turned
 from tests.refusals import refuses
@@ -450,6 +451,57 @@ def test_drawn_joints_and_inertia_are_those_of_an_arm_that_has_them(formulation:
     assert np.abs(drawn - nominal).max() > 0.02
 
 
+def shaken(env: Any, steps: int = 30) -> Any:
+    """What is seen of three arms under random torques, times its scales."""
+    env.reset(seed=3)
+    actions = np.random.default_rng(0).uniform(-0.5, 0.5, (steps, *env.action_space.shape)).astype(np.float32)
+    seen = np.array([env.step(action)[0] for action in actions]) * env.unwrapped.plan.scales
+    env.close()
+    return seen
+
+
+@pytest.mark.parametrize(
+    ("env_id", "keywords"),
+    [
+        (ONE, {"formulation": "geometrically_exact"}),
+        pytest.param("TwoLinkFlexArm-v0", {"formulation": "floating_frame"}, marks=pytest.mark.slow),
+        pytest.param("SpatialFlexArm-v0", {"elements": 1}, marks=pytest.mark.slow),
+    ],
+)
+def test_a_drawn_hub_is_that_of_an_arm_that_has_it(env_id: str, keywords: dict[str, Any]) -> None:
+    """In space a tensor, of which what is about the axis counts; told by info, and among derivatives' parameters."""
+    base = arms.named({ONE: "strip", "SpatialFlexArm-v0": "three_dof"}.get(env_id, "de_luca_siciliano"))
+    size = base.torque_limits[0] / 200.0
+
+    def hubbed(factor: float) -> Any:
+        diagonal = np.diag(np.where(base.hub_axis, factor, 2.0)) * size
+        own = tuple(map(tuple, diagonal.tolist())) if "elements" in keywords else factor * size
+        return dataclasses.replace(base, hub_inertia=own)
+
+    def made(factor: float, **more: Any) -> Any:
+        return gym.make_vec(env_id, num_envs=3, arm=hubbed(factor), **more, **keywords)
+
+    drawn = shaken(made(1.0, randomization={"hub_inertia": (2.5, 2.5)}))
+    np.testing.assert_allclose(drawn, shaken(made(2.5)), atol=2e-5)
+    assert np.abs(drawn - shaken(made(1.0))).max() > 0.02
+    env = made(1.0, randomization={"hub_inertia": (0.5, 2.0), "EI": (0.5, 2.0)})
+    _, info = env.reset(seed=1)
+    own = env.unwrapped.batch
+    rotors = np.array([own.parameters(i)[len(own.system.model.own) + LAWS.rotor] for i in range(3)])
+    assert rotors == pytest.approx(size * (info["drawn_hub_inertia"] - 1.0)) and len(set(rotors)) == 3
+    env.close()
+
+
+def test_hubs_that_are_not_drawn() -> None:
+    """There is none, or a gear that gives hides it; a factor of 1 changes nothing but round-off."""
+    ranges = {"hub_inertia": (0.5, 2.0)}
+    none = dataclasses.replace(arms.named("strip"), hub_inertia=0.0)
+    refuses("must not be given: strip has none", lambda: gym.make(ONE, arm=none, randomization=ranges))
+    refuses("an elastic gear", lambda: gym.make(ONE, arm="strip_geared", randomization=ranges))
+    plain, same = (gym.make_vec(ONE, num_envs=3, randomization=given) for given in ({}, {"hub_inertia": (1.0, 1.0)}))
+    np.testing.assert_allclose(shaken(same), shaken(plain), atol=2e-6)
+
+
 def test_factors_of_joints_are_drawn_anew_and_only_where_they_are_asked_for() -> None:
     ranges = {"friction": (0.5, 2.0), "motor_inertia": (0.8, 1.2)}
     given = {"arm": "strip_geared", "randomization": ranges}
@@ -476,6 +528,7 @@ def test_factors_of_joints_are_drawn_anew_and_only_where_they_are_asked_for() ->
         ({"friction": (0.5, 2.0)}, r"randomization.friction = .*: must not be given: no joint of strip has any"),
         ({"backlash": (0.5, 2.0)}, "randomization.backlash"),
         ({"motor_inertia": (0.5, 2.0)}, "randomization.motor_inertia"),
+        ({"GJ": (0.5, 2.0)}, "randomization.GJ"),
         ({"payload_inertia": (2.0, 0.5)}, "randomization.payload_inertia"),
     ],
 )

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import bodies
 from .. import sensors as description
 from .. import validation as check
 from ..batch import Actuator, Amplifier, Controller, Reference, Sensors, gauge_table
@@ -121,6 +122,26 @@ def with_friction(arm: Arm, given: Any) -> Arm:
             joints = [replace(joint, **{field: getattr(joint, field) + own}) for joint, own in pairs]
             arm = replace(arm, joints=tuple(joints))
     return arm
+
+
+NOTHING = 1e-12
+"""Of a hub: a rotor by which joint 0 has a law, where nothing else gives it one."""
+
+
+def with_hub(arm: Arm, drawn: Any) -> tuple[Arm, float]:
+    """The arm whose hub is drawn, and the hub's inertia about its axis: what there is more or less of it is drawn as
+    inertia of joint 0's rotor, which is the same on a base that does not turn."""
+    if drawn is None:
+        return arm, 0.0
+    axis, joint = np.array(arm.hub_axis), arm.joint(0)
+    hub = float(axis @ bodies.tensor(arm.hub_inertia) @ axis)
+    if hub == 0.0 or joint.elastic:
+        what = f"{arm.name} has none" if hub == 0.0 else "joint 0 has an elastic gear, of which motor_inertia is drawn"
+        raise check.InvalidValue("randomization.hub_inertia", drawn, f"must not be given: {what}")
+    if joint.moves:
+        return arm, hub
+    joints = (replace(joint, motor_inertia=NOTHING * hub), *(arm.joint(k) for k in range(1, arm.n_links)))
+    return replace(arm, joints=joints), hub
 
 
 def actuator(frame: Frame, given: Any) -> Actuator | None:

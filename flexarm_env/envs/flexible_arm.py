@@ -129,8 +129,9 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     it is drawn from, see below |
     | `motion` | None | for "replay", as in the options of reset; None: the paper's robot_arm_motion |
     | `reward` | {} | weights by name; with `change`: -|a_k - a_(k-1)|^2, what actions change by, 0 before the first |
-    | `randomization` | {} | `payload`, `EI`, `damping`, `torque_constant`, `payload_inertia` (besides `payload`), \
-    and, where joints have them, `friction`, `backlash`, `motor_inertia`: (low, high) factors on the nominal value |
+    | `randomization` | {} | `payload`, `EI`, `damping`, `torque_constant` (or an amplifier's gain), `payload_inertia` \
+    (besides `payload`), `hub_inertia` (before no elastic gear), and, where joints have them, `friction`, `backlash`, \
+    `motor_inertia`: (low, high) factors on the nominal value |
     | `observation` | "full" | or "measured", or names of entries in the order wanted, see below |
     | `history` | 1 | the last so many observations in one, the oldest first |
     | `sensors` | {} | `noise`, `delay`, `strain_gauges`, `encoders`, `accelerometer`, `camera`, see below |

@@ -23,7 +23,7 @@ from ..sensors import Sensors
 from ..settings import Settings, check_options, default_options, merged
 from ..shapes import Shape
 from . import events
-from .features import ACTION_MODES, Frame, amplified, controller, gauge_scales, table_of, with_friction
+from .features import ACTION_MODES, Frame, amplified, controller, gauge_scales, table_of, with_friction, with_hub
 from .features import actuator as make_actuator
 from .features import reference as make_reference
 from .features import sensors as make_sensors
@@ -50,8 +50,8 @@ benchmarks/choose_default.py is the reason."""
 FACTORS = ("payload", "EI", "damping", "torque_constant")
 MORE = ("payload_inertia", "friction", "backlash", "motor_inertia")
 """Factors that are drawn only where they are asked for; those but the first are on what the arm's joints have."""
-MORE_IN_SPACE = ("EI_y", "GJ")
-"""Likewise, of what links have in space; EI is on EI_y too."""
+OTHERS = ("hub_inertia", "EI_y", "GJ")
+"""Likewise; with these all are drawn. The last two are of what links have in space, where EI is on EI_y too."""
 """Keys of `randomization`, each a range (low, high) of the factor on the nominal value."""
 
 
@@ -169,6 +169,8 @@ def plan(
     """Check the arguments of an environment (see its class); a ValueError names key, value and what is allowed."""
     kind = priced(kind, reward)
     own = with_friction(_arm(kind, arm, joint_limits), actuator)
+    factors, more = _factors(randomization, own)
+    own, hub = with_hub(own, (randomization or {}).get("hub_inertia"))
     own, amplifier = amplified(own, check.choice("action_mode", action_mode, ACTION_MODES))
     period = check.number("control_dt", kind.period if control_dt is None else control_dt, "s", above=0.0)
     settings = _settings(kind, formulation, period, options)
@@ -210,13 +212,12 @@ def plan(
     weights = reward_weights(kind, reward)
     vibration = check.number("initial_vibration", initial_vibration, minimum=0.0, maximum=0.5)
     begun, absolute = events.starts(kind, own, starts)
-    factors, more = _factors(randomization, own)
-    laws = more is not None and more[1:4] != ((1.0, 1.0),) * 3
-    begun = dataclasses.replace(begun, factors=factors, more=more, laws=laws, vibration=vibration)
+    laws = any(one != (1.0, 1.0) for one in (more or ())[1:5])
+    begun = dataclasses.replace(begun, factors=factors, more=more, laws=laws, hub=hub, vibration=vibration)
     if vibration > 0.0:
         modes = swing(own, settings) if kind.space else shake(own, settings, frame.gravity)
         begun = dataclasses.replace(begun, shake=modes)
-    drawn = {name: k for k, name in enumerate((*FACTORS, *MORE, *MORE_IN_SPACE)) if name in (randomization or {})}
+    drawn = {name: k for k, name in enumerate((*FACTORS, *MORE, *OTHERS)) if name in (randomization or {})}
     aims = events.aims(frame, extras, success, turns, absolute, bool(drawn))
     built = kind.build(own, weights, period, aims)
     return Plan(
@@ -307,8 +308,8 @@ def _gravity(kind: Kind, given: Any) -> tuple[float, ...] | None:
 
 
 def _factors(given: Any, arm: Arm) -> tuple[tuple[events.Pair, ...], tuple[events.Pair, ...] | None]:
-    """Ranges of `FACTORS`, and of `MORE` (with `MORE_IN_SPACE` where one of those is given), or None."""
-    names = (*FACTORS, *MORE, *(MORE_IN_SPACE if arm.spatial else ()))
+    """Ranges of `FACTORS`, and of `MORE` (with `OTHERS` where one of those is given), or None."""
+    names = (*FACTORS, *MORE, *OTHERS[: 3 if arm.spatial else 1])
     table, rows = table_of("randomization", given, names), []
     joints = [arm.joint(k) for k in range(arm.n_links)]
     there = {
@@ -327,7 +328,7 @@ def _factors(given: Any, arm: Arm) -> tuple[tuple[events.Pair, ...], tuple[event
             raise check.InvalidValue(path, table[name], f"must not be given: no joint of {arm.name} has any")
         rows.append((low, high))
     drawn, more = len(FACTORS) + len(MORE), names[len(FACTORS) :]
-    last = len(names) if any(name in table for name in MORE_IN_SPACE) else drawn
+    last = len(names) if any(name in table for name in OTHERS) else drawn
     return tuple(rows[: len(FACTORS)]), tuple(rows[len(FACTORS) : last]) if any(k in table for k in more) else None
 
 

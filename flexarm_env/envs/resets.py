@@ -100,7 +100,7 @@ def guide_of(plan: Plan, asked: Request) -> Guide | None:
     if asked.motion is None:
         return None
     if plan.starts.laws:
-        what = "must not be given in an environment that draws friction, backlash or motor_inertia"
+        what = "must not be given in an environment that draws friction, backlash, motor_inertia or hub_inertia"
         raise check.InvalidValue("options.motion", "a motion", what)
     own = guide(plan, asked.motion, asked.angles)
     starts = own.starts().tolist()

@@ -66,7 +66,7 @@ def _nominal(batch: Batch) -> None:
     """ValueError where joints are drawn: linear models have those of the arm."""
     if batch.starts.laws:
         what = "must not be drawn for linear models"
-        raise check.InvalidValue("randomization", "friction, backlash or motor_inertia", what)
+        raise check.InvalidValue("randomization", "friction, backlash, motor_inertia or hub_inertia", what)
 
 
 def linear_model(plan: Plan, batch: Batch, i: int, guide: Guide | None, discrete: float | None) -> LinearModel:

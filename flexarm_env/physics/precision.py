@@ -103,7 +103,7 @@ def stiffnesses(
 
 def largest(starts: Any) -> dict[str, float]:
     """Largest factors on EI, in space on EI_y and GJ, that a `batch.Starts` draws."""
-    bending, more = starts.factors[1][1], [high for _, high in starts.more or ()][4:] or [1.0, 1.0]
+    bending, more = starts.factors[1][1], [high for _, high in starts.more or ()][5:] or [1.0, 1.0]
     return {"EI": bending, "EI_y": bending * more[0], "GJ": more[1]}
 
 

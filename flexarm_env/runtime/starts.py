@@ -144,8 +144,8 @@ def _draw_more(p, lanes, i, arm, factors, par):
     par[PAYLOAD_INERTIA * lanes + i] = par[PAYLOAD_INERTIA * lanes + i] * factors[0]
     friction, play, rotor = factors[1], factors[2], factors[3]
     if p.ranges.pose is None:
-        par[EI_Y_FACTOR * lanes + i] = par[EI_Y_FACTOR * lanes + i] * factors[4]
-        par[GJ_FACTOR * lanes + i] = par[GJ_FACTOR * lanes + i] * factors[5]
+        par[EI_Y_FACTOR * lanes + i] = par[EI_Y_FACTOR * lanes + i] * factors[5]
+        par[GJ_FACTOR * lanes + i] = par[GJ_FACTOR * lanes + i] * factors[6]
     if p.ranges.laws is not None:
         laws = par[size(p.model.own) * lanes :]
         for k in range(0, p.model.data.shape[0], LAWS.end):
@@ -155,6 +155,7 @@ def _draw_more(p, lanes, i, arm, factors, par):
             laws[(k + LAWS.coulomb) * lanes + i] = p.model.data[k + LAWS.coulomb] * friction
             laws[(k + LAWS.play) * lanes + i] = p.model.data[k + LAWS.play] * play
             laws[(k + LAWS.rotor) * lanes + i] = p.model.data[k + LAWS.rotor] * rotor
+        laws[LAWS.rotor * lanes + i] = laws[LAWS.rotor * lanes + i] + p.ranges.hub * (factors[4] - 1.0)
 
 
 @kernel

@@ -122,7 +122,7 @@ START = Layout(
     "Start", "joints",
     Field("vibration", (3,), "", "initial tip deflection over L; in space of each mode, in the plane the first alone"),
     Field("target", (2,), "m or rad", "as in the record"),
-    Field("factors", (10,), "", "on the nominal values: payload, EI, damping, torque constant; `Ranges.more`"),
+    Field("factors", (11,), "", "on the nominal values: payload, EI, damping, torque constant; `Ranges.more`"),
     Field("parameters", (PARAMETERS,), "", "payload mass, payload inertia, EI factor, tau_d"),
     Field("angles", ("joints",), "rad", "joint angles"),
 )  # fmt: skip
@@ -164,7 +164,7 @@ _FURTHER = Layout(
     Field("payload", (), "kg", "mass of the payload"),
     Field("push", (3,), "N", "force on the tip in the period"),
     Field("step_error", (), "", "of the period over L, as fitted steps have it"),
-    Field("drawn", (10,), "", "factors on the nominal values, as in a `START`"),
+    Field("drawn", (11,), "", "factors on the nominal values, as in a `START`"),
     Field("clearance", (), "m", "from the shapes that it keeps out of; negative within one"),
     Field("penetration", (), "m", "how deep it is in one, or 0"),
 )  # fmt: skip
@@ -269,9 +269,11 @@ class Ranges(NamedTuple):
     straight: float  # share of starts with all joints at 0
     vibration: float  # largest initial vibration, as a tip deflection over L
     factors: np.ndarray  # (4, 2): payload, EI, damping, torque constant
-    # (4, 2): payload inertia besides, friction, backlash, rotors; (6, 2): in space EI_y besides, GJ; None: not drawn
+    # (4, 2): payload inertia besides, friction, backlash, rotors; (5, 2): the hub's inertia; in space (7, 2): EI_y
+    # besides, GJ; None: not drawn
     more: np.ndarray | None = None
-    laws: tuple[int, ...] | None = None  # a tag where the joints' laws are each arm's own, for rows 1 to 3
+    laws: tuple[int, ...] | None = None  # a tag where the joints' laws are each arm's own, for rows 1 to 4
+    hub: float = 0.0  # kg m^2: of which what is drawn is more or less is the first joint's rotor's
 
 
 class Controller(NamedTuple):
