@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,8 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..compiler import SINGLE, WIDEST, Placed, dual, entry, size, uncompiled
 from ..physics import assembly
-from ..physics.integrator.work import work_size
+from ..physics.integrator.work import unpack, work_size
+from ..physics.layout import POSE
 from ..physics.model import Elastica, System
 from ..runtime import linearized
 from ..runtime.layout import aligned
@@ -80,12 +82,15 @@ class Linearizer:
         wide, work = dual(WIDEST, AT_ONCE), int(uncompiled(work_size)(1, model, 0))
         chunks, room = -(-columns // AT_ONCE), uncompiled(linearized.room)
         self._shape = (n, 2 * rows + shown, columns)
+        rates = "qv" if steps else "va"
         self._rows = linearized.Linearization(
             lane=WIDEST, dual=wide, model=model, scheme=assembly.scheme_of(settings, settings.tolerance),
             links=(0,) * links,
             h=settings.dt if discrete is None else discrete / steps, n_steps=steps, n=n, work=work,
-            z=np.zeros(n * columns), par=np.zeros(n * PARAMETERS), after=np.zeros(n * 2 * rows),
-            outputs=np.zeros(n * shown), slopes=np.zeros(math.prod(self._shape)),
+            given=np.zeros(n * (columns + PARAMETERS)), places=_places(model, work, lanes, "qvu", PARAMETERS),
+            twice=_places(model, work, len(wide), "qvu", PARAMETERS),
+            read=_places(model, work, len(wide), rates, shown, PARAMETERS + POSE.end * links),
+            values=np.zeros(n * (2 * rows + shown)), slopes=np.zeros(math.prod(self._shape)),
             block=aligned(1, room(work * lanes, lanes, links)).reshape(-1),
             scratch=aligned(chunks, room(work * len(wide), len(wide), links)).reshape(-1),
         )  # fmt: skip
@@ -95,16 +100,16 @@ class Linearizer:
     def __call__(self, q: Array, v: Array, u: Array, par: Array) -> LinearModels:
         """At coordinates and rates (n, rows), torques (n, N), parameters (n, 4)."""
         d, n = self._rows, self.n
-        d.z.reshape(n, -1)[:] = np.concatenate([q, v, u], axis=1)
-        d.par.reshape(n, -1)[:] = par
+        d.given.reshape(n, -1)[:] = np.concatenate([q, v, u, par], axis=1)
         self._made(self._placed.address, 0, -(-n // len(d.lane)))
         half = q.shape[1]
         slopes = d.slopes.reshape(self._shape)
-        after = d.after.reshape(n, -1).copy()
+        values = d.values.reshape(n, -1)
+        after, outputs = values[:, : 2 * half].copy(), values[:, 2 * half :].copy()
         A, B = slopes[:, : 2 * half, : 2 * half].copy(), slopes[:, : 2 * half, 2 * half :].copy()
         lost = np.isnan(after).any(axis=1)
-        for values in (A, B, after):
-            values[lost] = np.nan
+        for numbers in (A, B, after):
+            numbers[lost] = np.nan
         given = {row: name for name, row in self.system.coordinates.items()}
         names = [given.get(row, self.system.names[row]) for row in range(half)]
         links = range(self.links)
@@ -113,5 +118,12 @@ class Linearizer:
             A, B, slopes[:, 2 * half :, : 2 * half].copy(), np.zeros((n, len(shown) + 2, self.links)),
             states=(*names, *(f"{name}_rate" for name in names)), inputs=tuple(f"torque{k}" for k in links),
             outputs=(*shown, "tip_x", "tip_y"), x=np.concatenate([q, v], axis=1), u=u.copy(),
-            y=d.outputs.reshape(n, -1).copy(), rate=after, dt=self.discrete,
+            y=outputs, rate=after, dt=self.discrete,
         )  # fmt: skip
+
+
+def _places(model: Any, work: int, stride: int, names: str, count: int, skip: int = 0) -> NDArray[np.int64]:
+    """Where rows of a work array, and `count` numbers that lie `skip` behind it, are in a block of so many lanes."""
+    w = uncompiled(unpack)((0,) * stride, model, np.arange(work * stride, dtype=np.float64), 0)
+    rows = [getattr(w, name)[::stride].astype(np.int64) for name in names]
+    return np.concatenate([*rows, (work + skip + np.arange(count)) * stride])

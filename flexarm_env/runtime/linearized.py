@@ -34,11 +34,12 @@ class Linearization(NamedTuple):
     n_steps: int  # 0: rates in place of a period
     n: int
     work: int  # numbers of a work array, per number of the tag
-    z: np.ndarray  # (n m,)
-    par: np.ndarray  # (n PARAMETERS,)
-    after: np.ndarray  # (n s,): rates, or the state a period later
-    outputs: np.ndarray  # (n p,)
-    slopes: np.ndarray  # (n (s + p) m,) of these
+    given: np.ndarray  # (n (m + PARAMETERS),): z, then the arm's own parameters
+    places: np.ndarray  # (m + PARAMETERS,) int64: where these are in a block
+    twice: np.ndarray  # likewise in a dual one
+    read: np.ndarray  # (s + p,) int64: where in a dual one rates, or the state a period later, are, then the outputs
+    values: np.ndarray  # (n (s + p),) of these
+    slopes: np.ndarray  # (n (s + p) m,)
     block: np.ndarray
     scratch: np.ndarray  # dual
 
@@ -91,45 +92,26 @@ def _read_off(lane, d, block, w):
 
 
 @kernel
-def _fill(lane, d, g, block, w):
+def _fill(lane, d, places, g, block, w):
     """State, torques and parameters of group g; lanes without an arm are like the first."""
-    n, links = size(d.model.n), size(d.links)
-    par, zero = _par(lane, d, block), splat(lane, 0.0)
-    for k in range(n):
-        store(w.q, k, zero)
-        store(w.v, k, zero)
-    for k in range(links):
-        store(w.u, k, zero)
-    for k in range(PARAMETERS):
-        store(par, k, zero)
+    count = places.shape[0]
+    for k in range(count):
+        store(block[places[k] :], 0, splat(lane, 0.0))
     for i in range(arms(lane)):
         arm = g * arms(lane) + i
         if arm >= d.n:
             arm = g * arms(lane)
-        first = arm * (2 * n + links)
-        for k in range(n):
-            w.q[k * len(lane) + i] = d.z[first + k]
-            w.v[k * len(lane) + i] = d.z[first + n + k]
-        for k in range(links):
-            w.u[k * len(lane) + i] = d.z[first + 2 * n + k]
-        for k in range(PARAMETERS):
-            par[k * len(lane) + i] = d.par[arm * PARAMETERS + k]
-    store(w.flag, 0, zero)
+        for k in range(count):
+            block[places[k] + i] = d.given[arm * count + k]
+    store(w.flag, 0, splat(lane, 0.0))
 
 
 @kernel
-def _seed(lane, d, j, count, x):
+def _seed(lane, d, j, count, block):
     """Tangents of 1 for `count` columns from j on."""
-    n = size(d.model.n)
     for c in range(count):
-        k, at = j + c, (1 + c) * arms(lane)
-        for i in range(at, at + arms(lane)):
-            if k < n:
-                x.q[k * len(lane) + i] = 1.0
-            elif k < 2 * n:
-                x.v[(k - n) * len(lane) + i] = 1.0
-            else:
-                x.u[(k - 2 * n) * len(lane) + i] = 1.0
+        for i in range(arms(lane)):
+            block[d.twice[j + c] + (1 + c) * arms(lane) + i] = 1.0
 
 
 @kernel
@@ -138,14 +120,14 @@ def _group(lane, wide, d, g, at_once):
     block = d.block
     w, par = unpack(lane, model, block, 0), _par(lane, d, block)
     columns, length = 2 * n + links, room(d.work * len(wide), len(wide), links)
-    _fill(lane, d, g, block, w)
+    _fill(lane, d, d.places, g, block, w)
     _read_off(lane, d, block, w)
     restart(lane, model, None, par, block, 0, 0.0, d.h, True)
     for j in range(0, columns, at_once):
         both = d.scratch[j // at_once * length : (j // at_once + 1) * length]
         x = unpack(wide, model, both, 0)
-        _fill(wide, d, g, both, x)
-        _seed(wide, d, j, min(at_once, columns - j), x)
+        _fill(wide, d, d.twice, g, both, x)
+        _seed(wide, d, j, min(at_once, columns - j), both)
         _read_off(wide, d, both, x)
         restart_tangents(lane, wide, model, _par(wide, d, both), w, x)
         for k in range(n):
@@ -163,36 +145,20 @@ def _group(lane, wide, d, g, at_once):
         both = d.scratch[j // at_once * length : (j // at_once + 1) * length]
         x = unpack(wide, model, both, 0)
         copy_state(lane, wide, model, w, x)
-        if d.n_steps > 0:
-            _record(wide, d, g, j, min(at_once, columns - j), x.q, x.v, both, w.flag)
-        else:
-            _record(wide, d, g, j, min(at_once, columns - j), x.v, x.a, both, w.flag)
+        _record(wide, d, g, j, min(at_once, columns - j), columns, both, w.flag)
 
 
 @kernel
-def _record(lane, d, g, j, count, upper, lower, both, flag):
+def _record(lane, d, g, j, count, columns, both, flag):
     """Columns from j on, and the values."""
-    n, links = size(d.model.n), size(d.links)
-    shown, columns = outputs_of(links), 2 * n + links
-    out = both[(d.work + PARAMETERS + POSE.end * links) * len(lane) :]
+    rows = d.read.shape[0]
     for i in range(arms(lane)):
         arm = g * arms(lane) + i
         if arm < d.n:
-            for k in range(2 * n + shown):
-                first = arm * (2 * n + shown) * columns + k * columns + j
-                for c in range(1 + count):
-                    at = c * arms(lane) + i
-                    if k < n:
-                        value = upper[k * len(lane) + at]
-                    elif k < 2 * n:
-                        value = lower[(k - n) * len(lane) + at]
-                    else:
-                        value = out[(k - 2 * n) * len(lane) + at]
-                    if c > 0:
-                        d.slopes[first + c - 1] = value
-                    elif k < 2 * n:
-                        d.after[arm * 2 * n + k] = value
-                    else:
-                        d.outputs[arm * shown + k - 2 * n] = value
+            for k in range(rows):
+                at = d.read[k] + i
+                d.values[arm * rows + k] = both[at]
+                for c in range(count):
+                    d.slopes[(arm * rows + k) * columns + j + c] = both[at + (1 + c) * arms(lane)]
             if flag[i] != 0.0:
-                d.after[arm * 2 * n] = np.nan
+                d.values[arm * rows] = np.nan
