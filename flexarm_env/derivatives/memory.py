@@ -45,10 +45,14 @@ class Memory:
     def parts(self, state: Array) -> tuple[Array, Array]:
         """States without what was seen, and that."""
         x, y = self._first, self.moving
+        if self.frames == 0:
+            return state, state[:, x:y]
         return np.concatenate([state[:, :x], state[:, y:]], axis=1), state[:, x:y]
 
     def joined(self, own: Array, past: Array) -> Array:
         """`parts`, backwards."""
+        if self.frames == 0:
+            return own
         return np.concatenate([own[:, : self._first], past, own[:, self._first :]], axis=1)
 
     def with_past(self, own: Array, first: int = 0) -> Array:

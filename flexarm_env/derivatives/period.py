@@ -386,4 +386,5 @@ def _goes_back(model: Any, controls: bool, parameters: bool) -> bool:
     if isinstance(model, Jointed):
         dry = model.friction is not None and isinstance(model.arm, FloatingChain)
         return not parameters and not dry and _goes_back(model.arm, controls, parameters)
-    return isinstance(model, ExactBeam) or (isinstance(model, SpatialBeam) and model.frames is None)
+    in_space = isinstance(model, SpatialBeam) and model.frames is None and model.loads is None
+    return in_space or isinstance(model, ExactBeam)

@@ -53,6 +53,8 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     rotates(model)  None, or a tag where q holds rotations, which `update` moves by increments in body axes
     tangent_map(lane, model, d, inverse, x)  likewise, in rows of rotations: x <- T^T x, or T^-T x, with T(d) that of
         exp(d + e) = exp(d) exp(T e): of cotangents of increments in body axes those of d, or back
+    note_inverse(lane, model, d, share), noted_inverse(lane, model, d, share, x)  the latter, asked for again and again
+        of the same d: what all x have in common, to rows of `share`, and x <- T^-T x by it
     friction(model)  None, or a tag where joints have Coulomb friction, which is in no residual (`joints.friction`)
     light(model)  None, or a tag where joints may have next to no inertia of their own: a torque that jumps makes an
         acceleration there that steps do not resolve, which is not to be solved for with M alone
@@ -266,6 +268,8 @@ difference = FORMULATIONS.function("difference", "lane, model, start, q, d")
 update = FORMULATIONS.function("update", "lane, model, q, share, d, more")
 rotates = FORMULATIONS.function("rotates", "model")
 tangent_map = FORMULATIONS.function("tangent_map", "lane, model, d, inverse, x")
+note_inverse = FORMULATIONS.function("note_inverse", "lane, model, d, share")
+noted_inverse = FORMULATIONS.function("noted_inverse", "lane, model, d, share, x")
 friction = FORMULATIONS.function("friction", "model")
 conserve = FORMULATIONS.function("conserve", "lane, model, par, before, h, q, v, u, zero, r, S")
 light = FORMULATIONS.function("light", "model")

@@ -6,9 +6,22 @@ work array whose q, v, a, b and u hold cotangents, its other rows are free; `w` 
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, select_lt, size, splat, store
+from ...compiler import kernel, largest, load, select_lt, size, splat, store
 from ..joints.friction import friction_cotangents, note_branch, note_cotangents
-from ..protocol import MASS_ALONE, State, Weights, rotates, solve_transposed, tangent_map, vjp_product, vjp_residual
+from ..protocol import (
+    MASS_ALONE,
+    State,
+    Weights,
+    friction,
+    note_inverse,
+    noted_inverse,
+    ports,
+    rotates,
+    solve_transposed,
+    tangent_map,
+    vjp_product,
+    vjp_residual,
+)
 from .switching import light_weights
 from .tangents import largest_row, solved
 from .work import copy_rows, moved_by, state_of, take_out_known
@@ -87,11 +100,13 @@ def _vjp_shift(lane, model, par, par_bar, w, bar, slopes, scheme, weights, ahead
     n, moved = size(model.n), moved_by(w)[0]
     first, before = splat(lane, 0.0), splat(lane, 0.0)
     tangent_map(lane, model, w.q, False, bar.q)
+    note_inverse(lane, model, moved, bar.v0)
+    note_inverse(lane, model, w.q, bar.b0)
     for k in range(passes):
         _follow(lane, model, bar, slopes, bar.r)
         copy_rows(lane, n, bar.q, bar.q0)
-        tangent_map(lane, model, moved, True, bar.r)
-        tangent_map(lane, model, w.q, True, bar.q0)
+        noted_inverse(lane, model, moved, bar.v0, bar.r)
+        noted_inverse(lane, model, w.q, bar.b0, bar.q0)
         for i in range(n):
             store(bar.r, i, load(lane, bar.r, i) + load(lane, bar.q0, i))
         friction_cotangents(lane, model, weights, ahead, w.S, bar.r, bar.v, bar.a)
@@ -146,8 +161,8 @@ def _add_state(lane, n, more, to):
 
 @kernel
 def vjp_light(lane, model, par, par_bar, w, bar, h, first):
-    """`vjp_switch` of models that are `protocol.light`, q's cotangents of increments in body axes; first: 1 where there
-    was no residual before. What the matrix itself changes by counts too."""
+    """`vjp_switch` of models that are `protocol.light` and whose inputs are torques alone, q's cotangents of increments
+    in body axes; first: 1 where there was no residual before. What the matrix itself changes by counts too."""
     n, zero, one = size(model.n), splat(lane, 0.0), State(w.q, w.v, w.a0)
     after, before = State(bar.q0, bar.v0, bar.a0), State(w.q0, w.v0, w.b0)
     for k in range(n):
@@ -156,12 +171,19 @@ def vjp_light(lane, model, par, par_bar, w, bar, h, first):
     friction_cotangents(lane, model, MASS_ALONE, 0.5 * h, w.S, bar.r, bar.v, bar.a)
     _multiply(lane, model, w, bar)
     copy_rows(lane, n, bar.r, w.b)
-    for k in range(n):
-        store(bar.b0, k, select_lt(0.5, first, zero, -load(lane, bar.r, k)))
-    note_cotangents(lane, model, w.S, bar.b0)
-    vjp_residual(lane, model, par, par_bar, one, w.u, bar.S, after, bar.u, bar.r)
-    vjp_residual(lane, model, par, par_bar, one, w.u0, bar.S, before, bar.u0, bar.b0)
-    _add_state(lane, n, before, after)
+    if friction(model) is None and largest(first) < 0.5:  # before and after differ by what torques work on
+        ports(lane, model, par, bar.r, bar.b0)
+        for k in range(size(model.n_inputs)):
+            turned = load(lane, bar.b0, k)
+            store(bar.u, k, load(lane, bar.u, k) - turned)
+            store(bar.u0, k, load(lane, bar.u0, k) + turned)
+    else:
+        for k in range(n):
+            store(bar.b0, k, select_lt(0.5, first, zero, -load(lane, bar.r, k)))
+        note_cotangents(lane, model, w.S, bar.b0)
+        vjp_residual(lane, model, par, par_bar, one, w.u, bar.S, after, bar.u, bar.r)
+        vjp_residual(lane, model, par, par_bar, one, w.u0, bar.S, before, bar.u0, bar.b0)
+        _add_state(lane, n, before, after)
     vjp_product(lane, model, par, par_bar, one, w.u, light_weights(h), w.r, bar.S, after, bar.u, w.b)
     tangent_map(lane, model, w.q, True, after.q)
     _add_state(lane, n, after, bar)

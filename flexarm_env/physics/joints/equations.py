@@ -392,6 +392,18 @@ def tangent_map(lane, model, d, inverse, x):
 
 
 @kernel
+def note_inverse(lane, model, d, share):
+    """The arm's own."""
+    protocol.note_inverse(lane, model.arm, d, share)
+
+
+@kernel
+def noted_inverse(lane, model, d, share, x):
+    """The arm's own."""
+    protocol.noted_inverse(lane, model.arm, d, share, x)
+
+
+@kernel
 def light(model):
     """The arm's own."""
     return protocol.light(model.arm)
@@ -424,5 +436,5 @@ def shape(model, q, points):
 register(
     Jointed, assemble, pin, factor, solve, solve_transposed, predict, settle, stride, update, inertia, rotate, ports,
     friction, damping_work, damping_over, energy, link_poses, out_of_range, shape, difference, ports_after, task_poses,
-    stand, light, conserve, gauge, renewed, rotates, tangent_map, multiply,
+    stand, light, conserve, gauge, renewed, rotates, tangent_map, note_inverse, noted_inverse, multiply,
 )  # fmt: skip

@@ -27,7 +27,7 @@ from .framed import framed
 from .layout import AXES, B, E, F, H, J, L, P, before, count_of, factor_at, hinge_at, joint_row, rows_before
 from .lost import damping_over
 from .matrix import factor, gyrate, lean, matrix_in, pin, put_matrix, solve, stiffen, sway
-from .moving import difference, rotates, tangent_map, update
+from .moving import difference, note_inverse, noted_inverse, rotates, tangent_map, update
 from .output import (
     damping_work,
     energy,
@@ -268,5 +268,6 @@ register(
     difference=difference, energy=energy, ports=ports, ports_after=ports_after, damping_work=damping_work,
     link_poses=link_poses, shape=shape, predict=predict, task_poses=task_poses, stand=stand,
     light=light, rotates=rotates, tangent_map=tangent_map, conserve=conserve, gyrate=gyrate, lean=lean, sway=sway,
-    gauge=gauge, renewed=renewed, settle=settle, stride=stride, damping_over=damping_over,
+    gauge=gauge, renewed=renewed, settle=settle, stride=stride, damping_over=damping_over, note_inverse=note_inverse,
+    noted_inverse=noted_inverse,
 )  # fmt: skip

@@ -99,6 +99,31 @@ def tangent_map(lane, model, d, inverse, x):
 
 
 @kernel
+def note_inverse(lane, model, d, share):
+    """See `protocol`."""
+    store(share, 3, rotations.inverse_share(vector(lane, d, 3)))
+    i = AXES
+    for k in range(model.links):
+        i += 1
+        for _ in range(vertices_of(model, k)):
+            store(share, i + 3, rotations.inverse_share(vector(lane, d, i + 3)))
+            i += AXES
+
+
+@kernel
+def noted_inverse(lane, model, d, share, x):
+    """See `protocol`."""
+    put_vector(x, 3, rotations.inverse_map(vector(lane, d, 3), load(lane, share, 3), vector(lane, x, 3)))
+    i = AXES
+    for k in range(model.links):
+        i += 1
+        for _ in range(vertices_of(model, k)):
+            c, own = load(lane, share, i + 3), vector(lane, x, i + 3)
+            put_vector(x, i + 3, rotations.inverse_map(vector(lane, d, i + 3), c, own))
+            i += AXES
+
+
+@kernel
 def rotates(model):
     """See `protocol`."""
     return (0,)

@@ -249,20 +249,38 @@ def turn_of(p):
 
 
 @kernel
+def _half_sine(d):
+    """The cosine of half of |d|; the square of its sine; |d|^2, or 1 where it is small; the sine over |d|."""
+    square, p = dot(d, d), quaternion(d)
+    sine = (p[1] * p[1] + p[2] * p[2]) + p[3] * p[3]
+    over = select_lt(square, 1e-3, 1.0, square)
+    return p[0], sine, over, square_root(sine / over)
+
+
+@kernel
+def inverse_share(d):
+    """c of T^-1 (`Turn`) of d, at most 2 pi."""
+    square, (cosine, _, over, by_square) = dot(d, d), _half_sine(d)
+    closed = (1.0 - cosine / (by_square * 2.0)) / over
+    return select_lt(square, 1e-3, 1.0 / 12.0 + square * (1.0 / 720.0 + square * (1.0 / 30240.0)), closed)
+
+
+@kernel
+def inverse_map(d, share, x):
+    """T^-T x, T being that of d, by its `inverse_share`."""
+    y = cross(d, x)
+    return plus(x, plus(times(y, -0.5), times(cross(d, y), share)))
+
+
+@kernel
 def tangent_map(d, inverse, x):
     """T^T x, or T^-T x, T being that of d (`Turn`), at most 2 pi."""
-    square, p = dot(d, d), quaternion(d)
-    sine = (p[1] * p[1] + p[2] * p[2]) + p[3] * p[3]  # of half the angle, squared
-    over = select_lt(square, 1e-3, 1.0, square)
-    by_square = square_root(sine / over)  # sin(|d|/2) / |d|
     if inverse:
-        once = square * 0.0 - 0.5
-        closed = (1.0 - p[0] / (by_square * 2.0)) / over
-        twice = select_lt(square, 1e-3, 1.0 / 12.0 + square * (1.0 / 720.0 + square * (1.0 / 30240.0)), closed)
-    else:
-        once = select_lt(square, 1e-3, 0.5 - square * (1.0 / 24.0 - square * (1.0 / 720.0)), sine * 2.0 / over)
-        closed = (1.0 - p[0] * by_square * 2.0) / over
-        twice = select_lt(square, 1e-3, 1.0 / 6.0 - square * (1.0 / 120.0 - square * (1.0 / 5040.0)), closed)
+        return inverse_map(d, inverse_share(d), x)
+    square, (cosine, sine, over, by_square) = dot(d, d), _half_sine(d)
+    once = select_lt(square, 1e-3, 0.5 - square * (1.0 / 24.0 - square * (1.0 / 720.0)), sine * 2.0 / over)
+    closed = (1.0 - cosine * by_square * 2.0) / over
+    twice = select_lt(square, 1e-3, 1.0 / 6.0 - square * (1.0 / 120.0 - square * (1.0 / 5040.0)), closed)
     y = cross(d, x)
     return plus(x, plus(times(y, once), times(cross(d, y), twice)))
 
