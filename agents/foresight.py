@@ -17,7 +17,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from flexarm_env import suite
+from flexarm_env import control, suite
 from flexarm_env.suite.best import Actions
 from flexarm_env.suite.policies import Chosen, choose
 from flexarm_env.suite.score import EPISODES, FIRST
@@ -89,10 +89,10 @@ def search(
 
     trained: run folders to begin with, beside controllers. steps: of L-BFGS with so long a memory (Liu & Nocedal 1989),
     each episode for itself: actions at a limit that the slope would push beyond stay there, a step that pays less is
-    halved; fewer where the last ones have brought next to nothing. kept: a file in which actions are kept on the way,
-    and from which a search that was broken off goes on. start: actions and their returns to begin with, in place of all
-    that. ValueError where the task's environment has no derivatives, or
-    does not give these returns.
+    halved; fewer where the last ones have brought next to nothing. In space the first of `trained` steadies the arms.
+    kept: a file in which actions are kept on the way, and from which a search that was broken off goes on.
+    start: actions and their returns to begin with, in place of all that. ValueError where the task's environment has no
+    derivatives, or does not give these returns.
     """
     from flexarm_env.derivatives import Arms
 
@@ -104,13 +104,17 @@ def search(
     fine = Fine(task, arms.environment.plan)
 
     moved: Any = InTask(arms) if "pushes" in task.keywords else arms
+    steady = None
 
-    def value(x: Array) -> tuple[Array, Array]:
-        total, slopes = returned(moved, first, x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2), fine)
-        return total, np.nan_to_num(slopes.transpose(1, 0, 2).reshape(arms.n, -1))
+    def value(x: Array) -> tuple[Array, Array, Array]:
+        wanted = x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2)
+        total, slopes, played = returned(moved, first, wanted, fine, steady)
+        return total, np.nan_to_num(slopes.transpose(1, 0, 2).reshape(arms.n, -1)), played
 
+    if task.environment == "SpatialFlexArm-v0" and trained:
+        steady = Steady(arms, first, _exact(best), control.load_policy(trained[0]))
     x = _exact(best.transpose(1, 0, 2).reshape(arms.n, -1))
-    found, slope = value(x)
+    found, slope, best = value(x)
     if np.nanmax(np.abs(found - reached) / (1.0 + np.abs(reached))) > ALIKE:
         raise ValueError(f"{task.id}: the search's episodes are not the task's: {found[:3]} for {reached[:3]}")
     moves: list[tuple[Array, Array]] = []
@@ -122,8 +126,9 @@ def search(
         free = ~(((x >= 1.0) & (slope > 0.0)) | ((x <= -1.0) & (slope < 0.0)))
         way = _newton(np.where(free, slope, 0.0), moves) * free
         tried = _exact(np.clip(x + length[:, None] * way, -1.0, 1.0))
-        total, there = value(tried)
+        total, there, played = value(tried)
         better = total > reached
+        best = np.where(better[None, :, None], played, best)
         took = better[:, None]
         moves = [*moves[1 - memory :], (np.where(took, tried - x, 0.0), np.where(took, slope - there, 0.0))]
         x, slope, reached = np.where(took, tried, x), np.where(took, there, slope), np.fmax(reached, total)
@@ -134,9 +139,9 @@ def search(
         length[stuck] = 1.0
         course.append(float(reached.mean()))
         if kept is not None and len(course) % PATIENCE == 0:
-            keep(kept, x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2), reached)
+            keep(kept, best, reached)
     arms.close()
-    return x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2), reached
+    return best, reached
 
 
 def keep(path: Path, actions: Array, returns: Array) -> None:
@@ -221,21 +226,54 @@ class InTask:
         return self.arms.states(), np.zeros((self.n, self.arms.observation_size)), reward.copy()
 
 
-def returned(arms: Any, start: Array, actions: Array, fine: Fine) -> tuple[Array, Array]:
-    """J (n,) of actions (T, n, N), NaN where an episode would have ended; and its slope by the actions."""
+class Steady:
+    """Pulls arms back to the way that they had under actions (T, n, N) from states `start`, as a policy would that sees
+    all there is: linear about that way, 0 on it. What is searched in space is added to it, for under actions alone the
+    least change of an early one sends such an arm elsewhere (by 1e-5 of the torque: most of the return is lost)."""
+
+    def __init__(self, arms: Any, start: Array, actions: Array, policy: Any) -> None:
+        state, seen = start, [arms.observe(start)]
+        for action in actions[:-1]:
+            state, after, _ = arms.step(state, action)
+            seen.append(after)
+        self.seen = np.array(seen)
+        rows = self.seen.reshape(-1, self.seen.shape[-1]).astype(np.float32)
+        sides = (0.01 * np.eye(rows.shape[1], dtype=np.float32))[:, None]
+        slopes = [(policy.act(rows + side) - policy.act(rows - side)) / 0.02 for side in sides]
+        self.slopes = np.stack(slopes, axis=2).reshape(*actions.shape, -1)
+
+    def __call__(self, k: int, seen: Array) -> Array:
+        """What is added to the actions of period k (n, N)."""
+        return np.einsum("njo,no->nj", self.slopes[k], seen - self.seen[k])
+
+    def back(self, k: int, slope: Array) -> Array:
+        """Slopes by what was seen before period k (n, O), of those by its actions (n, N)."""
+        return np.einsum("njo,nj->no", self.slopes[k], slope)
+
+
+def returned(
+    arms: Any, start: Array, wanted: Array, fine: Fine, steady: Steady | None = None
+) -> tuple[Array, Array, Array]:
+    """J (n,) of actions (T, n, N), NaN where an episode would have ended; its slope by them; what was played."""
     states, taken, total, over = [start], [], np.zeros(arms.n), np.zeros(arms.n, bool)
-    for action in actions:
-        state, seen, reward = arms.step(states[-1], action)
+    actions, seen = wanted.copy(), None if steady is None else arms.observe(start)
+    for k, action in enumerate(wanted):
+        if steady is not None:
+            actions[k] = _exact(np.clip(action + steady(k, seen), -1.0, 1.0))
+        state, seen, reward = arms.step(states[-1], actions[k])
         cost, slope = fine(seen)
         states.append(state)
         taken.append(slope)
         total += reward - cost
         over |= arms.failed | arms.past
     slopes = np.zeros_like(actions)
-    back, one = np.zeros_like(start), np.ones(arms.n)
+    back, one, ahead = np.zeros_like(start), np.ones(arms.n), 0.0
     for k in reversed(range(len(actions))):
-        back, slopes[k] = arms.vjp(states[k], actions[k], back, -taken[k], one)
-    return np.where(over, np.nan, total), slopes
+        back, slopes[k] = arms.vjp(states[k], actions[k], back, ahead - taken[k], one)
+        if steady is not None:
+            slopes[k] *= (np.abs(actions[k]) < 1.0) | (slopes[k] * actions[k] < 0.0)  # at a limit: the way back alone
+            ahead = steady.back(k, slopes[k])
+    return np.where(over, np.nan, total), slopes, actions
 
 
 def found(task: suite.Task, folder: Path) -> Path:

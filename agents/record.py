@@ -117,7 +117,8 @@ def made(task: suite.Task, arguments: Arguments) -> str:
     if not (values >= judged).all():
         raise ValueError(f"{task.id}: other values in the task, by {np.abs(values - judged).max()}")
     if arguments.steps:
-        more, _ = foresight.search(task, steps=arguments.steps, start=(kept.astype(float), values))
+        trained = sorted(path.parent for path in arguments.home.glob(f"*/{task.id}/policy.npz"))
+        more, _ = foresight.search(task, trained, steps=arguments.steps, start=(kept.astype(float), values))
         found, _ = best.played(task, env, best.Actions(more.astype(np.float32)))
         better = found > values
         kept[:, better], values = more[:, better], np.maximum(values, found)

@@ -101,9 +101,9 @@ class Hills:
     best = np.array([[[0.3], [0.9]], [[-0.5], [1.7]], [[0.2], [0.1]]])
     steep = np.array([100.0, 1.0, 0.01])[:, None, None]
 
-    def returned(self, arms, start, actions, fine):
+    def returned(self, arms, start, actions, fine, steady=None):
         off = actions - self.best
-        return -(self.steep * off**2).sum(axis=(0, 2)), -2.0 * self.steep * off
+        return -(self.steep * off**2).sum(axis=(0, 2)), -2.0 * self.steep * off, actions
 
 
 def test_the_search_climbs_each_episode_to_its_top_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
