@@ -18,7 +18,10 @@ from flexarm_env.suite.frozen import resolved
 
 WIDTH = 120
 
-PAGES = {"FlexibleArm-v0": "flexible_arm", "TwoLinkFlexArm-v0": "two_link", "MultiLinkFlexArm-v0": "multi_link"}
+PAGES = {
+    "FlexibleArm-v0": "flexible_arm", "TwoLinkFlexArm-v0": "two_link", "MultiLinkFlexArm-v0": "multi_link",
+    "SpatialFlexArm-v0": "spatial",
+}  # fmt: skip
 
 
 def row(task: suite.Task) -> list[str]:

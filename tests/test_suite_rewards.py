@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from flexarm_env import suite
+from flexarm_env.physics.layout import SPACE_POSE
 
 TASKS = suite.tasks(earlier=True)
 QUICK = ("catch-v1", "slew-geared-v2")
@@ -55,9 +56,10 @@ def told(task: suite.Task, seen: dict[str, np.ndarray], first: np.ndarray) -> tu
     weight = {"accuracy": 0.5, "distance": 0.5, "vibration": 0.02, "change": 0.0} | task.keywords.get("reward", {})
     paid = given.get("paid", False)
     lengths = np.array([link.span for link in arm.links])
-    L, poses, action = lengths.sum(), seen["poses"], seen["action"]
-    shaking = np.minimum((bends(poses, lengths)[1] ** 2).sum(axis=1), 1.0)
-    tip, speed = poses[:, -1, 6:8], poses[:, -1, 9:11]
+    L, poses, action, space = lengths.sum(), seen["poses"], seen["action"], arm.spatial
+    shaking = 0.0 if space else np.minimum((bends(poses, lengths)[1] ** 2).sum(axis=1), 1.0)
+    first_tip, first_speed = (SPACE_POSE.tip, SPACE_POSE.velocity) if space else (6, 9)
+    tip, speed = (poses[:, -1, k : k + (3 if space else 2)] for k in (first_tip, first_speed))
     moving = velocity(env, seen) if task.keywords.get("task") == "track" else np.zeros_like(seen["target"])
     if len(first) == 1:
         start = np.unwrap(np.arctan2(tip[:, 1], tip[:, 0]))
@@ -72,8 +74,8 @@ def told(task: suite.Task, seen: dict[str, np.ndarray], first: np.ndarray) -> tu
         good &= np.abs(slip) < given.get("speed", math.inf)
         settle, price = np.exp(-((e / 0.02) ** 2) - (slip / 0.2) ** 2), weight["vibration"]
     else:
-        e, way, price = np.hypot(*(seen["target"] - tip).T) / L, 1.0, 0.0
-        slip = np.hypot(*(speed - moving).T) / L
+        e, way, price = np.linalg.norm(seen["target"] - tip, axis=1) / L, 1.0, 0.0
+        slip = np.linalg.norm(speed - moving, axis=1) / L
         good = (e < given.get("position", 0.01)) & (slip < given.get("speed", 0.05))
         settle = np.exp(-((e / 0.02) ** 2) - (slip / 0.1) ** 2)
     if paid:

@@ -13,10 +13,11 @@ import numpy as np
 
 from .. import arms
 from ..envs.options import Plan, plan
+from ..envs.space import SPACE
 from ..envs.task import CHAIN, CHANGE, REACH, SLEW
 from .data import Task, task
 
-KINDS = {kind.id: kind for kind in (SLEW, REACH, CHAIN)}
+KINDS = {kind.id: kind for kind in (SLEW, REACH, CHAIN, SPACE)}
 
 
 def resolved(one: Task) -> Plan:

@@ -53,7 +53,7 @@ def of_arrays(policy: NumpyPolicy) -> bytes:
 def of_controller(name: str, task: Task) -> bytes:
     """A controller's name and the gains that it has on a task."""
     made = resolved(task)
-    gains = tuned_gains(name, "slew" if made.arm.n_links == 1 else "reach", made.arm.n_links)
+    gains = tuned_gains(name, "space" if made.kind.space else made.kind.task, made.arm.n_links)
     return json.dumps({"name": name, **dataclasses.asdict(gains)}, sort_keys=True).encode()
 
 
