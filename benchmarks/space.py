@@ -332,7 +332,7 @@ def draw() -> None:
     spins = np.linspace(0.0, 40.0, 81).tolist()
     plot_campbell(campbell(rotor(), spins, 5, elements=1), figures / "campbell.png", "Overhung disc on a light shaft")
     film = fx.simulate(scenes.named("three_dof_slew"), estimate_error=False, sample=0.01)
-    write_film(figures / "three_dof_slew.gif", pictures(film, 20.0, 1.0 / 3.0, (480, 480)), 20.0)
+    write_film(figures / "three_dof_slew.gif", pictures(film, 25.0, 0.25, (480, 480)), 25.0)
 
 
 PARTS: dict[str, Any] = {

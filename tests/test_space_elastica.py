@@ -128,6 +128,18 @@ def test_its_order_in_time_is_two_and_it_agrees_with_the_exact_beam() -> None:
     assert np.abs((4.0 * c - b) / 3.0 - other).max() < 3e-4 * scene.arm.total_length
 
 
+def test_its_estimate_knows_what_weight_shears() -> None:
+    """A link that hardly bends under a weight, and is sheared by it: the softest bending is another one."""
+    soft = fx.Section(1.0, 200.0, 60.0, 1.0, 1e-3, EI_y=500.0, C_y=60.0, J_y=1e-3, GJ=5.0)
+    arm = fx.Arm("sheared", (fx.Link(1.0, soft),), payload=fx.Payload(20.0, 0.1), tau_d=0.05)
+    held = (fx.Motion("joint0", constant(0.0)),)
+    scene = fx.Scene("s", arm, duration=1.0, dt=5e-3, gravity=(0.0, 0.0, -0.5), motions=held, space=True)
+    run = fx.simulate(scene, STRAINS, nodes=5)
+    beam = fx.simulate(scene, "geometrically_exact", elements=6, estimate_error=False)
+    off = float(np.linalg.norm(run.tip - beam.tip, axis=1).max())
+    assert off > 0.05 and off < run.error_estimate < 10.0 * off
+
+
 @pytest.mark.slow
 def test_energy_of_a_free_arm_does_not_drift() -> None:
     """Over 10^4 steps at rho_inf = 1. (Its momentum: `test_momentum_of_a_free_arm`.)"""

@@ -10,10 +10,9 @@ from .floating import multipliers as _joined
 from .joints import adjoint as _jointed_adjoint
 from .joints import equations as _jointed
 from .space import adjoint as _space_adjoint
-from .space import elastica as _space_elastica
 from .space import equations as _space
 
 __all__: list[str] = []
-FORMULATIONS = (_elastica, _exact, _floating, _joined, _jointed, _space, _space_elastica)
+FORMULATIONS = (_elastica, _exact, _floating, _joined, _jointed, _space)
 BACKWARDS = (_elastica_adjoint, _exact_adjoint, _floating_adjoint, _jointed_adjoint, _space_adjoint)
 """Importing them registers them (`protocol.register`)."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .style import COLORS, FAINT, INK, draw_energies, mark_kinks, shade, styled_figure
+from .style import COLORS, FAINT, INK, draw_energies, legend_above, mark_kinks, shade, styled_figure
 
 
 def plot_in_space(trajectory: Any, path: str | os.PathLike[str], shapes: int, title: str) -> Path:
@@ -24,13 +24,13 @@ def plot_in_space(trajectory: Any, path: str | os.PathLike[str], shapes: int, ti
             if link.rigid:
                 continue
             color, name = COLORS[k % len(COLORS)], f"link {k + 1}"
-            deflection.plot(trajectory.t, trajectory.tip_deflection[:, k, 0], color=color, label=f"{name}, along y")
-            deflection.plot(trajectory.t, trajectory.tip_deflection[:, k, 1], color=color, ls="--", label="along z")
+            deflection.plot(trajectory.t, trajectory.tip_deflection[:, k, 0], color=color, label=name)
+            deflection.plot(trajectory.t, trajectory.tip_deflection[:, k, 1], color=color, ls="--")
             twist.plot(trajectory.t, np.degrees(trajectory.twist[:, k]), color=color, label=name)
-        deflection.set(title="tip deflection / link length")
+        deflection.set(title="tip deflection / link length, along y (dashed: z)")
         twist.set(title="twist of the tip against the root (degrees)")
         for panel in (deflection, twist):
-            panel.legend(loc="best", ncols=2)
+            legend_above(panel, trajectory.scene.arm.n_links)
             mark_kinks(panel, trajectory)
             panel.tick_params(labelbottom=False)
         draw_energies(energy, trajectory)
@@ -66,8 +66,17 @@ def _draw_shapes(axes: Any, trajectory: Any, count: int) -> None:
         x, y, z = points[k].T
         axes.plot(x, y, np.full(len(x), ground), color=FAINT, lw=0.8, alpha=0.35)
         axes.plot(x, y, z, color=shade(i, len(chosen)), lw=2.0)
-    axes.plot(*trajectory.tip.T, color=COLORS[1], lw=0.9, alpha=0.9)
-    label: Any = {"fontsize": 8, "color": INK}
+    axes.plot(*_path(trajectory).T, color=COLORS[1], lw=0.9, alpha=0.9)
+    label: Any = {"fontsize": 8, "color": INK, "zorder": 9, "bbox": {"fc": "w", "ec": "none", "alpha": 0.7, "pad": 0.6}}
     for k in (chosen[0], chosen[-1]):
         axes.text(*trajectory.tip[k], f" {trajectory.t[k]:.3g} s", **label)
     axes.set_title(f"shapes, {trajectory.t[0]:g} to {trajectory.t[-1]:g} s, and the path of the tip")
+
+
+def _path(trajectory: Any) -> Any:
+    """The tip's path, smooth between recorded instants by its velocities there, (n, 3)."""
+    tip, step = trajectory.tip, np.diff(trajectory.t)[:, None, None]
+    a, b, s = tip[:-1, None], tip[1:, None], np.linspace(0.0, 1.0, 8, endpoint=False)[:, None]
+    left, right = step * trajectory.tip_velocity[:-1, None, :3], step * trajectory.tip_velocity[1:, None, :3]
+    path = a + s * (left + s * (3.0 * (b - a) - 2.0 * left - right + s * (left + right - 2.0 * (b - a))))
+    return np.concatenate([path.reshape(-1, 3), tip[-1:]])

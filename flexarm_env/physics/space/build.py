@@ -41,6 +41,8 @@ LEAST_ROTARY = 1e-8
 
 X = np.array([1.0, 0.0, 0.0])
 
+AXES_OF_STRAINS = ("twist", "bend_y", "bend_z")
+
 
 class Body(NamedTuple):
     """A rigid body: kg, centre in m from a section, in its axes, tensor in kg m^2 about there."""
@@ -177,15 +179,29 @@ def turns_of(link: Link, ends: Array) -> Array:
     return np.diff([float(curves.angle(link.curvature, s)) for s in ends])
 
 
+def polynomials(settings: Settings) -> int:
+    """Of each strain of the elastica: the curvature of an angle that so many nodes have."""
+    assert settings.nodes is not None
+    return settings.nodes - 1
+
+
+def count_rows(link: Link | RigidLink, settings: Settings) -> int:
+    """Rows of a link behind its joint's."""
+    if settings.formulation == "elastica":
+        return 0 if link.rigid else 3 * polynomials(settings)
+    return AXES * max(1, count_elements(link, settings))
+
+
 def names_of(arm: Arm, settings: Settings) -> tuple[str, ...]:
-    """Names of the rows: of the base, of each joint, of the vertices E = 1, 2, ... of each link."""
-    places = ("x", "y", "z", "rx", "ry", "rz")
+    """Names of the rows: of the base, of each joint, of the vertices E = 1, 2, ... of each link or of its strains."""
+    places, inner = ("x", "y", "z", "rx", "ry", "rz"), range(1, inner_modes(settings) + 1)
+    own = AXES_OF_STRAINS if settings.formulation == "elastica" else places
     found = [f"root_{name}" for name in places]
     for k, link in enumerate(arm.links):
         found.append(f"joint{k}")
-        found += [f"link{k}.{name}{e + 1}" for e in range(max(1, count_elements(link, settings))) for name in places]
+        found += [f"link{k}.{name}{e + 1}" for e in range(count_rows(link, settings) // len(own)) for name in own]
     for k, link in enumerate(arm.links):
-        modes = [f"mode{i + 1}{axis}" for i in range(inner_modes(settings)) for axis in "xyz"]
+        modes = [f"mode{i}{axis}" for i in inner for axis in "xyz"]
         found += [f"link{k}.{name}_{e + 1}" for e in range(count_elements(link, settings)) for name in modes]
     return tuple(found)
 
@@ -233,6 +249,10 @@ def _start(scene: Scene, settings: Settings) -> tuple[Array, Array]:
         r, rate = r + arm_of, rate + np.cross(spin, arm_of)
         q.append(joint)
         v.append(own)
+        if settings.formulation == "elastica":
+            q += [0.0] * count_rows(link, settings)
+            v += [0.0] * count_rows(link, settings)
+            continue
         n = count_elements(link, settings)
         for natural in _natural(link, n, settings):
             A = A @ rotations.matrices([0.0, 0.0, natural.near])
@@ -293,9 +313,26 @@ def check_scene(scene: Scene, settings: Settings) -> None:
                 link.across(np.zeros(1))
 
 
-def common(scene: Scene, names: tuple[str, ...], beams: float) -> dict[str, Any]:
-    """Fields of the Model that do not depend on what links are made of; beams: kg, of what bends."""
-    arm, loads = scene.arm, _loads(scene)
+def system(
+    scene: Scene, settings: Settings, kind: Any, beams: float, rooms: list[int], notes: dict[str, float], **own: Any
+) -> System:
+    """The scene's `System` with a Model of this kind; own: its fields that differ with what links are made of.
+
+    beams: kg, of what bends. rooms: of each link, and of what is behind all, entries of S.
+    """
+    arm, loads, names = scene.arm, _loads(scene), names_of(scene.arm, settings)
+    row, first, places, weight = AXES, B.end + H.end * arm.n_links, [], np.ones(len(names))
+    weight[:3] = 1.0 / arm.total_length
+    for link, room in zip(arm.links, rooms, strict=False):
+        places.append(PLACE.pack({}, row=row, elements=count_elements(link, settings), factor=first))
+        end = row + 1 + count_rows(link, settings)
+        if settings.formulation != "elastica":
+            for i in range(row + 1, end, AXES):
+                weight[i : i + 3] = 1.0 / arm.total_length
+            if link.rigid:
+                weight[row + 1 : end] = 0.0
+        row, first = end, first + room
+    places.append(PLACE.pack({}, row=row, elements=0, factor=first))
     fixed = [names.index(f"joint{k}") for k in scene.rigid_joints]
     if scene.root == "free":
         fixed.append(names.index("joint0"))
@@ -305,27 +342,30 @@ def common(scene: Scene, names: tuple[str, ...], beams: float) -> dict[str, Any]
     rotors = [arm.joint(k).rotor for k in range(arm.n_links)]
     near = [near_body(arm, k).mass for k in range(1, arm.n_links)] + [tip_end(arm.links[-1]).mass]
     mass = float(beams + sum(near) + sum(far_body(arm, k).mass for k in range(arm.n_links)))
-    return {
-        "n_inputs": arm.n_links + 6 * len(loads),
-        "fixed": np.array(sorted(fixed), np.int64),
-        "algebraic": None,
-        "correction": None,
-        "links": arm.n_links,
-        "joints": np.concatenate([_joint(arm, k) for k in range(arm.n_links)]),
-        "end": packed(tip_end(arm.links[-1])),
-        "payload": packed(Body(0.0, tip_lever(arm.links[-1]) + offset, bodies.tensor(arm.payload.inertia)), True),
-        "levers": (0,) if any(np.any(lever) for k in range(arm.n_links) for lever in levers(arm, k)) else None,
-        "gravity": None if scene.gravity is None else np.array(scene.gravity),
-        "loads": np.concatenate(loads) if loads else None,
-        "damped": (0,) if arm.damping[0] > 0.0 else None,
-        "rotors": np.array([int(rotor > 0.0) for rotor in rotors], np.int64) if any(rotors) else None,
-        "free": mass if scene.root == "free" else None,
-    }
-
-
-def parameters(scene: Scene) -> Array:
-    """The arm's own, `System.par`."""
-    return np.array([scene.arm.payload.mass, 1.0, 1.0, scene.arm.damping[0], 1.0, 1.0])
+    model = kind(
+        n=len(names),
+        n_factor=first + rooms[-1],
+        n_inputs=arm.n_links + 6 * len(loads),
+        fixed=np.array(sorted(fixed), np.int64),
+        algebraic=None,
+        weight=weight,
+        correction=None,
+        links=arm.n_links,
+        places=np.concatenate(places).astype(np.int64),
+        joints=np.concatenate([_joint(arm, k) for k in range(arm.n_links)]),
+        end=packed(tip_end(arm.links[-1])),
+        payload=packed(Body(0.0, tip_lever(arm.links[-1]) + offset, bodies.tensor(arm.payload.inertia)), True),
+        levers=(0,) if any(np.any(lever) for k in range(arm.n_links) for lever in levers(arm, k)) else None,
+        gravity=None if scene.gravity is None else np.array(scene.gravity),
+        loads=np.concatenate(loads) if loads else None,
+        damped=(0,) if arm.damping[0] > 0.0 else None,
+        rotors=np.array([int(rotor > 0.0) for rotor in rotors], np.int64) if any(rotors) else None,
+        free=mass if scene.root == "free" else None,
+        **own,
+    )
+    par = np.array([arm.payload.mass, 1.0, 1.0, arm.damping[0], 1.0, 1.0])
+    coordinates = {name: i for i, name in enumerate(names) if name.startswith(("root_", "joint"))}
+    return System(model, par, *_start(scene, settings), coordinates, names, (), (), notes)
 
 
 def build(scene: Scene, settings: Settings) -> System:
@@ -335,42 +375,20 @@ def build(scene: Scene, settings: Settings) -> System:
         segments.refuse(settings)
     elif settings.order != default_options("geometrically_exact")["order"]:
         raise check.InvalidValue("order", settings.order, "must not be given in space, where elements are of one kind")
-    arm, names = scene.arm, names_of(scene.arm, settings)
-    _, shares = arm.damping
+    arm, (_, shares) = scene.arm, scene.arm.damping
     counts = [count_elements(link, settings) for link in arm.links]
     sections: list[Array] = []
     frames: list[Array] = []
     for k, (link, n) in enumerate(zip(arm.links, counts, strict=True)):
         sections += _elements(link, n, 1.0 if shares is None else shares[k])
         frames += [packed for packed, _ in segments.frames(link, n, settings.modes)] if floating else []
-    rows = [names.index(f"joint{k}") for k in range(arm.n_links)]
-    first = B.end + H.end * arm.n_links
-    places = []
-    for row, n in zip(rows, counts, strict=True):
-        places.append(PLACE.pack({}, row=row, elements=n, factor=first))
-        first += F.end * max(1, n)
-    inner, m = inner_modes(settings), sum(counts)
-    places.append(PLACE.pack({}, row=len(names) - 3 * inner * m, elements=0, factor=first))
-    first += INNER.offsets(0, inner).end * m
-    weight = np.ones(len(names))
-    for k, (row, n) in enumerate(zip(rows, counts, strict=True)):
-        for i in range(row + 1, row + 1 + AXES * max(1, n), AXES):
-            weight[i : i + 3] = 1.0 / arm.total_length
-            if n == 0:
-                weight[i : i + AXES] = 0.0
-        assert names[row] == f"joint{k}"
-    weight[:3] = 1.0 / arm.total_length
-    model = SpatialBeam(
-        n=len(names),
-        n_factor=first,
-        weight=weight,
+    inner = inner_modes(settings)
+    rooms = [F.end * max(1, n) for n in counts] + [INNER.offsets(0, inner).end * sum(counts)]
+    return system(
+        scene, settings, SpatialBeam, _beams(sections, frames, inner), rooms, {},
         predictor=None,
-        places=np.concatenate(places).astype(np.int64),
         sections=np.concatenate([np.zeros(0), *sections]),
         frames=np.concatenate([np.zeros(0), *frames]) if floating else None,
         inner=(0,) * inner or None,
         uneven=None if floating or all(link.rigid or link.uniform is not None for link in arm.links) else (0,),
-        **common(scene, names, _beams(sections, frames, inner)),
-    )
-    coordinates = {name: i for i, name in enumerate(names) if name.startswith(("root_", "joint"))}
-    return System(model, parameters(scene), *_start(scene, settings), coordinates, names, (), (), {})
+    )  # fmt: skip

@@ -10,9 +10,10 @@ from ...compiler import kernel, load, sincos, splat, store
 from ..arithmetic import add
 from ..model import EI_Y_FACTOR, GJ_FACTOR, STIFFNESS_FACTOR, TAU_D
 from .element import Place, Section, add_block, scale
-from .layout import E, H, J, L, P, hinge_at, joint_row
+from .layout import E, H, J, L, P, hinge_at, joint_row, rows_before
 from .rotations import (
     about_identity,
+    add_vector,
     back,
     composed,
     cross,
@@ -30,20 +31,20 @@ from .rotations import (
     skew,
     skewed,
     sum_of,
+    swirl,
     times,
     transposed,
     turned,
     vector,
 )
+from .strained_layout import noted_at
 
 
-class SpatialBeam(NamedTuple):
-    """N links in space, each of elements of two vertices or rigid. What is None is compiled out.
+class Chain(NamedTuple):
+    """N links in space, each rigid, or of elements of two vertices, or with its strains as coordinates (`strained`).
+    What is None is compiled out.
 
     places    int64: a `PLACE` for each link, and another for where one more would be
-    sections  float64: an `ELEMENT` for each element, from root to tip
-    frames    float64: a `FRAME` for each, where elements are segments with floating frames; otherwise None
-    inner     (0,) * n of segments with n inner modes, whose rows follow all others; otherwise None
     joints    float64: a `JOINT` for each link, at its root
     end       float64 `BODY`, the last link's rigid end; payload  another
     levers    (0,) where a `JOINT` has `before` or `beyond`, otherwise None
@@ -52,40 +53,13 @@ class SpatialBeam(NamedTuple):
     damped    (0,) with Kelvin-Voigt damping, otherwise None
     rotors    int64: of each joint 1 where it has a rotor, which `physics.joints` turns; None: no joint has
     free      kg, of all but the payload, where nothing holds the arm, otherwise None
+    sections  float64: an `ELEMENT` for each element, from root to tip; None: coordinates are strains
+    frames    float64: a `FRAME` for each, where elements are segments with floating frames; otherwise None
+    inner     (0,) * n of segments with n inner modes, whose rows follow all others; otherwise None
     uneven    (0,) where a section or a curvature varies along an element, otherwise None
-    """
-
-    n: int
-    n_factor: int
-    n_inputs: int
-    fixed: np.ndarray
-    algebraic: None
-    weight: np.ndarray
-    predictor: None
-    correction: None
-    links: int
-    places: np.ndarray
-    sections: np.ndarray
-    frames: np.ndarray | None
-    inner: tuple[int, ...] | None
-    joints: np.ndarray
-    end: np.ndarray
-    payload: np.ndarray
-    levers: tuple[int, ...] | None
-    gravity: np.ndarray | None
-    loads: np.ndarray | None
-    damped: tuple[int, ...] | None
-    rotors: np.ndarray | None
-    free: float | None
-    uneven: tuple[int, ...] | None
-
-
-class SpatialElastica(NamedTuple):
-    """N links in space, each rigid or with its strains as coordinates (`strained`); see `SpatialBeam`.
-
+    strains   float64: a `STRAINED` a link (zeros of rigid ones); None, and so are the next: links have elements
     polynomials, points  tuples of as many zeros: of each strain, and Gauss's points along a link
     scratch   three zeros a point: room on the stack
-    strains   float64: a `STRAINED` a link (zeros of rigid ones)
     curved    (0,) where a link is curved without stress, otherwise None
     """
 
@@ -95,15 +69,10 @@ class SpatialElastica(NamedTuple):
     fixed: np.ndarray
     algebraic: None
     weight: np.ndarray
-    predictor: tuple[float, float]
+    predictor: tuple[float, float] | None
     correction: None
     links: int
     places: np.ndarray
-    polynomials: tuple[int, ...]
-    points: tuple[int, ...]
-    scratch: tuple[int, ...]
-    strains: np.ndarray
-    curved: tuple[int, ...] | None
     joints: np.ndarray
     end: np.ndarray
     payload: np.ndarray
@@ -113,6 +82,23 @@ class SpatialElastica(NamedTuple):
     damped: tuple[int, ...] | None
     rotors: np.ndarray | None
     free: float | None
+    sections: np.ndarray | None = None
+    frames: np.ndarray | None = None
+    inner: tuple[int, ...] | None = None
+    uneven: tuple[int, ...] | None = None
+    strains: np.ndarray | None = None
+    polynomials: tuple[int, ...] = ()
+    points: tuple[int, ...] = ()
+    scratch: tuple[int, ...] = ()
+    curved: tuple[int, ...] | None = None
+
+
+class SpatialBeam(Chain):
+    """Of elements: exact beams, or segments with floating frames."""
+
+
+class SpatialElastica(Chain):
+    """By strains."""
 
 
 class Vertex(NamedTuple):
@@ -190,12 +176,6 @@ def vertex_at(lane, model, state, i):
 
 
 @kernel
-def _swung(w, alpha, arm):
-    """Acceleration of the end of an arm that is fixed in what turns by w and alpha."""
-    return plus(cross(alpha, arm), cross(w, cross(w, arm)))
-
-
-@kernel
 def planted(lane, model, q, v, k, tip):
     """The turn of joint k, the lever from the `Place` tip of the section before to where its link begins to bend (None
     without levers), the `Place` there, and the joint's rate."""
@@ -231,7 +211,7 @@ def hinged(lane, model, state, k, tip):
         return Hinge(turn, None, Vertex(root, tip.a, alpha))
     near, far = three_of(lane, model.joints, o + J.before), three_of(lane, model.joints, o + J.beyond)
     A, B, w, spin = matrix(tip.place.p), matrix(root.p), tip.place.spin, root.spin
-    second = plus(tip.a, plus(turned(A, _swung(w, tip.alpha, near)), turned(B, _swung(spin, alpha, far))))
+    second = plus(tip.a, plus(turned(A, swirl(w, tip.alpha, near)), turned(B, swirl(spin, alpha, far))))
     return Hinge(turn, lever, Vertex(root, second, alpha))
 
 
@@ -263,6 +243,14 @@ def lump(lane, mass, I, at, weights, S, o):
 
 
 @kernel
+def mass_of(lane, array, o, mass):
+    """Mass of the `BODY` at o of `array`, its own where None is given."""
+    if mass is None:
+        return splat(lane, array[o + P.mass])
+    return mass
+
+
+@kernel
 def inertia_of(lane, array, o, share):
     """The tensor of the `BODY` at o of `array`, as it is or times a share."""
     I = nine_of(lane, array, o + P.inertia)
@@ -273,14 +261,15 @@ def inertia_of(lane, array, o, share):
 
 @kernel
 def body(lane, array, o, mass, share, at, weights, S, to):
-    """(force, moment) of the `BODY` at o of `array`, of this mass and `inertia_of`, on a section, and its part of the
+    """(force, moment) of the `BODY` at o of `array`, of `mass_of` and `inertia_of`, on a section, and its part of the
     matrix at `to`."""
     zero = splat(lane, 0.0)
     force, moment = (zero, zero, zero), (zero, zero, zero)
     if array[o + P.there] != 0.0:
-        c, I = three_of(lane, array, o + P.centre), inertia_of(lane, array, o, share)
+        c, mass = three_of(lane, array, o + P.centre), mass_of(lane, array, o, mass)
+        I = inertia_of(lane, array, o, share)
         A, w, arm = matrix(at.place.p), at.place.spin, times(c, mass)
-        own, swing = times(back(A, at.a), mass), _swung(w, at.alpha, arm)  # of the force, in its axes
+        own, swing = times(back(A, at.a), mass), swirl(w, at.alpha, arm)  # of the force, in its axes
         force, moment = turned(A, plus(own, swing)), plus(turning(I, w, at.alpha), cross(c, plus(own, swing)))
         if weights.mass != 0.0:
             cm, cd, ck = weights.mass, weights.damping, weights.stiffness
@@ -332,6 +321,20 @@ def loaded(lane, model, u, k, at_tip, at, weights, S, o):
 
 
 @kernel
+def onto(lane, model, r, S, k, of):
+    """(force, moment) to what is on the section before joint k: to its rows in r, or, where strains are coordinates and
+    it has none, to what is noted of it in S."""
+    if model.strains is not None:
+        if k > 0:
+            to = noted_at(model, k - 1).on
+            add_vector(lane, S, to, of[0])
+            add_vector(lane, S, to + 3, of[1])
+            return
+    add_vector(lane, r, rows_before(model, k), of[0])
+    add_vector(lane, r, rows_before(model, k) + 3, of[1])
+
+
+@kernel
 def clear(lane, S, o, n):
     """n zeros from o on."""
     zero = splat(lane, 0.0)
@@ -344,7 +347,15 @@ def energy_of(lane, model, array, o, mass, share, at):
     """(kinetic, gravity) energy, J, of the `BODY` at o of `array` on a place."""
     c, I, A = three_of(lane, array, o + P.centre), inertia_of(lane, array, o, share), matrix(at.p)
     r, rate = plus(at.r, turned(A, c)), plus(at.v, turned(A, cross(at.spin, c)))
+    mass = mass_of(lane, array, o, mass)
     kinetic = (dot(rate, rate) * mass + dot(at.spin, turned(I, at.spin))) * 0.5
     if model.gravity is None:
         return kinetic, splat(lane, 0.0)
     return kinetic, -(dot(three_of(lane, model.gravity, 0), r) * mass)
+
+
+@kernel
+def momentum_of(lane, array, o, mass, at):
+    """Momentum of the `BODY` at o of `array` on a place."""
+    arm = turned(matrix(at.p), cross(at.spin, three_of(lane, array, o + P.centre)))
+    return times(plus(at.v, arm), mass_of(lane, array, o, mass))

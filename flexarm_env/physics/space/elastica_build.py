@@ -9,32 +9,24 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import curves, rotations
+from ... import curves
 from ... import validation as check
-from ...parameters import Arm, Link
-from ...scene import Scene
+from ...parameters import Link
+from ...scene import PointLoad, Scene
 from ...settings import Settings
 from ..elastica.build import HEAVIER
 from ..elastica.slenderness import _largest
 from ..model import System
 from . import build as chains
+from .build import polynomials
 from .chain import SpatialElastica
-from .layout import AXES, PLACE, B, F, H
+from .layout import F
 from .strained_layout import NOTED, STRAINED
 
 Array = NDArray[np.float64]
 
 LEAST_POLAR = 1e-8
 """Rotary inertia about its axis, over m l^2 of a link, that none falls below: torsion is a motion of its own."""
-
-AXES_OF_STRAINS = ("twist", "bend_y", "bend_z")
-
-
-def polynomials(settings: Settings) -> int:
-    """Of each strain: the curvature of an angle that so many nodes have."""
-    assert settings.nodes is not None
-    return settings.nodes - 1
-
 
 class Grid(NamedTuple):
     """Of a link of length 1: Gauss's points and weights, the ends of the intervals (points + 2), what points and the
@@ -122,35 +114,10 @@ def _correction(packed: dict[str, Array], settings: Settings) -> Array:
 
 def physical(model: SpatialElastica) -> SpatialElastica:
     """The model with the inertia that the links have, for all that is not a step."""
+    assert model.strains is not None
     strains, n = model.strains.copy(), len(model.polynomials)
     STRAINED.unpack(strains.reshape(model.links, -1), polynomials=n, points=n + 2)["correction"][:] = 0.0
     return model._replace(strains=strains)
-
-
-def names_of(arm: Arm, n: int) -> tuple[str, ...]:
-    """Names of the rows: of the base, of each joint, of the strains of each link."""
-    found = [f"root_{name}" for name in ("x", "y", "z", "rx", "ry", "rz")]
-    for k, link in enumerate(arm.links):
-        found.append(f"joint{k}")
-        if not link.rigid:
-            found += [f"link{k}.{name}{j + 1}" for j in range(n) for name in AXES_OF_STRAINS]
-    return tuple(found)
-
-
-def _start(scene: Scene, names: tuple[str, ...]) -> tuple[Array, Array]:
-    """Coordinates of links without stress at the scene's angles, and their rates as it moves before t = 0."""
-    arm, q, v = scene.arm, np.zeros(len(names)), np.zeros(len(names))
-    q[:3], v[:3] = scene.position, scene.velocity
-    before = 0.0
-    for k in range(arm.n_links):
-        row = names.index(f"joint{k}")
-        q[row] = scene.initial_value(f"joint{k}")
-        v[row] = scene.rates[k] if arm.spatial else scene.rates[k] - before
-        before = scene.rates[k]
-    if scene.root == "free":  # the base turns with link 0
-        v[3:AXES] = scene.rates[0] * (chains.mount_of(arm, 0) @ chains.axis_of(arm, 0))
-        v[names.index("joint0")] = 0.0
-    return q, v
 
 
 BENT = 0.3
@@ -158,8 +125,9 @@ BENT = 0.3
 
 
 class Notes(dict[str, float]):
-    """ "stretch_and_shear", a fraction of the arm's length: what leaving them out costs where links bend by `BENT`, and
-    where they are stretched as joints turn as prescribed, with all mass at the tip; a longer link is softer, too."""
+    """ "stretch_and_shear", a fraction of the arm's length: what leaving them out costs under the force that bends a
+    link by `BENT`, or that is known to act if that is more, and where links are stretched as joints turn as prescribed,
+    with all mass at the tip; a longer link is softer, too."""
 
     def __init__(self, scene: Scene) -> None:
         arm = scene.arm
@@ -167,8 +135,10 @@ class Notes(dict[str, float]):
         rate = sum(_largest(m.function, scene.duration, 1) for m in scene.motions if m.joint is not None)
         mass = arm.payload.mass + sum(elbow.mass for elbow in arm.elbows) + sum(0.5 * link.mass for link in arm.links)
         stretch = rate**2 * arm.total_length * mass / min((link.series("EA") for link in links), default=math.inf)
-        self.share = max(map(_softness, links), default=0.0) + 3.0 * stretch
-        super().__init__(stretch_and_shear=min(1.0, BENT * self.share + stretch))
+        shares = [_soft(link) for link in links]
+        self.share = max((sheared / bent for sheared, bent in shares), default=0.0) + 3.0 * stretch
+        known = 2.0 * max((_force(scene, mass) * sheared for sheared, _ in shares), default=0.0)  # swung to, and back
+        super().__init__(stretch_and_shear=min(1.0, max(BENT * self.share, known) + stretch))
 
     @property
     def softer(self) -> float:
@@ -177,14 +147,26 @@ class Notes(dict[str, float]):
         return 1.0 / (1.0 + self.share)
 
 
-def _softness(link: Link) -> float:
-    """What shear, or stretch, gives way to a force at the tip of a clamped link, over what bending does, each in the
-    direction in which it is softest: 3 EI / (C L^2)."""
+def _soft(link: Link) -> tuple[float, float]:
+    """What shear, or stretch, gives way to a force at the tip of a clamped link, and what bending does, 1/N of the
+    length, each in the direction in which it is softest: 1/C, L^2/(3 EI)."""
     s = np.linspace(0.0, link.length, 33)
     plane, across = link.along(s), link.across(s)
     sheared = max(float((1.0 / x).max()) for x in (plane.C, across["C_y"], plane.EA))
     bent = max(float((1.0 / x).min()) for x in (plane.EI, across["EI_y"]))
-    return 3.0 * sheared / (bent * link.length**2)
+    return sheared, bent * link.length**2 / 3.0
+
+
+def _force(scene: Scene, mass: float) -> float:
+    """N: weight, and the largest that loads push with, wherever these are."""
+    pushes = [
+        _largest(f, scene.duration)
+        for load in scene.loads
+        if isinstance(load, PointLoad)
+        for f in (load.force_x, load.force_y, load.force_z)
+        if f is not None
+    ]
+    return mass * float(np.linalg.norm(scene.gravity or 0.0)) + sum(pushes)
 
 
 def build(scene: Scene, settings: Settings) -> System:
@@ -194,72 +176,16 @@ def build(scene: Scene, settings: Settings) -> System:
         if not link.rigid and len(link.jumps):
             what = "must not jump along a link under the elastica in space; take geometrically_exact or floating_frame"
             raise check.InvalidValue(f"links[{k}].section", f"{len(link.jumps)} jumps", what)
-    names = names_of(arm, n)
     _, shares = arm.damping
     strains = [_link(link, n, 1.0 if shares is None else shares[k]) for k, link in enumerate(arm.links)]
     for link, packed in zip(arm.links, strains, strict=True):
         if not link.rigid:
             fields = STRAINED.unpack(packed, polynomials=n, points=n + 2)
             fields["correction"][:] = _correction(fields, settings)
-    first, places = B.end + H.end * arm.n_links, []
-    room = F.end + NOTED.offsets(0, n, n + 2).end
-    for k, link in enumerate(arm.links):
-        places.append(PLACE.pack({}, row=names.index(f"joint{k}"), elements=0 if link.rigid else 1, factor=first))
-        first += room
-    places.append(PLACE.pack({}, row=len(names), elements=0, factor=first))
-    weight = np.ones(len(names))
-    weight[:3] = 1.0 / arm.total_length
-    mass = STRAINED.offsets(0, n, n + 2)
-    own = float(sum(packed[mass.mass : mass.inertia].sum() for packed in strains))
-    common = chains.common(scene, names, own)
-    model = SpatialElastica(
-        n=len(names), n_factor=first, weight=weight, predictor=(1.0, 0.0),
-        places=np.concatenate(places).astype(np.int64), polynomials=(0,) * n, points=(0,) * (n + 2),
-        scratch=(0,) * (3 * n + 6), strains=np.concatenate(strains),
-        curved=(0,) if any(link.curved for link in arm.links if not link.rigid) else None, **common,
+    mass, room = STRAINED.offsets(0, n, n + 2), F.end + NOTED.offsets(0, n, n + 2).end
+    return chains.system(
+        scene, settings, SpatialElastica, float(sum(packed[mass.mass : mass.inertia].sum() for packed in strains)),
+        [*[room] * arm.n_links, 0], Notes(scene), predictor=(1.0, 0.0), strains=np.concatenate(strains),
+        polynomials=(0,) * n, points=(0,) * (n + 2), scratch=(0,) * (3 * n + 6),
+        curved=(0,) if any(link.curved for link in arm.links if not link.rigid) else None,
     )  # fmt: skip
-    coordinates = {name: i for i, name in enumerate(names) if name.startswith(("root_", "joint"))}
-    return System(model, chains.parameters(scene), *_start(scene, names), coordinates, names, (), (), Notes(scene))
-
-
-# ------------------------------------------------------------------ what is read off
-class Sections(NamedTuple):
-    """Of m instants, in the axes of the link's root: places (m, points + 1, 3), axes (m, points + 1, 3, 3), velocities
-    and angular velocities against the root, of the points and of the last section."""
-
-    r: Array
-    A: Array
-    v: Array
-    w: Array
-
-
-def sections(link: Link, n: int, c: Array, rate: Array) -> Sections:
-    """From the coefficients of the strains (m, 3 n) and their rates."""
-    own, packed = grid(n), STRAINED.unpack(_link(link, n, 1.0), polynomials=n, points=n + 2)
-    natural = np.zeros((n + 3, 2, 3))
-    natural[..., 2] = packed["natural"]
-    tables, c, rate = (own.sums, own.slants), c.reshape(-1, n, 3), rate.reshape(-1, n, 3)
-    s, d = (np.einsum("ij,mja->mia", table, c) + natural[:, k] for k, table in enumerate(tables))
-    sv, dv = (np.einsum("ij,mja->mia", table, rate) for table in tables)
-    psi, turn = s + np.cross(s, d), sv + np.cross(sv, d) + np.cross(s, dv)
-    steps = rotations.matrices(psi)
-    rel = _rates(psi, turn)
-    A, w = [np.broadcast_to(np.eye(3), (len(c), 3, 3))], [np.zeros((len(c), 3))]
-    for i in range(n + 3):
-        A.append(A[-1] @ steps[:, i])
-        w.append(w[-1] + rotations.turned(A[-1], rel[:, i]))
-    axes, spin = np.stack(A[1:], axis=1), np.stack(w[1:], axis=1)
-    t, ways = axes[:, :-1, :, 0], link.length * own.ways
-    r, v = (np.einsum("ij,mja->mia", ways, x) for x in (t, np.cross(spin[:, :-1], t)))
-    return Sections(r, axes, v, spin)
-
-
-def _rates(psi: Array, turn: Array) -> Array:
-    """Angular velocities, in the axes turned to, of rotation vectors that change at these rates."""
-    square = (psi * psi).sum(-1, keepdims=True)
-    near = square < 1e-6
-    a = np.sqrt(np.where(near, 1.0, square))
-    one = np.where(near, 0.5 - square / 24.0, (1.0 - np.cos(a)) / (a * a))
-    two = np.where(near, 1.0 / 6.0 - square / 120.0, (a - np.sin(a)) / a**3)
-    across = np.cross(psi, turn)
-    return np.asarray(turn - one * across + two * np.cross(psi, across))

@@ -31,6 +31,7 @@ from typing import Any, NamedTuple
 
 from ...compiler import kernel, store
 from ..arithmetic import add
+from .frame import across, lifted
 from .layout import F
 from .rotations import (
     about_identity,
@@ -46,6 +47,7 @@ from .rotations import (
     plus,
     plus_identity,
     product,
+    put_matrix,
     scaled,
     shorter,
     skew,
@@ -104,7 +106,8 @@ def scale(a, d):
 
 @kernel
 def middle(section, left, right):
-    """Strains, and stress resultants of the middle: (Gamma, l kappa less its rest), Middle."""
+    """Strains, and stress resultants of the middle: (Gamma, l kappa less its rest), Middle; the strains' rates, or None
+    without damping."""
     share = 1.0 / section.length
     relative = shorter(composed(inverse(left.p), right.p))
     psi, half, g, T = turn_of(relative)
@@ -114,23 +117,22 @@ def middle(section, left, right):
     gamma = e[0] - 1.0 - bow[0], e[1] - bow[1], e[2] - bow[2]
     bent = minus(psi, section.rest)
     n, m = gamma, bent
-    spin, slip, both = None, None, None
+    spin, slip, both, rates = None, None, None, None
     if section.tau is not None:
         spin, both = mean(g, left.spin, right.spin), plus(left.spin, right.spin)
         slip = times(back(R, minus(right.v, left.v)), share)
-        rate = plus(slip, cross(e, spin))
         bend = minus(turned(T, right.spin), back(T, left.spin))
-        n = plus(n, times(plus(rate, turned(arc, bend)), section.tau))
-        m = plus(m, times(bend, section.tau))
+        rates = plus(plus(slip, cross(e, spin)), turned(arc, bend)), bend
+        n, m = plus(n, times(rates[0], section.tau)), plus(m, times(bend, section.tau))
     n = scale(n, section.stretch)
     m = plus(times(scale(m, section.bend), share), times(back(arc, n), section.length))
-    return (gamma, bent), Middle(psi, R, e, g, T, n, m, spin, slip, both)
+    return (gamma, bent), Middle(psi, R, e, g, T, n, m, spin, slip, both), rates
 
 
 @kernel
 def bow_of(uneven, psi):
     """What a chord has beside e_x and Gamma, an arc bent by psi: psi x (psi x e_x) / 24, and what is uneven."""
-    arc = times(cross(psi, (psi[0] * 0.0, psi[2], -psi[1])), BOW)
+    arc = times(cross(psi, across(psi)), BOW)
     if uneven is None:
         return arc
     chord, y, z = uneven
@@ -145,18 +147,6 @@ def arc_of(uneven, psi):
     if uneven is None:
         return (zero, y * 2.0, z * 2.0), (-y, -x, zero), (-z, zero, -x)
     return (zero, y * 2.0, z * 2.0), (-y, -x, uneven[2]), (-z, -uneven[1], -x)
-
-
-@kernel
-def rates(section, left, right):
-    """Rates of the strains of `middle`: of Gamma, and of kappa times the length."""
-    relative = shorter(composed(inverse(left.p), right.p))
-    psi, half, g, T = turn_of(relative)
-    share, R, turn = 1.0 / section.length, matrix(composed(left.p, half)), mean(g, left.spin, right.spin)
-    e = times(back(R, minus(right.r, left.r)), share)
-    stretch = plus(times(back(R, minus(right.v, left.v)), share), cross(e, turn))
-    bend = minus(turned(T, right.spin), back(T, left.spin))
-    return plus(stretch, turned(arc_of(section.uneven, psi), bend)), bend
 
 
 @kernel
@@ -213,20 +203,20 @@ def tangent(section, at, c, cd, S, o):
         difference(difference(straight, swing), product(arc, Tt)),
         sum_of(sum_of(straight, swing), product(arc, T)),
     )
-    left_D, right_D, x_D = _rows(D, left_w), _rows(D, right_w), scaled(_rows(D, transposed(R)), share)
+    left_D, right_D, x_D = rows_of(D, left_w), rows_of(D, right_w), scaled(rows_of(D, transposed(R)), share)
     bend = (b[0], -y, -z), (-y, x * 2.0 + b[1], zero), (-z, zero, x * 2.0 + b[2])
     if section.tau is not None:  # what rates change by positions: e, slip and psi seen from axes that turn
         late, w, u = times(section.stretch, section.tau * c), at.spin, at.slip
-        x_D = difference(x_D, scaled(_rows(late, skewed(w, transposed(R))), share))
+        x_D = difference(x_D, scaled(rows_of(late, skewed(w, transposed(R))), share))
         swing = sum_of(skew(u), plus_identity(scaled(outer(e, w), -1.0), dot(w, e)))
         straight = cross(swing[0], g), cross(swing[1], g), cross(swing[2], g)
         late = times(late, 0.5)
-        left_D = sum_of(left_D, _rows(late, difference(swing, straight)))
-        right_D = sum_of(right_D, _rows(late, sum_of(swing, straight)))
-        bend = difference(bend, _rows(times(section.bend, share * section.tau * c * 0.5), skew(at.both)))
-    _put_nine(S, o + F.by_place, x_D)
-    _put_nine(S, o + F.by_left, left_D)
-    _put_nine(S, o + F.by_right, right_D)
+        left_D = sum_of(left_D, rows_of(late, difference(swing, straight)))
+        right_D = sum_of(right_D, rows_of(late, sum_of(swing, straight)))
+        bend = difference(bend, rows_of(times(section.bend, share * section.tau * c * 0.5), skew(at.both)))
+    put_matrix(S, o + F.by_place, x_D)
+    put_matrix(S, o + F.by_left, left_D)
+    put_matrix(S, o + F.by_right, right_D)
     swing, straight = _half_of_both(n, g)
     own_l, own_r = product(R, difference(swing, straight)), product(R, sum_of(swing, straight))
     xx, xl, xr = product(R, x_D), sum_of(product(R, left_D), own_l), difference(product(R, right_D), own_r)
@@ -257,14 +247,7 @@ def tangent(section, at, c, cd, S, o):
 
 
 @kernel
-def _put_nine(S, o, A):
-    for i in range(3):
-        for j in range(3):
-            store(S, o + 3 * i + j, A[i][j])
-
-
-@kernel
-def _rows(d, A):
+def rows_of(d, A):
     """diag(d) A."""
     return times(A[0], d[0]), times(A[1], d[1]), times(A[2], d[2])
 
@@ -311,12 +294,6 @@ def tangent_of(at):
 
 
 @kernel
-def _crossed(g):
-    """e_x x g."""
-    return g[0] * 0.0, -g[2], g[1]
-
-
-@kernel
 def _by_turn(t, weights):
     """Derivative, over A, of the second rate of t by rotation increments of its vertex."""
     w, zero = t.w, t.w[0] * 0.0
@@ -350,7 +327,7 @@ def inertia(lane, mass, length, left, right, weights, S, o):
         _add(lane, S, o + F.RR, quarter, xr, tr.A, -own, Br, -arm)
         _add_turn(lane, S, o + F.LL, times(own_l, turn))
         _add_turn(lane, S, o + F.RR, times(own_r, -turn))
-    return (half, times(_crossed(own_l), arm)), (half, times(_crossed(own_r), -arm))
+    return (half, times(lifted(own_l), arm)), (half, times(lifted(own_r), -arm))
 
 
 @kernel

@@ -1,21 +1,24 @@
-"""Chains of geometrically exact beams in space: the residual and its tangent (model: `SpatialBeam`).
+"""Chains in space: the residual and its tangent (models: `chain`).
 
-Where all that is in coordinates and in S is told in `layout`. Half of an element's rotary inertia is at each of its
-ends; a vertex's moment is J dw/dt + w x J w in its own axes.
+Where all that is in coordinates and in S is told in `layout`. Of exact beams half of an element's rotary inertia is at
+each of its ends; a vertex's moment is J dw/dt + w x J w in its own axes.
 """
 
 from __future__ import annotations
 
 from ...compiler import kernel, load, splat, store
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
-from ..protocol import RESIDUAL_ALONE, State, register
+from ..protocol import register
 from .chain import (
     SpatialBeam,
+    SpatialElastica,
     body,
     clear,
     hinged,
     loaded,
     lump,
+    momentum_of,
+    onto,
     place_at,
     rotor_moment,
     section_at,
@@ -23,15 +26,18 @@ from .chain import (
     vertex_at,
 )
 from .element import forces, inertia, middle, middle_of, tangent
-from .framed import framed
-from .layout import AXES, B, E, F, H, J, L, P, before, count_of, factor_at, hinge_at, joint_row, rows_before
-from .lost import damping_over
-from .matrix import factor, gyrate, lean, matrix_in, pin, put_matrix, solve, stiffen, sway
-from .moving import difference, note_inverse, noted_inverse, rotates, tangent_map, update
+from .elimination import factor, solve
+from .framed import frame_momentum, framed
+from .inner import elements_before
+from .layout import AXES, B, E, F, H, J, L, before, count_of, factor_at, hinge_at, joint_row
+from .matrix import gyrate, lean, matrix_in, pin, stiffen, sway
+from .moving import difference, note_inverse, noted_inverse, rotates, tangent_map, update, vertices_of
 from .output import (
+    damping_over,
     damping_work,
     energy,
     gauge,
+    last_section,
     light,
     link_poses,
     ports,
@@ -42,8 +48,11 @@ from .output import (
     stand,
     task_poses,
 )
-from .rotations import add_vector, back, cross, dot, matrix, minus, plus, put_vector, times, turned, vector
+from .rotations import add_vector, back, cross, dot, matrix, minus, plus, put_matrix, put_vector, times, turned, vector
 from .settled import settle, stride
+from .strained import elastic, pull, strained_difference, strained_momentum, strained_update, walk
+from .strained_layout import noted_at
+from .strained_tangent import strained_tangent
 
 
 @kernel
@@ -62,65 +71,89 @@ def _both(a, b):
 @kernel
 def assemble(lane, model, par, state, u, weights, r, S):
     """See `protocol`."""
-    zero = splat(lane, 0.0)
-    for i in range(model.n):
-        store(r, i, zero)
-    matrix_too = weights.mass != 0.0
-    if matrix_too:
+    clear(lane, r, 0, model.n)
+    if weights.mass != 0.0:
         clear(lane, S, 0, B.end)
     tip = vertex_at(lane, model, state, 0)
-    element = 0
     for k in range(model.links):
-        at, h, row, first, count = (
-            J.end * k,
-            hinge_at(k),
-            joint_row(model, k),
-            factor_at(model, k, 0),
-            count_of(model, k),
-        )
-        o, i = before(model, k), rows_before(model, k)
+        at, first, o = J.end * k, factor_at(model, k, 0) + F.LL, before(model, k)
         if k > 0:
-            mass = splat(lane, model.joints[at + J.near + P.mass])
-            _add(lane, r, i, body(lane, model.joints, at + J.near, mass, None, tip, weights, S, o))
-            _add(lane, r, i, loaded(lane, model, u, k - 1, True, tip, weights, S, o))
+            onto(lane, model, r, S, k, body(lane, model.joints, at + J.near, None, None, tip, weights, S, o))
+            onto(lane, model, r, S, k, loaded(lane, model, u, k - 1, True, tip, weights, S, o))
         if model.rotors is not None:
             if model.rotors[k] != 0:
-                _add(lane, r, i, rotor_moment(lane, model, S, k, tip, weights, o))
+                onto(lane, model, r, S, k, rotor_moment(lane, model, S, k, tip, weights, o))
         hinge = hinged(lane, model, state, k, tip)
-        root, left, j = hinge.root, hinge.root, row + 1
-        on_root = (zero, zero, zero), (zero, zero, zero)
-        if matrix_too:
-            if count == 0:
-                clear(lane, S, first + F.LL, 36)
-        for e in range(count):
-            section = section_at(lane, model, par, element)
-            right = vertex_at(lane, model, state, j)
-            f = first + F.end * e
-            if model.frames is None:
-                on_left, on_right = _exact(lane, model, section, left, right, element, weights, S, f)
-            else:
-                on_left, on_right = framed(lane, model, par, section, state, left, right, element, weights, r, S, f)
-            if e == 0:
-                on_root = on_left
-            else:
-                _add(lane, r, j - AXES, on_left)
-            _add(lane, r, j, on_right)
-            left = right
-            j += AXES
-            element += 1
-        mass = splat(lane, model.joints[at + J.far + P.mass])
-        on_root = _both(on_root, body(lane, model.joints, at + J.far, mass, None, root, weights, S, first + F.LL))
-        on_root = _both(on_root, loaded(lane, model, u, k, False, root, weights, S, first + F.LL))
-        _note(lane, model, S, h, hinge, tip, on_root)
-        tip = left
-    i = rows_before(model, model.links)
-    o = before(model, model.links)
-    _add(lane, r, i, body(lane, model.end, 0, splat(lane, model.end[P.mass]), None, tip, weights, S, o))
+        last, on_root = _along(lane, model, par, k, state, hinge.root, weights, r, S)
+        on_root = _both(on_root, body(lane, model.joints, at + J.far, None, None, hinge.root, weights, S, first))
+        on_root = _both(on_root, loaded(lane, model, u, k, False, hinge.root, weights, S, first))
+        _note(lane, model, S, hinge_at(k), hinge, tip, on_root)
+        tip = last
+    n, o = model.links, before(model, model.links)
+    onto(lane, model, r, S, n, body(lane, model.end, 0, None, None, tip, weights, S, o))
     mass, share = load(lane, par, PAYLOAD_MASS), load(lane, par, PAYLOAD_INERTIA)
-    _add(lane, r, i, body(lane, model.payload, 0, mass, share, tip, weights, S, o))
-    _add(lane, r, i, loaded(lane, model, u, model.links - 1, True, tip, weights, S, o))
+    onto(lane, model, r, S, n, body(lane, model.payload, 0, mass, share, tip, weights, S, o))
+    onto(lane, model, r, S, n, loaded(lane, model, u, n - 1, True, tip, weights, S, o))
     for back_k in range(model.links):
-        _hand_on(lane, model, u, weights, r, S, model.links - 1 - back_k)
+        k = model.links - 1 - back_k
+        h = hinge_at(k)
+        on_root = vector(lane, S, h + H.now_force), vector(lane, S, h + H.now_moment)
+        on_root = _gathered(lane, model, par, k, state, weights, r, S, on_root)
+        onto(lane, model, r, S, k, _handed(lane, model, u, weights, r, S, k, on_root[0], on_root[1]))
+
+
+@kernel
+def _along(lane, model, par, k, state, root, weights, r, S):
+    """The last `Vertex` of link k behind that of its root, and (force, moment) on the root as far as they are known (of
+    strains: `_gathered`, from what is on the last section); the link's part of the matrix."""
+    zero, first = splat(lane, 0.0), factor_at(model, k, 0)
+    on_root = (zero, zero, zero), (zero, zero, zero)
+    if model.strains is not None:
+        clear(lane, S, noted_at(model, k).on, 6)
+        if weights.mass != 0.0:
+            clear(lane, S, first, F.end)
+        if count_of(model, k) == 0:
+            return root, on_root
+        return walk(lane, model, k, state, root, S), on_root
+    left, j, element = root, joint_row(model, k) + 1, elements_before(model, k)
+    if weights.mass != 0.0:
+        if count_of(model, k) == 0:
+            clear(lane, S, first + F.LL, 36)
+    for e in range(count_of(model, k)):
+        section, right = section_at(lane, model, par, element), vertex_at(lane, model, state, j)
+        f = first + F.end * e
+        if model.frames is None:
+            on_left, on_right = _exact(lane, model, section, left, right, element, weights, S, f)
+        else:
+            on_left, on_right = framed(lane, model, par, section, state, left, right, element, weights, r, S, f)
+        if e == 0:
+            on_root = on_left
+        else:
+            _add(lane, r, j - AXES, on_left)
+        _add(lane, r, j, on_right)
+        left = right
+        j += AXES
+        element += 1
+    return left, on_root
+
+
+@kernel
+def _gathered(lane, model, par, k, state, weights, r, S, of):
+    """All (force, moment) on the root of link k: `of`, and what lies behind."""
+    i = joint_row(model, k) + 1
+    if model.strains is not None:
+        on = noted_at(model, k).on
+        more = vector(lane, S, on), vector(lane, S, on + 3)
+        if count_of(model, k) > 0:
+            more = pull(lane, model, k, r, S)
+            elastic(lane, model, par, k, state, r)
+            if weights.mass != 0.0:
+                strained_tangent(lane, model, par, k, weights, S, factor_at(model, k, 0))
+        return _both(of, more)
+    if count_of(model, k) == 0:  # what is on the rows of a rigid link is on its root
+        of = _both(of, (vector(lane, r, i), vector(lane, r, i + 3)))
+        clear(lane, r, i, AXES)
+    return of
 
 
 @kernel
@@ -139,102 +172,88 @@ def _exact(lane, model, section, left, right, element, weights, S, f):
 
 
 @kernel
-def _of_body(lane, array, o, mass, at):
-    """Momentum of the `BODY` at o of `array` on a place."""
-    arm = turned(matrix(at.p), cross(at.spin, three_of(lane, array, o + P.centre)))
-    return times(plus(at.v, arm), mass)
+def momentum(lane, model, par, q, v):
+    """Of all that moves, along inertial axes."""
+    zero, tip = splat(lane, 0.0), place_at(lane, q, v, 0)
+    total = zero, zero, zero
+    for k in range(model.links):
+        if k > 0:
+            total = plus(total, momentum_of(lane, model.joints, J.end * k + J.near, None, tip))
+        root = root_of(lane, model, q, v, k, tip)
+        total = plus(total, momentum_of(lane, model.joints, J.end * k + J.far, None, root))
+        total = _momentum_along(lane, model, k, q, v, root, total)
+        tip = last_section(lane, model, q, v, k, root)
+    total = plus(total, momentum_of(lane, model.end, 0, None, tip))
+    return plus(total, momentum_of(lane, model.payload, 0, load(lane, par, PAYLOAD_MASS), tip))
 
 
 @kernel
-def _momentum(lane, model, par, q, v):
-    """Of a chain of exact beams, whose masses are those of `element.inertia`."""
-    tip, element = place_at(lane, q, v, 0), 0
-    zero = splat(lane, 0.0)
-    total = zero, zero, zero
-    for k in range(model.links):
-        at, i = J.end * k, joint_row(model, k) + 1
-        if k > 0:
-            mass = splat(lane, model.joints[at + J.near + P.mass])
-            total = plus(total, _of_body(lane, model.joints, at + J.near, mass, tip))
-        left = root_of(lane, model, q, v, k, tip)
-        mass = splat(lane, model.joints[at + J.far + P.mass])
-        total = plus(total, _of_body(lane, model.joints, at + J.far, mass, left))
-        for _ in range(count_of(model, k)):
-            right, own = place_at(lane, q, v, i), E.end * element
+def _momentum_along(lane, model, k, q, v, root, total):
+    """A momentum and that of link k; of exact beams with the masses of `element.inertia`."""
+    if model.strains is not None:
+        if count_of(model, k) > 0:
+            total = plus(total, strained_momentum(lane, model, k, q, v, root))
+        return total
+    left, i, element = root, joint_row(model, k) + 1, elements_before(model, k)
+    for _ in range(count_of(model, k)):
+        right, own = place_at(lane, q, v, i), E.end * element
+        if model.frames is None:
             masses = three_of(lane, model.sections, own + E.mass)
             middle_rate = middle_of(splat(lane, model.sections[own + E.length]), left, right)[1]
             ends = plus(times(left.v, masses[0]), times(right.v, masses[2]))
             total = plus(total, plus(ends, times(middle_rate, masses[1])))
-            left = right
-            i += AXES
-            element += 1
-        tip = left
-    total = plus(total, _of_body(lane, model.end, 0, splat(lane, model.end[P.mass]), tip))
-    return plus(total, _of_body(lane, model.payload, 0, load(lane, par, PAYLOAD_MASS), tip))
+        else:
+            total = plus(total, frame_momentum(lane, model, q, v, left, right, element))
+        left = right
+        i += AXES
+        element += 1
+    return total
 
 
 @kernel
 def conserve(lane, model, par, before, h, q, v, u, zero, r, S):
     """See `protocol`: sections turn, and places of centres and middles are no linear function of what the integrator
-    moves. Inertial forces of the accelerations v are M v, whose sum is the momentum; no other equation sees a rigid
-    translation."""
+    moves; no other equation sees a rigid translation."""
     if model.free is None:
         return None
     mass, nothing = load(lane, par, PAYLOAD_MASS) + model.free, splat(lane, 0.0)
     push = nothing, nothing, nothing
-    if model.frames is None:
-        momentum = _momentum(lane, model, par, q, v)
-    else:
-        clear(lane, zero, 0, model.n)
-        assemble(lane, model, par, State(q, zero, v), u, RESIDUAL_ALONE, r, S)
-        momentum = vector(lane, r, 0)
-        for k in range(model.links):
-            for e in range(count_of(model, k)):
-                momentum = plus(momentum, vector(lane, r, joint_row(model, k) + 1 + AXES * e))
     if model.gravity is not None:
         push = times(three_of(lane, model.gravity, 0), mass)
     if model.loads is not None:
         for f in range(model.loads.shape[0] // L.end):
             push = plus(push, vector(lane, u, model.links + AXES * f))
-    if model.frames is not None:  # weight and loads are in the residual
-        momentum = plus(momentum, push)
+    now = momentum(lane, model, par, q, v)
     if before is None:
-        return momentum, push
+        return now, push
     wanted = plus(before[0], times(plus(before[1], push), 0.5 * h))
-    shift = times(minus(wanted, momentum), 1.0 / mass)
+    shift = times(minus(wanted, now), 1.0 / mass)
     add_vector(lane, v, 0, shift)
-    for k in range(model.links):
-        for e in range(max(count_of(model, k), 1)):
-            add_vector(lane, v, joint_row(model, k) + 1 + AXES * e, shift)
+    if model.strains is None:  # by strains all else is relative
+        for k in range(model.links):
+            for e in range(vertices_of(model, k)):
+                add_vector(lane, v, joint_row(model, k) + 1 + AXES * e, shift)
     return wanted, push
 
 
 @kernel
 def renewed(model, iteration):
-    """See `protocol`: the factors of the second iteration will do for the third and the fourth."""
+    """See `protocol`: the factors of the second iteration will do for the third and the fourth. By strains the matrix
+    costs four residuals and more; what does not converge with one has all of its own."""
+    if model.strains is not None:
+        return iteration == 0 or iteration > 2
     return iteration != 2 and iteration != 3
 
 
 @kernel
 def _note(lane, model, S, h, hinge, tip, on_root):
-    """What `_hand_on` needs of a joint."""
+    """What `_handed` needs of a joint."""
     put_matrix(S, h + H.now_turn, hinge.turn)
     put_vector(S, h + H.now_force, on_root[0])
     put_vector(S, h + H.now_moment, on_root[1])
     if model.levers is not None:
         put_vector(S, h + H.now_lever, hinge.lever)
         put_matrix(S, h + H.now_frame, matrix(tip.place.p))
-
-
-@kernel
-def _hand_on(lane, model, u, weights, r, S, k):
-    """What is on the root of link k, to the joint and to the section before."""
-    h, row = hinge_at(k), joint_row(model, k)
-    force, moment = vector(lane, S, h + H.now_force), vector(lane, S, h + H.now_moment)
-    if count_of(model, k) == 0:  # what is on the rows of a rigid link is on its root
-        force, moment = plus(force, vector(lane, r, row + 1)), plus(moment, vector(lane, r, row + 4))
-        clear(lane, r, row + 1, 6)
-    _add(lane, r, rows_before(model, k), _handed(lane, model, u, weights, r, S, k, force, moment))
 
 
 @kernel
@@ -263,11 +282,12 @@ def _handed(lane, model, u, weights, r, S, k, force, moment):
     return force, on_section
 
 
+COMMON = (
+    assemble, pin, stiffen, factor, solve, energy, ports, ports_after, damping_work, link_poses, shape, task_poses,
+    stand, conserve, gyrate, lean, sway, renewed,
+)  # fmt: skip
+register(SpatialElastica, *COMMON, update=strained_update, difference=strained_difference)
 register(
-    SpatialBeam, assemble=assemble, pin=pin, stiffen=stiffen, factor=factor, solve=solve, update=update,
-    difference=difference, energy=energy, ports=ports, ports_after=ports_after, damping_work=damping_work,
-    link_poses=link_poses, shape=shape, predict=predict, task_poses=task_poses, stand=stand,
-    light=light, rotates=rotates, tangent_map=tangent_map, conserve=conserve, gyrate=gyrate, lean=lean, sway=sway,
-    gauge=gauge, renewed=renewed, settle=settle, stride=stride, damping_over=damping_over, note_inverse=note_inverse,
-    noted_inverse=noted_inverse,
+    SpatialBeam, *COMMON, update, difference, predict, light, rotates, tangent_map, gauge, settle, stride, damping_over,
+    note_inverse, noted_inverse,
 )  # fmt: skip

@@ -130,12 +130,6 @@ def lifted(f):
 
 
 @kernel
-def swirl(w, alpha, a):
-    """alpha x a + w x (w x a)."""
-    return plus(cross(alpha, a), cross(w, cross(w, a)))
-
-
-@kernel
 def seconds(frame, rates, left, right):
     """The frame's second rate in its axes."""
     spin, share = rates.spin, 1.0 / frame.length

@@ -15,11 +15,11 @@ from ..arithmetic import clip, smaller
 from ..model import STIFFNESS_FACTOR
 from .chain import factors_of, three_of
 from .element import scale
-from .frame import across, frame_of, lifted, phi_second, rates_of, seconds, swirl
+from .frame import across, frame_of, lifted, phi_second, rates_of, seconds
 from .framed_tangent import tangent
 from .inner import HELIX, constant, ends_by, inner_by, product
 from .layout import W, frame_at, inner_of, inner_row, points_of, weight_end
-from .rotations import add_vector, back, cross, dot, minus, plus, times, turned, vector
+from .rotations import add_vector, back, cross, dot, minus, plus, swirl, times, turned, vector
 
 MOST, HEAVY = 0.5, 40.0
 """Largest force of its own in a segment's tangent, over EI / l^2 (its buckling force is pi^2 of that), where inertia in
@@ -151,11 +151,21 @@ def _inner_forces(lane, model, par, frame, tau, pull, second, at, state, row, r)
 
 
 @kernel
-def _across_with(lane, model, to, x, row, n):
-    """n, off the chord at the `WEIGHT` at `to`, with inner modes x."""
+def _off(lane, model, to, a, b, x, row):
+    """By what the `WEIGHT` at `to` is off the chord, for rotations a, b of the ends and inner modes x."""
+    hl, hr = three_of(lane, model.frames, to + W.left), three_of(lane, model.frames, to + W.right)
+    n = plus(scale(across(a), hl), scale(across(b), hr))
     for i in range(inner_of(model)):
         n = plus(n, scale(across(vector(lane, x, row + 3 * i)), three_of(lane, model.frames, to + W.inner + 3 * i)))
     return n
+
+
+@kernel
+def _rate(lane, model, frame, rates, left, right, to, v, row, n):
+    """Velocity of the `WEIGHT` at `to`, n off the chord, inertial axes."""
+    xi, slip = model.frames[to + W.xi], _off(lane, model, to, rates.left, rates.right, v, row)
+    slip = turned(frame.A, plus(slip, cross(rates.spin, n)))
+    return plus(plus(times(left.v, 1.0 - xi), times(right.v, xi)), slip)
 
 
 @kernel
@@ -187,13 +197,9 @@ def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
         to = at.points + weight_end(model) * p
         xi, mass = model.frames[to + W.xi], model.frames[to + W.mass]
         hl, hr = three_of(lane, model.frames, to + W.left), three_of(lane, model.frames, to + W.right)
-        n = plus(scale(across(a.phi), hl), scale(across(b.phi), hr))
-        rate = plus(scale(across(rates.left), hl), scale(across(rates.right), hr))
-        second = plus(scale(across(second_l), hl), scale(across(second_r), hr))
-        if model.inner is not None:
-            n = _across_with(lane, model, to, state.q, row, n)
-            rate = _across_with(lane, model, to, state.v, row, rate)
-            second = _across_with(lane, model, to, state.a, row, second)
+        n = _off(lane, model, to, a.phi, b.phi, state.q, row)
+        rate = _off(lane, model, to, rates.left, rates.right, state.v, row)
+        second = _off(lane, model, to, second_l, second_r, state.a, row)
         found = plus(plus(times(al, 1.0 - xi), times(ar, xi)), plus(second, times(cross(spin, rate), 2.0)))
         force = times(plus(found, swirl(spin, alpha, n)), mass)
         push_l, push_r = plus(push_l, times(force, 1.0 - xi)), plus(push_r, times(force, xi))
@@ -267,17 +273,26 @@ def frame_energy(lane, model, par, q, v, left, right, i):
     for p in range(points_of(model)):
         to = at.points + weight_end(model) * p
         mass, xi = model.frames[to + W.mass], model.frames[to + W.xi]
-        hl, hr = three_of(lane, model.frames, to + W.left), three_of(lane, model.frames, to + W.right)
-        n = plus(scale(across(a.phi), hl), scale(across(b.phi), hr))
-        slip = plus(scale(across(rates.left), hl), scale(across(rates.right), hr))
-        if model.inner is not None:
-            n, slip = _across_with(lane, model, to, q, row, n), _across_with(lane, model, to, v, row, slip)
-        rate = plus(plus(times(left.v, 1.0 - xi), times(right.v, xi)), turned(frame.A, plus(slip, cross(spin, n))))
+        n = _off(lane, model, to, a.phi, b.phi, q, row)
+        rate = _rate(lane, model, frame, rates, left, right, to, v, row, n)
         kinetic = kinetic + dot(rate, rate) * mass
         if model.gravity is not None:
             place = plus(plus(times(left.r, 1.0 - xi), times(right.r, xi)), turned(frame.A, n))
             gravity = gravity - dot(three_of(lane, model.gravity, 0), place) * mass
     return kinetic * 0.5, strain, gravity
+
+
+@kernel
+def frame_momentum(lane, model, q, v, left, right, i):
+    """Of segment i between two `Place`s, inertial axes."""
+    at, row, frame, zero = frame_at(model, i), inner_row(model, i), frame_of(left, right), splat(lane, 0.0)
+    rates, total = rates_of(frame, left, right), (zero, zero, zero)
+    for p in range(points_of(model)):
+        to = at.points + weight_end(model) * p
+        n = _off(lane, model, to, frame.left.phi, frame.right.phi, q, row)
+        rate = _rate(lane, model, frame, rates, left, right, to, v, row, n)
+        total = plus(total, times(rate, model.frames[to + W.mass]))
+    return total
 
 
 @kernel

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from ...compiler import kernel, store
 from .chain import factors_of
-from .element import fill, scale
+from .element import fill, rows_of, scale
 from .frame import across, lifted
 from .inner import HELIX, condense, constant, ends_by, inner_by
 from .inner import product as product_of
@@ -35,16 +35,10 @@ from .rotations import (
 
 
 @kernel
-def _rows(d, A):
-    """diag(d) A."""
-    return times(A[0], d[0]), times(A[1], d[1]), times(A[2], d[2])
-
-
-@kernel
 def _both_rows(lane, model, table, A, B):
     """`product_of` of matrices."""
     ll, lr, rr = constant(lane, model, table, 0), constant(lane, model, table, 1), constant(lane, model, table, 2)
-    return sum_of(_rows(ll, A), _rows(lr, B)), sum_of(_rows(lr, A), _rows(rr, B))
+    return sum_of(rows_of(ll, A), rows_of(lr, B)), sum_of(rows_of(lr, A), rows_of(rr, B))
 
 
 @kernel
@@ -118,14 +112,14 @@ def _inner_column(lane, model, stiff, geometric, own, share, weights, at, k, by)
     hr = times(constant(lane, model, at.inner_coupling, pair + 1), geometric)
     hl = plus(hl, times(constant(lane, model, at.inner_lateral, pair), cm))
     hr = plus(hr, times(constant(lane, model, at.inner_lateral, pair + 1), cm))
-    found = sum_of(found, sum_of(_rows(hl, by.phi_l), _rows(hr, by.phi_r)))
+    found = sum_of(found, sum_of(rows_of(hl, by.phi_l), rows_of(hr, by.phi_r)))
     near, far = constant(lane, model, at.inner_near, k), constant(lane, model, at.inner_far, k)
     h, zero = times(plus(times(near, by.x_l), times(far, by.x_r)), cm), bow[0]
     found = sum_of(found, ((zero, zero, zero), (zero, zero, -h[2]), (zero, h[1], zero)))
     found = sum_of(found, outer((zero, -bow[2], bow[1]), by.beta[0]))
     turn = (inner_of(model) + 3) * k
     for j, part in ((0, by.t_l), (1, by.t_r), (2, by.beta)):
-        found = sum_of(found, _rows(times(constant(lane, model, at.inner_rotary, turn + j), cm), part))
+        found = sum_of(found, rows_of(times(constant(lane, model, at.inner_rotary, turn + j), cm), part))
     return found
 
 
@@ -149,7 +143,7 @@ def _bent_rows(lane, model, par, a, b, near, far, at):
     """Rows of the moments on phi_l, phi_r of K by what the `framed._strained` of a, b changes by, near and far."""
     d, factors = times(minus(b, a), HELIX), factors_of(lane, par)
     l, r = _both_rows(lane, model, at.bend, near, far)
-    l, r = _rows(factors, l), _rows(factors, r)
+    l, r = rows_of(factors, l), rows_of(factors, r)
     apart, both = scaled(difference(l, r), 0.25), sum_of(l, r)
     more = minus(times(both[1], d[2]), times(both[2], d[1])), times(both[2], -d[0]), times(both[1], d[0])
     return sum_of(sum_of(l, skewed(b, apart)), more), difference(difference(r, skewed(a, apart)), more)

@@ -18,9 +18,8 @@ from ...parameters import Link
 from ...scene import Scene
 from ...settings import Settings
 from ..floating.beam_element import mesh
+from .build import AXES_OF_STRAINS, count_elements, polynomials, turns_of
 from .build import _elements as _packed
-from .build import count_elements, turns_of
-from .elastica_build import AXES_OF_STRAINS, polynomials
 from .layout import ELEMENT, GAUGE
 from .segments import ENDS, frames, turned_over
 

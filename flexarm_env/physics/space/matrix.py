@@ -11,10 +11,8 @@ from __future__ import annotations
 
 from ...compiler import kernel, load, splat, store, traced
 from ..arithmetic import add
-from . import inner
 from .chain import clear, three_of
 from .element import add_block
-from .inner import elements_before
 from .layout import (
     AXES,
     B,
@@ -22,22 +20,17 @@ from .layout import (
     H,
     J,
     before,
-    count_of,
     factor_at,
     hinge_at,
-    inner_at,
-    inner_row,
     joint_row,
-    rows_before,
 )
 from .rotations import (
-    add_vector,
     back,
     cross,
     dot,
-    minus,
     plus,
     product,
+    put_matrix,
     put_vector,
     scaled,
     skew,
@@ -47,14 +40,6 @@ from .rotations import (
     turned,
     vector,
 )
-
-
-@kernel
-def put_matrix(S, o, A):
-    """S[o : o + 9] <- A, row by row."""
-    put_vector(S, o, A[0])
-    put_vector(S, o + 3, A[1])
-    put_vector(S, o + 6, A[2])
 
 
 @kernel
@@ -154,14 +139,14 @@ def _factor_six(lane, A):
 
 
 @traced
-def _solve_six(lane, A, x):
+def solve_six(lane, A, x):
     """x <- `_solution`."""
     for k, value in enumerate(_solution(lane, A, [load(lane, x, k) for k in range(6)])):
         store(x, k, value)
 
 
 @traced
-def _eliminate(lane, LL, LR, RL, RR):
+def eliminate(lane, LL, LR, RL, RR):
     """A vertex, of the four matrices of the element before it: RR <- factors, RL <- RR^-1 RL, LL <- LL - LR RL."""
     _factors(lane, RR)
     for j in range(6):
@@ -197,7 +182,7 @@ def _base_is_held(lane, S):
 
 
 @kernel
-def _eliminate_joint(lane, model, S, k):
+def eliminate_joint(lane, model, S, k):
     """What is at the root of link k, to the section before, without the joint's row."""
     h, o, below = hinge_at(k), factor_at(model, k, 0) + F.LL, before(model, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
@@ -282,23 +267,7 @@ def solve_base(lane, S, x, across):
     if across:
         solve_six_transposed(lane, part_of(lane, S, B.matrix, 36), part_of(lane, x, 0, 6))
     else:
-        _solve_six(lane, part_of(lane, S, B.matrix, 36), part_of(lane, x, 0, 6))
-
-
-@kernel
-def factor(lane, model, S):
-    """See `protocol`."""
-    for back_k in range(model.links):
-        k = model.links - 1 - back_k
-        for back_e in range(count_of(model, k)):
-            o = factor_at(model, k, count_of(model, k) - 1 - back_e)
-            left, right = part_of(lane, S, o + F.LL, 36), part_of(lane, S, o + F.RR, 36)
-            _eliminate(lane, left, part_of(lane, S, o + F.LR, 36), part_of(lane, S, o + F.RL, 36), right)
-            if back_e < count_of(model, k) - 1:
-                for i in range(36):
-                    add(lane, S, o - F.end + F.RR + i, load(lane, S, o + F.LL + i))
-        _eliminate_joint(lane, model, S, k)
-    factor_base(lane, S)
+        solve_six(lane, part_of(lane, S, B.matrix, 36), part_of(lane, x, 0, 6))
 
 
 @kernel
@@ -319,85 +288,3 @@ def transposed_times(lane, S, o, a, b):
 def swing_of(lane, model, k, axis, turn):
     """By how much the beginning of link k moves with its joint's angle, in axes of the section before."""
     return turned(turn, cross(axis, three_of(lane, model.joints, J.end * k + J.beyond)))
-
-
-@kernel
-def _down(lane, model, S, k, x):
-    """Forward elimination of link k: what is left on the section before it, and on its joint."""
-    h, row, under, count = hinge_at(k), joint_row(model, k), rows_before(model, k), count_of(model, k)
-    axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
-    a, b = vector(lane, x, row + 1), vector(lane, x, row + 4)  # of a rigid link
-    for back_e in range(count):
-        e = count - 1 - back_e
-        o, i = factor_at(model, k, e), row + 1 + AXES * e
-        if model.inner is not None:
-            n = elements_before(model, k) + e
-            on_left = inner.down(lane, model, S, inner_at(model, n), x, inner_row(model, n), i)
-            if e > 0:
-                add_vector(lane, x, i - 6, on_left[0])
-                add_vector(lane, x, i - 3, on_left[1])
-            else:
-                a, b = on_left
-        _solve_six(lane, part_of(lane, S, o + F.RR, 36), part_of(lane, x, i, 6))
-        if e > 0:
-            push, turn_by = block_times(lane, S, o + F.LR, vector(lane, x, i), vector(lane, x, i + 3))
-            add_vector(lane, x, i - 6, times(push, -1.0))
-            add_vector(lane, x, i - 3, times(turn_by, -1.0))
-    if count > 0:
-        push, turn_by = vector(lane, x, row + 1), vector(lane, x, row + 4)
-        push, turn_by = block_times(lane, S, factor_at(model, k, 0) + F.LR, push, turn_by)
-        if model.inner is None:
-            a, b = times(push, -1.0), times(turn_by, -1.0)
-        else:
-            a, b = minus(a, push), minus(b, turn_by)
-    on_section, on_joint = turned(turn, b), dot(axis, b)
-    if model.levers is not None:
-        on_section = plus(on_section, back(matrix_in(lane, S, h + H.shift), a))
-        on_joint = on_joint + dot(vector(lane, S, h + H.swing), a)
-    add_vector(lane, x, under, a)
-    add_vector(lane, x, under + 3, on_section)
-    if S[(h + H.pinned) * len(lane)] == 0.0:
-        own = (load(lane, x, row) + on_joint) * load(lane, S, h + H.pivot)
-        for j in range(6):
-            add(lane, x, under + j, -(load(lane, S, h + H.column + j) * own))
-        store(x, row, own)
-
-
-@kernel
-def _up(lane, model, S, k, x):
-    """Back substitution of link k."""
-    h, row, under = hinge_at(k), joint_row(model, k), rows_before(model, k)
-    axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
-    own = load(lane, x, row)
-    for j in range(6):
-        own = own - load(lane, S, h + H.row + j) * load(lane, x, under + j)
-    store(x, row, own)
-    a, turned_by = vector(lane, x, under), vector(lane, x, under + 3)
-    b = plus(back(turn, turned_by), times(axis, own))
-    if model.levers is not None:
-        shift = turned(matrix_in(lane, S, h + H.shift), turned_by)
-        a = plus(a, plus(shift, times(vector(lane, S, h + H.swing), own)))
-    i = row + 1
-    if count_of(model, k) == 0:
-        put_vector(x, i, a)
-        put_vector(x, i + 3, b)
-    for e in range(count_of(model, k)):
-        up, low = block_times(lane, S, factor_at(model, k, e) + F.RL, a, b)
-        left = a, b
-        a, b = minus(vector(lane, x, i), up), minus(vector(lane, x, i + 3), low)
-        put_vector(x, i, a)
-        put_vector(x, i + 3, b)
-        if model.inner is not None:
-            n = elements_before(model, k) + e
-            inner.up(lane, model, S, inner_at(model, n), x, inner_row(model, n), left, (a, b))
-        i += AXES
-
-
-@kernel
-def solve(lane, model, S, x):
-    """See `protocol`."""
-    for back_k in range(model.links):
-        _down(lane, model, S, model.links - 1 - back_k, x)
-    solve_base(lane, S, x, False)
-    for k in range(model.links):
-        _up(lane, model, S, k, x)

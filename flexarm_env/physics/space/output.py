@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from ...compiler import Family, kernel, load, splat, square_root, store
+from ...compiler import kernel, load, splat, square_root, store
 from ..arithmetic import put
 from ..layout import SPACE_POSE as SP
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from ..protocol import State
-from .chain import SpatialBeam, energy_of, place_at, planted, section_at, three_of, uneven_of
-from .element import Place, bow_of, middle, middle_of, rates, scale
+from .chain import energy_of, place_at, planted, section_at, three_of
+from .element import Place, middle, middle_of, scale
 from .frame import frame_of
 from .framed import frame_damping, frame_energy
+from .inner import elements_before
 from .layout import AXES, E, G, J, L, P, count_of, joint_row
 from .moving import vertices_of
 from .rotations import (
@@ -30,39 +31,33 @@ from .rotations import (
     turned,
     vector,
 )
+from .strained import last_place, point_of, strained_damping, strained_energy
 
 
 @kernel
-def _middle_of(lane, model, element, left, right):
-    """Axes of an element's middle, and what its chord has beside e_x and Gamma."""
-    turn, bow = turn_of(shorter(composed(inverse(left.p), right.p))), times(left.r, 0.0)
-    if model.frames is None:
-        bow = bow_of(uneven_of(lane, model, element), turn.psi)
-    return matrix(composed(left.p, turn.half)), bow
+def _middle_of(left, right):
+    """Axes of a segment's middle."""
+    return matrix(composed(left.p, turn_of(shorter(composed(inverse(left.p), right.p))).half))
 
 
 @kernel
 def predict(lane, model, start, q):
-    """Places in q anew: from the base's, with the rotations of q and the strains of `start` (see `exact.output`); a
-    chord is shorter by the bow that it has there. Exact beams have `settle`."""
+    """Places in q anew: from the base's, with the rotations of q and the strains of `start` (see `exact.output`). Exact
+    beams have `settle`."""
     if model.frames is None:
         return
-    tip, moved_tip, element = place_at(lane, start, start, 0), place_at(lane, q, q, 0), 0
+    tip, moved_tip = place_at(lane, start, start, 0), place_at(lane, q, q, 0)
     for k in range(model.links):
         i = joint_row(model, k) + 1
         left = root_of(lane, model, start, start, k, tip)
         moved_left = root_of(lane, model, q, q, k, moved_tip)
         for _ in range(count_of(model, k)):
             right, after = place_at(lane, start, start, i), place_at(lane, q, q, i)
-            axes, bow = _middle_of(lane, model, element, left, right)
-            moved_axes, moved_bow = _middle_of(lane, model, element, moved_left, after)
-            shorter_by = times(minus(bow, moved_bow), splat(lane, model.sections[E.end * element + E.length]))
-            inner = minus(back(axes, minus(right.r, left.r)), shorter_by)
-            r = plus(moved_left.r, turned(moved_axes, inner))
+            inner = back(_middle_of(left, right), minus(right.r, left.r))
+            r = plus(moved_left.r, turned(_middle_of(moved_left, after), inner))
             put_vector(q, i, r)
             left, moved_left = right, Place(r, after.v, after.p, after.spin)
             i += AXES
-            element += 1
         tip, moved_tip = left, moved_left
 
 
@@ -89,55 +84,97 @@ def _element_energy(lane, model, par, left, right, element):
 @kernel
 def energy(lane, model, par, q, v):
     """(kinetic, strain, gravity), J."""
-    tip, element = place_at(lane, q, v, 0), 0
-    kinetic, strain, gravity = splat(lane, 0.0), splat(lane, 0.0), splat(lane, 0.0)
+    tip, zero = place_at(lane, q, v, 0), splat(lane, 0.0)
+    total = zero, zero, zero
     for k in range(model.links):
-        at, i = J.end * k, joint_row(model, k) + 1
         if k > 0:
-            mass = splat(lane, model.joints[at + J.near + P.mass])
-            more, fall = energy_of(lane, model, model.joints, at + J.near, mass, None, tip)
-            kinetic, gravity = kinetic + more, gravity + fall
-        left = root_of(lane, model, q, v, k, tip)
-        mass = splat(lane, model.joints[at + J.far + P.mass])
-        more, fall = energy_of(lane, model, model.joints, at + J.far, mass, None, left)
-        kinetic, gravity = kinetic + more, gravity + fall
-        for _ in range(count_of(model, k)):
-            right = place_at(lane, q, v, i)
-            if model.frames is None:
-                more, bent, fall = _element_energy(lane, model, par, left, right, element)
-            else:
-                more, bent, fall = frame_energy(lane, model, par, q, v, left, right, element)
-            kinetic, strain, gravity = kinetic + more, strain + bent, gravity + fall
-            left = right
-            i += AXES
-            element += 1
-        tip = left
-    more, fall = energy_of(lane, model, model.end, 0, splat(lane, model.end[P.mass]), None, tip)
-    kinetic, gravity = kinetic + more, gravity + fall
+            total = _with_body(total, energy_of(lane, model, model.joints, J.end * k + J.near, None, None, tip))
+        root = root_of(lane, model, q, v, k, tip)
+        total = _with_body(total, energy_of(lane, model, model.joints, J.end * k + J.far, None, None, root))
+        total = _energy_along(lane, model, par, k, q, v, root, total)
+        tip = last_section(lane, model, q, v, k, root)
+    total = _with_body(total, energy_of(lane, model, model.end, 0, None, None, tip))
     mass, share = load(lane, par, PAYLOAD_MASS), load(lane, par, PAYLOAD_INERTIA)
-    more, fall = energy_of(lane, model, model.payload, 0, mass, share, tip)
-    return kinetic + more, strain, gravity + fall
+    return _with_body(total, energy_of(lane, model, model.payload, 0, mass, share, tip))
+
+
+@kernel
+def _with_body(total, of):
+    """(kinetic, strain, gravity) and (kinetic, gravity)."""
+    return total[0] + of[0], total[1], total[2] + of[1]
+
+
+@kernel
+def _energy_along(lane, model, par, k, q, v, root, total):
+    """Energies and those of link k."""
+    if model.strains is not None:
+        if count_of(model, k) > 0:
+            total = plus(total, strained_energy(lane, model, par, k, q, v, root))
+        return total
+    left, i, element = root, joint_row(model, k) + 1, elements_before(model, k)
+    for _ in range(count_of(model, k)):
+        right = place_at(lane, q, v, i)
+        if model.frames is None:
+            total = plus(total, _element_energy(lane, model, par, left, right, element))
+        else:
+            total = plus(total, frame_energy(lane, model, par, q, v, left, right, element))
+        left = right
+        i += AXES
+        element += 1
+    return total
 
 
 @kernel
 def damping_work(lane, model, par, q, v, x):
     """x'C(q) v of the material, W."""
+    return _damping(lane, model, par, q, v, x, None)
+
+
+@kernel
+def damping_over(lane, model, par, q, v, start, end, x, h):
+    """See `protocol`. The places of a step that turns an element by d, straight from one to the other, stretch it by
+    d^2/8 at the middle: rates of strain that it has at neither end, times forces of EA. Strains of both ends know
+    nothing of that."""
+    if model.frames is not None:
+        return damping_work(lane, model, par, q, v, x)
+    return _damping(lane, model, par, q, v, x, (start, end)) * (1.0 / h)
+
+
+@kernel
+def _damping(lane, model, par, q, v, x, ends):
+    """Power of the material's damping at rates v over rates x, or, of exact beams, over what strains change by between
+    two ends."""
     total = splat(lane, 0.0)
     if model.damped is None:
         return total
+    if model.strains is not None:
+        for k in range(model.links):
+            if count_of(model, k) > 0:
+                total = total + strained_damping(lane, model, par, k, v, x)
+        return total
     at, element = State(q, v, x), 0
-    tip_v, tip_x = place_at(lane, q, v, 0), place_at(lane, q, x, 0)
+    tip_v, tip_x, old, new = place_at(lane, q, v, 0), place_at(lane, q, x, 0), None, None
+    if ends is not None:
+        old, new = place_at(lane, ends[0], v, 0), place_at(lane, ends[1], v, 0)
     for k in range(model.links):
         i = joint_row(model, k) + 1
         tip_v, tip_x = root_of(lane, model, q, v, k, tip_v), root_of(lane, model, q, x, k, tip_x)
+        if ends is not None:
+            old, new = root_of(lane, model, ends[0], v, k, old), root_of(lane, model, ends[1], v, k, new)
         for _ in range(count_of(model, k)):
             section = section_at(lane, model, par, element)
             right_v, right_x = place_at(lane, q, v, i), place_at(lane, q, x, i)
             if model.frames is None:
-                stretch, bend = rates(section, tip_v, right_v)
-                of_stretch, of_bend = rates(section, tip_x, right_x)
-                power = dot(of_stretch, scale(stretch, section.stretch)) * section.length
-                power = power + dot(of_bend, scale(bend, section.bend)) / section.length
+                stretch, bend = middle(section, tip_v, right_v)[2]
+                if ends is None:
+                    by_stretch, by_bend = middle(section, tip_x, right_x)[2]
+                else:
+                    right_old, right_new = place_at(lane, ends[0], v, i), place_at(lane, ends[1], v, i)
+                    before, after = middle(section, old, right_old)[0], middle(section, new, right_new)[0]
+                    by_stretch, by_bend = minus(after[0], before[0]), minus(after[1], before[1])
+                    old, new = right_old, right_new
+                power = dot(by_stretch, scale(stretch, section.stretch)) * section.length
+                power = power + dot(by_bend, scale(bend, section.bend)) / section.length
             else:
                 power = frame_damping(lane, model, par, at, tip_v, right_v, tip_x, right_x, element)
             total = total + power * section.tau
@@ -147,20 +184,14 @@ def damping_work(lane, model, par, q, v, x):
     return total
 
 
-SECTIONS = Family("model")
-last_section = SECTIONS.function("last_section", "lane, model, q, v, k, root")
-"""The `Place` of link k's last section, root: of its first; by what coordinates its class has."""
-
-
 @kernel
-def _last_vertex(lane, model, q, v, k, root):
-    """Sections are coordinates."""
-    if count_of(model, k) > 0:
-        return place_at(lane, q, v, joint_row(model, k) + 1 + AXES * (count_of(model, k) - 1))
-    return root
-
-
-SECTIONS.register(SpatialBeam, last_section=_last_vertex)
+def last_section(lane, model, q, v, k, root):
+    """The `Place` of link k's last section, root: of its first."""
+    if count_of(model, k) == 0:
+        return root
+    if model.strains is not None:
+        return last_place(lane, model, k, q, v, root)
+    return place_at(lane, q, v, joint_row(model, k) + 1 + AXES * (count_of(model, k) - 1))
 
 
 @kernel
@@ -288,14 +319,26 @@ def _put_pair(lane, live, rows, i, first, second):
 
 
 @kernel
+def _put_unbent(lane, live, rates, q, v, first, end):
+    """Zeros into these rows of q, rates into those of v."""
+    for j in range(first, end):
+        put(live, q, j, splat(lane, 0.0), load(lane, q, j))
+        if rates is not None:
+            put(live, v, j, load(lane, rates, j), load(lane, v, j))
+
+
+@kernel
 def stand(lane, model, live, angles, rates, q, v):
-    """See `protocol`; links are straight."""
+    """See `protocol`; links are straight. By strains all rates but the base's are against what comes before."""
     tip, element = place_at(lane, q, v, 0), 0
     for k in range(model.links):
         i = joint_row(model, k)
         put(live, q, i, load(lane, angles, k), load(lane, q, i))
         if rates is not None:
             put(live, v, i, load(lane, rates, i), load(lane, v, i))
+        if model.strains is not None:
+            _put_unbent(lane, live, rates, q, v, i + 1, joint_row(model, k + 1))
+            continue
         root = root_of(lane, model, q, v, k, tip)
         A, along, tip, i = matrix(root.p), splat(lane, 0.0), root, i + 1
         for _ in range(vertices_of(model, k)):
@@ -312,10 +355,7 @@ def stand(lane, model, live, angles, rates, q, v):
             if rates is not None:
                 _put_pair(lane, live, v, i, tip.v, tip.spin)
             i += AXES
-    for j in range(joint_row(model, model.links), model.n):
-        put(live, q, j, splat(lane, 0.0), load(lane, q, j))
-        if rates is not None:
-            put(live, v, j, load(lane, rates, j), load(lane, v, j))
+    _put_unbent(lane, live, rates, q, v, joint_row(model, model.links), model.n)
 
 
 @kernel
@@ -356,27 +396,39 @@ def _cubic(left, right, s):
 
 @kernel
 def shape(model, q, points):
-    """Places along the chain into points (P, 3): the base, then of each link its beginning, STATIONS of each element
-    or of a rigid link, its tip; their number. None where points have two numbers: they are read off elsewhere."""
+    """Places along the chain into points (P, 3): the base, then of each link its beginning, those along it (of a rigid
+    one STATIONS), its tip; their number. None where points have two numbers: they are read off elsewhere."""
     if points.shape[1] < 3:
         return 0
     lane = (0,)
     tip = place_at(lane, q, q, 0)
     count = _drawn(points, 0, tip.r)
     for k in range(model.links):
-        i = joint_row(model, k) + 1
-        left = root_of(lane, model, q, q, k, tip)
-        count = _drawn(points, count, left.r)
-        for _ in range(count_of(model, k)):
-            right = place_at(lane, q, q, i)
-            for j in range(1, STATIONS + 1):
-                count = _drawn(points, count, _cubic(left, right, j / STATIONS))
-            left = right
-            i += AXES
-        tip, A = left, matrix(left.p)
+        root = root_of(lane, model, q, q, k, tip)
+        count = _draw(model, k, q, root, points, _drawn(points, count, root.r))
+        tip = last_section(lane, model, q, q, k, root)
+        A = matrix(tip.p)
         along = times((A[0][0], A[1][0], A[2][0]), _tip_lever(model, k))
         if count_of(model, k) == 0:
             for j in range(1, STATIONS):
                 count = _drawn(points, count, plus(tip.r, times(along, j / STATIONS)))
         count = _drawn(points, count, plus(tip.r, along))
+    return count
+
+
+@kernel
+def _draw(model, k, q, root, points, count):
+    """STATIONS of each element of link k; by strains its points."""
+    if model.strains is not None:
+        if count_of(model, k) > 0:
+            for j in range(len(model.points)):
+                count = _drawn(points, count, point_of(model, k, j, q, root))
+        return count
+    left, i = root, joint_row(model, k) + 1
+    for _ in range(count_of(model, k)):
+        right = place_at((0,), q, q, i)
+        for j in range(1, STATIONS + 1):
+            count = _drawn(points, count, _cubic(left, right, j / STATIONS))
+        left = right
+        i += AXES
     return count

@@ -8,14 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...bodies import RigidLink
 from ...parameters import Arm, Link
 from ...rotations import back, matrices, quaternions, turned, vectors
 from ...settings import Settings
-from .build import axis_of, count_elements, levers, mount_of, tip_lever
-from .elastica_build import Sections, polynomials
-from .elastica_build import sections as strained
+from .build import axis_of, count_elements, count_rows, levers, mount_of, polynomials, tip_lever
+from .elastica_build import _link, grid
 from .layout import AXES
+from .strained_layout import STRAINED
 
 Array = NDArray[np.float64]
 
@@ -51,19 +50,34 @@ def _vertex(q: Array, v: Array, i: int) -> Frame:
     return Frame(q[:, i : i + 3], A, v[:, i : i + 3], turned(A, v[:, i + 3 : i + AXES]))
 
 
-def _strained(root: Frame, own: Sections) -> list[Frame]:
-    """Sections that are told in the axes of the first."""
-    A, w = root.A[:, None] @ own.A, root.w[:, None] + turned(root.A[:, None], own.w)
-    arm = turned(root.A[:, None], own.r)
-    v = root.v[:, None] + np.cross(root.w[:, None], arm) + turned(root.A[:, None], own.v)
-    return [Frame(root.r + arm[:, i], A[:, i], v[:, i], w[:, i]) for i in range(arm.shape[1])]
+def _strained(root: Frame, link: Link, n: int, c: Array, rate: Array) -> list[Frame]:
+    """The points of a link and its last section, from the first one and the coefficients of the strains (m, 3 n)."""
+    own, packed = grid(n), STRAINED.unpack(_link(link, n, 1.0), polynomials=n, points=n + 2)
+    natural = np.zeros((n + 3, 2, 3))
+    natural[..., 2] = packed["natural"]
+    tables, c, rate = (own.sums, own.slants), c.reshape(-1, n, 3), rate.reshape(-1, n, 3)
+    s, d = (np.einsum("ij,mja->mia", table, c) + natural[:, k] for k, table in enumerate(tables))
+    sv, dv = (np.einsum("ij,mja->mia", table, rate) for table in tables)
+    psi, turn = s + np.cross(s, d), sv + np.cross(sv, d) + np.cross(s, dv)
+    steps, rel = matrices(psi), _rates(psi, turn)
+    A, w = [root.A], [root.w]
+    for i in range(n + 3):
+        A.append(A[-1] @ steps[:, i])
+        w.append(w[-1] + turned(A[-1], rel[:, i]))
+    t, spin = np.stack(A[1:-1], axis=1)[..., 0], np.stack(w[1:-1], axis=1)
+    r, v = (np.einsum("ij,mja->mia", link.length * own.ways, x) for x in (t, np.cross(spin, t)))
+    return [Frame(root.r + r[:, i], A[i + 1], root.v + v[:, i], w[i + 1]) for i in range(n + 3)]
 
 
-def count_rows(link: Link | RigidLink, settings: Settings) -> int:
-    """Rows of a link behind its joint's."""
-    if settings.formulation == "elastica":
-        return 0 if link.rigid else 3 * polynomials(settings)
-    return AXES * max(1, count_elements(link, settings))
+def _rates(psi: Array, turn: Array) -> Array:
+    """Angular velocities, in the axes turned to, of rotation vectors that change at these rates."""
+    square = (psi * psi).sum(-1, keepdims=True)
+    near = square < 1e-6
+    a = np.sqrt(np.where(near, 1.0, square))
+    one = np.where(near, 0.5 - square / 24.0, (1.0 - np.cos(a)) / (a * a))
+    two = np.where(near, 1.0 / 6.0 - square / 120.0, (a - np.sin(a)) / a**3)
+    across = np.cross(psi, turn)
+    return np.asarray(turn - one * across + two * np.cross(psi, across))
 
 
 def links(arm: Arm, settings: Settings, q: Array, v: Array) -> Iterator[LinkMotion]:
@@ -81,8 +95,8 @@ def links(arm: Arm, settings: Settings, q: Array, v: Array) -> Iterator[LinkMoti
         if settings.formulation != "elastica":
             sections += [_vertex(q, v, i + AXES * e) for e in range(count_elements(link, settings))]
         elif rows:
-            n = polynomials(settings)
-            sections += _strained(sections[0], strained(link, n, q[:, i : i + rows], v[:, i : i + rows]))
+            own = q[:, i : i + rows], v[:, i : i + rows]
+            sections += _strained(sections[0], link, polynomials(settings), *own)
         i += rows
         at = sections[-1]
         yield LinkMotion(root, sections, at.beyond(tip_lever(link)))

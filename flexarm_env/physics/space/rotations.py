@@ -32,6 +32,14 @@ def put_vector(array, k, a):
 
 
 @kernel
+def put_matrix(array, k, A):
+    """array[k : k + 9] <- A, row by row."""
+    put_vector(array, k, A[0])
+    put_vector(array, k + 3, A[1])
+    put_vector(array, k + 6, A[2])
+
+
+@kernel
 def add_vector(lane, array, k, a):
     """array[k : k + 3] <- array[k : k + 3] + a."""
     for i in range(3):
@@ -66,6 +74,12 @@ def dot(a, b):
 def cross(a, b):
     """a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@kernel
+def swirl(w, alpha, a):
+    """alpha x a + w x (w x a)."""
+    return plus(cross(alpha, a), cross(w, cross(w, a)))
 
 
 @kernel

@@ -16,11 +16,14 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ...compiler import kernel, load, size, splat, square_root, stack
+from ...compiler import kernel, load, size, splat, square_root, stack, store
 from ..model import TAU_D
+from ..protocol import added
 from .chain import Vertex, factors_of, three_of
 from .element import Place, scale
-from .layout import joint_row
+from .layout import AXES, joint_row
+from .matrix import matrix_in
+from .moving import between, move_vertex
 from .rotations import (
     add_vector,
     back,
@@ -31,6 +34,7 @@ from .rotations import (
     minus,
     plus,
     polynomial,
+    put_matrix,
     put_vector,
     times,
     turned,
@@ -159,8 +163,7 @@ def walk(lane, model, k, state, root, S):
     zero, p, w, alpha = splat(lane, 0.0), still(lane), root.place.spin, root.alpha
     frame = matrix(root.place.p)
     a0 = back(frame, root.a)
-    for i in range(3):
-        put_vector(S, to.frame + 3 * i, frame[i])
+    put_matrix(S, to.frame, frame)
     put_vector(S, to.a, a0)
     put_vector(S, to.spin, w)
     for i in range(n + 1):
@@ -170,8 +173,7 @@ def walk(lane, model, k, state, root, S):
         own = turned(A, bend.rel)
         w = plus(w, own)
         alpha = plus(plus(alpha, turned(A, bend.second)), cross(w, own))
-        for j in range(3):
-            put_vector(S, to.turn + 9 * i + 3 * j, A[j])
+        put_matrix(S, to.turn + 9 * i, A)
         put_vector(S, to.x_of + 3 * i, bend.x)
         put_vector(S, to.psi + 3 * i, bend.psi)
         put_vector(S, to.s + 3 * i, bend.s)
@@ -205,8 +207,7 @@ def walk(lane, model, k, state, root, S):
 @kernel
 def _own_force(lane, S, to, i, g):
     """(on s, on d) of an interval by a moment g in the root's axes on all that it turns."""
-    A = vector(lane, S, to.turn + 9 * i), vector(lane, S, to.turn + 9 * i + 3), vector(lane, S, to.turn + 9 * i + 6)
-    x, psi = vector(lane, S, to.x_of + 3 * i), vector(lane, S, to.psi + 3 * i)
+    A, x, psi = matrix_in(lane, S, to.turn + 9 * i), vector(lane, S, to.x_of + 3 * i), vector(lane, S, to.psi + 3 * i)
     s, d = vector(lane, S, to.s + 3 * i), vector(lane, S, to.d + 3 * i)
     share, f, slope = vector(lane, S, to.series + 3 * i)
     own = back(A, g)
@@ -261,9 +262,7 @@ def pull(lane, model, k, r, S):
     """(force, moment) on the root of link k, inertial and own axes, from what `walk` noted and what is `on` the last
     section; on the strains, to their rows in r."""
     n, m, at, to = size(model.points), size(model.polynomials), strained_at(model, k), noted_at(model, k)
-    frame = vector(lane, S, to.frame), vector(lane, S, to.frame + 3), vector(lane, S, to.frame + 6)
-    o = to.turn + 9 * n
-    A = vector(lane, S, o), vector(lane, S, o + 3), vector(lane, S, o + 6)
+    frame, A = matrix_in(lane, S, to.frame), matrix_in(lane, S, to.turn + 9 * n)
     force, moment = back(frame, vector(lane, S, to.on)), turned(A, vector(lane, S, to.on + 3))
     total, couple = force, plus(moment, cross(vector(lane, S, to.r + 3 * n), force))
     g = moment
@@ -292,9 +291,9 @@ def pull(lane, model, k, r, S):
 @kernel
 def strained_energy(lane, model, par, k, q, v, root):
     """(kinetic, strain, gravity) energy, J, of link k; root: the `Place` of its first section."""
-    n, m, at, row = size(model.points), size(model.polynomials), strained_at(model, k), strain_row(model, k)
-    zero, A0 = splat(lane, 0.0), matrix(root.p)
-    kinetic, strain, gravity = zero, zero, zero
+    n, at, row, A0 = size(model.points), strained_at(model, k), strain_row(model, k), matrix(root.p)
+    zero = splat(lane, 0.0)
+    kinetic, gravity = zero, zero
     tangents, rates = stack(lane, model.scratch), stack(lane, model.scratch)
     p, w = still(lane), root.spin
     for i in range(n):
@@ -316,20 +315,66 @@ def strained_energy(lane, model, par, k, q, v, root):
         kinetic = kinetic + dot(rate, rate) * (0.5 * mass)
         if model.gravity is not None:
             gravity = gravity - dot(three_of(lane, model.gravity, 0), plus(root.r, turned(A0, r))) * mass
+    return kinetic, _stiff_sum(lane, model, par, k, q, q) * 0.5, gravity
+
+
+@kernel
+def strained_momentum(lane, model, k, q, v, root):
+    """Of link k, along inertial axes; root: the `Place` of its first section."""
+    n, at, row, zero = size(model.points), strained_at(model, k), strain_row(model, k), splat(lane, 0.0)
+    p, w, u, mass = still(lane), root.spin, (zero, zero, zero), 0.0
+    for i in range(n):
+        bend, moved = bend_of(lane, model, at, i, row, q, v, None), 0.0
+        p = turned_by(bend, p)
+        w = plus(w, turned(matrix(p), bend.rel))
+        for j in range(n):
+            moved += model.strains[at.mass + j] * model.strains[at.ways + n * j + i]
+        mass += model.strains[at.mass + i]
+        u = plus(u, times(cross(w, tangent_at(p)), moved))
+    return plus(times(root.v, mass), turned(matrix(root.p), u))
+
+
+@kernel
+def point_of(model, k, i, q, root):
+    """Where point i of link k is."""
+    lane, n, at, row = (0,), len(model.points), strained_at(model, k), strain_row(model, k)
+    p, r = still(lane), (0.0, 0.0, 0.0)
+    for j in range(n):
+        p = turned_by(bend_of(lane, model, at, j, row, q, None, None), p)
+        r = plus(r, times(tangent_at(p), model.strains[at.ways + n * i + j]))
+    return plus(root.r, turned(matrix(root.p), r))
+
+
+@kernel
+def _stiff_sum(lane, model, par, k, x, y):
+    """x' K y of link k."""
+    m, row, total = size(model.polynomials), strain_row(model, k), splat(lane, 0.0)
     for i in range(m):
         for j in range(m):
-            bent = scale(vector(lane, q, row + 3 * j), stiff_of(lane, model, par, k, i, j))
-            strain = strain + dot(vector(lane, q, row + 3 * i), bent) * 0.5
-    return kinetic, strain, gravity
+            bent = scale(vector(lane, y, row + 3 * j), stiff_of(lane, model, par, k, i, j))
+            total = total + dot(vector(lane, x, row + 3 * i), bent)
+    return total
 
 
 @kernel
 def strained_damping(lane, model, par, k, v, x):
     """Power of link k's damping at rates v over rates x, W."""
-    m, at, row = size(model.polynomials), strained_at(model, k), strain_row(model, k)
-    total = splat(lane, 0.0)
-    for i in range(m):
-        for j in range(m):
-            bent = scale(vector(lane, v, row + 3 * j), stiff_of(lane, model, par, k, i, j))
-            total = total + dot(vector(lane, x, row + 3 * i), bent)
-    return total * (load(lane, par, TAU_D) * model.strains[at.damping])
+    tau = load(lane, par, TAU_D) * model.strains[strained_at(model, k).damping]
+    return _stiff_sum(lane, model, par, k, x, v) * tau
+
+
+@kernel
+def strained_update(lane, model, q, share, d, more):
+    """See `protocol`: the base's rotation is moved by an increment in its own axes."""
+    move_vertex(lane, q, 0, share, d, more)
+    for k in range(AXES, model.n):
+        store(q, k, added(lane, q, share, d, more, k))
+
+
+@kernel
+def strained_difference(lane, model, start, q, d):
+    """See `protocol`."""
+    put_vector(d, 0, minus(vector(lane, q, 0), vector(lane, start, 0)))
+    put_vector(d, 3, between(lane, start, q, 3))
+    for k in range(AXES, model.n):
+        store(d, k, load(lane, q, k) - load(lane, start, k))

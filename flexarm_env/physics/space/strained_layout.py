@@ -21,8 +21,7 @@ STRAINED = Layout(
 
 NOTED = Layout(
     "Noted", "polynomials, points",
-    Field("on", (6,), "N, N m", "force (inertial) and moment (own axes) on the last section"),
-    Field("x", (6,), "", "of `solve`: what is on that section, then what it moves by"),
+    Field("on", (6,), "N, N m", "force (inertial), moment (own axes) on the last section; of `solve` what it moves by"),
     Field("frame", (3, 3), "", "axes of the root; of all that follows, unless it says otherwise"),
     Field("a", (3,), "m/s^2", "of the root, less gravity"),
     Field("spin", (3,), "rad/s", "of the root"),

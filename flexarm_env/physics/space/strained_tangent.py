@@ -16,7 +16,7 @@ from ..model import TAU_D
 from .chain import clear, three_of
 from .element import add_block, scale
 from .layout import F
-from .matrix import matrix_in, put_matrix
+from .matrix import matrix_in
 from .rotations import (
     back,
     cross,
@@ -24,6 +24,7 @@ from .rotations import (
     minus,
     plus,
     product,
+    put_matrix,
     put_vector,
     scaled,
     skew,
