@@ -14,6 +14,7 @@ from flexarm_env import arms, control
 from flexarm_env.control import kinematics, lqr, shaping, time_optimal
 from flexarm_env.control.arm_model import arm_model
 from flexarm_env.control.catalogue import gains_from, tuned_gains
+from flexarm_env.rigid import coriolis, rigid_inertia
 from flexarm_env.training import episodes, export_policy, tune
 from tests.env_tools import successes
 from tests.refusals import refuses
@@ -39,7 +40,7 @@ def reach():
 # ------------------------------------------------------------------ the arm as controllers know it
 @pytest.mark.parametrize("elbow", [-2.0, 0.0, 1.0])
 def test_rigid_inertia_is_that_of_the_linear_model(elbow):
-    inertia = kinematics.rigid_inertia(TWO, np.array([[elbow]]))[0]
+    inertia = rigid_inertia(TWO, np.array([[elbow]]))[0]
     assert arm_model(TWO, (elbow,)).inertia == pytest.approx(inertia, rel=1e-6)
 
 
@@ -47,12 +48,12 @@ def test_coriolis_torques_follow_from_the_inertia():
     elbow, rates, step = np.array([0.7]), np.array([[1.3, -0.6]]), 1e-5
 
     def inertia(angle):
-        return kinematics.rigid_inertia(TWO, angle[:, None])[0]
+        return rigid_inertia(TWO, angle[:, None])[0]
 
     slope = (inertia(elbow + step) - inertia(elbow - step)) / (2 * step)
     v = rates[0]
     expected = slope @ v * v[1] - 0.5 * np.array([0.0, v @ slope @ v])
-    assert kinematics.coriolis(TWO, elbow[:, None], rates)[0] == pytest.approx(expected, rel=1e-7)
+    assert coriolis(TWO, elbow[:, None], rates)[0] == pytest.approx(expected, rel=1e-7)
 
 
 def test_frequencies_of_the_free_strip():
