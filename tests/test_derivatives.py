@@ -105,6 +105,7 @@ CASES = [
     case("gears, laws", ONE, arm=geared(), parameters=True),
     case("gears, laws drawn", ONE, arm=geared(), parameters=True, randomization={"motor_inertia": (0.5, 2.0)}),
     case("gears, laws drawn and given", ONE, back=True, arm=geared(), randomization={"motor_inertia": (0.5, 2.0)}),
+    case("a hub drawn, parameters", ONE, parameters=True, randomization={"hub_inertia": (0.5, 2.0)}),
     case("targets, late, several at once", ONE, task="track", history=2, sensors={"delay": 0.04, **GAUGE}),
     case("targets, sensors", TWO, task="track", observation="measured", sensors=SENSORS, history=2),
     case("steps fitted", ONE, step_tolerance=1e-5),

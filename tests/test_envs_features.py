@@ -469,7 +469,7 @@ def shaken(env: Any, steps: int = 30) -> Any:
     ],
 )
 def test_a_drawn_hub_is_that_of_an_arm_that_has_it(env_id: str, keywords: dict[str, Any]) -> None:
-    """In space a tensor, of which what is about the axis counts; told by info, and among derivatives' parameters."""
+    """In space a tensor, of which what is about the axis counts; told by info."""
     base = arms.named({ONE: "strip", "SpatialFlexArm-v0": "three_dof"}.get(env_id, "de_luca_siciliano"))
     size = base.torque_limits[0] / 200.0
 
