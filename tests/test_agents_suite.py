@@ -106,6 +106,26 @@ class Hills:
         return -(self.steep * off**2).sum(axis=(0, 2)), -2.0 * self.steep * off, actions
 
 
+def test_slopes_of_a_return_on_a_steadied_way(monkeypatch: pytest.MonkeyPatch):
+    """On the way itself nothing is added; slopes are those of differences, through what each action adds to later ones,
+    and more than a hundredth off those without it."""
+    monkeypatch.setattr(foresight, "_exact", lambda x: x)
+    arms, rng = derivatives.Arms("FlexibleArm-v0", 2, tolerance=1e-12), np.random.default_rng(0)
+    start, actions = arms.reset(seed=0), rng.uniform(-0.3, 0.3, (6, 2, 1))
+    gain, way = 0.3 * rng.normal(size=(arms.observation_size, 1)), rng.normal(size=actions.shape)
+    steady = foresight.Steady(arms, start, actions, SimpleNamespace(act=lambda seen: seen @ gain))
+
+    def value(x, pulled=steady):
+        return foresight.returned(arms, start, x, lambda seen: (0.0, np.zeros_like(seen)), pulled)
+
+    total, slopes, played = value(actions)
+    assert np.array_equal(played, actions) and np.array_equal(total, value(actions, None)[0])
+    wanted = (value(actions + 1e-4 * way)[0] - value(actions - 1e-4 * way)[0]) / 2e-4
+    found, plain = ((x * way).sum(axis=(0, 2)) for x in (slopes, value(actions, None)[1]))
+    assert found == pytest.approx(wanted, rel=1e-5)
+    assert (abs(found - plain) > 0.01 * abs(found)).all()
+
+
 def test_the_search_climbs_each_episode_to_its_top_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     hills = Hills()
     hills.reset, hills.close, hills.environment = lambda seed: None, lambda: None, SimpleNamespace(plan=None)
