@@ -253,10 +253,6 @@ def measured(options: argparse.Namespace) -> pages.Found:
     return {"environments": found, "verdicts": enough}
 
 
-def flags(parser: argparse.ArgumentParser) -> None:
-    """Of the command line."""
-    parser.add_argument("--env", choices=IDS, action="append", help="only this environment")
-
-
 if __name__ == "__main__":
+    flags = {"env": {"choices": IDS, "action": "append", "help": "only this environment"}}
     sys.exit(pages.run("default_settings", __doc__, measured, blocks, more=flags, episodes=200))

@@ -245,11 +245,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
     }
 
 
-def flags(parser: argparse.ArgumentParser) -> None:
-    """Of the command line."""
-    parser.add_argument("--runs", type=Path, default=Path("runs/circle"), help="folder of logs and policies")
-
-
 if __name__ == "__main__":
+    flags = {"runs": {"type": Path, "default": Path("runs/circle"), "help": "folder of logs and policies"}}
     sys.exit(pages.run("circle", __doc__, measure, blocks, packages=("stable-baselines3", "torch"), more=flags, seeds=3,
                        steps=400_000, targets=6))  # fmt: skip

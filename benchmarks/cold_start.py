@@ -217,7 +217,7 @@ def main(arguments: list[str] | None = None) -> int:
     from benchmarks import pages  # not in a case's own process
 
     return pages.run("cold_start", __doc__, measure, blocks, arguments, page="results/throughput", repeats=3,
-                     more=lambda parser: parser.add_argument("--only", default=""))  # fmt: skip
+                     more={"only": {"default": ""}})  # fmt: skip
 
 
 if __name__ == "__main__":

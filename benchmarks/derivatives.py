@@ -140,11 +140,6 @@ def measured(given: argparse.Namespace) -> pages.Found:
     return {"arms": given.arms, "rows": rows, "verdicts": verdicts}
 
 
-def flags(parser: argparse.ArgumentParser) -> None:
-    """Of the command line."""
-    parser.add_argument("--only", nargs="+", default=[""], help="words of the kinds' names")
-
-
 def main(arguments: list[str] | None = None) -> int:
     """Measure and write; 1 where something that was to be shown does not hold."""
     words = sys.argv[1:] if arguments is None else arguments
@@ -152,6 +147,7 @@ def main(arguments: list[str] | None = None) -> int:
         kind, links = words[words.index("--one") + 1 :]
         print(json.dumps(measure(kind, int(links), int(words[words.index("--arms") + 1]))))
         return 0
+    flags = {"only": {"nargs": "+", "default": [""], "help": "words of the kinds' names"}}
     return pages.run("derivatives", __doc__, measured, blocks, words, more=flags, arms=256)
 
 

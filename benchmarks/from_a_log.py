@@ -106,11 +106,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
     }
 
 
-def flags(parser: argparse.ArgumentParser) -> None:
-    """Of the command line."""
-    parser.add_argument("--runs", type=Path, default=Path("runs/from_a_log"), help="folder of logs and policies")
-
-
 if __name__ == "__main__":
+    flags = {"runs": {"type": Path, "default": Path("runs/from_a_log"), "help": "folder of logs and policies"}}
     sys.exit(pages.run("from_a_log", __doc__, measure, blocks, page="results/identification",
                        packages=("stable-baselines3", "torch"), more=flags, steps=800_000, episodes=100))  # fmt: skip

@@ -174,14 +174,12 @@ def measure(options: argparse.Namespace) -> pages.Found:
     return {"bytes": sizes, "gaps": gap, "runs": runs, "verdicts": verdicts(sizes, runs)}
 
 
-def flags(parser: argparse.ArgumentParser) -> None:
-    """Of the command line."""
-    parser.add_argument("--runs", type=Path, default=Path("runs/gradients"), help="folder of the runs")
-    what = "only these environments, the others as they are; so is what is told of an algorithm with no seeds"
-    parser.add_argument("--only", nargs="+", choices=ENVS, help=what)
-    parser.add_argument("--kept", action="store_true", help="tell of runs that have finished, start none")
-
-
 if __name__ == "__main__":
+    what = "only these environments, the others as they are; so is what is told of an algorithm with no seeds"
+    flags: dict[str, dict[str, Any]] = {
+        "runs": {"type": Path, "default": Path("runs/gradients"), "help": "folder of the runs"},
+        "only": {"nargs": "+", "choices": ENVS, "help": what},
+        "kept": {"action": "store_true", "help": "tell of runs that have finished, start none"},
+    }
     sys.exit(pages.run("gradients", __doc__, measure, blocks, page="results/derivatives", more=flags, seeds=5, ppo=5,
                        arms=512))  # fmt: skip

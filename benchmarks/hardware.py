@@ -154,12 +154,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
     }  # fmt: skip
 
 
-def flags(parser: argparse.ArgumentParser) -> None:
-    """Of the command line."""
-    parser.set_defaults(out=DOCS)
-    parser.add_argument("--fit", type=Path, default=ROOT / "runs/hardware", help="folder of the fit and its arm.toml")
-
-
 if __name__ == "__main__":
+    flags = {"fit": {"type": Path, "default": ROOT / "runs/hardware", "help": "folder of the fit and its arm.toml"}}
     sys.exit(pages.run("hardware", __doc__, measure, blocks, page="hardware", packages=("scipy",), more=flags,
                        variants=len(VARIANTS)))  # fmt: skip

@@ -69,7 +69,7 @@ def run(
     page: str = "",
     packages: tuple[str, ...] = (),
     indent: int | None = 1,
-    more: Callable[[argparse.ArgumentParser], Any] = lambda parser: None,
+    more: Mapping[str, Mapping[str, Any]] | None = None,
     **numbers: int,
 ) -> int:
     """The command of a benchmark: measure, keep NAME.json, write the page's blocks; 1 where a verdict does not hold.
@@ -78,11 +78,12 @@ def run(
         name: of the record. page, packages: where the lines go (`write_page`), and versions that are told there.
         indent: of the record.
         measure: what was found. Where it has "verdicts" (what has to hold, whether it does) they are a block too.
-        more: adds flags. numbers: flags of whole numbers, with their defaults.
+        more: further flags, by their names: keywords of `add_argument`. numbers: flags of whole numbers, with defaults.
     """
     parser = command(description, **numbers)
     parser.add_argument("--page", action="store_true", help="measure nothing: the page from the numbers that are kept")
-    more(parser)
+    for flag, keywords in (more or {}).items():
+        parser.add_argument(f"--{flag}", **keywords)
     options = parser.parse_args(arguments)
     record: Path = options.out / f"{name}.json"
     if options.page:

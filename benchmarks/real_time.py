@@ -214,10 +214,5 @@ def blocks(found: Found) -> pages.Blocks:
     }
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Measure and write."""
-    return pages.run("real_time", __doc__, measure, blocks, arguments, periods=100_000)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(pages.run("real_time", __doc__, measure, blocks, periods=100_000))

@@ -225,12 +225,10 @@ def blocks(found: pages.Found) -> pages.Blocks:
     }  # fmt: skip
 
 
-def flags(parser: argparse.ArgumentParser) -> None:
-    """Of the command line."""
-    parser.add_argument("--relative", type=Path, help="folder of its files; without it, what is kept of it stays")
-    parser.add_argument("--python", default="python3.10", help="interpreter that has CasADi")
-    parser.add_argument("--runs", type=Path, default=Path("runs/relative"), help="folder of the trained policy")
-
-
 if __name__ == "__main__":
+    flags: dict[str, dict[str, Any]] = {
+        "relative": {"type": Path, "help": "folder of its files; without it, what is kept of it stays"},
+        "python": {"default": "python3.10", "help": "interpreter that has CasADi"},
+        "runs": {"type": Path, "default": Path("runs/relative"), "help": "folder of the trained policy"},
+    }
     sys.exit(pages.run("relative", __doc__, measure, blocks, more=flags, episodes=32))

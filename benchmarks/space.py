@@ -349,11 +349,6 @@ def measure(options: argparse.Namespace) -> Found:
     return {name: PARTS[name]() if name in options.only else kept[name] for name in PARTS}
 
 
-def flags(parser: argparse.ArgumentParser) -> None:
-    """Of the command line."""
-    parser.add_argument("--only", nargs="+", choices=PARTS, help="only these parts of the page, the others as they are")
-
-
 def blocks(found: Found) -> pages.Blocks:
     """Tables of the page."""
     cases = {k: v for k, v in found["omission"].items() if k != "modes"}
@@ -381,4 +376,5 @@ def blocks(found: Found) -> pages.Blocks:
 
 
 if __name__ == "__main__":
-    pages.run("space", __doc__, measure, blocks, more=flags)
+    only = {"nargs": "+", "choices": PARTS, "help": "only these parts of the page, the others as they are"}
+    pages.run("space", __doc__, measure, blocks, more={"only": only})

@@ -68,10 +68,5 @@ def blocks(found: pages.Found) -> pages.Blocks:
     return {"settled": table("controller | settled | median | 95 % by", rows), "learned": table(heads, runs)}
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Measure and write."""
-    return pages.run("space_control", __doc__, measure, blocks, arguments, page="environments/spatial", episodes=100)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(pages.run("space_control", __doc__, measure, blocks, page="environments/spatial", episodes=100))

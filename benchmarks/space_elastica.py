@@ -84,10 +84,5 @@ def blocks(found: pages.Found) -> pages.Blocks:
     return {"rows": table(head, rows)}
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Measure and write."""
-    return pages.run("space_elastica", __doc__, measure, blocks, arguments, page="results/space")
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(pages.run("space_elastica", __doc__, measure, blocks, page="results/space"))

@@ -119,10 +119,5 @@ def blocks(found: pages.Found) -> pages.Blocks:
     return {**written, "rates": [f"Steps a second, `Pendulum-v1` making {base:,.0f} in the same run: {told}."]}
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Measure and write."""
-    return pages.run("space_envs", __doc__, measure, blocks, arguments, page="environments/spatial", episodes=32)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(pages.run("space_envs", __doc__, measure, blocks, page="environments/spatial", episodes=32))

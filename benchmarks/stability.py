@@ -335,19 +335,16 @@ def measured(options: argparse.Namespace) -> pages.Found:
     return found | {"verdicts": verdicts}
 
 
-def flags(parser: argparse.ArgumentParser) -> None:
-    """Of the command line."""
-    parser.add_argument("--full", action="store_true", help="more than twice the cases, all of them against (ii)")
-    parser.add_argument("--limit", type=int, help="only about this many cases")
-    parser.add_argument("--fresh", action="store_true", help="forget what an earlier run has left")
-    parser.add_argument("--no-long-runs", action="store_true", help="leave the runs of a million steps out")
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Run all, write the results; 1 where something was silently wrong or broken."""
-    return pages.run("stability", __doc__, measured, blocks, arguments, packages=("exudyn",), more=flags,
-                     workers=cores())  # fmt: skip
+FLAGS: dict[str, dict[str, Any]] = {
+    "limit": {"type": int, "help": "only about this many cases"},
+    "fresh": {"action": "store_true", "help": "forget what an earlier run has left"},
+}
+FULL: dict[str, dict[str, Any]] = {
+    "full": {"action": "store_true", "help": "more than twice the cases, all of them against (ii)"},
+    "no-long-runs": {"action": "store_true", "help": "leave the runs of a million steps out"},
+}
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(pages.run("stability", __doc__, measured, blocks, packages=("exudyn",), more=FLAGS | FULL,
+                       workers=cores()))  # fmt: skip

@@ -273,17 +273,6 @@ def blocks(found: pages.Found) -> pages.Blocks:
     return {"cases": stability.table_of_cases(found)}
 
 
-def flags(parser: argparse.ArgumentParser) -> None:
-    """Of the command line."""
-    parser.add_argument("--limit", type=int, help="only about this many cases")
-    parser.add_argument("--fresh", action="store_true", help="forget what an earlier run has left")
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Run all, write the results; 1 where something was silently wrong or broken."""
-    return pages.run("stability_space", __doc__, measured, blocks, arguments, page="results/stability", more=flags,
-                     workers=cores())  # fmt: skip
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(pages.run("stability_space", __doc__, measured, blocks, page="results/stability",
+                       more=stability.FLAGS, workers=cores()))  # fmt: skip

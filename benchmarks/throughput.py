@@ -152,11 +152,9 @@ def measure(options: argparse.Namespace) -> pages.Found:
     return found
 
 
-def flags(parser: argparse.ArgumentParser) -> None:
-    """Of the command line."""
-    parser.add_argument("--seconds", type=float, default=0.5, help="of one case in one round")
-    parser.add_argument("--quick", action="store_true", help="two sizes, one formulation, no memory")
-
-
 if __name__ == "__main__":
+    flags: dict[str, dict[str, Any]] = {
+        "seconds": {"type": float, "default": 0.5, "help": "of one case in one round"},
+        "quick": {"action": "store_true", "help": "two sizes, one formulation, no memory"},
+    }
     sys.exit(pages.run("throughput", __doc__, measure, blocks, packages=("envpool", "exudyn"), more=flags, rounds=5))

@@ -428,14 +428,12 @@ def measured(options: argparse.Namespace) -> pages.Found:
     return {"seconds": time.monotonic() - clock, "rows": rows}
 
 
-def flags(parser: argparse.ArgumentParser) -> None:
-    """Of the command line."""
-    every = (*names(), *ENVIRONMENTS)
-    parser.add_argument("--full", action="store_true", help="more values of rho_inf")
-    parser.add_argument("--scene", nargs="*", choices=every, default=every, help="scenes to run (default: all)")
-    parser.add_argument("--fresh", action="store_true", help="forget what an earlier run has left")
-
-
 if __name__ == "__main__":
+    every = (*names(), *ENVIRONMENTS)
+    flags: dict[str, dict[str, Any]] = {
+        "full": {"action": "store_true", "help": "more values of rho_inf"},
+        "scene": {"nargs": "*", "choices": every, "default": every, "help": "scenes to run (default: all)"},
+        "fresh": {"action": "store_true", "help": "forget what an earlier run has left"},
+    }
     sys.exit(pages.run("work_precision", __doc__, measured, blocks, packages=("exudyn", "pyelastica"), indent=None,
                        more=flags))  # fmt: skip

@@ -211,7 +211,7 @@ def test_the_robot_on_a_run_that_no_fit_has_seen() -> None:
     """The packaged arm, fitted to another run; the pull that was found there is that run's own (docs/hardware.md)."""
     arm = arms.named("quanser_2dsfl")
     config = read_config(ROOT / "configs/identify/quanser_2dsfl.toml", arm)
-    found = json.loads((ROOT / "docs/hardware.json").read_text("utf-8"))["lines"]
+    found = json.loads((ROOT / "docs/results/hardware.json").read_text("utf-8"))["lines"]
     parameters = config.chosen()
     values = np.array([float(found[f"parameter.{p.name}"].split()[0]) for p in parameters])
     experiment = Experiment(arm, config, parameters)
