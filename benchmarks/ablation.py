@@ -18,7 +18,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +26,7 @@ import gymnasium as gym
 import flexarm_env
 from benchmarks import pages
 from benchmarks.machine import table
+from benchmarks.running import periods
 from flexarm_env import arms, scenes, simulate
 from flexarm_env.parameters import Payload
 
@@ -81,21 +81,10 @@ print(flexarm_env.__file__)
 FEW, MANY = 1_000, 13_000
 
 
-def _period(keywords: dict[str, Any], n: int) -> Callable[[int], float]:
-    """A function of a count: seconds a control period takes an arm."""
+def _made(keywords: dict[str, Any], n: int) -> Any:
+    """An environment, or n of them."""
     keywords = {"id": "FlexibleArm-v0", **keywords}
-    env = gym.make(**keywords) if n == 1 else gym.make_vec(num_envs=n, threads=1, **keywords)
-    env.action_space.seed(0)
-    actions = [env.action_space.sample() for _ in range(64)]
-
-    def run(count: int) -> float:
-        env.reset(seed=0)
-        clock = time.perf_counter()
-        for k in range(count):
-            env.step(actions[k % 64])
-        return (time.perf_counter() - clock) / (count * n)
-
-    return run
+    return gym.make(**keywords) if n == 1 else gym.make_vec(num_envs=n, threads=1, **keywords)
 
 
 def present(rounds: int) -> list[dict[str, Any]]:
@@ -104,9 +93,11 @@ def present(rounds: int) -> list[dict[str, Any]]:
     for name, (wanted, without) in FEATURES.items():
         row: dict[str, Any] = {"feature": name}
         for n, label in ((1, "single"), (64, "vector")):
-            runs = {"with": _period(wanted, n), "without": _period(without, n)}
-            times = [{key: run(190) for key, run in runs.items()} for _ in range(rounds + 1)][1:]
-            row[label] = {key: 1e6 * min(each[key] for each in times) for key in runs}
+            envs = {"with": _made(wanted, n), "without": _made(without, n)}
+            times = [
+                {key: periods(env, 190, time.perf_counter) for key, env in envs.items()} for _ in range(rounds + 1)
+            ]
+            row[label] = {key: 1e6 * min(each[key] for each in times[1:]) / (190 * n) for key in envs}
         rows.append(row)
         print(json.dumps(row), flush=True)
     return rows

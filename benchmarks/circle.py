@@ -62,17 +62,18 @@ dt = 0.0025
 """
 
 
-def strip_with(friction: tuple[float, float], **factors: float) -> Any:
-    """The packaged strip with friction (N m s/rad, N m), EI, payload, hub and damping by factors."""
+def strip_with(friction: tuple[float, float] | None = None, **factors: float) -> Any:
+    """The packaged strip, with friction (N m s/rad, N m) where it is given; EI, payload, hub and damping by factors."""
     strip = arms.named("strip")
     link = strip.links[0]
     assert link.uniform is not None
     section = dataclasses.replace(link.uniform, EI=factors.get("EI", 1.0) * link.uniform.EI)
     return dataclasses.replace(
-        strip, links=(dataclasses.replace(link, section=section),), hub_inertia=factors.get("hub", 1.0) * 0.05,
+        strip, links=(dataclasses.replace(link, section=section),),
+        hub_inertia=factors.get("hub", 1.0) * strip.hub_inertia,
         payload=dataclasses.replace(strip.payload, mass=factors.get("payload", 1.0) * strip.payload.mass),
         tau_d=factors.get("damping", 1.0) * strip.tau_d,
-        joints=(Joint(friction_viscous=friction[0], friction_coulomb=friction[1]),),
+        joints=(Joint(friction_viscous=friction[0], friction_coulomb=friction[1]),) if friction else (),
     )  # fmt: skip
 
 

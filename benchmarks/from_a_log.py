@@ -8,7 +8,6 @@ What is done, and why, says the page.
 import argparse
 import dataclasses
 import json
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import pages
+from benchmarks.circle import flexarm, strip_with
 from benchmarks.machine import table
 from flexarm_env import Encoder, JointTorque, LowPass, Scene, Sensors, StrainGauge, arms, simulate
 from flexarm_env.files import write_text
@@ -28,14 +28,7 @@ CONFIG = Path(__file__).resolve().parents[1] / "configs/identify/strip.toml"
 
 def true_arm() -> Any:
     """The strip, softer, with more at its tip and a heavier hub."""
-    strip = arms.named("strip")
-    link = strip.links[0]
-    assert link.uniform is not None
-    section = dataclasses.replace(link.uniform, EI=0.6 * link.uniform.EI)
-    return dataclasses.replace(
-        strip, name="true", links=(dataclasses.replace(link, section=section),), hub_inertia=1.3 * strip.hub_inertia,
-        payload=dataclasses.replace(strip.payload, mass=1.6 * strip.payload.mass), tau_d=1.5 * strip.tau_d,
-    )  # fmt: skip
+    return dataclasses.replace(strip_with(EI=0.6, hub=1.3, payload=1.6, damping=1.5), name="true")
 
 
 def write_log(arm: Any, path: Path) -> None:
@@ -51,12 +44,6 @@ def write_log(arm: Any, path: Path) -> None:
     columns = np.array([t, torque, np.degrees(run.measured(own)["hub_angle"]), strain]).T
     text = "\n".join(["t,torque,hub,strain", *(",".join(f"{x:.8g}" for x in row) for row in columns)])
     write_text(path, text + "\n")
-
-
-def flexarm(*words: str) -> str:
-    """What a command prints."""
-    words = (sys.executable, "-m", "flexarm_env", *words)
-    return subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 
 def measure(options: argparse.Namespace) -> pages.Found:

@@ -18,6 +18,9 @@ from flexarm_env.envs.options import DEFAULT_FORMULATION, DEFAULT_OPTIONS, OF_MO
 IDS = ("FlexibleArm-v0", "TwoLinkFlexArm-v0")
 
 
+Made = tuple[Callable[[int], int], Callable[[], None]]
+
+
 @dataclass
 class Case:
     """One thing whose rate is measured.
@@ -27,7 +30,7 @@ class Case:
     """
 
     name: str
-    make: Callable[[], tuple[Callable[[int], int], Callable[[], None]]]
+    make: Callable[[], Made]
     facts: dict[str, Any] = field(default_factory=dict)
     rates: list[float] = field(default_factory=list)
     first_seconds: float = 0.0
@@ -44,14 +47,23 @@ class Case:
         }
 
 
+def _facts(env_id: str, **more: Any) -> dict[str, Any]:
+    return {"id": env_id, "n_envs": 1, "threads": 1, "api": "single", **more}
+
+
+def _ready(env: Any, count: int, share: float = 1.0) -> list[Any]:
+    """Random actions, so many, of an environment that is reset."""
+    env.action_space.seed(0)
+    env.reset(seed=0)
+    return [np.float32(share) * env.action_space.sample() for _ in range(count)]
+
+
 def single(name: str, env_id: str, **keywords: Any) -> Case:
     """An environment as `gymnasium.make` gives it, wrappers included, driven by random actions made beforehand."""
 
-    def make() -> tuple[Callable[[int], int], Callable[[], None]]:
+    def make() -> Made:
         env = gym.make(env_id, **keywords)
-        env.action_space.seed(0)
-        actions = [env.action_space.sample() for _ in range(256)]
-        env.reset(seed=0)
+        actions = _ready(env, 256)
 
         def advance(count: int) -> int:
             step, reset = env.step, env.reset
@@ -63,8 +75,7 @@ def single(name: str, env_id: str, **keywords: Any) -> Case:
 
         return advance, env.close
 
-    facts = {"id": env_id, "n_envs": 1, "threads": 1, "api": "single"}
-    return Case(name, make, facts | {"options": keywords})
+    return Case(name, make, _facts(env_id, options=keywords))
 
 
 def vector(name: str, env_id: str, n_envs: int, threads: int, share: float = 1.0, **keywords: Any) -> Case:
@@ -73,25 +84,22 @@ def vector(name: str, env_id: str, n_envs: int, threads: int, share: float = 1.0
     share: of the torque limits that random actions go up to.
     """
 
-    def make() -> tuple[Callable[[int], int], Callable[[], None]]:
+    def make() -> Made:
         env = gym.make_vec(env_id, num_envs=n_envs, threads=threads, **keywords)
-        env.action_space.seed(0)
-        actions = [np.float32(share) * env.action_space.sample() for _ in range(16)]
-        env.reset(seed=0)
-        state = {"ended": np.zeros(n_envs, np.bool_)}
+        actions, ended = _ready(env, 16, share), np.zeros(n_envs, np.bool_)
 
         def advance(count: int) -> int:
+            nonlocal ended
             made = 0
             for k in range(count):
                 _, _, terminated, truncated, _ = env.step(actions[k % 16])
-                made += n_envs - int(np.count_nonzero(state["ended"]))
-                state["ended"] = terminated | truncated
+                made += n_envs - int(np.count_nonzero(ended))
+                ended = terminated | truncated
             return made
 
         return advance, env.close
 
-    facts = {"id": env_id, "n_envs": n_envs, "threads": threads, "api": "vector"}
-    return Case(name, make, facts | {"options": keywords})
+    return Case(name, make, _facts(env_id, n_envs=n_envs, threads=threads, api="vector", options=keywords))
 
 
 def envpool_reacher() -> Case | None:
@@ -99,7 +107,7 @@ def envpool_reacher() -> Case | None:
     if not find_spec("envpool"):
         return None
 
-    def make() -> tuple[Callable[[int], int], Callable[[], None]]:
+    def make() -> Made:
         import envpool
 
         env = envpool.make_gymnasium("Reacher-v4", num_envs=1, num_threads=1)
@@ -113,7 +121,7 @@ def envpool_reacher() -> Case | None:
 
         return advance, env.close
 
-    return Case("EnvPool Reacher-v4", make, {"id": "Reacher-v4", "n_envs": 1, "threads": 1, "api": "single"})
+    return Case("EnvPool Reacher-v4", make, _facts("Reacher-v4"))
 
 
 def exudyn_arm(elements: int = 5, n_steps: int = 4) -> Case | None:
@@ -121,19 +129,18 @@ def exudyn_arm(elements: int = 5, n_steps: int = 4) -> Case | None:
     if not find_spec("exudyn"):
         return None
 
-    def make() -> tuple[Callable[[int], int], Callable[[], None]]:
+    def make() -> Made:
         from benchmarks.exudyn_peer import stepper
 
         return stepper(elements, n_steps), lambda: None
 
-    facts = {"id": "Exudyn strip", "n_envs": 1, "threads": 1, "api": "single"}
-    return Case(f"Exudyn, {elements} elements, {n_steps} steps a period", make, facts)
+    return Case(f"Exudyn, {elements} elements, {n_steps} steps a period", make, _facts("Exudyn strip"))
 
 
 def arithmetic(threads: int) -> Case:
     """Multiplications and additions in registers, in eight lanes, on some threads: what these gain at most."""
 
-    def make() -> tuple[Callable[[int], int], Callable[[], None]]:
+    def make() -> Made:
         numbers = [arithmetic_numbers() for _ in range(threads)]
 
         def advance(count: int) -> int:

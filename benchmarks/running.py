@@ -63,6 +63,22 @@ def run_all(
     return [rows[key_of(case)] for case in cases]
 
 
+def periods(env: Any, count: int, clock: Callable[[], float], keep_on: bool = False) -> float:
+    """Seconds of a clock that so many control periods of an environment take under random actions made beforehand.
+
+    keep_on: a single environment whose episode ends is reset, in that time.
+    """
+    env.action_space.seed(0)
+    actions = [env.action_space.sample() for _ in range(64)]
+    env.reset(seed=0)
+    begun = clock()
+    for k in range(count):
+        _, _, terminated, truncated, _ = env.step(actions[k % 64])
+        if keep_on and (terminated or truncated):
+            env.reset()
+    return clock() - begun
+
+
 def _measured(measure: Callable[[Row], Row], case: Row) -> Row:
     """`measure` with its case put into the row."""
     return {"case": case, **measure(case)}

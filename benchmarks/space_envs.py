@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 import flexarm_env  # noqa: F401  (registers the environments)
 from benchmarks import pages
 from benchmarks.machine import table
+from benchmarks.running import periods
 from flexarm_env import control
 
 ID = "SpatialFlexArm-v0"
@@ -38,7 +39,7 @@ def tips(share: float, episodes: int, **settings: Any) -> NDArray[np.float64]:
     return np.array(found)
 
 
-def books(who: str, periods: int = 100, **settings: Any) -> float:
+def books(who: str, count: int = 100, **settings: Any) -> float:
     """Largest error of an arm's books over what work has turned over, median of eight episodes. who: "pd", or "full":
     torques of full size whose signs are drawn in each period."""
     env: Any = gym.make(ID, info_level="full", **settings)
@@ -49,7 +50,7 @@ def books(who: str, periods: int = 100, **settings: Any) -> float:
         if controller is not None:
             controller.reset(observation)
         begun, work, turned, worst = sum(info[name] for name in ENERGIES), 0.0, 0.0, 0.0
-        for _ in range(periods):
+        for _ in range(count):
             action = rng.choice([-1.0, 1.0], 3) if controller is None else controller.act(observation)
             observation, *_, info = env.step(np.asarray(action, np.float32))
             turned, work = turned + abs(info["work"] - work), info["work"]
@@ -60,16 +61,7 @@ def books(who: str, periods: int = 100, **settings: Any) -> float:
 
 def rate(env: Any, steps: int, n: int = 1) -> float:
     """Steps a second of the clock of an environment under random actions."""
-    env.reset(seed=0)
-    space = env.action_space
-    space.seed(0)
-    actions = [space.sample() for _ in range(16)]
-    begun = time.perf_counter()
-    for k in range(steps):
-        outcome = env.step(actions[k % 16])
-        if n == 1 and (outcome[2] or outcome[3]):
-            env.reset()
-    return n * steps / (time.perf_counter() - begun)
+    return n * steps / periods(env, steps, time.perf_counter, keep_on=n == 1)
 
 
 def rates() -> pages.Found:

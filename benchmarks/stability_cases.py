@@ -66,7 +66,7 @@ def arm_of(case: Case) -> Arm:
     )  # fmt: skip
 
 
-def _switched(case: Case, joint: int, end: float) -> TimeFunction:
+def switched(case: Case, joint: int, end: float) -> TimeFunction:
     """Full torque of random sign, held for the dwell (a fraction of T1)."""
     rng = np.random.default_rng([case["seed"], joint])
     dwell = case["dwell"] * period(case)
@@ -97,7 +97,7 @@ def scene_of(case: Case) -> tuple[Scene, str, dict[str, Any]]:
     if drive == "pulse":
         loads = tuple(JointTorque(k, pulse(limit / 2**k, 0.25 * T)) for k in range(arm.n_links))
     elif drive == "bang":
-        loads = tuple(JointTorque(k, _switched(case, k, end)) for k in range(arm.n_links))
+        loads = tuple(JointTorque(k, switched(case, k, end)) for k in range(arm.n_links))
     elif drive == "ramp":
         motions = (Motion("joint0", ramp(0.5 * a * omega * T, 0.5 * T)),)
     elif drive == "cycloid":

@@ -22,12 +22,11 @@ import numpy as np
 
 from benchmarks import pages, stability
 from benchmarks.running import cores, run_all
-from benchmarks.stability_cases import TORQUE_LIMIT, Case, grid
+from benchmarks.stability_cases import TORQUE_LIMIT, Case, grid, period, switched
 from flexarm_env.parameters import Arm, Elbow, Joint, Link, Payload, Section
 from flexarm_env.scene import JointTorque, Load, Motion, PointLoad, Scene
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import TimeFunction, constant, cycloid, linear_table, pulse, ramp, sine, spin_up
-from flexarm_env.time_functions import steps as stairs
 
 METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "exact": ("geometrically_exact", {"elements": 6}),
@@ -50,11 +49,6 @@ WHICH = {"all": ("EI", "EI_y", "GJ", "EA", "C", "C_y"), "bending": ("EI", "EI_y"
          "stretch": ("EA", "C", "C_y")}  # fmt: skip
 
 
-def period(case: Case) -> float:
-    """First period of the clamped arm with its payload (s), by Rayleigh's quotient."""
-    return 2.0 * math.pi * math.sqrt((1.0 / 3.0 + 3.0 / case["slender"]) * (case["payload"] + 33.0 / 140.0))
-
-
 def arm_of(case: Case) -> Arm:
     """The arm: equal links of a homogeneous section, on oblique axes, with a payload beside its tip."""
     n, slender, flat = case["links"], case["slender"], case["flat"]
@@ -74,14 +68,6 @@ def arm_of(case: Case) -> Arm:
     )  # fmt: skip
 
 
-def _switched(case: Case, joint: int, end: float) -> TimeFunction:
-    """Full torque of random sign, held for the dwell (a fraction of T1)."""
-    rng = np.random.default_rng([case["seed"], joint])
-    dwell = case["dwell"] * period(case)
-    count = math.ceil(end / dwell)
-    return stairs(np.arange(count) * dwell, case["amplitude"] * TORQUE_LIMIT * rng.choice([-1.0, 1.0], count))
-
-
 def scene_of(case: Case) -> tuple[Scene, str, dict[str, Any]]:
     """Scene, formulation and options of a case: every scene has gravity and a load at the tip, if of nothing."""
     formulation, options = METHODS[case["method"]]
@@ -99,7 +85,7 @@ def scene_of(case: Case) -> tuple[Scene, str, dict[str, Any]]:
     elif drive == "swing":
         torques = [sine(limit / 2**k, (1.0 + 0.3 * k) * omega) for k in range(n)]
     elif drive == "bang":
-        torques = [_switched(case, k, end) for k in range(n)]
+        torques = [switched(case, k, end) for k in range(n)]
     elif drive == "twist":  # to so many rad at rest
         motions = (Motion("joint0", constant(0.0)),)
         tip["torque_x"] = linear_table([0.0, T], [0.0, a * case["torsion"]])
