@@ -18,6 +18,7 @@ from flexarm_env.physics.protocol import difference, update
 from flexarm_env.plotting import plot_campbell
 from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import cycloid
+from tests.refusals import refuses, says
 from tests.scene_tools import everything
 
 Array = np.ndarray
@@ -167,8 +168,7 @@ def test_a_blade_has_flap_in_both_frames_and_lag_in_its_own(tmp_path: Path) -> N
     for spins, words in (((), "spins = ()"), ((1.0, math.nan), r"spins\[1\] = nan")):
         with pytest.raises(ValueError, match=words):
             campbell(scene, spins)
-    with pytest.raises(ValueError, match=r"spin = 1\.0: needs a pinned root and no gravity"):
-        campbell(bent(), (1.0,))
+    refuses(r"spin = 1\.0: needs a pinned root and no gravity", lambda: campbell(bent(), (1.0,)))
 
 
 def test_what_a_spatial_linear_model_refuses() -> None:
@@ -178,7 +178,5 @@ def test_what_a_spatial_linear_model_refuses() -> None:
         (lambda: linearize(scene, elements=1, gauges=[(1, 0.0, "yz")]), "gauges[0][2] = 'yz'"),
         (lambda: linearize(scene, elements=1, gauges=[(0, 0.0)]), "gauges[0][0] = 0: must be a link that bends"),
     ):
-        with pytest.raises(ValueError) as caught:
-            make()
-        assert words in str(caught.value)
+        says(words, make)
     assert math.isclose(linearize(scene, elements=1, discrete=0.01, method="zoh").dt or 0.0, 0.01)
