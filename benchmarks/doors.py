@@ -7,7 +7,6 @@ its controller; packets of all kinds at a served arm. Needs a C compiler and the
 """
 
 import argparse
-import ctypes
 import json
 import math
 import subprocess
@@ -27,9 +26,10 @@ from benchmarks import pages
 from benchmarks.machine import table
 from benchmarks.pages import Found
 from flexarm_env import Joint, arms, control
-from flexarm_env.library import write, write_controller_fmu, write_fmu
+from flexarm_env.library import Built, write, write_controller_fmu, write_fmu
 from flexarm_env.remote import Kind, Limits, Packet, Session, pack, unpack
 from flexarm_env.remote.packet import ARM
+from tests.c_arm import Arm
 
 Array = NDArray[np.float64]
 
@@ -54,6 +54,7 @@ SHARE = 0.2
 PERIOD, SECONDS, MANY = 0.00125, 0.8, (1, 2, 4, 8, 16)
 """Of the arm with its controller: control period and time, s; periods in a communication step."""
 
+KEY = b"a key that both ends know"
 TIMING = Path(__file__).with_suffix(".c").read_text("utf-8")
 
 
@@ -69,31 +70,21 @@ def asked(env: Any, k: int) -> Array:
     return (SHARE * np.sin(2.0 * k * env.unwrapped.dt + joints)).astype(np.float32).astype(np.float64)
 
 
-def same_bits(env: Any, library: Path) -> tuple[int, int]:
+def same_bits(env: Any, built: Built) -> tuple[int, int]:
     """All that a library tells of an arm in each period: how many numbers, and how many are not Python's."""
-    code, plain = ctypes.CDLL(str(library)), env.unwrapped
-    for word in ("create", "get_info", "get_observation", "get_poses"):
-        getattr(code, f"arm_{word}").restype = ctypes.c_void_p
-    arm = ctypes.c_void_p(code.arm_create())
+    arm, plain, batch, compared, different = Arm(built), env.unwrapped, env.unwrapped.batch, 0, 0
     env.reset(seed=1)
-    key = int(np.random.PCG64(np.random.SeedSequence(1)).random_raw())
-    code.arm_reset(arm, ctypes.c_uint64(key), None, None, ctypes.c_double(math.nan))
-    batch, compared, different = plain.batch, 0, 0
-    rows = {"info": len(batch.table), "poses": batch.poses(0).size, "observation": batch.observation.size}
-    views = {}
-    for word, size in rows.items():
-        kind = ctypes.c_float if word == "observation" else ctypes.c_double
-        at = getattr(code, f"arm_get_{word}")(arm)
-        views[word] = np.ctypeslib.as_array(ctypes.cast(at, ctypes.POINTER(kind)), (size,))
+    arm.seeded(1)
     for k in range(COMPARED):
         action = asked(env, k)
         plain.step(action.astype(np.float32))
-        code.arm_step(arm, action.ctypes.data_as(ctypes.c_void_p))
+        arm("step", action)
         wanted = {"info": batch.table[:, 0], "poses": batch.poses(0).ravel(), "observation": batch.observation[0]}
-        for word, view in views.items():
-            different += int((view != wanted[word]).sum() - (np.isnan(view) & np.isnan(wanted[word])).sum())
-            compared += view.size
-    code.arm_destroy(arm)
+        for word, values in wanted.items():
+            seen = arm.row(f"get_{word}", values.size, "f" if word == "observation" else "d")
+            different += int((seen != values).sum() - (np.isnan(seen) & np.isnan(values)).sum())
+            compared += values.size
+    arm.destroy()
     return compared, different
 
 
@@ -109,43 +100,45 @@ def timed(folder: Path, periods: int) -> list[Found]:
     return found
 
 
-def unit(name: str, form: str, folder: Path) -> Found:
+def unit(env: Any, form: str, folder: Path, periods: int = COMPARED) -> Found:
     """A unit validated and simulated by FMPy, beside Python."""
     from fmpy import simulate_fmu
     from fmpy.validation import validate_fmu
 
-    env, path = made(name), folder / "unit.fmu"
-    plain, dt, joints = env.unwrapped, env.unwrapped.dt, range(env.action_space.shape[0])
+    plain, path, joints = env.unwrapped, folder / "unit.fmu", range(env.action_space.shape[0])
+    dt, space, goal = plain.dt, plain.plan.arm.spatial, [0.5] * len(joints)
     write_fmu(env, path, "arm", form)
     messages = validate_fmu(str(path))
-    limits, t = plain.plan.arm.torque_limits, dt * np.arange(COMPARED + 1)
-    inputs = np.zeros(len(t), [("time", float), *((f"torque[{i}]", float) for i in joints)])
+    torque, t = plain.plan.action_mode == "torque", dt * np.arange(periods + 1)
+    word, scale = ("torque", plain.plan.arm.torque_limits) if torque else ("action", (1.0,) * len(joints))
+    inputs = np.zeros(len(t), [("time", float), *((f"{word}[{i}]", float) for i in joints)])
     inputs["time"] = t
-    actions = np.array([asked(env, k) for k in range(COMPARED + 1)])
+    actions = np.array([asked(env, k) for k in range(periods + 1)])
     for i in joints:
-        inputs[f"torque[{i}]"] = actions[:, i] * limits[i]
+        inputs[f"{word}[{i}]"] = actions[:, i] * scale[i]
     words = [*(f"energy.{word}" for word in ("kinetic", "strain", "gravity", "dissipated", "work"))]
-    words += [f"tip[{k}]" for k in range(3 if plain.plan.arm.spatial else 2)] + [f"applied_torque[{k}]" for k in joints]
-    goal = [0.5] * len(joints)
+    words += [f"tip[{k}]" for k in range(3 if space else 2)] + [f"applied_torque[{k}]" for k in joints]
+    words += ["deflection[1,2]"] if space else [f"deflection[{k}]" for k in joints]
     run = simulate_fmu(
         str(path), stop_time=float(t[-1]), output_interval=dt, input=inputs, output=words, set_stop_time=False,
         start_values={f"start_angle[{i}]": 0.2 for i in joints} | {f"target[{i}]": goal[i] for i in joints},
     )  # fmt: skip
     env.reset(seed=0)
-    target = np.array(goal if plain.plan.arm.spatial else [*goal, 0.0])
+    target = np.array(goal if space else [*goal, 0.0][:2])
     plain.batch.ask(np.full(len(joints), 0.2), target, np.zeros(1))  # by the joint angles there, in space
     plain.batch.start((0,), (0,), limit=10**9)
     at, rows = plain.batch.info_at, []
     places = [*range(at.energies, at.energies + 5), *range(at.tip, at.deflection)]
     places += range(at.torque, at.torque + len(joints))
-    for k in range(COMPARED + 1):
+    places += [at.deflection + 5] if space else range(at.deflection, at.deflection + len(joints))
+    for k in range(periods + 1):
         rows.append(plain.batch.table[places, 0].tolist())
-        if k < COMPARED:
+        if k < periods:
             plain.step(actions[k].astype(np.float32))
     told, wanted = np.array([run[word] for word in words]).T, np.array(rows)
     env.close()
     return {
-        "unit": name, "form": form, "messages": messages, "periods": COMPARED, "numbers": int(told.size),
+        "form": form, "messages": messages, "periods": periods, "numbers": int(told.size),
         "different": int((told != wanted).sum()) if told.shape == wanted.shape else -1,
     }  # fmt: skip
 
@@ -215,19 +208,23 @@ def coupled(folder: Path) -> Found:
     }
 
 
-def packets(count: int) -> Found:
-    """What a served arm makes of packets that are sound, cut, grown, turned over, replayed, foreign, lost."""
+def packets(count: int, key: bytes | None = KEY) -> Found:
+    """What a served arm makes of packets that are sound, cut, grown, turned over (where they are signed), replayed,
+    foreign, lost; it never gets a torque that its peer has not asked for."""
     env = gym.make("FlexibleArm-v0", control_dt=0.01, duration=1e6, disable_env_checker=True)
-    key, peer, rng = b"a key that both ends know", ("127.0.0.1", 1), np.random.default_rng(1)
+    peer, rng = ("127.0.0.1", 1), np.random.default_rng(1)
     session = Session(env, Limits(watchdog=10**6), key, seed=0)
     welcome = unpack(session.receive(pack(Packet(Kind.HELLO, 5, 0), key), peer) or b"", key)
     assert isinstance(welcome, Packet)
     first = Packet(Kind.COMMAND, welcome.connection, 1, 0.0, (0.0,), ARM)
     sent: Counter[str] = Counter(sound=2)
     session.receive(pack(first, key), peer)
-    sequence, ways = 1, ("sound", "cut", "grown", "a bit turned over", "old", "of another connection", "not finite",
-                         "of another size", "noise", "lost")  # fmt: skip
-    for _ in range(count):
+    sequence, ways = 1, ["sound", "cut", "grown", "a bit turned over", "old", "of another connection", "not finite",
+                         "of another size", "noise", "lost"]  # fmt: skip
+    taken = {0.0}
+    if key is None:
+        ways.remove("a bit turned over")
+    for k in range(count):
         way = str(rng.choice(ways))
         good = Packet(Kind.COMMAND, welcome.connection, sequence + 1, 0.0, (float(rng.uniform(-1.0, 1.0)),))
         content = pack(good, key)
@@ -237,6 +234,8 @@ def packets(count: int) -> Found:
             sequence += 1
         if way == "lost":
             continue
+        if way == "sound":
+            taken.add(good.numbers[0])
         made: dict[str, bytes] = {
             "sound": content,
             "cut": content[:at],
@@ -246,9 +245,12 @@ def packets(count: int) -> Found:
             "of another connection": pack(good._replace(connection=int(rng.integers(2**63))), key),
             "not finite": pack(good._replace(numbers=(float(rng.choice([math.nan, math.inf])),)), key),
             "of another size": pack(good._replace(numbers=(0.1,) * int(rng.choice([0, 2, 7]))), key),
-            "noise": rng.bytes(at),
+            "noise": rng.bytes(6 * at),
         }
         session.receive(made[way], peer)
+        if k % 500 == 0:
+            session.advance()
+            assert float(session.torque[0]) in taken
     session.receive(pack(first._replace(sequence=sequence + 1, flags=0), key), peer)
     sent["sound"] += 1
     return {"sent": dict(sent), "counts": dict(session.counts)}
@@ -262,7 +264,7 @@ def measure(options: argparse.Namespace) -> Found:
         with tempfile.TemporaryDirectory() as folder:
             built = write(env, Path(folder), "arm", derivatives=False)
             assert built.library is not None, built.why
-            compared, different = same_bits(env, Path(folder) / built.library)
+            compared, different = same_bits(env, built)
             one = {"arm": name, "compared": compared, "different": different}
             found["arms"].append(one | {"runs": timed(Path(folder), options.periods)})
         env.close()
@@ -270,7 +272,7 @@ def measure(options: argparse.Namespace) -> Found:
     for name in UNITS:
         for form in ("2.0", "3.0"):
             with tempfile.TemporaryDirectory() as folder:
-                found["units"].append(unit(name, form, Path(folder)))
+                found["units"].append({"unit": name, **unit(made(name), form, Path(folder))})
             print(found["units"][-1], flush=True)
     with tempfile.TemporaryDirectory() as folder:
         found["coupled"] = coupled(Path(folder))

@@ -10,7 +10,6 @@ import math
 from typing import Any
 
 import numpy as np
-from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import flexarm_env as fx
@@ -19,114 +18,66 @@ from benchmarks.cost_model import in_lanes
 from benchmarks.machine import DOCS, table
 from flexarm_env import arms, scenes
 from flexarm_env.envs.video import pictures, write_film
-from flexarm_env.linear import campbell, modes, static_equilibrium
+from flexarm_env.linear import campbell, modes
 from flexarm_env.plotting import plot_campbell, plot_trajectory
 from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import constant, cycloid, pulse
+from tests import space_answers as answers
 from tests.oracle_space import SpatialOracle
 from tests.test_space import momenta
 
 Found = dict[str, Any]
 
 
-def section(EI: float, GJ: float, EI_y: float | None = None, stiff: float = 1e8, J: float = 1e-7) -> fx.Section:
-    """One whose stretch and shear hardly count."""
-    bend = EI if EI_y is None else EI_y
-    return fx.Section(EI=EI, EA=stiff, C=stiff, m=1.0, J=J, EI_y=bend, C_y=stiff, J_y=J, GJ=GJ)
-
-
-def rest(arm: fx.Arm, elements: int, *loads: fx.PointLoad) -> Any:
-    """Where the tip of a clamped arm rests."""
-    scene = fx.Scene("rest", arm, duration=1e-3, dt=1e-3, loads=loads, start="held", space=True)
-    return fx.simulate(scene, elements=elements, estimate_error=False).tip[0]
-
-
 def known_answers() -> list[list[Any]]:
     """Rows: case, known, found, elements."""
     rows: list[list[Any]] = []
-    start = 100.0 * np.array([math.sqrt(0.5), 1.0 - math.sqrt(0.5), 0.0])
-    for GJ, known in ((8.3333e5, (-23.56065, -13.60467, 53.47554)), (7.029e5, (-23.8191, -13.7316, 53.6080))):
-        s = fx.Section(EI=8.3333e5, EA=1e7, C=4.16667e6, m=1.0, J=1.0, EI_y=8.3333e5, C_y=4.16667e6, J_y=1.0, GJ=GJ)
-        arm = fx.Arm("bend", (fx.Link(25.0 * math.pi, s, curvature=0.01),))
-        coarse, fine = (rest(arm, n, fx.PointLoad(0, "tip", force_z=constant(600.0))) - start for n in (16, 32))
+    for GJ, known in answers.BENT_45.items():
+        coarse, fine = (answers.bend_of_45_degrees(GJ, elements=n) for n in (16, 32))
         for what, found, n in (("", fine, "32"), (", extrapolated", (4.0 * fine - coarse) / 3.0, "16, 32")):
             case = f"45° bend, GJ = {GJ:.5g}: tip's displacement{what}"
             rows.append([case, *(" ".join(f"{x:.4f}" for x in v) for v in (known, found)), n])
-    rod = fx.Arm("rod", (fx.Link(1.0, section(2.0, 1.0)),))
-    whole = fx.PointLoad(0, "tip", torque_y=constant(4.0 * math.pi))
-    closed = np.abs(rest(rod, 6, whole)).max()
+    closed = answers.off_a_circle(0.5 * math.pi, elements=6)
     rows.append(["pure moment 2π EI/L: tip's distance from the root", "0", f"{closed:.0e}", 6])
-    round_rod, M = fx.Arm("rod", (fx.Link(1.0, section(2.0, 2.0, stiff=1e9)),)), np.array([3.0, 2.0, 6.0])
-    s, w = np.polynomial.legendre.leggauss(40)
-    kappa = M / 2.0
-    size = np.linalg.norm(kappa)
-    angle = 0.5 * (1.0 + s) * size
-    e, axis = np.array([1.0, 0.0, 0.0]), kappa / size
-    turned = np.outer(np.cos(angle), e) + np.outer(np.sin(angle), np.cross(axis, e))
-    exact = 0.5 * w @ (turned + np.outer(1.0 - np.cos(angle), axis * axis[0]))
-    load = fx.PointLoad(0, "tip", torque_x=constant(3.0), torque_y=constant(2.0), torque=constant(6.0))
     for n in (4, 8, 16):
-        apart = np.abs(rest(round_rod, n, load) - exact).max()
+        apart = answers.off_a_helix(1e9, elements=n)
         rows.append(["helix under an end moment of 7 N m, EI = GJ = 2, L = 1: tip off", "0", f"{apart:.1e}", n])
-    rows.append(["lateral-torsional buckling, P L²/√(EI_w GJ)", "4.0126", f"{buckling():.4f}", 16])
-    strip = fx.Arm("strip", (fx.Link(0.5, fx.Section.rectangle(0.05, 0.002, 200e9, 7870.0, 200e9 / 2.6)),))
-    scene = fx.Scene("strip", strip, duration=1.0, dt=1e-3, space=True)
-    found = modes(scene, 8, elements=12, clamped=True).frequencies / (2.0 * math.pi)
-    hertzes = {"flap": 6.5147, "flap 2": 40.824, "flap 3": 114.297, "torsion": 123.370, "lateral": 161.59}
-    for name, hertz in hertzes.items():
+    load = answers.buckling(3.95, 4.05, elements=16)
+    rows.append(["lateral-torsional buckling, P L²/√(EI_w GJ)", f"{answers.BUCKLES}", f"{load:.4f}", 16])
+    found = modes(answers.STRIP, 8, elements=12, clamped=True).frequencies / (2.0 * math.pi)
+    for name, hertz in answers.STRIP_HZ.items():
         near = found[np.abs(found / hertz - 1.0).argmin()]
         rows.append([f"strip 0.5 × 0.05 × 0.002 m, {name}, Hz", f"{hertz:.5g}", f"{near:.6g}", 12])
-    blade = fx.Scene("blade", fx.Arm("blade", (fx.Link(1.0, section(1.0, 1.0)),)), duration=1.0, dt=1e-3, space=True)
-    for spin, flap in ((0.0, 3.51602), (1.0, 3.68165), (2.0, 4.13732), (6.0, 7.36037), (12.0, 13.17014)):
-        pair = modes(blade, 2, elements=12, clamped=True, spin=spin).frequencies
-        known_pair = math.sqrt(flap**2 - spin**2), flap
+    for spin in answers.FLAPS:
+        pair = modes(answers.blade(), 2, elements=12, clamped=True, spin=spin).frequencies
         case = f"rotating cantilever, Ω = {spin:g}: lag, flap"
-        rows.append([case, *(" ".join(f"{x:.5f}" for x in v) for v in (known_pair, pair)), 12])
+        rows.append([case, *(" ".join(f"{x:.5f}" for x in v) for v in (answers.lag_and_flap(spin), pair)), 12])
     return [*rows, *whirl(), *free_spin(), *free_arm(), *drawn_planes()]
 
 
 def whirl() -> list[list[Any]]:
-    """Rows: of an overhung disc on a shaft without mass, (12 EI/L^3 - m w^2) u - 6 EI/L^2 phi = 0, -6 EI/L^2 u +
-    (4 EI/L - I_d w^2 + I_p W w) phi = 0, beside torsion; of a shaft, w+ - w- = J_p W int phi'^2 / int m phi^2."""
-    rows, L, EI, m, polar, lateral = [], 0.4, 2.0, 0.5, 2e-2, 1.1e-2
-    spins = 15.0, 40.0
-    for spin, seen in zip(spins, campbell(rotor(), spins, 5, elements=1).at_rest, strict=True):
-        square = np.polymul([-m, 0.0, 12.0 * EI / L**3], [-lateral, spin * polar, 4.0 * EI / L])
-        square[-1] -= (6.0 * EI / L**2) ** 2
-        known = np.sort([*np.roots(square).real, math.sqrt(50.0 / (L * polar))])
-        pair = (" ".join(f"{x:.4f}" for x in v) for v in (known, np.sort(seen)))
-        rows.append([f"overhung disc spun at {spin:g} rad/s: whirl and torsion seen from rest, rad/s", *pair, 1])
-    shaft, spin = fx.Arm("shaft", (fx.Link(1.0, section(1.0, 1.0, J=2e-3)),), hub_axis=(1.0, 0.0, 0.0)), 0.2
-    found = modes(fx.Scene("shaft", shaft, duration=1.0, dt=1e-3), 2, elements=12, clamped=True, spin=spin).frequencies
-    x, (beta, sigma) = np.linspace(0.0, 1.0, 4001), (1.8751040687, 0.7340955138)
-    phi = np.cosh(beta * x) - np.cos(beta * x) - sigma * (np.sinh(beta * x) - np.sin(beta * x))
-    slope = beta * (np.sinh(beta * x) + np.sin(beta * x) - sigma * (np.cosh(beta * x) - np.cos(beta * x)))
-    split = 4e-3 * spin * float(np.trapezoid(slope**2, x) / np.trapezoid(phi**2, x))
+    """Rows: of an overhung disc on a shaft without mass, beside torsion; of a shaft."""
+    rows, spins, spin = list[list[Any]](), (15.0, 40.0), 0.2
+    for turning, seen in zip(spins, campbell(answers.rotor(), spins, 5, elements=1).at_rest, strict=True):
+        pair = (" ".join(f"{x:.4f}" for x in v) for v in (answers.whirl_of_the_rotor(turning), np.sort(seen)))
+        rows.append([f"overhung disc spun at {turning:g} rad/s: whirl and torsion seen from rest, rad/s", *pair, 1])
+    found = modes(answers.SHAFT, 2, elements=12, clamped=True, spin=spin).frequencies
     apart = abs(float(np.abs(found[1] - found[0])) - 2.0 * spin)  # the observer turns
-    rows.append(
-        [f"uniform shaft spun at {spin:g}: its whirls apart (known to first order)", f"{split:.5f}", f"{apart:.5f}", 12]
-    )
-    return rows
+    case = f"uniform shaft spun at {spin:g}: its whirls apart (known to first order)"
+    return [*rows, [case, f"{answers.split_of_whirls(spin):.5f}", f"{apart:.5f}", 12]]
 
 
 def free_spin() -> list[list[Any]]:
     """Rows: a free rigid body about its middle axis against Euler's equations, over a flip."""
-    own, axis, rows = np.array([1.0, 2.0, 3.0]), np.array([1e-2, 1.0, 1e-2]), []
-    axis /= np.linalg.norm(axis)
-    body = fx.RigidLink(1.0, 5.0, (0.0, 0.0, 0.0), np.diag(own).tolist())
-    arm = fx.Arm("body", (body,), hub_axis=tuple(axis.tolist()))
-    t = np.arange(0.0, 6.01, 0.5)
-    known = solve_ivp(
-        lambda _, w: np.cross(own * w, w) / own, (0.0, 6.0), 5.0 * axis, t_eval=t, rtol=1e-11, atol=1e-12
-    ).y.T
-    off = []
+    rows, off = [], []
     for h in (1e-3, 5e-4):
-        scene = fx.Scene("body", arm, duration=6.0, dt=h, sample=0.5, root="free", rates=(5.0,))
-        found = fx.simulate(scene, estimate_error=False, rho_inf=1.0).v[:, 3:6]
+        scene, known = answers.tumbling(h)
+        run = fx.simulate(scene, estimate_error=False, rho_inf=1.0)
+        found = run.v[:, 3:6]
         off.append(float(np.abs(found - known).max()))
     least = int(known[:, 1].argmin())
     pair = (" ".join(f"{x:.4f}" for x in v[least]) for v in (known, found))
-    rows.append([f"free spin about the middle axis, turned over at {t[least]:g} s, rad/s", *pair, "rigid"])
+    rows.append([f"free spin about the middle axis, turned over at {run.t[least]:g} s, rad/s", *pair, "rigid"])
     two, order = " ".join(f"{x:.1e}" for x in off), f"{math.log2(off[0] / off[1]):.2f}"
     rows.append(["its largest difference in 6 s, rad/s, by steps of 1 and 0.5 ms", "0", two, "rigid"])
     rows.append(["its order in the step", "2", order, "rigid"])
@@ -191,7 +142,7 @@ def free_arm() -> list[list[Any]]:
 def drawn_planes() -> list[list[Any]]:
     """Rows: two links with a payload off their line under gravity and a torque, mounted in ten drawn planes, the exact
     beam in space against the planar kernels (20 cubic elements); both solved to 1e-12."""
-    s = section(5.0, 2.0, 9.0, 1e6, 1e-6)
+    s = answers.section(5.0, 2.0, 9.0)
     links, rows = (fx.Link(0.6, s), fx.Link(0.5, s)), []
     rest_of: dict[str, Any] = {"elbows": (fx.Elbow(0.2, 1e-3, 1e-3),), "payload": fx.Payload(0.3, 1e-3, (0.05, 0.02))}
     common: dict[str, Any] = {"duration": 0.4, "dt": 2e-3, "sample": 0.05, "loads": (fx.JointTorque(1, constant(0.7)),)}
@@ -214,23 +165,10 @@ def drawn_planes() -> list[list[Any]]:
     return rows
 
 
-def buckling() -> float:
-    """P L^2 / sqrt(EI_w GJ) at which the lowest squared frequency vanishes, between two loads near it."""
-
-    def smallest(P: float) -> float:
-        arm = fx.Arm("blade", (fx.Link(1.0, section(1e5, 1.0, EI_y=1.0, stiff=1e9, J=1e-3)),))
-        load = fx.PointLoad(0, "tip", force_y=constant(-P))
-        scene = fx.Scene("blade", arm, duration=1.0, dt=1e-3, loads=(load,), space=True)
-        return static_equilibrium(scene, elements=16, require_stable=False).stability.smallest
-
-    low, high = smallest(3.95), smallest(4.05)
-    return 3.95 + 0.1 * low / (low - high)
-
-
 def beside_the_plane() -> list[list[Any]]:
     """Rows: scene, elements, error of the tip in space and in the plane (fractions of L), ratio of the times of a run
     of one arm, and of steps of eight in lanes."""
-    slender = fx.Arm("arm", (fx.Link(1.0, section(10.0, 5.0, stiff=1e7)),), payload=fx.Payload(0.2))
+    slender = fx.Arm("arm", (fx.Link(1.0, answers.section(10.0, 5.0, stiff=1e7)),), payload=fx.Payload(0.2))
     motion = fx.Motion("joint0", cycloid(3.0, 0.5))
     turn = fx.Scene("turn", slender, duration=1.0, dt=1e-3, sample=0.05, motions=(motion,))
     names = ("robot_arm_motion_smooth", "two_link_motion", "two_link_free_flight", "spin_up")
@@ -316,21 +254,14 @@ def floating() -> list[list[Any]]:
     return rows
 
 
-def rotor() -> fx.Scene:
-    """An overhung disc on a light shaft that is damped within."""
-    shaft = fx.Section(EI=2.0, EA=1e7, C=1e9, m=1e-6, J=1e-12, EI_y=2.0, C_y=1e9, J_y=1e-12, GJ=50.0)
-    disc = fx.Payload(0.5, np.diag([2e-2, 1.1e-2, 1.1e-2]).tolist())
-    arm = fx.Arm("rotor", (fx.Link(0.4, shaft),), hub_axis=(1.0, 0.0, 0.0), payload=disc, tau_d=1e-5)
-    return fx.Scene("rotor", arm, duration=1.0, dt=1e-3)
-
-
 def draw() -> None:
     """The figures."""
     figures = DOCS / "figures"
     for name in ("three_dof_slew", "right_angle_frame"):
         plot_trajectory(fx.simulate(scenes.named(name), estimate_error=False), figures / f"{name}.png")
     spins = np.linspace(0.0, 40.0, 81).tolist()
-    plot_campbell(campbell(rotor(), spins, 5, elements=1), figures / "campbell.png", "Overhung disc on a light shaft")
+    whirls = campbell(answers.rotor(), spins, 5, elements=1)
+    plot_campbell(whirls, figures / "campbell.png", "Overhung disc on a light shaft")
     film = fx.simulate(scenes.named("three_dof_slew"), estimate_error=False, sample=0.01)
     write_film(figures / "three_dof_slew.gif", pictures(film, 25.0, 0.25, (480, 480)), 25.0)
 

@@ -12,12 +12,14 @@ import numpy as np
 import pytest
 
 import flexarm_env  # noqa: F401
-from flexarm_env import Joint, arms
+from benchmarks.doors import GEARED_IN_SPACE
+from flexarm_env import arms
 from flexarm_env.cli import main
 from flexarm_env.compiler import UNCOMPILED
 from flexarm_env.derivatives import Periods
-from flexarm_env.library import Built, build, write
+from flexarm_env.library import build, write
 from flexarm_env.physics.model import OWN_IN_SPACE
+from tests.c_arm import Arm
 from tests.cli_tools import refused
 from tests.processes import ROOT, python
 from tests.refusals import refuses
@@ -26,12 +28,6 @@ COMPILER = shutil.which("cc")
 
 needs_c = pytest.mark.skipif(COMPILER is None or UNCOMPILED, reason="no C compiler, or nothing is compiled")
 
-GEARED_IN_SPACE: dict[str, Any] = {
-    "arm": dataclasses.replace(
-        arms.named("three_dof"),
-        joints=(Joint(stiffness=2000.0, damping=2.0, motor_inertia=1e-5, gear_ratio=50.0, friction_coulomb=0.2),) * 3,
-    )
-}
 CASES: list[Any] = [
     pytest.param("flexarm/slew-geared-v2", {}, id="gears with friction, delay"),
     pytest.param("flexarm/reach-measured-v1", {}, id="noise", marks=pytest.mark.slow),
@@ -51,47 +47,11 @@ CASES: list[Any] = [
 COUNTING = (ROOT / "tests/programs/counting.c").read_text("utf-8")
 
 
-class Arm:
-    """A library's arm, called from Python."""
-
-    def __init__(self, built: Built) -> None:
-        assert built.library is not None
-        self.name, self._code = built.name, ctypes.CDLL(str(built.folder / built.library))
-        self._known("create").restype = ctypes.c_void_p
-        for word in ("get_info", "get_poses", "get_observation"):
-            self._known(word).restype = ctypes.c_void_p
-        for word in ("get_reward", "get_time"):
-            self._known(word).restype = ctypes.c_double
-        self._known("status").restype = ctypes.c_char_p
-        self.at = ctypes.c_void_p(self._known("create")())
-        assert self.at.value
-
-    def _known(self, word: str) -> Any:
-        return getattr(self._code, f"{self.name}_{word}")
-
-    def __call__(self, word: str, *items: Any) -> Any:
-        given = [item.ctypes.data_as(ctypes.c_void_p) if isinstance(item, np.ndarray) else item for item in items]
-        return self._known(word)(self.at, *given)
-
-    def reset(self, key: int, vibration: float = np.nan) -> int:
-        return int(self("reset", ctypes.c_uint64(key), None, None, ctypes.c_double(vibration)))
-
-    def row(self, word: str, count: int, kind: str = "d") -> np.ndarray[Any, Any]:
-        number = {"d": ctypes.c_double, "f": ctypes.c_float}[kind]
-        return np.ctypeslib.as_array(ctypes.cast(self(word), ctypes.POINTER(number)), (count,)).copy()
-
-    def status(self, code: int) -> str:
-        return str(self._known("status")(code).decode())
-
-    def destroy(self) -> None:
-        self("destroy")
-
-
 def compare(env: Any, arm: Arm, seed: int, periods: int, most: float = 0.7) -> int:
     """An episode of both, bit for bit: observations, info, poses, rewards; how many periods it took."""
     batch, rng = env.unwrapped.batch, np.random.default_rng(seed)
     seen, _ = env.reset(seed=seed)
-    assert arm.reset(int(np.random.PCG64(np.random.SeedSequence(seed)).random_raw())) == 0
+    assert arm.seeded(seed) == 0
     for k in range(periods):
         assert np.array_equal(arm.row("get_observation", seen.size, "f"), seen)
         numbers = batch.table[:, 0].copy()
@@ -247,7 +207,7 @@ def test_joints_numbers_are_set(tmp_path: Path) -> None:
             own[names.index(f"{name}[0]")] = value
         env: Any = gym.make("FlexibleArm-v0", arm=dataclasses.replace(base, joints=(changed,)), **given)
         env.reset(seed=4)
-        arm.reset(int(np.random.PCG64(np.random.SeedSequence(4)).random_raw()))
+        arm.seeded(4)
         assert arm_parameters(arm, len(names)) == nominal  # a reset puts them back
         assert arm("set_parameters", own) == 0
         for k in range(150):

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 import flexarm_env  # noqa: F401
+from benchmarks.doors import KEY, packets
 from flexarm_env.cli import main
 from flexarm_env.cli.remote import key_of
 from flexarm_env.control import make as controller
@@ -40,7 +41,6 @@ from tests.cli_tools import refused
 from tests.processes import ROOT
 from tests.refusals import refuses
 
-KEY = b"a key that both ends know"
 PEER = ("127.0.0.1", 1)
 
 
@@ -250,52 +250,13 @@ def test_periods_are_due_by_the_clock(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("key", [None, KEY])
 def test_enemies(key: bytes | None) -> None:
-    """100,000 packets: cut, grown, flipped, replayed, old, of other connections, not finite, foreign; each accepted,
-    dropped for a reason that is counted, or missing; and the arm never gets what its peer has not asked for."""
-    session, rng = made(key=key, limits=Limits(watchdog=10**6)), np.random.default_rng(1)
-    connection, sequence, taken, lost = joined(session), 0, set[float](), 0
-    command(session, connection, 1, 0.0, ARM)
-    sequence, count, sent = 1, 100_000, 2
-    for k in range(count):
-        torque = float(rng.uniform(-1.0, 1.0))
-        way = rng.integers(10)
-        packet = Packet(Kind.COMMAND, connection, sequence + 1, 0.0, (torque,))
-        good = pack(packet, key)
-        content = good
-        if way == 0:
-            content = good[: rng.integers(len(good))]
-        elif way == 1:
-            content = good + bytes(rng.integers(1, 50))
-        elif way == 2 and key is not None:
-            at = int(rng.integers(len(good)))
-            content = good[:at] + bytes([good[at] ^ (1 << int(rng.integers(8)))]) + good[at + 1 :]
-        elif way == 3:
-            content = pack(packet._replace(sequence=int(rng.integers(0, session.last + 1))), key)
-        elif way == 4:
-            content = pack(packet._replace(connection=int(rng.integers(2**63))), key)
-        elif way == 5:
-            content = pack(packet._replace(numbers=(float(rng.choice([math.nan, math.inf, -math.inf])),)), key)
-        elif way == 6:
-            content = pack(packet._replace(numbers=(0.1,) * int(rng.choice([0, 2, 7]))), key)
-        elif way == 7:
-            content = rng.bytes(int(rng.integers(0, 300)))
-        elif way == 8:  # lost on the way
-            sequence, lost = sequence + 1, lost + 1
-            sent += 1
-            continue
-        session.receive(content, PEER)
-        sent += 1
-        if content is good:
-            sequence += 1
-            taken.add(torque)
-        if k % 500 == 0:
-            session.advance()
-            assert session.torque[0] == 0.0 or float(session.torque[0]) in taken
-    command(session, connection, sequence + 1, 0.0)
-    assert sum(session.counts.values()) == sent + 1
-    assert session.counts["missing"] == lost and session.counts["accepted"] == len(taken) + 3
+    """100,000 of all kinds (`benchmarks.doors`): each accepted, dropped for a reason that is counted, or missing."""
+    found = packets(100_000, key)
+    sent, counts = found["sent"], found["counts"]
+    assert sum(counts.values()) == sum(sent.values())
+    assert counts["missing"] == sent["lost"] and counts["accepted"] == sent["sound"]
     never = {Refusal.FOREIGN} if key else {Refusal.FORGED}  # what is foreign has no signature either
-    assert min(session.counts[word.name] for word in set(Refusal) - never) > 500
+    assert min(counts[word.name] for word in set(Refusal) - never) > 500
 
 
 @pytest.fixture

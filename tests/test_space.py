@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from itertools import pairwise
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import flexarm_env as fx
@@ -23,30 +23,15 @@ from flexarm_env.physics.layout import STEPS
 from flexarm_env.physics.model import STIFFNESSES
 from flexarm_env.physics.protocol import RESIDUAL_ALONE, State, Weights
 from flexarm_env.physics.space.layout import FRAME, points_for
-from flexarm_env.physics.space.reading import tips
 from flexarm_env.sections import torsion_constant
 from flexarm_env.simulation import Simulation
 from flexarm_env.spatial import SpatialTrajectory
 from flexarm_env.time_functions import constant, cycloid, pulse, sine
+from tests import space_answers as answers
 from tests.refusals import says
 from tests.scene_tools import everything
 
 Array = NDArray[np.float64]
-
-
-def section(
-    EI: float, GJ: float, EI_y: float | None = None, stiff: float = 1e6, m: float = 1.0, J: float = 1e-6
-) -> Any:
-    """A section whose stretch and shear hardly count."""
-    EI_y = EI if EI_y is None else EI_y
-    return fx.Section(EI=EI, EA=stiff, C=stiff, m=m, J=J, EI_y=EI_y, C_y=stiff, J_y=J, GJ=GJ)
-
-
-def rest(arm: fx.Arm, elements: int, *loads: fx.PointLoad) -> Array:
-    """Where the tip of a clamped arm is at rest."""
-    scene = fx.Scene("rest", arm, duration=1.0, dt=1e-3, loads=loads, start="held", space=True)
-    simulation = Simulation(everything(scene), scene.settings(elements=elements))
-    return np.asarray(tips(arm, simulation.settings, simulation.system.q0[None])[0, 0])
 
 
 EXACT, FLOATING = "geometrically_exact", "floating_frame"
@@ -316,100 +301,94 @@ def test_circles_and_tubes() -> None:
 
 
 # ------------------------------------------------------------------ statics
-@pytest.mark.parametrize(
-    ("GJ", "known"),
-    [(8.3333e5, (-23.56065, -13.60467, 53.47554)), (0.14058 * 5e6, (-23.8191, -13.7316, 53.6080))],
-)
-def test_bend_of_45_degrees(GJ: float, known: tuple[float, float, float]) -> None:
-    """Bathe & Bolourchi 1979; displacements by shooting on the boundary-value problem, GJ as stated."""
-    s = fx.Section(EI=8.3333e5, EA=1e7, C=4.16667e6, m=1.0, J=1.0, EI_y=8.3333e5, C_y=4.16667e6, J_y=1.0, GJ=GJ)
-    arm = fx.Arm("bend", (fx.Link(25.0 * math.pi, s, curvature=0.01),))
-    start = 100.0 * np.array([math.sqrt(0.5), 1.0 - math.sqrt(0.5), 0.0])
-    coarse, fine = (rest(arm, n, fx.PointLoad(0, "tip", force_z=constant(600.0))) - start for n in (16, 32))
-    assert np.abs(fine - known).max() < 2e-3
-    assert np.abs((4.0 * fine - coarse) / 3.0 - known).max() < 1e-4
+@pytest.mark.parametrize("GJ", answers.BENT_45)
+def test_bend_of_45_degrees(GJ: float) -> None:
+    coarse, fine = (answers.bend_of_45_degrees(GJ, elements=n) for n in (16, 32))
+    assert np.abs(fine - answers.BENT_45[GJ]).max() < 2e-3
+    assert np.abs((4.0 * fine - coarse) / 3.0 - answers.BENT_45[GJ]).max() < 1e-4
 
 
-def test_a_moment_bends_a_rod_to_a_circle_in_any_plane() -> None:
-    arm = fx.Arm("rod", (fx.Link(1.0, section(2.0, 1.0)),))
-    whole = 2.0 * math.pi * 2.0
-    for turn in (0.0, 0.7, math.pi / 2):
-        load = fx.PointLoad(
-            0, "tip", torque=constant(whole * math.cos(turn)), torque_y=constant(whole * math.sin(turn))
-        )
-        assert np.abs(rest(arm, 6, load)).max() < 1e-12
+@pytest.mark.slow
+def test_bend_of_45_degrees_in_second_order_by_segments() -> None:
+    GJ, known = next(iter(answers.BENT_45.items()))
+    errors = [np.abs(answers.bend_of_45_degrees(GJ, FLOATING, segments=n) - known).max() for n in (8, 16, 32, 64)]
+    assert errors[0] < 0.01
+    assert all(a / b > 3.7 for a, b in pairwise(errors[1:]))
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7, math.pi / 2])
+def test_a_moment_bends_a_rod_to_a_circle_in_any_plane(turn: float) -> None:
+    assert answers.off_a_circle(turn, elements=6) < 1e-12 and answers.off_a_circle(turn, STRAINS, nodes=8) < 1e-6
 
 
 def test_a_moment_bends_a_round_rod_to_a_helix() -> None:
-    """EI = GJ: kappa = M / EI, constant in inertial axes; the tip is int exp(s kappa) e_x ds. Fourth order."""
-    arm, M = fx.Arm("rod", (fx.Link(1.0, section(2.0, 2.0, stiff=1e9)),)), np.array([3.0, 2.0, 6.0])
-    s, w = np.polynomial.legendre.leggauss(40)
-    exact = 0.5 * w @ Rotation.from_rotvec(0.25 * (1.0 + s)[:, None] * M).apply([1.0, 0.0, 0.0])
-    load = fx.PointLoad(0, "tip", torque_x=constant(3.0), torque_y=constant(2.0), torque=constant(6.0))
-    errors = [float(np.abs(rest(arm, n, load) - exact).max()) for n in (4, 8, 16)]
+    """In fourth order; by strains errors fall with the points by which the tip is found, not by an order."""
+    errors = [answers.off_a_helix(1e9, elements=n) for n in (4, 8, 16)]
     assert errors[1] < 1e-4
     assert errors[0] / errors[1] > 14.0 and errors[1] / errors[2] > 14.0
+    for nodes, most in ((3, 2e-5), (5, 3e-9)):
+        assert answers.off_a_helix(1e6, STRAINS, nodes=nodes) < most
 
 
 def test_a_link_of_uneven_curvature_stands_on_its_curve() -> None:
-    link = fx.Link(1.0, section(2.0, 1.0), curvature=((0.0, 3.0), (0.4, -1.0), (1.0, 2.0)))
-    found, known = rest(fx.Arm("bent", (link,)), 5), complex(link.place(1.0))
+    link = fx.Link(1.0, answers.section(2.0, 1.0), curvature=((0.0, 3.0), (0.4, -1.0), (1.0, 2.0)))
+    found, known = answers.rest(fx.Arm("bent", (link,)), elements=5), complex(link.place(1.0))
     assert found == pytest.approx([known.real, known.imag, 0.0], abs=1e-10)
 
 
 def test_lateral_torsional_buckling() -> None:
-    """P L^2 / sqrt(EI_w GJ) = 4.0126 of a cantilever that is stiff in the plane of its load."""
+    for stiff, how in ((1e9, {"elements": 16}), (1e6, {"formulation": STRAINS, "nodes": 8})):
+        assert answers.buckling(3.9, 4.1, stiff, **how) == pytest.approx(answers.BUCKLES, rel=2e-3)
 
-    def smallest(P: float) -> float:
-        s = section(1e5, 1.0, EI_y=1.0, stiff=1e9, J=1e-3)
-        arm, load = fx.Arm("blade", (fx.Link(1.0, s),)), fx.PointLoad(0, "tip", force_y=constant(-P))
-        scene = fx.Scene("blade", arm, duration=1.0, dt=1e-3, loads=(load,), space=True)
-        return static_equilibrium(everything(scene), elements=16, require_stable=False).stability.smallest
 
-    low, high = smallest(3.9), smallest(4.1)
-    assert low > 0.0 > high
-    crossed = 3.9 + 0.2 * low / (low - high)
-    assert crossed == pytest.approx(4.0126, rel=2e-3)
+@pytest.mark.slow
+def test_lateral_torsional_buckling_in_second_order_by_segments() -> None:
+    """Of segments, whose rotations couple bending with torsion; not of one frame."""
+    assert answers.stability(4.2, formulation=FLOATING, segments=1) > 0.0
+    coarse, fine = (answers.buckling(3.9, 4.2, formulation=FLOATING, segments=n) for n in (4, 8))
+    assert fine == pytest.approx(answers.BUCKLES, rel=0.02)
+    assert (4.0 * fine - coarse) / 3.0 == pytest.approx(answers.BUCKLES, rel=3e-3)
 
 
 # ------------------------------------------------------------------ modes
-def test_frequencies_of_a_strip() -> None:
-    """Clamped: flap, lateral, and torsion (2k - 1)/(4L) sqrt(GJ / rho I_p)."""
-    s = fx.Section.rectangle(0.05, 0.002, 200e9, 7870.0, 200e9 / 2.6)
-    scene = fx.Scene("strip", fx.Arm("strip", (fx.Link(0.5, s),)), duration=1.0, dt=1e-3, space=True)
-    found = modes(everything(scene), 8, elements=12, clamped=True).frequencies / (2.0 * math.pi)
-    for known, share in ((6.5147, 1e-4), (40.824, 1e-4), (114.297, 1e-3), (123.370, 1e-3), (161.59, 2e-4)):
+@pytest.mark.parametrize(
+    ("how", "mesh", "shares"),
+    [
+        (EXACT, {"elements": 12}, (1e-4, 1e-4, 1e-3, 1e-3, 2e-4)),
+        (FLOATING, {"segments": 12}, (2e-5, 2e-5, 2e-4, 1e-3, 2e-4)),
+        (STRAINS, {"nodes": 8}, (1e-4, 2e-4, 1e-3, 1e-4)),
+    ],
+)
+def test_frequencies_of_a_strip(how: str, mesh: dict[str, int], shares: tuple[float, ...]) -> None:
+    found = modes(everything(answers.STRIP), 8, how, clamped=True, **mesh).frequencies / (2.0 * math.pi)
+    for known, share in zip(answers.STRIP_HZ.values(), shares, strict=False):
         assert np.abs(found / known - 1.0).min() < share
 
 
+def _often(spin: float, how: str, n: int) -> Any:
+    mesh, slow = {EXACT: "elements", FLOATING: "segments", STRAINS: "nodes"}[how], how == FLOATING or n == 16
+    return pytest.param(spin, how, {mesh: n}, marks=[pytest.mark.slow] if slow else [], id=f"{spin:g}, {how}")
+
+
 @pytest.mark.parametrize(
-    ("spin", "flap"),
+    ("spin", "how", "mesh"),
     [
-        (0.0, 3.51602), (1.0, 3.68165), (6.0, 7.36037),
-        pytest.param(12.0, 13.17014, marks=pytest.mark.slow),
+        *(_often(spin, EXACT, 9) for spin in (0.0, 1.0, 6.0)), _often(12.0, EXACT, 16),
+        *(_often(spin, FLOATING, 12) for spin in (2.0, 6.0)), *(_often(spin, STRAINS, 8) for spin in (1.0, 6.0, 12.0)),
     ],
 )  # fmt: skip
-def test_flap_and_lag_of_a_rotating_cantilever(spin: float, flap: float) -> None:
-    arm = fx.Arm("blade", (fx.Link(1.0, section(1.0, 1.0, stiff=1e8, J=1e-7)),))
-    scene = fx.Scene("blade", arm, duration=1.0, dt=1e-3, space=True)
-    lag = math.sqrt(flap**2 - spin**2)
-    found = modes(scene, 2, elements=9 if spin < 10.0 else 16, clamped=True, spin=spin).frequencies
-    assert found == pytest.approx([lag, flap], rel=2e-4)
+def test_flap_and_lag_of_a_rotating_cantilever(spin: float, how: str, mesh: dict[str, int]) -> None:
+    scene = answers.blade(1e6 if how == STRAINS else 1e8)
+    found = modes(scene, 2, how, clamped=True, spin=spin, **mesh).frequencies
+    assert found == pytest.approx(answers.lag_and_flap(spin), rel=2e-4)
 
 
 def test_whirl_of_a_shaft_splits_by_its_polar_inertia() -> None:
-    """Spun about its own axis, seen from rest: w+ - w- = J_p Omega int phi'^2 / int m phi^2, to first order."""
-    s = section(1.0, 1.0, m=1.0, J=2e-3)
-    arm, spin = fx.Arm("shaft", (fx.Link(1.0, s),), hub_axis=(1, 0, 0)), 0.2
-    scene = fx.Scene("shaft", arm, duration=1.0, dt=1e-3)
-    found = np.sort(modes(scene, 2, elements=12, clamped=True, spin=spin).frequencies)
-    seen = found[1] - spin, found[0] + spin  # the observer turns
-    x = np.linspace(0.0, 1.0, 4001)
-    beta, sigma = 1.8751040687, 0.7340955138
-    phi = np.cosh(beta * x) - np.cos(beta * x) - sigma * (np.sinh(beta * x) - np.sin(beta * x))
-    slope = beta * (np.sinh(beta * x) + np.sin(beta * x) - sigma * (np.cosh(beta * x) - np.cos(beta * x)))
-    split = 4e-3 * spin * float(np.trapezoid(slope**2, x) / np.trapezoid(phi**2, x))
-    assert abs(seen[0] - seen[1]) == pytest.approx(split, rel=0.02)
+    """Spun about its own axis, seen from rest."""
+    spin = 0.2
+    found = np.sort(modes(answers.SHAFT, 2, elements=12, clamped=True, spin=spin).frequencies)
+    apart = abs(found[1] - found[0] - 2.0 * spin)  # the observer turns
+    assert apart == pytest.approx(answers.split_of_whirls(spin), rel=0.02)
 
 
 def test_three_dof_has_a_torsion_mode_between_those_of_pitch() -> None:
@@ -421,29 +400,19 @@ def test_three_dof_has_a_torsion_mode_between_those_of_pitch() -> None:
 
 # ------------------------------------------------------------------ motion
 def test_a_rigid_body_turns_as_euler_has_it() -> None:
-    """A free rigid link about its middle axis, against Euler's equations; the flip is in the time shown."""
-    own = np.array([1.0, 2.0, 3.0])
-    body = fx.RigidLink(1.0, 5.0, (0.0, 0.0, 0.0), tuple(map(tuple, np.diag(own))))  # type: ignore[arg-type]
-    axis = np.array([1e-2, 1.0, 1e-2]) / np.linalg.norm([1e-2, 1.0, 1e-2])
-    arm = fx.Arm("body", (body,), hub_axis=tuple(axis))
-    scene = everything(fx.Scene("body", arm, duration=6.0, dt=1e-3, sample=0.5, root="free", rates=(5.0,)))
-    run = fx.simulate(scene, estimate_error=False, rho_inf=1.0)
-
-    def euler(t: float, w: Array) -> Array:
-        return np.cross(own * w, w) / own
-
-    exact = solve_ivp(euler, (0.0, 6.0), 5.0 * axis, t_eval=run.t, rtol=1e-11, atol=1e-12).y.T
+    """In second order; the flip is in the time shown."""
+    errors = []
+    for dt in (1e-3, 5e-4):
+        scene, exact = answers.tumbling(dt)
+        errors.append(np.abs(fx.simulate(scene, estimate_error=False, rho_inf=1.0).v[:, 3:6] - exact).max())
     assert exact[:, 1].min() < -4.0
-    assert np.abs(run.v[:, 3:6] - exact).max() < 5e-3
-    finer = fx.simulate(dataclasses.replace(scene, dt=5e-4), estimate_error=False, rho_inf=1.0)
-    ratio = np.abs(run.v[:, 3:6] - exact).max() / np.abs(finer.v[:, 3:6] - exact).max()
-    assert ratio > 3.5  # second order
+    assert errors[0] < 5e-3 and errors[0] / errors[1] > 3.5
 
 
 @pytest.mark.parametrize("seed", range(10))
 def test_a_planar_scene_in_a_drawn_plane_is_the_same_turned(seed: int) -> None:
     turn = Rotation.random(random_state=seed)
-    s = section(5.0, 2.0, EI_y=9.0)
+    s = answers.section(5.0, 2.0, EI_y=9.0)
     links = (fx.Link(0.6, s), fx.Link(0.5, s))
     flat: dict[str, Any] = {"elbows": (fx.Elbow(0.2, 1e-3, 1e-3),), "payload": fx.Payload(0.3, 1e-3, (0.05, 0.02))}
     common: dict[str, Any] = {"duration": 0.4, "dt": 2e-3, "sample": 0.05, "angles": (0.3, 0.8)}
@@ -462,7 +431,7 @@ def test_a_planar_scene_in_a_drawn_plane_is_the_same_turned(seed: int) -> None:
 def test_space_comes_to_the_plane_with_the_mesh(what: str, ratio: float) -> None:
     """Spatial kernels forced on a planar scene, against the planar exact beam on a fine mesh: fourth order in gross
     bending; second order at a small size is left in flight."""
-    arm = fx.Arm("arm", (fx.Link(1.0, section(10.0, 5.0, stiff=1e7, m=0.5, J=0.0)),), payload=fx.Payload(0.2))
+    arm = fx.Arm("arm", (fx.Link(1.0, answers.section(10.0, 5.0, stiff=1e7, m=0.5, J=0.0)),), payload=fx.Payload(0.2))
     common: dict[str, Any] = {"duration": 1.0, "dt": 1e-3, "sample": 0.05}
     if what == "motion":
         scene = fx.Scene("turn", arm, motions=(fx.Motion("joint0", cycloid(3.0, 0.5)),), **common)

@@ -15,89 +15,27 @@ from scipy.spatial.transform import Rotation
 import flexarm_env as fx
 from flexarm_env import arms, scenes
 from flexarm_env.compiler import EIGHT, SINGLE, kernel
-from flexarm_env.linear import linearize, modes, static_equilibrium
+from flexarm_env.linear import linearize, static_equilibrium
 from flexarm_env.physics import assembly, protocol
 from flexarm_env.physics.protocol import State, Weights
-from flexarm_env.physics.space.reading import tips
 from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import constant, pulse
+from tests import space_answers as answers
 from tests.scene_tools import everything
 
 Array = NDArray[np.float64]
 STRAINS = "elastica"
 
 
-def section(EI: float, GJ: float, EI_y: float | None = None, J: float = 1e-6) -> fx.Section:
-    EI_y = EI if EI_y is None else EI_y
-    return fx.Section(EI=EI, EA=1e6, C=1e6, m=1.0, J=J, EI_y=EI_y, C_y=1e6, J_y=J, GJ=GJ)
-
-
 FREE = fx.Arm(
-    "free", (fx.Link(0.6, section(2.0, 1.0, J=1e-3)), fx.Link(0.5, section(2.0, 1.0, J=1e-3))),
+    "free", (fx.Link(0.6, answers.section(2.0, 1.0, J=1e-3)), fx.Link(0.5, answers.section(2.0, 1.0, J=1e-3))),
     elbows=(fx.Elbow(0.2, 1e-3, 1e-3, axis=(0.0, 1.0, 0.0)),),
 )  # fmt: skip
 
 
-def rest(arm: fx.Arm, nodes: int, load: fx.PointLoad) -> Array:
-    """Where the tip of a clamped arm is at rest."""
-    scene = fx.Scene("rest", arm, duration=1.0, dt=1e-3, loads=(load,), start="held", space=True)
-    simulation = Simulation(everything(scene), scene.settings(STRAINS, nodes=nodes))
-    return np.asarray(tips(arm, simulation.settings, simulation.system.q0[None])[0, 0])
-
-
-def test_a_moment_bends_a_round_rod_to_a_helix() -> None:
-    """EI = GJ: kappa = M / EI in any axes; errors fall with the points by which the tip is found, not by an order."""
-    arm, M = fx.Arm("rod", (fx.Link(1.0, section(2.0, 2.0)),)), np.array([3.0, 2.0, 6.0])
-    s, w = np.polynomial.legendre.leggauss(40)
-    exact = 0.5 * w @ Rotation.from_rotvec(0.25 * (1.0 + s)[:, None] * M).apply([1.0, 0.0, 0.0])
-    load = fx.PointLoad(0, "tip", torque_x=constant(3.0), torque_y=constant(2.0), torque=constant(6.0))
-    for nodes, most in ((3, 2e-5), (5, 3e-9)):
-        assert np.abs(rest(arm, nodes, load) - exact).max() < most
-
-
-def test_a_moment_bends_a_rod_to_a_circle_in_any_plane() -> None:
-    arm, whole = fx.Arm("rod", (fx.Link(1.0, section(2.0, 1.0)),)), 4.0 * math.pi
-    for turn in (0.0, 0.7, math.pi / 2):
-        load = fx.PointLoad(
-            0, "tip", torque=constant(whole * math.cos(turn)), torque_y=constant(whole * math.sin(turn))
-        )
-        assert np.abs(rest(arm, 8, load)).max() < 1e-6
-
-
-def test_frequencies_of_a_strip() -> None:
-    """Clamped: flap, torsion (2k - 1)/(4L) sqrt(GJ / rho I_p); what steps take from the inertia is not in it."""
-    s = fx.Section.rectangle(0.05, 0.002, 200e9, 7870.0, 200e9 / 2.6)
-    scene = fx.Scene("strip", fx.Arm("strip", (fx.Link(0.5, s),)), duration=1.0, dt=0.05, space=True)
-    found = modes(everything(scene), 6, STRAINS, nodes=8, clamped=True).frequencies / (2.0 * math.pi)
-    for known, share in ((6.5147, 1e-4), (40.824, 2e-4), (114.297, 1e-3), (123.370, 1e-4)):
-        assert np.abs(found / known - 1.0).min() < share
-
-
-@pytest.mark.parametrize(("spin", "flap"), [(1.0, 3.68165), (6.0, 7.36037), (12.0, 13.17014)])
-def test_flap_and_lag_of_a_rotating_cantilever(spin: float, flap: float) -> None:
-    arm = fx.Arm("blade", (fx.Link(1.0, section(1.0, 1.0, J=1e-7)),))
-    scene = fx.Scene("blade", arm, duration=1.0, dt=1e-3, space=True)
-    found = modes(scene, 2, STRAINS, nodes=8, clamped=True, spin=spin).frequencies
-    assert found == pytest.approx([math.sqrt(flap**2 - spin**2), flap], rel=2e-4)
-
-
-def test_lateral_torsional_buckling() -> None:
-    """P L^2 / sqrt(EI_w GJ) = 4.0126 of a cantilever that is stiff in the plane of its load."""
-    arm = fx.Arm("blade", (fx.Link(1.0, section(1e5, 1.0, EI_y=1.0, J=1e-3)),))
-
-    def smallest(P: float) -> float:
-        load = fx.PointLoad(0, "tip", force_y=constant(-P))
-        scene = fx.Scene("blade", arm, duration=1.0, dt=1e-3, loads=(load,), space=True)
-        return static_equilibrium(everything(scene), STRAINS, nodes=8, require_stable=False).stability.smallest
-
-    low, high = smallest(3.9), smallest(4.1)
-    assert low > 0.0 > high
-    assert 3.9 + 0.2 * low / (low - high) == pytest.approx(4.0126, rel=2e-3)
-
-
 def test_it_is_the_planar_elastica_in_a_drawn_plane() -> None:
     """Two links that fall and bend by far; of converged strains and small steps, mounted in a drawn plane."""
-    s, g = section(5.0, 2.0, 9.0), np.array([0.0, -9.81, 0.0])
+    s, g = answers.section(5.0, 2.0, 9.0), np.array([0.0, -9.81, 0.0])
     fields: dict[str, Any] = {
         "links": (fx.Link(0.6, s), fx.Link(0.5, s)), "elbows": (fx.Elbow(0.2, 1e-3, 1e-3),),
         "payload": fx.Payload(0.3, 1e-3), "tau_d": 1e-3,
@@ -213,8 +151,8 @@ def test_it_is_linearised_about_a_sagging_rest() -> None:
 
 
 def test_what_it_does_not_know_is_refused_by_name() -> None:
-    s = section(2.0, 1.0)
-    jump = fx.Arm("a", (fx.Link(1.0, ((0.0, s), (0.5, s), (0.5, section(3.0, 1.0)), (1.0, s))),))
+    s = answers.section(2.0, 1.0)
+    jump = fx.Arm("a", (fx.Link(1.0, ((0.0, s), (0.5, s), (0.5, answers.section(3.0, 1.0)), (1.0, s))),))
     for arm, options, words in (
         (jump, {}, "links[0].section = '1 jumps': must not jump"),
         (fx.Arm("a", (fx.Link(1.0, s),)), {"period_correction": True}, "period_correction"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -14,31 +13,17 @@ from scipy.spatial.transform import Rotation
 
 import flexarm_env as fx
 from flexarm_env import arms, scenes
-from flexarm_env.linear import modes, static_equilibrium
-from flexarm_env.physics.space.reading import tips
-from flexarm_env.simulation import Simulation
+from flexarm_env.linear import modes
 from flexarm_env.time_functions import constant, cycloid, pulse
+from tests import space_answers as answers
 from tests.scene_tools import everything
 
 Array = NDArray[np.float64]
 FLOATING = "floating_frame"
 
 
-def section(EI: float, GJ: float, EI_y: float | None = None, stiff: float = 1e6, J: float = 1e-6) -> fx.Section:
-    """A section whose stretch and shear hardly count."""
-    EI_y = EI if EI_y is None else EI_y
-    return fx.Section(EI=EI, EA=stiff, C=stiff, m=1.0, J=J, EI_y=EI_y, C_y=stiff, J_y=J, GJ=GJ)
-
-
 STUBBY = fx.Section(EI=5.0, EA=1e3, C=500.0, m=1.0, J=2e-3, EI_y=9.0, C_y=700.0, J_y=1e-3, GJ=2.0)
 TAPER = fx.Taper((0.05, 0.02), (0.012, 0.006), 7e9, 2700.0, 2.6e9)
-
-
-def rest(arm: fx.Arm, segments: int, *loads: fx.PointLoad) -> Array:
-    """Where the tip of a clamped arm is at rest."""
-    scene = fx.Scene("rest", arm, duration=1.0, dt=1e-3, loads=loads, start="held", space=True)
-    simulation = Simulation(everything(scene), scene.settings(FLOATING, segments=segments))
-    return np.asarray(tips(arm, simulation.settings, simulation.system.q0[None])[0, 0])
 
 
 # ------------------------------------------------------------------ the plane
@@ -55,7 +40,7 @@ def extrapolated(scene: fx.Scene, **options: Any) -> Array:
 def swing() -> tuple[dict[str, Any], Array]:
     """Two links that fall and are bent by far, in the plane: their arm's fields, and tips."""
     fields: dict[str, Any] = {
-        "links": (fx.Link(0.6, section(5.0, 2.0, 9.0, 1e4, 1e-3)), fx.Link(0.5, STUBBY)),
+        "links": (fx.Link(0.6, answers.section(5.0, 2.0, 9.0, 1e4, 1e-3)), fx.Link(0.5, STUBBY)),
         "elbows": (fx.Elbow(0.2, 1e-3, 1e-3),), "payload": fx.Payload(0.3, 1e-3, (0.05, 0.02)), "tau_d": 1e-3,
     }  # fmt: skip
     scene = fx.Scene("flat", fx.Arm("a", **fields), gravity=(0.0, -9.81), loads=_TORQUE, angles=(0.3, 0.8), **_TIMES)
@@ -106,57 +91,6 @@ def test_modes_about_a_sagging_rest_are_those_of_the_plane() -> None:
     assert max(np.abs(space / omega - 1.0).min() for omega in plane) < 1e-7
 
 
-# ------------------------------------------------------------------ known answers
-def test_frequencies_of_a_strip() -> None:
-    """Clamped: flap, lateral, and torsion (2k - 1)/(4L) sqrt(GJ / rho I_p)."""
-    s = fx.Section.rectangle(0.05, 0.002, 200e9, 7870.0, 200e9 / 2.6)
-    scene = fx.Scene("strip", fx.Arm("strip", (fx.Link(0.5, s),)), duration=1.0, dt=1e-3, space=True)
-    found = modes(everything(scene), 8, FLOATING, segments=12, clamped=True).frequencies / (2.0 * math.pi)
-    for known, share in ((6.5147, 2e-5), (40.824, 2e-5), (114.297, 2e-4), (123.370, 1e-3), (161.59, 2e-4)):
-        assert np.abs(found / known - 1.0).min() < share
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("spin", "flap"), [(2.0, 4.13732), (6.0, 7.36037)])
-def test_flap_and_lag_of_a_rotating_cantilever(spin: float, flap: float) -> None:
-    arm = fx.Arm("blade", (fx.Link(1.0, section(1.0, 1.0, stiff=1e8, J=1e-7)),))
-    scene = fx.Scene("blade", arm, duration=1.0, dt=1e-3, space=True)
-    found = modes(scene, 2, FLOATING, segments=12, clamped=True, spin=spin).frequencies
-    assert found == pytest.approx([math.sqrt(flap**2 - spin**2), flap], rel=2e-4)
-
-
-@pytest.mark.slow
-def test_bend_of_45_degrees_in_second_order() -> None:
-    """Bathe & Bolourchi 1979; displacements by shooting on the boundary-value problem, GJ = EI."""
-    s = fx.Section(EI=8.3333e5, EA=1e7, C=4.16667e6, m=1.0, J=1.0, EI_y=8.3333e5, C_y=4.16667e6, J_y=1.0, GJ=8.3333e5)
-    arm = fx.Arm("bend", (fx.Link(25.0 * math.pi, s, curvature=0.01),))
-    load = fx.PointLoad(0, "tip", force_z=constant(600.0))
-    known = np.array([-23.56065, -13.60467, 53.47554]) + 100.0 * np.array([math.sqrt(0.5), 1.0 - math.sqrt(0.5), 0.0])
-    errors = [float(np.abs(rest(arm, n, load) - known).max()) for n in (8, 16, 32, 64)]
-    assert errors[0] < 0.01
-    assert all(a / b > 3.7 for a, b in pairwise(errors[1:]))
-
-
-@pytest.mark.slow
-def test_lateral_torsional_buckling_in_second_order() -> None:
-    """P L^2 / sqrt(EI_w GJ) = 4.0126: of segments, whose rotations couple bending with torsion; not of one frame."""
-
-    def smallest(P: float, segments: int) -> float:
-        arm = fx.Arm("blade", (fx.Link(1.0, section(1e5, 1.0, EI_y=1.0, stiff=1e9, J=1e-3)),))
-        load = fx.PointLoad(0, "tip", force_y=constant(-P))
-        scene = everything(fx.Scene("blade", arm, duration=1.0, dt=1e-3, loads=(load,), space=True))
-        return static_equilibrium(scene, FLOATING, segments=segments, require_stable=False).stability.smallest
-
-    def buckling(segments: int) -> float:
-        low, high = smallest(3.9, segments), smallest(4.2, segments)
-        return 3.9 + 0.3 * low / (low - high)
-
-    assert smallest(4.2, 1) > 0.0
-    coarse, fine = buckling(4), buckling(8)
-    assert fine == pytest.approx(4.0126, rel=0.02)
-    assert (4.0 * fine - coarse) / 3.0 == pytest.approx(4.0126, rel=3e-3)
-
-
 # ------------------------------------------------------------------ motion
 @pytest.mark.slow
 def test_segments_come_to_the_exact_beam() -> None:
@@ -198,10 +132,8 @@ def test_what_is_not_there_is_refused_by_name(options: dict[str, Any], words: st
 )
 def test_modes_of_a_clamped_strip(segments: int, shapes: int, first: float, second: float) -> None:
     """Flap and torsion by a few shapes; with the static ones alone the second is half as high again."""
-    s = fx.Section.rectangle(0.05, 0.002, 200e9, 7870.0, 200e9 / 2.6)
-    scene = fx.Scene("strip", fx.Arm("strip", (fx.Link(0.5, s),)), duration=1.0, dt=1e-3, space=True)
     options = {"segments": segments, "modes": shapes}
-    found = modes(everything(scene), 9, FLOATING, **options, clamped=True).frequencies / (2.0 * math.pi)
+    found = modes(everything(answers.STRIP), 9, FLOATING, **options, clamped=True).frequencies / (2.0 * math.pi)
     for known, share in ((6.5147, first), (40.824, second), (123.370, 5e-3)):
         assert np.abs(found / known - 1.0).min() < share
 
