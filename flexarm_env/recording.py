@@ -117,11 +117,7 @@ class Episode:
         Args:
             labels: of all of them; default the environments' ids. env_id: as `replay` takes it.
         """
-        episodes = (self, *others)
-        names = [None] * len(episodes) if labels is None else list(labels)
-        if len(names) != len(episodes):
-            raise check.InvalidValue("labels", labels, f"must be {len(episodes)} names, one an episode")
-        return Player([episode.clip(name, env_id) for episode, name in zip(episodes, names, strict=True)])
+        return Player.of((self, *others), labels, env_id)
 
     def _repr_html_(self) -> str:
         return self.view()._repr_html_()

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from flexarm_env import validation as check
-from flexarm_env.files import csv_lines, read_toml
+from flexarm_env.files import csv_lines, numbers, read_toml
 from flexarm_env.scene import Scene, toml
 
 ORDER = (
@@ -157,22 +157,14 @@ def read_reference(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, np
 
 def _columns(header: tuple[str, ...], lines: list[list[str]]) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
     """The numbers in a file's lines, by column; times increase."""
-    at = header.index("t")
-    rows = np.empty((len(lines), len(header)))
-    for i, line in enumerate(lines):
-        try:
-            numbers = [float(cell) for cell in line]
-        except ValueError:
-            numbers = []
-        if len(numbers) != len(header):
-            raise check.InvalidValue(f"[{i}]", ",".join(line), f"must hold {len(header)} numbers, in row {i}")
-        rows[i] = numbers
-        if not np.all(np.isfinite(rows[i])) or (i and rows[i, at] <= rows[i - 1, at]):
-            what = f"must hold finite numbers and a time later than the row before, in row {i}"
-            raise check.InvalidValue(f"[{i}]", ",".join(line), what)
-    if not len(rows):
+    if not lines:
         raise check.InvalidValue("rows", 0, "must be at least one")
-    return dict(zip(header, rows.T.copy(), strict=True))
+    found = {name: numbers(k, name, lines, len(header)) for k, name in enumerate(header)}
+    good = np.isfinite(list(found.values())).all(axis=0) & (np.diff(found["t"], prepend=-np.inf) > 0.0)
+    for i in np.flatnonzero(~good)[:1].tolist():
+        what = f"must hold finite numbers and a time later than the row before, in row {i}"
+        raise check.InvalidValue(f"[{i}]", ",".join(lines[i]), what)
+    return found
 
 
 @cache

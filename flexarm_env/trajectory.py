@@ -207,11 +207,7 @@ class Trajectory:
 
         labels: of all of them; default the scenes' names.
         """
-        runs = (self, *others)
-        names = [None] * len(runs) if labels is None else list(labels)
-        if len(names) != len(runs):
-            raise check.InvalidValue("labels", labels, f"must be {len(runs)} names, one a run")
-        return Player([run.clip(name) for run, name in zip(runs, names, strict=True)])
+        return Player.of((self, *others), labels)
 
     def _repr_html_(self) -> str:
         return self.view()._repr_html_()

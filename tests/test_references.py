@@ -52,7 +52,7 @@ def test_spot_values_of_another_program_agree_with_the_reference() -> None:
     [
         (["t,energy"], "must begin with t,energy,start_x"),
         ([",".join(scenes.COLUMNS)], "rows = 0: must be at least one"),
-        ([",".join(scenes.COLUMNS), "0,0,0,0,0,0,0,x"], "must hold 8 numbers, in row 0"),
+        ([",".join(scenes.COLUMNS), "0,0,0,0,0,0,0,x"], "must be a number, in row 0 of column 'tip_angle'"),
         ([",".join(scenes.COLUMNS), "0,0,0"], "must hold 8 numbers, in row 0"),
         ([",".join(scenes.COLUMNS), "0,0,0,0,0,0,0,0", "0.5"], "must hold 8 numbers, in row 1"),
         ([",".join(scenes.COLUMNS), "0,0,0,0,0,0,0,0", "1,0,0,0,nan,0,0,0"], "must hold finite numbers"),

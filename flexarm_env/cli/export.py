@@ -63,8 +63,9 @@ def _controller(args: argparse.Namespace, out: Path) -> int:
     if args.env is None:
         raise check.InvalidValue("--env", args.env, "must be given for a controller: what it is designed for")
     env = environment(args.env, keywords(args.env_kwargs))
-    name, own, elbows = args.name or c_name(out.stem), make(args.what, env), _pairs(args.elbows)
-    targets = _points(args.targets)
+    name, own = args.name or c_name(out.stem), make(args.what, env)
+    elbows = _rows("--elbows", args.elbows, 2, "LOW:HIGH,..., rad, a pair an elbow")
+    targets = _rows("--targets", args.targets, 3, "X:Y:Z,..., m, a point a target")
     env.close()
     if args.to == "fmu":
         write_controller_fmu(own, out, name, args.fmi or "3.0", args.slew, elbows, targets)
@@ -76,21 +77,15 @@ def _controller(args: argparse.Namespace, out: Path) -> int:
     return DONE
 
 
-def _pairs(text: str | None) -> list[tuple[float, float]] | None:
-    """LOW:HIGH,LOW:HIGH,... as numbers."""
+def _rows(flag: str, text: str | None, count: int, what: str) -> Any:
+    """LOW:HIGH,LOW:HIGH,... or X:Y:Z,... as numbers, so many in a row."""
     try:
-        found = None if text is None else [tuple(map(float, pair.split(":"))) for pair in text.split(",")]
-        return None if found is None else [(low, high) for low, high in found]
+        rows = [tuple(map(float, row.split(":"))) for row in ([] if text is None else text.split(","))]
     except ValueError:
-        raise check.InvalidValue("--elbows", text, "must be LOW:HIGH,..., rad, a pair an elbow") from None
-
-
-def _points(text: str | None) -> list[list[float]] | None:
-    """X:Y:Z,X:Y:Z,... as numbers."""
-    try:
-        return None if text is None else [list(map(float, point.split(":"))) for point in text.split(",")]
-    except ValueError:
-        raise check.InvalidValue("--targets", text, "must be X:Y:Z,..., m, a point a target") from None
+        rows = [()]
+    if any(len(row) != count for row in rows):
+        raise check.InvalidValue(flag, text, f"must be {what}")
+    return rows or None
 
 
 def _arm(args: argparse.Namespace, out: Path) -> int:

@@ -14,6 +14,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
+from flexarm_env.files import write_whole
+
 if TYPE_CHECKING:
     from flexarm_env.trajectory import Trajectory
 
@@ -50,20 +52,13 @@ _STYLE: Any = {
 @contextmanager
 def styled_figure(path: str | os.PathLike[str], width: float, height: float, title: str = "") -> Iterator[Figure]:
     """A figure, width by height inches, in the house's style, for `with`; written whole to `path` at its end."""
-    file = Path(path)
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(figure)
         if title:
             figure.suptitle(title, x=0.01, ha="left", fontsize=10.5, color=INK)
         yield figure
-        file.parent.mkdir(parents=True, exist_ok=True)
-        part = file.with_name(f".{file.stem}.{os.getpid()}.part{file.suffix}")
-        try:
-            figure.savefig(part)
-            part.replace(file)
-        finally:
-            part.unlink(missing_ok=True)
+        write_whole(Path(path), figure.savefig)
 
 
 def shade(i: int, count: int, start: float = 0.0) -> Any:

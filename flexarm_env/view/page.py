@@ -54,6 +54,14 @@ class Player:
             step += 1 if step < 4 else step // 3
         self.data = text
 
+    @classmethod
+    def of(cls, runs: Sequence[Any], labels: Sequence[str] | None, *how: Any) -> Player:
+        """Of what has a `clip(label, *how)`. ValueError for labels that are not one for each."""
+        names = [None] * len(runs) if labels is None else list(labels)
+        if len(names) != len(runs):
+            raise check.InvalidValue("labels", labels, f"must be {len(runs)} names, one for each")
+        return cls([run.clip(name, *how) for run, name in zip(runs, names, strict=True)])
+
     @property
     def html(self) -> str:
         """The whole page."""
