@@ -168,9 +168,8 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     joint: the torque is r k i, or r k (V - r k_e w) / R at the rate w of the motor over the ratio r, within the limits
     of current and torque, which are looked at at each period's start; back-emf acts throughout.
 
-    Sensors: `noise` is a standard deviation, one share of the scale for all entries, or a dict by entry (`hub_sin`,
-    `hub_cos`, `hub_rate`, `tip_deflection`, `tip_deflection_rate`, `target_error`, `target_rate`, `target_ahead_1`,
-    `target_ahead_2`, `strain_gauge_1`, ...) in its unit; `delay` a whole number of control periods, s;
+    Sensors: `noise` is a standard deviation, one share of the scale for all entries, or a dict by entry (the names
+    above), each in its unit; `delay` a whole number of control periods, s;
     `strain_gauges` places along the link from 0 (root) to 1 (tip), or tables. `encoders` is a table (`counts`, `side`,
     `rate_frequency`; {}: ideal), which then says `hub_sin`, `hub_cos` and `hub_rate`; `accelerometer` and `camera`
     (`period`) tables that add their entries before the gauges'. Each may have `gain`, `bias`, `noise`, `low_pass`

@@ -56,17 +56,8 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
 
     ## Reward
 
-    The sum of these terms, each in `info` as `reward_<name>`; e the distance from tip to target and v the tip's speed
-    (with a moving target: less the target's), over L and L/s; d_k' the rate of the tip deflections, a_k the actions.
-
-    | name | weight | term | bounds |
-    |---|---|---|---|
-    | accuracy | 0.5 | exp(-(e/0.1)^2) | 0 to 0.5 |
-    | settle | 1 | exp(-(e/0.02)^2 - (v/0.1)^2) | 0 to 1 |
-    | distance | 0.5 | -min(e, 1) | -0.5 to 0 |
-    | effort | 0.01 | -sum of a_k^2 | -0.01 N to 0 |
-    | vibration | 0 | -min(sum of d_k'^2, 1) | 0 |
-    | failure | 5 | -1 in the step that ends an episode by failure | -5 to 0 |
+    As in TwoLinkFlexArm-v0, of all links and joints: effort is -sum of a_k^2 (0.01 of it from -0.01 N to 0), vibration
+    -min(sum of d_k'^2, 1).
 
     ## Starting state
 
@@ -92,8 +83,7 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
     Goals of "residual_pd" for N >= 3: of the joint angles of the rigid arm with its tip at the target those of least
     sum of squares, the hub as few turns away as can be (a target that moves: those that follow on the goals before).
 
-    Names of the joints in `noise`: `hub`, `elbow_1`, `elbow_2`, ... (`elbow` where N = 2). `task="replay"` without a
-    `motion`: "two_link_motion", every further elbow as the first.
+    `task="replay"` without a `motion`: "two_link_motion", every further elbow as the first.
 
     ## Versions
 

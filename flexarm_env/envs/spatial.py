@@ -73,16 +73,8 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     ## Reward
 
     As in TwoLinkFlexArm-v0: e is the distance of the tip from the target over L, v its speed over L (1/s; with "track"
-    relative to the target), d' the rates of the deflections in both planes, a the action.
-
-    | name | weight | term | bounds |
-    |---|---|---|---|
-    | accuracy | 0.5 | exp(-(e/0.1)^2) | 0 to 0.5 |
-    | settle | 1 | exp(-(e/0.02)^2 - (v/0.1)^2) | 0 to 1 |
-    | distance | 0.5 | -min(e, 1) | -0.5 to 0 |
-    | effort | 0.01 | -sum of a_k^2 | -0.01 N to 0 |
-    | vibration | 0 | -min(sum of d'^2, 1) | 0 |
-    | failure | 5 | -1 in the step that ends an episode by failure | -5 to 0 |
+    relative to the target); effort is -sum of a_k^2 (0.01 of it from -0.01 N to 0), vibration -min(sum of d'^2, 1), d'
+    the rates of the deflections in both planes.
 
     ## Starting state
 

@@ -60,9 +60,10 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     `observation` and `history` are as in FlexibleArm-v0. Entries by name: `hub_sin`, `hub_cos`, `elbow_sin`,
     `elbow_cos`, `hub_rate`, `elbow_rate`, `tip_deflection_1`, `tip_deflection_2`, `tip_deflection_rate_1`,
     `tip_deflection_rate_2`, `tip_velocity_x`, `tip_velocity_y`, `to_target_x`, `to_target_y`, with `task="track"`
-    `target_velocity_x`, ..., `target_ahead_1_x`, ...; `hub_error`, `elbow_error`: joint angles at which the rigid arm
-    reaches the target (those of "residual_pd") less the joints' (scale 1 rad); `target_x`, `target_y`: the target in
-    fixed axes (scale L); and those of sensors. `observation="measured"` are sines and cosines of both encoders, their
+    `target_velocity_x`, `target_velocity_y`, `target_ahead_1_x`, `target_ahead_1_y`, `target_ahead_2_x`,
+    `target_ahead_2_y`; `hub_error`, `elbow_error`: joint angles at which the rigid arm reaches the target (those of
+    "residual_pd") less the joints' (scale 1 rad); `target_x`, `target_y`: the target in fixed axes (scale L); and those
+    of sensors, as there (`strain_gauge_1`, ...). `observation="measured"` are sines and cosines of both encoders, their
     rates, what of a moving target is known (in the frame that turns with the hub's encoder), `hub_error`,
     `elbow_error`, `target_x`, `target_y`, accelerometer, camera, strain gauges (with no word of sensors one at the root
     of each link).
@@ -126,11 +127,7 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     arm with its tip at the target; of the two solutions the one sooner reached, joint k taking a time that goes as
     sqrt(|angle to go|) / w_k (a target that moves: sooner reached from the goals before).
 
-    Strain gauges are given as (link, place), friction for both joints or one each. `noise` by entry: `hub_sin`,
-    `hub_cos`, `elbow_sin`, `elbow_cos`, `hub_rate`, `elbow_rate`, `tip_deflection_1`, `tip_deflection_2`,
-    `tip_deflection_rate_1`, `tip_deflection_rate_2`, `tip_velocity_x`, `tip_velocity_y`, `to_target_x`, `to_target_y`,
-    `target_velocity_x`, `target_velocity_y`, `target_ahead_1_x`, `target_ahead_1_y`, `target_ahead_2_x`,
-    `target_ahead_2_y`, `strain_gauge_1`, ...
+    Strain gauges are given as (link, place), friction for both joints or one each. `noise` by entry: the names above.
 
     Options of reset: `start` (two angles, rad), `target` (x, y
     in m, within reach), `vibration`, and `motion`: one for the hub, a list of two or a dict by "joint0" and "joint1"
