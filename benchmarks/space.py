@@ -21,10 +21,9 @@ from flexarm_env.envs.video import pictures, write_film
 from flexarm_env.linear import campbell, modes
 from flexarm_env.plotting import plot_campbell, plot_trajectory
 from flexarm_env.simulation import Simulation
-from flexarm_env.time_functions import constant, cycloid, pulse
+from flexarm_env.time_functions import constant, cycloid
 from tests import space_answers as answers
 from tests.oracle_space import SpatialOracle
-from tests.test_space import momenta
 
 Found = dict[str, Any]
 
@@ -108,30 +107,14 @@ def frame() -> list[list[Any]]:
 def free_arm() -> list[list[Any]]:
     """Rows: a free arm after a push, without damping, rho_inf = 1: what ought to stay, over 100,000 steps, and how its
     ripple shrinks with the step. Momenta are slopes of the kinetic energy by rigid motions."""
-    arm = dataclasses.replace(arms.named("satellite_arm"), tau_d=0.0)
-    push = fx.PointLoad(1, "tip", **{n: pulse(4.0, 0.1) for n in ("force_y", "force_z")})
-
-    def off(h: float, until: float, samples: int) -> Any:
-        """(samples, 3): linear momentum, angular momentum, energy, each off by so many times its size."""
-        scene = fx.Scene("f", arm, duration=until, dt=h, root="free", angles=(0.0, 0.5, -1.0), loads=(push,))
-        simulation, found = Simulation(scene, scene.settings(elements=2, rho_inf=1.0, tolerance=1e-11)), []
-        simulation.advance_to(0.1 + h)
-        start, energy = momenta(arm, simulation), sum(simulation.observe()[1])
-        sizes = np.abs(start[:3]).max(), np.abs(start[3:]).max()
-        for t in np.linspace(0.0, until, samples + 1)[1:]:
-            assert simulation.advance_to(float(t))
-            apart = np.abs(momenta(arm, simulation) - start)
-            now = sum(simulation.observe()[1]) / energy - 1.0
-            found.append((apart[:3].max() / sizes[0], apart[3:].max() / sizes[1], abs(now)))
-        return np.array(found)
-
-    long = off(2e-3, 200.0, 200)
+    same = {"elements": 2, "tolerance": 1e-11}
+    long = answers.drift(2e-3, 200.0, 200, **same)
     halves = long[:100].max(axis=0), long[100:].max(axis=0)
     names, rows = ("linear momentum", "angular momentum", "energy"), []
     for i, name in enumerate(names):
         two = " ".join(f"{half[i]:.1e}" for half in halves)
         rows.append([f"free arm over 100,000 steps of 2 ms: {name} off, over its size, in either half", "0", two, 2])
-    ripple = [off(h, 4.0, 100).max(axis=0) for h in (4e-3, 2e-3, 1e-3)]
+    ripple = [answers.drift(h, 4.0, 100, **same).max(axis=0) for h in (4e-3, 2e-3, 1e-3)]
     for i in (1, 2):
         orders = " ".join(f"{math.log2(ripple[k][i] / ripple[k + 1][i]):.2f}" for k in range(2))
         sizes = ", ".join(f"{one[i]:.1e}" for one in ripple)

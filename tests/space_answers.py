@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
@@ -11,10 +12,14 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import flexarm_env as fx
+from flexarm_env import arms
+from flexarm_env.compiler import SINGLE, kernel
 from flexarm_env.linear import static_equilibrium
+from flexarm_env.physics import protocol
+from flexarm_env.physics.layout import STEPS
 from flexarm_env.physics.space.reading import tips
 from flexarm_env.simulation import Simulation
-from flexarm_env.time_functions import constant
+from flexarm_env.time_functions import constant, pulse
 from tests.scene_tools import everything
 
 Array = NDArray[np.float64]
@@ -153,3 +158,44 @@ def tumbling(dt: float) -> tuple[fx.Scene, Array]:
         atol=1e-12,
     ).y.T  # fmt: skip
     return everything(scene), known
+
+
+@kernel
+def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
+    return protocol.energy(lane, model, par, q, v)
+
+
+def momenta(arm: fx.Arm, simulation: Simulation) -> Array:
+    """Linear and angular momentum about the origin, (6,): slopes of the kinetic energy by rigid motions (Noether)."""
+    model, par, w = simulation.model, simulation.par, simulation.work
+    names = simulation.system.names
+    places = [i for i, name in enumerate(names) if name == "root_x" or (name.startswith("link") and ".x" in name)]
+    found = []
+    for turning in (False, True):
+        for axis in np.eye(3):
+            d = np.zeros(len(names))
+            for i in places:
+                A = Rotation.from_rotvec(w.q[i + 3 : i + 6])
+                d[i : i + 3] = np.cross(axis, w.q[i : i + 3]) if turning else axis
+                d[i + 3 : i + 6] = A.inv().apply(axis) if turning else 0.0
+            sides = [energy(SINGLE, model, par, w.q, w.v + sign * d)[0] for sign in (1.0, -1.0)]
+            found.append(0.5 * (sides[0] - sides[1]))
+    return np.array(found)
+
+
+def drift(h: float, until: float, samples: int, formulation: str | None = None, **options: Any) -> Array:
+    """(samples, 3): of a free arm after a push, without damping, rho_inf = 1, in steps of h: linear momentum, angular
+    momentum, energy, each off by so many times its size."""
+    arm = dataclasses.replace(arms.named("satellite_arm"), tau_d=0.0)
+    push = fx.PointLoad(1, "tip", **{n: pulse(4.0, 0.1) for n in ("force_y", "force_z")})
+    scene = fx.Scene("free", arm, duration=until, dt=h, root="free", angles=(0.0, 0.5, -1.0), loads=(push,))
+    simulation, found = Simulation(everything(scene), scene.settings(formulation, rho_inf=1.0, **options)), []
+    simulation.advance_to(0.1 + h)
+    start, had = momenta(arm, simulation), sum(simulation.observe()[1])
+    sizes = np.abs(start[:3]).max(), np.abs(start[3:]).max()
+    for t in np.linspace(0.0, until, samples + 1)[1:]:
+        assert simulation.advance_to(float(t))
+        off, now = np.abs(momenta(arm, simulation) - start), sum(simulation.observe()[1])
+        found.append((off[:3].max() / sizes[0], off[3:].max() / sizes[1], abs(now / had - 1.0)))
+    assert simulation.work.counts[STEPS] >= 0.99 * until / h
+    return np.array(found)
