@@ -111,14 +111,21 @@ def pair(env_id: str, n: int, mode: str = "NextStep", threads: int = 1, **kwargs
     return sync, native
 
 
-def assert_pair_same(pair_: tuple[Any, Any], steps: int, seed: int = 3, scale: float = 1.3) -> int:
-    """Both give the same bits over resets and steps; returns how many episodes ended."""
+def assert_pair_same(
+    pair_: tuple[Any, Any], steps: int, seed: int = 3, scale: float = 1.3, passed: int | None = None
+) -> int:
+    """Both give the same bits over resets and steps; returns how many episodes ended.
+
+    passed: an arm whose state the single environment passes to the vector half way.
+    """
     sync, native = pair_
     assert_same(sync.reset(seed=seed), native.reset(seed=seed), "reset")
     rng, ended = np.random.default_rng(seed), 0
     disabled = native.metadata["autoreset_mode"] is gym.vector.AutoresetMode.DISABLED
     for k in range(steps):
         actions = rng.uniform(-scale, scale, native.action_space.shape).astype(np.float32)
+        if passed is not None and k == steps // 2:
+            native.unwrapped.set_state([sync.envs[passed].unwrapped.get_state()], [passed])
         one, other = sync.step(actions), native.step(actions)
         assert_same(one, other, f"step {k}")
         over = one[2] | one[3]
@@ -128,3 +135,16 @@ def assert_pair_same(pair_: tuple[Any, Any], steps: int, seed: int = 3, scale: f
                 sync.reset(options={"reset_mask": over}), native.reset(options={"reset_mask": over}), f"reset {k}"
             )
     return ended
+
+
+def assert_goes_back(env: Any, *, scale: float = 1.0, copied: Any = None, other: Any = None) -> None:
+    """From a state that is set again an environment goes on as it did, and so do a copy of it and another one."""
+    state, rng = env.unwrapped.get_state(), np.random.default_rng(1)
+    actions = [rng.uniform(-scale, scale, env.action_space.shape).astype(np.float32) for _ in range(8)]
+    first = [env.step(action) for action in actions]
+    env.unwrapped.set_state(state)
+    if other is not None:
+        other.reset(seed=2)
+        other.unwrapped.set_state(state)
+    for one in (one for one in (env, copied, other) if one is not None):
+        assert_same(first, [one.step(action) for action in actions])

@@ -3,7 +3,6 @@
 import dataclasses
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -14,6 +13,7 @@ from flexarm_env.parameters import Arm, Elbow, Joint, Link, Payload, Section
 from flexarm_env.scene import JointTorque, Motion, Scene
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import constant, sine
+from tests.env_tools import assert_pair_same, pair
 from tests.scene_tools import everything
 
 STRIP = Section(EI=2.0, EA=2e6, C=7e5, m=0.3, J=1e-7)
@@ -119,14 +119,7 @@ def test_environments_and_files() -> None:
     arm = dataclasses.replace(arms.named("strip_geared"), name="loose", joints=(
         dataclasses.replace(arms.named("strip_geared").joints[0], backlash=0.01),))  # fmt: skip
     assert arms.from_toml(arms.to_toml(arm)) == arm
-    vector = gym.make_vec("FlexibleArm-v0", num_envs=3, vectorization_mode="vector_entry_point", arm=arm)
-    single = gym.make("FlexibleArm-v0", arm=arm)
-    many, one = vector.reset(seed=4)[0], single.reset(seed=5)[0]
-    for k in range(30):
-        np.testing.assert_array_equal(many[1], one)
-        torque = 0.8 if k // 5 % 2 else -0.8
-        many = vector.step(np.full((3, 1), torque, np.float32))[0]
-        one = single.step(np.array([torque], np.float32))[0]
+    assert_pair_same(pair("FlexibleArm-v0", 3, arm=arm), 30)
 
 
 def test_refusals() -> None:

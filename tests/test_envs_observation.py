@@ -15,7 +15,7 @@ from flexarm_env.envs.options import plan
 from flexarm_env.envs.task import SLEW
 from flexarm_env.recording import EpisodeRecorder, load_episodes, replay, save_episodes
 from flexarm_env.tasks.program import GOAL
-from tests.env_tools import IDS, MULTI, assert_pair_same, assert_same, episode, pair, successes
+from tests.env_tools import IDS, MULTI, assert_goes_back, assert_pair_same, assert_same, episode, pair, successes
 from tests.refusals import refuses
 
 ONE, TWO = IDS
@@ -134,12 +134,7 @@ def test_vector_is_the_single_environment(env_id: str, mode: str) -> None:
 def test_states_and_copies_go_on_alike() -> None:
     env = gym.make(ONE, **MEASURED)
     episode(env, 0, 6)
-    state, copied = env.unwrapped.get_state(), pickle.loads(pickle.dumps(env))
-    actions = np.random.default_rng(1).uniform(-1, 1, (5, 1)).astype(np.float32)
-    one = [env.step(a) for a in actions]
-    env.unwrapped.set_state(state)
-    assert_same(one, [env.step(a) for a in actions])
-    assert_same(one, [copied.step(a) for a in actions])
+    assert_goes_back(env, copied=pickle.loads(pickle.dumps(env)))
 
 
 def test_a_motion_is_measured_too() -> None:

@@ -3,7 +3,6 @@
 import dataclasses
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -18,6 +17,7 @@ from flexarm_env.scene import JointTorque, Load, PointLoad, Scene
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import Simulation, simulate
 from flexarm_env.time_functions import sine
+from tests.env_tools import assert_pair_same, pair
 
 STRIP = Section(EI=2.0, EA=2e7, C=2e7, m=0.3)
 PAYLOAD = Payload(0.2, 1e-3, (0.05, 0.08))
@@ -171,13 +171,7 @@ def test_environments_and_files() -> None:
     arm = dataclasses.replace(arms.named("strip"), payload=PAYLOAD)
     assert arms.from_toml(arms.to_toml(arm)) == arm
     options: dict[str, Any] = {"arm": arm, "randomization": {"payload": (0.8, 1.2)}}
-    vector = gym.make_vec("FlexibleArm-v0", num_envs=3, vectorization_mode="vector_entry_point", **options)
-    single = gym.make("FlexibleArm-v0", **options)
-    many, one = vector.reset(seed=4)[0], single.reset(seed=5)[0]
-    for _ in range(20):
-        np.testing.assert_array_equal(many[1], one)
-        many = vector.step(np.full((3, 1), 0.5, np.float32))[0]
-        one = single.step(np.array([0.5], np.float32))[0]
+    assert_pair_same(pair("FlexibleArm-v0", 3, **options), 20)
 
 
 def test_refusals() -> None:

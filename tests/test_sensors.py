@@ -16,7 +16,7 @@ from flexarm_env.runtime.laws import law_of, memory_of, room_of
 from flexarm_env.runtime.readings import read_rows
 from flexarm_env.sensors import Accelerometer, Camera, Encoder, Law, LowPass, Sensors, StrainGauge
 from flexarm_env.time_functions import constant, cycloid, ramp, sine
-from tests.env_tools import assert_pair_same, assert_same, episode, pair
+from tests.env_tools import assert_goes_back, assert_pair_same, assert_same, episode, pair
 from tests.scene_tools import everything
 
 ONE, TWO = "FlexibleArm-v0", "TwoLinkFlexArm-v0"
@@ -303,11 +303,7 @@ def test_an_environment_reads_by_the_laws_of_a_scene() -> None:
 def test_states_hold_what_sensors_remember() -> None:
     env = gym.make(ONE, **ALL)
     episode(env, 0, 6)
-    state = env.unwrapped.get_state()
-    actions = np.random.default_rng(1).uniform(-1, 1, (8, 1)).astype(np.float32)
-    one = [env.step(a) for a in actions]
-    env.unwrapped.set_state(state)
-    assert_same(one, [env.step(a) for a in actions])
+    assert_goes_back(env)
 
 
 def test_full_shows_encoders_and_further_sensors_where_they_are_asked_for() -> None:

@@ -18,6 +18,7 @@ from flexarm_env.control.space import holding
 from flexarm_env.physics.space.reading import frames, links
 from flexarm_env.rigid import rate_scale
 from flexarm_env.rotations import matrices, vectors
+from tests.env_tools import assert_pair_same, pair
 from tests.refusals import refuses, says
 
 ARM = arms.named("three_dof")
@@ -180,24 +181,11 @@ def vectors_of(quaternion: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("more", [{}, {"task": "track", "action_mode": "residual_pd"}], ids=["reach", "track"])
 def test_a_vector_is_single_environments_to_the_bit_and_states_go_between(more: dict[str, Any]) -> None:
     """A whole group of lanes and a part of one; the arms' own states too."""
-    n = 11
-    many = gym.make_vec("SpatialFlexArm-v0", num_envs=n, **COARSE, **more).unwrapped
-    ones: list[Any] = [gym.make("SpatialFlexArm-v0", **COARSE, **more).unwrapped for _ in range(n)]
-    seen, _ = many.reset(seed=7)
-    for i, one in enumerate(ones):
-        assert np.array_equal(one.reset(seed=7 + i)[0], seen[i])
-    rng = np.random.default_rng(0)
-    for step in range(4):
-        if step == 2:
-            many.set_state([ones[3].get_state()], [3])
-        action = rng.uniform(-1.0, 1.0, (n, 3)).astype(np.float32)
-        seen, reward, *_, infos = many.step(action)
-        for i, one in enumerate(ones):
-            alone, pay, *_, info = one.step(action[i])
-            assert np.array_equal(alone, seen[i]) and pay == reward[i]
-            assert all(np.array_equal(infos[name][i], value) for name, value in info.items())
-            pairs = zip(one.batch.motions(), many.batch.motions(), strict=True)
-            assert all(np.array_equal(a[0], b[i]) for a, b in pairs)
+    sync, native = both = pair("SpatialFlexArm-v0", 11, **COARSE, **more)
+    assert_pair_same(both, 4, scale=1.0, passed=3)
+    for i, one in enumerate(sync.envs):
+        pairs = zip(one.unwrapped.batch.motions(), native.unwrapped.batch.motions(), strict=True)
+        assert all(np.array_equal(a[0], b[i]) for a, b in pairs)
 
 
 def test_gymnasium_checks_it_and_bad_actions_end_an_episode() -> None:

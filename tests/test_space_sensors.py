@@ -18,6 +18,7 @@ from flexarm_env.runtime.laws import law_of, memory_of
 from flexarm_env.runtime.readings import read_rows
 from flexarm_env.sensors import Accelerometer, Gyroscope, Sensors, StrainGauge
 from flexarm_env.time_functions import constant, ramp, sine
+from tests.env_tools import assert_pair_same, pair
 from tests.refusals import says
 from tests.scene_tools import everything
 
@@ -252,18 +253,7 @@ LAWFUL: dict[str, Any] = {
 def test_a_vector_is_the_single_environment_with_every_sensor() -> None:
     """And a state carries what they remember."""
     keywords: dict[str, Any] = {"observation": "measured", "sensors": LAWFUL, "history": 2, "elements": 1, "dt": 0.005}
-    many, one = gym.make_vec("SpatialFlexArm-v0", num_envs=3, **keywords), gym.make("SpatialFlexArm-v0", **keywords)
-    seen, _ = many.reset(seed=5)
-    alone, _ = one.reset(seed=6)
-    assert np.array_equal(seen[1], alone)
-    rng = np.random.default_rng(0)
-    for step in range(5):
-        if step == 3:
-            many.set_state([one.unwrapped.get_state()], [1])
-        action = 0.3 * rng.uniform(-1.0, 1.0, (3, 3)).astype(np.float32)
-        seen, *_ = many.step(action)
-        alone, *_ = one.step(action[1])
-        assert np.array_equal(seen[1], alone)
+    assert_pair_same(pair("SpatialFlexArm-v0", 3, **keywords), 6, scale=0.3, passed=1)
 
 
 def test_an_arm_s_own_sensors_and_what_is_refused() -> None:

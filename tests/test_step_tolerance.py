@@ -12,7 +12,7 @@ from flexarm_env.batch import Batch, standing_scene
 from flexarm_env.runtime.fitted import FITS
 from flexarm_env.simulation import Simulation, simulate
 from flexarm_env.tasks.program import LEVEL
-from tests.env_tools import assert_pair_same, assert_same, pair
+from tests.env_tools import assert_goes_back, assert_pair_same, assert_same, pair
 
 UNLIKE = {"payload": (0.1, 8.0), "EI": (0.4, 2.5)}
 FITTED: dict[str, Any] = {"dt": 0.02, "step_tolerance": 2e-5, "randomization": UNLIKE, "duration": 0.4}
@@ -86,15 +86,7 @@ def test_states_are_kept_with_the_step_they_call_for() -> None:
     rng = np.random.default_rng(0)
     for _ in range(7):
         env.step(rng.uniform(-1.0, 1.0, 1).astype(np.float32))
-    state = env.unwrapped.get_state()
-    actions = rng.uniform(-1.0, 1.0, (8, 1)).astype(np.float32)
-    first = [env.step(action) for action in actions]
-    env.unwrapped.set_state(state)
-    assert_same(first, [env.step(action) for action in actions])
-    other = gym.make("FlexibleArm-v0", **FITTED)
-    other.reset(seed=2)
-    other.unwrapped.set_state(state)
-    assert_same(first, [other.step(action) for action in actions])
+    assert_goes_back(env, other=gym.make("FlexibleArm-v0", **FITTED))
 
 
 def test_a_period_adds_no_more_than_is_tolerated() -> None:
