@@ -17,7 +17,7 @@ from flexarm_env.training import config, episodes, export_policy, policies, prog
 from flexarm_env.training import evaluate as judging
 from flexarm_env.training import train as train_ppo
 from flexarm_env.training.runs import read_run
-from tests.agents_tools import ENV, SMALL, file_of, told
+from tests.agents_tools import ENV, RUN_FILES, SMALL, file_of, told
 from tests.processes import python
 from tests.refusals import refuses
 
@@ -47,8 +47,7 @@ def run(tmp_path_factory) -> Path:
 # ------------------------------------------------------------------ training
 def test_a_run_folder_holds_all_that_is_needed(run: Path):
     # policy.npz is written where its actions are the model's, and else refused
-    names = {"model.zip", "policy.npz", "config.yml", "run.json", "learning_curve.csv", "learning_curve.png"}
-    assert names == {p.name for p in run.iterdir()}
+    assert {p.name for p in run.iterdir()} == RUN_FILES
     record = read_run(run)
     assert record["finished"]
     assert record["steps"] == 2048

@@ -2,8 +2,6 @@
 
 import ctypes
 import re
-import shutil
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +13,10 @@ import flexarm_env  # noqa: F401
 from flexarm_env import control
 from flexarm_env.cli import main
 from flexarm_env.control.in_c import controller_source
+from tests.c_tools import needs_compiler, shared
 from tests.cli_tools import refused
 from tests.refusals import refuses
 
-COMPILER = shutil.which("cc")
-needs_c = pytest.mark.skipif(COMPILER is None, reason="no C compiler here")
 CLOSE = 1e-6
 NOISY: dict[str, Any] = {
     "observation": "measured", "history": 2,
@@ -59,15 +56,7 @@ STARTS: dict[str, Any] = {
 }
 
 
-def compiled(folder: Path, source: str) -> ctypes.CDLL:
-    (folder / "it.c").write_text(source)
-    words = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic", "-shared", "-fPIC", "it.c", "-o", "it.so"]
-    done = subprocess.run([COMPILER, *words, "-lm"], cwd=folder, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return ctypes.CDLL(str(folder / "it.so"))
-
-
-@needs_c
+@needs_compiler
 @pytest.mark.parametrize(("name", "env_id", "kwargs"), CASES, ids=[f"{c[0]}-{c[1]}-{len(c[2])}" for c in CASES])
 def test_c_acts_as_python_does(name: str, env_id: str, kwargs: dict[str, Any], tmp_path: Path) -> None:
     """Two episodes of the closed loop, in which C sees what Python saw, from observations and from SI values."""
@@ -78,7 +67,7 @@ def test_c_acts_as_python_does(name: str, env_id: str, kwargs: dict[str, Any], t
     elbows = None if targets else ELBOWS.get((name, own.setup.n_joints))
     source = controller_source(own, "it", slew, elbows, targets)
     assert not re.search(r"\b(malloc|main)\b", source)
-    library, memory = compiled(tmp_path, source), ctypes.create_string_buffer(4096)
+    library, memory = shared(tmp_path, source, "-std=c99", "-O2"), ctypes.create_string_buffer(4096)
     joints, scales = own.setup.n_joints, np.array(own.setup.scales)
     for episode, decide in enumerate((library.it_decide, library.it_act)):
         options = STARTS.get(env_id) if slew is None else {"start": [0.0], "target": slew}
@@ -129,12 +118,12 @@ def test_what_cannot_leave_is_a_sentence() -> None:
     )
 
 
-@needs_c
+@needs_compiler
 def test_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = str(tmp_path / "lqr.c")
     assert main(["export", "lqr", "--to", "c", "--env", "FlexibleArm-v0", "--out", out]) == 0
     assert "function: lqr_decide" in capsys.readouterr().out
-    assert compiled(tmp_path, Path(out).read_text()).lqr_reset
+    assert shared(tmp_path, Path(out).read_text()).lqr_reset
     assert "--env" in refused(capsys, "export", "lqr", "--to", "c", "--out", out)
     assert "must be c" in refused(capsys, "export", "lqr", "--to", "onnx", "--env", "FlexibleArm-v0", "--out", "a.onnx")
     assert "must not be given" in refused(capsys, "export", "two_link", "--to", "c", "--env", "X", "--out", out)

@@ -16,13 +16,12 @@ import numpy as np
 import pytest
 
 import flexarm_env  # noqa: F401
-from flexarm_env.compiler import UNCOMPILED
 from flexarm_env.control import load_policy
 from flexarm_env.remote import Limits, Server, Session
+from tests.c_tools import needs_c
 from tests.processes import ROOT
 
 PAGE = (ROOT / "docs" / "doors.md").read_text("utf-8")
-needs_c = pytest.mark.skipif(shutil.which("cc") is None or UNCOMPILED, reason="no C compiler, or nothing is compiled")
 
 
 def blocks(kind: str) -> list[str]:

@@ -5,8 +5,6 @@ import dataclasses
 import itertools
 import json
 import re
-import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +13,11 @@ import pytest
 from flexarm_env.cli import main
 from flexarm_env.control import NumpyPolicy, load_policy
 from flexarm_env.control.export import Entries, c_name, c_source, onnx_bytes
+from tests.c_tools import needs_compiler, run_c, shared
 from tests.cli_tools import refused
 
-COMPILER = shutil.which("cc")
 CLOSE = 1e-6
 N = 10_000
-
-needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler here")
 
 
 def drawn(activation: str, squash: bool, normalised: bool, widths=(10, 24, 17, 2), history: int = 2) -> NumpyPolicy:
@@ -60,27 +56,6 @@ def observations(policy: NumpyPolicy) -> np.ndarray:
     return wide.astype(np.float32)
 
 
-def compiled(folder: Path, source: str, *flags: str) -> ctypes.CDLL:
-    (folder / "policy.c").write_text(source)
-    words = [
-        COMPILER,
-        "-Wall",
-        "-Wextra",
-        "-Werror",
-        "-pedantic",
-        *flags,
-        "-shared",
-        "-fPIC",
-        "policy.c",
-        "-o",
-        "it.so",
-        "-lm",
-    ]
-    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return ctypes.CDLL(str(folder / "it.so"))
-
-
 def by_c(function, rows: np.ndarray, actions: int, *before) -> np.ndarray:
     """What a function of the file makes of each row in turn."""
     rows, out = np.ascontiguousarray(rows, np.float32), np.zeros((len(rows), actions), np.float32)
@@ -106,14 +81,14 @@ def test_c_decides_as_numpy_does(name: str, flags: tuple[str, ...], tmp_path: Pa
     seen = observations(policy)
     wanted = policy.act(seen)
     assert (np.abs(wanted) < 0.99).mean() > 0.2  # not all of them at the limit
-    found = by_c(compiled(tmp_path, source_of(policy), *flags).policy_decide, seen, wanted.shape[1])
+    found = by_c(shared(tmp_path, source_of(policy), *flags).policy_decide, seen, wanted.shape[1])
     assert np.abs(found - wanted).max() <= CLOSE
 
 
 @needs_compiler
 def test_c_scales_clips_and_remembers_what_is_measured(tmp_path: Path):
     policy = POLICIES["tanh"]
-    library = compiled(tmp_path, source_of(policy))
+    library = shared(tmp_path, source_of(policy))
     scales = np.array(list(policy.meta["scales"].values()), np.float32)
     rng = np.random.default_rng(3)
     measured = (rng.normal(size=(200, 5)) * 6.0).astype(np.float32)
@@ -138,11 +113,9 @@ def test_packaged_policies_in_c_and_how_long_they_take(name: str, tmp_path: Path
     joints = policy.weights[-1][0].shape[1]
     seen = observations(policy)
     wanted = policy.act(seen)
-    assert np.abs(by_c(compiled(tmp_path, source, "-O2").policy_decide, seen, joints) - wanted).max() <= CLOSE
+    assert np.abs(by_c(shared(tmp_path, source, "-O2").policy_decide, seen, joints) - wanted).max() <= CLOSE
     (tmp_path / "time.c").write_text(TIMED.replace("SIZE", str(seen.shape[1])))
-    subprocess.run([COMPILER, "-O2", "time.c", "-o", "time", "-lm"], cwd=tmp_path, check=True)
-    done = subprocess.run([tmp_path / "time"], capture_output=True, text=True, check=True)
-    assert float(done.stdout) < 20e-6
+    assert float(run_c(tmp_path, "time", "-O2")) < 20e-6
 
 
 TIMED = (Path(__file__).parent / "programs" / "timed.c").read_text("utf-8")

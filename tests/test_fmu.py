@@ -1,7 +1,6 @@
 """Arms as functional mock-up units, by the standard's own functions: the bits of Python, states, refusals."""
 
 import ctypes
-import shutil
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,10 +19,9 @@ from flexarm_env.library import build, fmu, write_controller_fmu, write_fmu
 from flexarm_env.library.fmu import FORMS
 from flexarm_env.library.source import Source
 from flexarm_env.physics.layout import SPACE_POSE
+from tests.c_tools import needs_c
 from tests.cli_tools import refused
 from tests.refusals import refuses
-
-needs_c = pytest.mark.skipif(shutil.which("cc") is None or UNCOMPILED, reason="no C compiler, or nothing is compiled")
 
 Array = np.ndarray[Any, Any]
 

@@ -12,7 +12,7 @@ from flexarm_env.training import config, policies
 from flexarm_env.training import train as train_ppo
 from flexarm_env.training.gradient import Gradient
 from flexarm_env.training.runs import read_run
-from tests.agents_tools import ENV, file_of
+from tests.agents_tools import ENV, RUN_FILES, file_of
 from tests.test_agents import arguments, curve, interrupted
 
 SHORT = {
@@ -34,8 +34,7 @@ def run(tmp_path_factory) -> Path:
 
 
 def test_a_run_folder_is_that_of_the_others(run: Path):
-    names = {"model.zip", "policy.npz", "config.yml", "run.json", "learning_curve.csv", "learning_curve.png"}
-    assert names == {p.name for p in run.iterdir()}
+    assert {p.name for p in run.iterdir()} == RUN_FILES
     assert read_run(run)["algorithm"] == "gradient" and read_run(run)["finished"]
     assert config.load(run / "config.yml", "gradient", ENV).text == SHORT
     assert policies.choose(str(run), ENV).name == "run"

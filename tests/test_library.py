@@ -2,8 +2,6 @@
 
 import ctypes
 import dataclasses
-import shutil
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +18,12 @@ from flexarm_env.derivatives import Periods
 from flexarm_env.library import build, write
 from flexarm_env.physics.model import OWN_IN_SPACE
 from tests.c_arm import Arm
+from tests.c_tools import STRICT, needs_c, run_c
 from tests.cli_tools import refused
 from tests.processes import ROOT, python
 from tests.refusals import refuses
 
-COMPILER = shutil.which("cc")
-
-needs_c = pytest.mark.skipif(COMPILER is None or UNCOMPILED, reason="no C compiler, or nothing is compiled")
-
+LINKED = ("-std=c99", *STRICT, "-I.", "-L.", "-larm", "-Wl,-rpath,.")
 CASES: list[Any] = [
     pytest.param("flexarm/slew-geared-v2", {}, id="gears with friction, delay"),
     pytest.param("flexarm/reach-measured-v1", {}, id="noise", marks=pytest.mark.slow),
@@ -174,10 +170,10 @@ def test_everything(env_id: str, keywords: dict[str, Any], tmp_path: Path) -> No
     other("step", action * limits / limits)
     assert np.array_equal(arm.row("get_poses", poses), other.row("get_poses", poses))
 
-    told = run_c(tmp_path, "example")
+    told = run_c(tmp_path, "example", *LINKED)
     assert told.count("tip") == 10 and told.endswith("\nok\n")
     (tmp_path / "counting.c").write_text(COUNTING)
-    first, later = map(int, run_c(tmp_path, "counting").split())
+    first, later = map(int, run_c(tmp_path, "counting", *LINKED).split())
     assert first > 0 and later == 0  # allocations before the first reset, and in 2000 periods, jvp and vjp
     arm.destroy()
     other.destroy()
@@ -228,13 +224,6 @@ def arm_parameters(arm: Arm, count: int) -> list[float]:
     own = np.zeros(count)
     arm("get_parameters", own)
     return list(own.tolist())
-
-
-def run_c(folder: Path, name: str) -> str:
-    """What a program that uses the library prints."""
-    command = [str(COMPILER), "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", f"{name}.c", "-o", name]
-    subprocess.run([*command, "-I.", "-L.", "-larm", "-Wl,-rpath,.", "-lm"], cwd=folder, check=True)
-    return subprocess.run([f"./{name}"], cwd=folder, check=True, capture_output=True, text=True).stdout
 
 
 def told_by(header: Path, word: str) -> int:
