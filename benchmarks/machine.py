@@ -5,13 +5,13 @@ import os
 import platform
 from collections.abc import Iterable, Mapping
 from datetime import date
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import flexarm_env
 from benchmarks.running import cores
 from flexarm_env.files import write_text as write_text
+from flexarm_env.validation import installed
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PACKAGES = ("numpy", "llvmlite", "gymnasium")
@@ -35,12 +35,7 @@ def describe_machine(*packages: str) -> dict[str, str]:
         "python": platform.python_version(),
         "flexarm_env": flexarm_env.__version__,  # of this tree; an editable install may still say another
     }
-    for name in (*PACKAGES, *packages):
-        try:
-            facts[name] = version(name)
-        except PackageNotFoundError:
-            facts[name] = "not installed"
-    return facts
+    return facts | {name: installed(name) or "not installed" for name in (*PACKAGES, *packages)}
 
 
 def cpu_seconds() -> float:

@@ -20,7 +20,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -256,7 +255,7 @@ def save_episodes(path: str | os.PathLike[str], episodes: Sequence[Episode]) -> 
         raise ValueError("episodes = []: must hold at least one")
     meta = {
         "format": FORMAT,
-        "flexarm_env": _version(),
+        "flexarm_env": check.installed("flexarm_env") or "unknown",  # a checkout that is not installed
         "episodes": [{key: getattr(episode, key) for key in ABOUT} for episode in episodes],
     }
     arrays: dict[str, Any] = {"meta": json.dumps(meta), "lengths": np.array([len(e) for e in episodes])}
@@ -266,13 +265,6 @@ def save_episodes(path: str | os.PathLike[str], episodes: Sequence[Episode]) -> 
         arrays[f"info_{name}"] = np.concatenate([e.infos[name] for e in episodes])
     write_npz(Path(path), arrays)
     return Path(path)
-
-
-def _version() -> str:
-    try:
-        return metadata.version("flexarm_env")
-    except metadata.PackageNotFoundError:  # a checkout that is not installed
-        return "unknown"
 
 
 def load_episodes(path: str | os.PathLike[str]) -> list[Episode]:
@@ -356,11 +348,9 @@ def to_minari(episodes: Sequence[Episode], dataset_id: str, env_id: str | None =
     Raises:
         ValueError: no episode, or episodes of several environments. ImportError: there is no Minari.
     """
-    try:
+    with check.needs("a Minari data set", "minari h5py", "data"):
         import minari
         from minari.data_collector import EpisodeBuffer
-    except ImportError as error:
-        raise ImportError(check.lacking("a Minari data set", "minari h5py", "data")) from error
     if not episodes:
         raise ValueError("episodes = []: must hold at least one")
     first = episodes[0]

@@ -18,13 +18,12 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
 from flexarm_env import validation as check
+from flexarm_env.envs.spec import same
 from flexarm_env.envs.vector import SINGLE_NAMES
 
-try:
+with check.needs("flexarm_env.sb3", "stable-baselines3", "train"):
     from stable_baselines3.common.env_util import is_wrapped
     from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
-except ImportError as error:
-    raise ImportError(check.lacking("flexarm_env.sb3", "stable-baselines3", "train")) from error
 
 Indices = None | int | Iterable[int]
 Infos = list[dict[str, Any]]
@@ -116,7 +115,7 @@ class GymnasiumVecEnv(VecEnv):
             seed = None
         elif seeds == list(range(seeds[0], seeds[0] + self.num_envs)):  # what an int means to every VectorEnv
             seed = int(seeds[0])
-        alike = all(_equal(options[0], own) for own in options)
+        alike = all(own is options[0] or same(options[0], own) for own in options)
         observations, infos = self.env.reset(seed=seed, options=(options[0] or None) if alike else None)
         self.reset_infos = [_info_of(infos, i) for i in range(self.num_envs)]
         for i, own in enumerate(options):
@@ -296,12 +295,3 @@ def _spread(values: Any, n: int) -> Any:
     if isinstance(values, np.ndarray) and values.shape[:1] == (n,):
         return values
     return [values] * n
-
-
-def _equal(a: dict[str, Any], b: dict[str, Any]) -> bool:
-    if a is b or (not a and not b):
-        return True
-    try:
-        return bool(a == b)
-    except ValueError:  # arrays inside: taken as different
-        return False

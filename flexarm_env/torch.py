@@ -20,11 +20,9 @@ from numpy.typing import NDArray
 from . import validation as check
 from .derivatives import Arms
 
-try:
+with check.needs("flexarm_env.torch", "torch", "train"):
     import torch
     from torch.autograd.function import once_differentiable
-except ImportError as error:
-    raise ImportError(check.lacking("flexarm_env.torch", "torch", "train")) from error
 
 Tensor = torch.Tensor
 

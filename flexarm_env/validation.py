@@ -13,6 +13,8 @@ import math
 import numbers
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib import metadata
 from typing import Any, TypeVar
 
 import numpy as np
@@ -81,6 +83,23 @@ class MissingKey(BadKey):
 def lacking(what: str, package: str, extra: str) -> str:
     """What to install where a package is missing; its own name, since not everybody has this one from an index."""
     return f'{what} needs {package}: pip install {package} (the extra "{extra}" of flexarm_env brings all of its kind)'
+
+
+@contextmanager
+def needs(what: str, package: str, extra: str, error: type[Exception] = ImportError) -> Iterator[None]:
+    """Around imports of a package that only some have: where it is missing, an `error` that says what to install."""
+    try:
+        yield
+    except ImportError as missing:
+        raise error(lacking(what, package, extra)) from missing
+
+
+def installed(package: str) -> str | None:
+    """Version of a package that is installed."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
 
 
 def shown(value: object) -> str:

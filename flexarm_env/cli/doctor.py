@@ -6,10 +6,10 @@ import platform
 import sys
 import time
 import warnings
-from importlib import metadata
 from typing import Any
 
 from flexarm_env import __version__
+from flexarm_env import validation as check
 from flexarm_env.cli.codes import DONE, FAILED
 from flexarm_env.cli.compile import cache_report, environments
 from flexarm_env.cli.progress import ProgressBar, show
@@ -30,11 +30,11 @@ SELF_TEST_ERROR = 0.015
 def run(args: argparse.Namespace) -> int:
     """Print what there is and whether it works; 1 where the self-test fails."""
     values: dict[str, Any] = {"flexarm_env": __version__, "python": platform.python_version()}
-    values |= {name: _version(name) for name in NEEDED}
-    values |= {name: _version(name) or "not installed" for name in OPTIONAL}
+    values |= {name: check.installed(name) for name in NEEDED}
+    values |= {name: check.installed(name) or "not installed" for name in OPTIONAL}
     values |= {"platform": platform.platform(), "processors": _processors(), "executable": sys.executable}
     values |= {name: os.environ[name] for name in VARIABLES if name in os.environ}
-    missing = [name for name in NEEDED if _version(name) is None]
+    missing = [name for name in NEEDED if check.installed(name) is None]
     if missing:
         values |= {"self_test": f"not run: {', '.join(missing)} missing"}
         show(values, args.json)
@@ -45,13 +45,6 @@ def run(args: argparse.Namespace) -> int:
     tested, good = _self_test()
     show(values | tested, args.json)
     return DONE if good else FAILED
-
-
-def _version(name: str) -> str | None:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return None
 
 
 def _processors() -> int:

@@ -53,10 +53,8 @@ def onnx_bytes(policy: NumpyPolicy) -> bytes:
     An observation is the environment's own, several instants in one where the policy has a history. Observations are
     normalised inside. The model's metadata is the policy's `meta`. ImportError where the package onnx is missing.
     """
-    try:
+    with check.needs("an ONNX file", "onnx", "export"):
         from onnx import TensorProto, checker, helper, numpy_helper
-    except ImportError as error:
-        raise ImportError(check.lacking("an ONNX file", "onnx", "export")) from error
     constants: dict[str, NDArray[np.float64]] = {}
     nodes: list[Any] = []
     last = "observation"

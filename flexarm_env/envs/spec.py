@@ -62,13 +62,14 @@ def changed(spec: EnvSpec) -> list[str]:
     if spec.namespace != FROZEN or spec.id not in registry:
         return []
     own = registry[spec.id].kwargs
-    return sorted(name for name in spec.kwargs if name not in FREE and not _same(spec.kwargs[name], own.get(name)))
+    return sorted(name for name in spec.kwargs if name not in FREE and not same(spec.kwargs[name], own.get(name)))
 
 
-def _same(one: Any, other: Any) -> bool:
+def same(one: Any, other: Any) -> bool:
+    """Whether both are equal; arrays inside count as different."""
     try:
         return bool(one == other)
-    except ValueError:  # arrays
+    except ValueError:
         return False
 
 

@@ -176,10 +176,8 @@ def _first(frames: Iterator[NDArray[np.uint8]]) -> NDArray[np.uint8]:
 
 
 def _import(module: str, package: str) -> Any:
-    try:
+    with check.needs("such a film", package, "render", DependencyNotInstalled):
         return importlib.import_module(module)
-    except ImportError as error:
-        raise DependencyNotInstalled(check.lacking("such a film", package, "render")) from error
 
 
 def _poses(trajectory: Trajectory, i: int, chain: list[NDArray[np.float64]]) -> NDArray[np.float64]:

@@ -137,10 +137,8 @@ class OnnxPolicy(Policy):
     """An ONNX model: its first input takes observations (n, entries), its first output gives actions (n, joints)."""
 
     def __init__(self, path: Path, env: Any) -> None:
-        try:
+        with check.needs("an ONNX policy", "onnxruntime", "export"):
             import onnxruntime
-        except ImportError as error:
-            raise ImportError(check.lacking("an ONNX policy", "onnxruntime", "export")) from error
         options = onnxruntime.SessionOptions()
         options.log_severity_level, options.intra_op_num_threads = 4, 1
         try:

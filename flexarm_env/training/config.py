@@ -141,10 +141,8 @@ def text_of(config: Config, env_id: str) -> str:
 
 
 def _yaml() -> Any:
-    try:
+    with check.needs("a file of hyper-parameters", "pyyaml", "train", ValueError):
         return importlib.import_module("yaml")
-    except ImportError as error:
-        raise ValueError(check.lacking("a file of hyper-parameters", "pyyaml", "train")) from error
 
 
 def algorithm_class(name: str) -> Any:
