@@ -28,7 +28,10 @@ Array = NDArray[np.float64]
 SENSED = ("observation", "history", "sensors")
 """Keywords that say what is seen, which torques found beforehand do not depend on."""
 CONTROLLERS = ("pd", "zv", "zvd", "lqr", "lqg", "mpc", "time_optimal")
-"""Where the search begins: in each episode with the actions of the best of them."""
+"""Where the search begins: in each episode with the actions of the best of them; in space without mpc, a decision of
+which takes 10 ms and more."""
+LIFT = 0.3
+"""m that an arm has to rise by, to be over a shape, for what its price is; see `Fine`."""
 PATIENCE, ENOUGH = 30, 1e-4
 """A search ends where so many steps have brought no more than this share of the mean return."""
 ALIKE = 1e-6
@@ -55,7 +58,7 @@ def beginnings(task: suite.Task, trained: Sequence[Path] = ()) -> tuple[Array, A
     best: Array | None = None
     whole = gym.make_vec(task.environment, EPISODES, vectorization_mode="vector_entry_point", **seen_whole(task))
     shown = suite.make_vec(task.id, EPISODES) if trained else whole
-    for word, env in [*((word, whole) for word in CONTROLLERS), *((str(path), shown) for path in trained)]:
+    for word, env in [*((word, whole) for word in controllers(task)), *((str(path), shown) for path in trained)]:
         try:
             actions, returns = played(env, choose(word, task).make(env), task.price)
         except ValueError:  # a controller that is not made for the task
@@ -71,6 +74,11 @@ def beginnings(task: suite.Task, trained: Sequence[Path] = ()) -> tuple[Array, A
     return kept, best
 
 
+def controllers(task: suite.Task) -> tuple[str, ...]:
+    """See `CONTROLLERS`."""
+    return tuple(word for word in CONTROLLERS if word != "mpc" or task.environment != "SpatialFlexArm-v0")
+
+
 def seen_whole(task: suite.Task) -> dict[str, Any]:
     """Keywords of the task's environment without its sensors."""
     return {key: value for key, value in task.keywords.items() if key not in SENSED}
@@ -84,6 +92,7 @@ def search(
     memory: int = 12,
     kept: Path | None = None,
     start: tuple[Array, Array] | None = None,
+    lifting: bool = False,
 ) -> tuple[Array, Array]:
     """Actions (T, n, N) of the episodes and their returns (n,).
 
@@ -91,8 +100,8 @@ def search(
     each episode for itself: actions at a limit that the slope would push beyond stay there, a step that pays less is
     halved; fewer where the last ones have brought next to nothing. In space the first of `trained` steadies the arms.
     kept: a file in which actions are kept on the way, and from which a search that was broken off goes on.
-    start: actions and their returns to begin with, in place of all that. ValueError where the task's environment has no
-    derivatives, or does not give these returns.
+    start: actions and their returns to begin with, in place of all that. lifting: see `Fine`. ValueError where the
+    task's environment has no derivatives, or does not give these returns.
     """
     from flexarm_env.derivatives import Arms
 
@@ -101,7 +110,7 @@ def search(
     best, reached = start
     arms = Arms(task.environment, EPISODES, **seen_whole(task))
     first, shape = arms.reset(seed=FIRST), best.shape
-    fine = Fine(task, arms.environment.plan)
+    fine = Fine(task, arms.environment.plan, arms.names, lifting)
 
     moved: Any = InTask(arms) if "pushes" in task.keywords else arms
     steady = None
@@ -115,7 +124,9 @@ def search(
         steady = Steady(arms, first, _exact(best), control.load_policy(trained[0]))
     x = _exact(best.transpose(1, 0, 2).reshape(arms.n, -1))
     found, slope, best = value(x)
-    if np.nanmax(np.abs(found - reached) / (1.0 + np.abs(reached))) > ALIKE:
+    if fine.shapes:  # whose cost is rounded
+        reached = found
+    elif np.nanmax(np.abs(found - reached) / (1.0 + np.abs(reached))) > ALIKE:
         raise ValueError(f"{task.id}: the search's episodes are not the task's: {found[:3]} for {reached[:3]}")
     moves: list[tuple[Array, Array]] = []
     length = np.ones(arms.n)
@@ -183,28 +194,69 @@ def _exact(x: Array) -> Array:
 
 
 class Fine:
-    """What a task takes for its cost: price times the periods at whose end a tip's deflection over L passes the limit.
+    """What a task takes for its cost: price times the periods at whose end a tip's deflection over L passes the limit,
+    or the arm in space is inside a shape.
 
-    Its slope is that of a step that is somewhat rounded off. ValueError for another kind of cost.
+    The slope by a deflection is that of a step that is somewhat rounded off. Of shapes the cost itself is rounded, and
+    half of it stands `OFF` m before them, so that what is found stays outside. Looked at are points on the straight
+    lines between the sections that the state holds. Within a wall no slope leads over it: `lifting` prices, of the
+    point that has to rise most to be over a shape, by how much. ValueError for another kind of cost.
     """
 
-    ROUNDED = 0.03
+    ROUNDED, SOFT, OFF = 0.03, 0.005, 0.012
 
-    def __init__(self, task: suite.Task, plan: Any) -> None:
-        cost = task.keywords.get("cost", {})
-        if task.price and set(cost) != {"deflection"}:
-            raise ValueError(f"{task.id}: no slope of costs but of the deflection's")
+    def __init__(self, task: suite.Task, plan: Any, names: Sequence[str] = (), lifting: bool = False) -> None:
+        cost, self.lifting = task.keywords.get("cost", {}), lifting
+        self.shapes = plan.keep_out if "keep_out" in task.keywords else ()
+        if task.price and set(cost) != {"deflection"} and not (self.shapes and not cost and plan.arm.spatial):
+            raise ValueError(f"{task.id}: no slope of costs but of the deflection's, and of shapes in space")
         self.price, self.limit = task.price, float(cost.get("deflection", 1.0))
         self.places = [k for k, name in enumerate(plan.names) if re.fullmatch(r"tip_deflection(_\d+)?", name)]
         self.scales = np.array([plan.scales[k] for k in self.places])
+        if self.shapes:
+            rows, row = [], 6  # behind the root's; of each section, place and turn
+            counts = np.broadcast_to(plan.settings.elements, plan.arm.n_links)
+            for link, count in zip(plan.arm.links, counts, strict=True):
+                own = [row + 1 + 6 * k for k in range(1 if link.rigid else count)]
+                rows, row = rows if link.rigid else [*rows, *own], own[-1] + 6
+            self.sections = np.array([[names.index(f"q[{row + d}]") for d in range(3)] for row in rows])
+            at = np.linspace(0.0, len(rows) - 1.0, 5 * len(rows) - 4)
+            self.weights = np.maximum(0.0, 1.0 - np.abs(at[:, None] - np.arange(len(rows))))
 
-    def __call__(self, seen: Array) -> tuple[Array, Array]:
-        """Of observations (n, O): what is taken (n,), and its slope (n, O)."""
-        bends, slope = seen[:, self.places] * self.scales, np.zeros_like(seen)
+    def __call__(self, seen: Array, state: Array) -> tuple[Array, Array, Array | float]:
+        """Of observations (n, O) and states (n, S): what is taken (n,), and its slopes (n, O) and (n, S)."""
+        slope = np.zeros_like(seen)
+        if self.shapes:
+            value, way = self.nearest(self.weights @ state[:, self.sections])
+            by_state = np.zeros_like(state)
+            by_state[:, self.sections] = self.price * self.weights.T @ way
+            return self.price * value, slope, by_state
+        bends = seen[:, self.places] * self.scales
         over = np.abs(bends) > self.limit
         near = np.exp(-(((np.abs(bends) - self.limit) / (self.ROUNDED * self.limit)) ** 2))
         slope[:, self.places] = self.price * near * np.sign(bends) * self.scales / (self.ROUNDED * self.limit)
-        return self.price * over.any(axis=1), slope
+        return self.price * over.any(axis=1), slope, 0.0
+
+    def nearest(self, points: Array) -> tuple[Array, Array]:
+        """Of arms' points (n, P, 3), m: cost (n,) over the price, of one of them, and its slope (n, P, 3)."""
+        soft, flat, cost, every = self.SOFT, points.copy(), [], np.arange(len(points))
+        for shape in self.shapes:
+            if self.lifting:  # how far inside, seen from above
+                soft, flat[..., 2] = 3.0 * self.SOFT, shape.place[2]
+            far, way = shape.look(flat)
+            within = 1.0 / (1.0 + np.exp(np.clip((far - self.OFF) / soft, -500.0, 500.0)))
+            slope = (-within * (1.0 - within) / soft)[..., None] * way
+            if self.lifting:
+                below = np.maximum(shape.place[2] + shape.sizes[-1] + self.OFF - points[..., 2], 0.0) / LIFT
+                slope = slope * [1.0, 1.0, 0.0] * below[..., None]
+                slope[..., 2] = np.where(below > 0.0, -within / LIFT, 0.0)
+                within = within * below
+            cost.append((within, slope))
+        value, slopes = (np.concatenate(x, axis=1) for x in zip(*cost, strict=True))
+        most = value.argmax(axis=1)
+        kept = np.zeros_like(points)
+        kept[every, most % points.shape[1]] = slopes[every, most]
+        return value[every, most], kept
 
 
 class InTask:
@@ -261,7 +313,7 @@ def returned(
         if steady is not None:
             actions[k] = _exact(np.clip(action + steady(k, seen), -1.0, 1.0))
         state, seen, reward = arms.step(states[-1], actions[k])
-        cost, slope = fine(seen)
+        cost, *slope = fine(seen, state)
         states.append(state)
         taken.append(slope)
         total += reward - cost
@@ -269,7 +321,8 @@ def returned(
     slopes = np.zeros_like(actions)
     back, one, ahead = np.zeros_like(start), np.ones(arms.n), 0.0
     for k in reversed(range(len(actions))):
-        back, slopes[k] = arms.vjp(states[k], actions[k], back, ahead - taken[k], one)
+        by_seen, by_state = taken[k]
+        back, slopes[k] = arms.vjp(states[k], actions[k], back - by_state, ahead - by_seen, one)
         if steady is not None:
             slopes[k] *= (np.abs(actions[k]) < 1.0) | (slopes[k] * actions[k] < 0.0)  # at a limit: the way back alone
             ahead = steady.back(k, slopes[k])
@@ -283,10 +336,22 @@ def found(task: suite.Task, folder: Path) -> Path:
         wall, cpu = time.perf_counter(), time.process_time()
         beside = sorted(path.parent for path in folder.parents[1].glob(f"*/{task.id}/policy.npz"))
         actions, returns = search(task, beside, kept=folder / "search.npz")
+        if "keep_out" in task.keywords:
+            lifted = search(task, beside, start=search(task, beside, start=(actions, returns), lifting=True))[0]
+            actions, returns = better(task, actions, lifted)
         spent = {"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu}
         write_json(folder / "run.json", {"algorithm": "foresight", "steps": 0, **spent})
         keep(path, actions, returns)
     return folder
+
+
+def better(task: suite.Task, *ways: Array) -> tuple[Array, Array]:
+    """Of each episode the best of actions (T, n, N), as the task has it, and the returns."""
+    env = suite.make_vec(task.id, EPISODES)
+    values = np.array([played(env, Actions(way), task.price)[1] for way in ways])
+    env.close()
+    first = values.argmax(axis=0)
+    return np.stack(ways)[first, :, np.arange(EPISODES)].transpose(1, 0, 2), values.max(axis=0)
 
 
 def chosen(folder: Path) -> Chosen:

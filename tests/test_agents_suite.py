@@ -116,7 +116,7 @@ def test_slopes_of_a_return_on_a_steadied_way(monkeypatch: pytest.MonkeyPatch):
     steady = foresight.Steady(arms, start, actions, SimpleNamespace(act=lambda seen: seen @ gain))
 
     def value(x, pulled=steady):
-        return foresight.returned(arms, start, x, lambda seen: (0.0, np.zeros_like(seen)), pulled)
+        return foresight.returned(arms, start, x, lambda seen, state: (0.0, np.zeros_like(seen), 0.0), pulled)
 
     total, slopes, played = value(actions)
     assert np.array_equal(played, actions) and np.array_equal(total, value(actions, None)[0])
@@ -129,10 +129,11 @@ def test_slopes_of_a_return_on_a_steadied_way(monkeypatch: pytest.MonkeyPatch):
 def test_the_search_climbs_each_episode_to_its_top_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     hills = Hills()
     hills.reset, hills.close, hills.environment = lambda seed: None, lambda: None, SimpleNamespace(plan=None)
+    hills.names = ()
     began = np.zeros((3, 2, 1))
     monkeypatch.setattr(derivatives, "Arms", lambda *words, **keywords: hills)
     monkeypatch.setattr(foresight, "returned", hills.returned)
-    monkeypatch.setattr(foresight, "Fine", lambda task, plan: None)
+    monkeypatch.setattr(foresight, "Fine", lambda *words: SimpleNamespace(shapes=()))
     monkeypatch.setattr(
         foresight, "beginnings", lambda task, trained: (began, hills.returned(None, None, began, None)[0])
     )
@@ -148,11 +149,32 @@ def test_costs_are_counted_and_sloped():
     fine = foresight.Fine(task, SimpleNamespace(names=("hub_rate", "tip_deflection"), scales=(2.0, 0.1)))
     limit = task.keywords["cost"]["deflection"] / 0.1
     seen = np.array([[9.0, 0.9 * limit], [0.0, -1.01 * limit], [0.0, 1.5 * limit]])
-    taken, slope = fine(seen)
+    taken, slope, _ = fine(seen, seen)
     assert taken.tolist() == [0.0, task.price, task.price]
     assert (slope[:, 0] == 0.0).all() and slope[1, 1] < -1.0 and abs(slope[2, 1]) < 1e-9
     with pytest.raises(ValueError, match="no slope of costs"):
         foresight.Fine(dataclasses.replace(task, keywords={"cost": {"strain": 1e-3}}), None)
+
+
+def test_what_shapes_cost_is_rounded_and_sloped():
+    """Clearances are those of the environment but for what links bend between sections; slopes those of differences."""
+    task, rng = suite.task("space-wall-v1"), np.random.default_rng(0)
+    arms = derivatives.Arms(task.environment, 16, **foresight.seen_whole(task))
+    env, state = arms.environment, arms.reset(seed=FIRST)
+    for _ in range(25):
+        action = rng.uniform(-0.3, 0.3, (16, 3)).astype(np.float32)
+        state, seen, _ = arms.step(state, action)
+        info = env.step(action)[-1]
+    fine = foresight.Fine(task, env.plan, arms.names)
+    far = fine.shapes[0].distance(fine.weights @ state[:, fine.sections]).min(axis=1)
+    near = (info["clearance"] < 0.1) & (far < 0.1)
+    assert near.sum() >= 4 and far[near] == pytest.approx(info["clearance"][near], abs=0.005)
+    fine.SOFT, way = 0.05, rng.normal(size=state.shape)
+    for fine.lifting in (False, True):
+        taken, by_seen, by_state = fine(seen, state)
+        sides = [fine(seen, state + side * way)[0] for side in (1e-6, -1e-6)]
+        assert not by_seen.any() and np.ptp(taken) > 1.0
+        assert (by_state * way).sum(axis=1) == pytest.approx((sides[0] - sides[1]) / 2e-6, abs=1e-5)
 
 
 @pytest.mark.slow
