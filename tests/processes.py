@@ -1,9 +1,13 @@
-"""Fresh interpreters, for what a test's own one cannot show."""
+"""Fresh interpreters, for what a test's own one cannot show, and arms that are served beside a test."""
 
 import os
 import subprocess
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -29,3 +33,17 @@ def uncompiled_tests(file: str, mark: str = "not slow") -> None:
     path = Path(__file__).parent / file
     done = python("-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", mark, path, FLEXARM_COMPILER="python")
     assert "skipped" not in done.stdout
+
+
+@contextmanager
+def served(server: Any) -> Iterator[tuple[str, int]]:
+    """The address of an arm that answers packets meanwhile, on a thread of its own."""
+    over = threading.Event()
+    thread = threading.Thread(target=server.serve, kwargs={"stopped": over.is_set})
+    thread.start()
+    try:
+        yield server.address
+    finally:
+        over.set()
+        thread.join()
+        server.close()

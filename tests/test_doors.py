@@ -4,7 +4,6 @@ import re
 import shutil
 import subprocess
 import sys
-import threading
 import time
 import types
 from collections.abc import Iterator
@@ -19,7 +18,7 @@ import flexarm_env  # noqa: F401
 from flexarm_env.control import load_policy
 from flexarm_env.remote import Limits, Server, Session
 from tests.c_tools import needs_c
-from tests.processes import ROOT
+from tests.processes import ROOT, served
 
 PAGE = (ROOT / "docs" / "doors.md").read_text("utf-8")
 
@@ -38,17 +37,12 @@ def shell(folder: Path, text: str) -> str:
 
 
 @pytest.fixture
-def served() -> Iterator[tuple[str, int, Session]]:
+def one() -> Iterator[tuple[str, int, Session]]:
     """An arm that answers packets on this machine."""
     env = gym.make("FlexibleArm-v0", control_dt=0.01, duration=1e6)
     session = Session(env, Limits(watchdog=100), seed=3)
-    server, over = Server(session), threading.Event()
-    thread = threading.Thread(target=server.serve, kwargs={"stopped": over.is_set})
-    thread.start()
-    yield *server.address, session
-    over.set()
-    thread.join()
-    server.close()
+    with served(Server(session)) as address:
+        yield *address, session
 
 
 @needs_c
@@ -68,8 +62,8 @@ def test_an_arm_and_its_policy_in_c(tmp_path: Path) -> None:
 
 
 @needs_c
-def test_a_served_arm_is_driven_from_c(tmp_path: Path, served: tuple[str, int, Session]) -> None:
-    host, port, session = served
+def test_a_served_arm_is_driven_from_c(tmp_path: Path, one: tuple[str, int, Session]) -> None:
+    host, port, session = one
     shutil.copyfile(ROOT / "docs" / "examples" / "wire.c", tmp_path / "wire.c")
     text = blocks("sh")[2].replace("127.0.0.1 7070", f"{host} {port}").replace("cc ", "cc -Wall -Wextra -Werror ")
     runs = 1
@@ -83,7 +77,7 @@ def test_a_served_arm_is_driven_from_c(tmp_path: Path, served: tuple[str, int, S
     assert session.counts["missing"] == 0
 
 
-def test_the_node_of_ros_moves_an_arm(monkeypatch: pytest.MonkeyPatch, served: tuple[str, int, Session]) -> None:
+def test_the_node_of_ros_moves_an_arm(monkeypatch: pytest.MonkeyPatch, one: tuple[str, int, Session]) -> None:
     """Against a stand-in of rclpy: what it publishes is what the arm reads, what it is sent acts."""
     sent: list[Any] = []
 
@@ -116,7 +110,7 @@ def test_the_node_of_ros_moves_an_arm(monkeypatch: pytest.MonkeyPatch, served: t
         monkeypatch.setitem(sys.modules, name, module)
     scope: dict[str, Any] = {"__name__": "node"}
     exec(blocks("python")[0], scope)
-    host, port, session = served
+    host, port, session = one
     node = scope["ArmNode"](host, port)
     node.asked(types.SimpleNamespace(data=[0.3]))
     for _ in range(30):

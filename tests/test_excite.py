@@ -1,7 +1,6 @@
 """Torques that tell what an arm is: their bounds, their spectrum, how they are played."""
 
 import dataclasses
-import threading
 from pathlib import Path
 
 import gymnasium as gym
@@ -15,6 +14,7 @@ from flexarm_env.identification import Excitation, excite
 from flexarm_env.remote import Limits, Played, Server, Session
 from flexarm_env.time_functions import linear_table
 from tests.cli_tools import refused
+from tests.processes import served
 from tests.refusals import refuses
 
 STRIP = arms.named("strip")
@@ -85,11 +85,7 @@ def test_a_served_arm_is_excited_as_designed(tmp_path: Path, capsys: pytest.Capt
     assert main(["excite", "strip", *words, "--out", str(file)]) == 0
     assert "modes_hz: 3.5" in capsys.readouterr().out
     env = gym.make("FlexibleArm-v0", control_dt=0.01, duration=1e6, initial_vibration=0.0)
-    server, over = Server(Session(env, Limits(watchdog=100), seed=1), log=tmp_path / "log.csv"), threading.Event()
-    thread = threading.Thread(target=server.serve, kwargs={"stopped": over.is_set})
-    thread.start()
-    host, port = server.address
-    try:
+    with served(Server(Session(env, Limits(watchdog=100), seed=1), log=tmp_path / "log.csv")) as (host, port):
         assert main(["run", str(file), "--to", f"{host}:{port}", "--most-angle", "9"]) == 0
         assert "ended: time" in capsys.readouterr().out
         assert main(["run", str(file), "--to", f"{host}:{port}", "--most-angle", "0.001"]) == 0
@@ -104,10 +100,6 @@ def test_a_served_arm_is_excited_as_designed(tmp_path: Path, capsys: pytest.Capt
         ):
             wrong.write_text(text)
             assert says in refused(capsys, "run", str(wrong), "--to", f"{host}:{port}")
-    finally:
-        over.set()
-        thread.join()
-        server.close()
     header, lines = csv_lines(tmp_path / "log.csv")
     acted = np.unique([float(line[header.index("torque0")]) for line in lines])
     asked = np.append(Played(file, 0.01, np.array([2.0])).torques[:, 0], 0.0)

@@ -38,7 +38,7 @@ from flexarm_env.remote import (
 from flexarm_env.remote.client import run_policy
 from flexarm_env.remote.packet import ARM, HEAD, HELD, LIMITED, RESET, SET_POINTS, unpack
 from tests.cli_tools import refused
-from tests.processes import ROOT
+from tests.processes import ROOT, served
 from tests.refusals import refuses
 
 PEER = ("127.0.0.1", 1)
@@ -261,14 +261,9 @@ def test_enemies(key: bytes | None) -> None:
 
 @pytest.fixture
 def server(tmp_path: Path) -> Iterator[Server]:
-    served = Server(made(key=KEY, limits=Limits(watchdog=200)), log=tmp_path / "log.csv")
-    over = threading.Event()
-    thread = threading.Thread(target=served.serve, kwargs={"stopped": over.is_set})
-    thread.start()
-    yield served
-    over.set()
-    thread.join()
-    served.close()
+    one = Server(made(key=KEY, limits=Limits(watchdog=200)), log=tmp_path / "log.csv")
+    with served(one):
+        yield one
 
 
 def test_over_loopback(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -311,21 +306,15 @@ class Slowly:
 @pytest.mark.slow
 def test_an_arm_in_space_over_loopback(monkeypatch: pytest.MonkeyPatch) -> None:
     """Driven by PD, whose goals take some tenths of a second to find, and by whoever thinks as long."""
-    served = Server(in_space(limits=Limits(watchdog=20), hold="angles"))
-    over = threading.Event()
-    thread = threading.Thread(target=served.serve, kwargs={"stopped": over.is_set})
-    thread.start()
-    env: Any = gym.make("RemoteArm-v0", host=served.address[0], port=served.address[1]).unwrapped
     model = gym.make("SpatialFlexArm-v0", control_dt=0.01)
-    for policy in (controller("pd", model), Slowly()):
-        told = run_policy(policy, env, 0.5)
-        assert told["ended"] == "time" and told["steps"] >= 5
-    assert run_policy(Slowly(), env, 5.0, most_rate=1e-3)["ended"] == "rate"
-    assert run_policy(Slowly(), env, 5.0, most_angle=1e-9)["ended"] == "angle"
-    env.close()
-    over.set()
-    thread.join()
-    served.close()
+    with served(Server(in_space(limits=Limits(watchdog=20), hold="angles"))) as (host, port):
+        env: Any = gym.make("RemoteArm-v0", host=host, port=port).unwrapped
+        for policy in (controller("pd", model), Slowly()):
+            told = run_policy(policy, env, 0.5)
+            assert told["ended"] == "time" and told["steps"] >= 5
+        assert run_policy(Slowly(), env, 5.0, most_rate=1e-3)["ended"] == "rate"
+        assert run_policy(Slowly(), env, 5.0, most_angle=1e-9)["ended"] == "angle"
+        env.close()
 
 
 class Stream:

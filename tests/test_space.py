@@ -144,13 +144,16 @@ def test_forces_at_rest_are_the_slope_of_the_energy(levers: bool, how: str) -> N
 @CHAINS
 def test_power_of_all_forces_is_the_rate_of_the_energy(levers: bool, how: str) -> None:
     """r . v = d(T + V)/dt in a drawn motion: inertia, gyroscopic moments and centrifugal forces of all bodies."""
-    arm, h = Drawn(levers, 0.1, 1.0, how=how), 1e-5
+    power, rate = _powers(Drawn(levers, 0.1, 1.0, how=how))
+    assert rate == pytest.approx(power, rel=1e-6)
 
-    def energy(t: float) -> float:
-        return float(arm.energy(arm.moved(arm.q, t * arm.v + 0.5 * t * t * arm.a), arm.v + t * arm.a).sum())
 
-    power = float((arm.residual(arm.q, arm.v, arm.a) * arm.v)[arm.rows].sum())
-    assert (energy(h) - energy(-h)) / (2.0 * h) == pytest.approx(power, rel=1e-6)
+def _powers(arm: Drawn) -> tuple[float, float]:
+    """That of all forces, and the rate of the energy, W."""
+    h = 1e-5
+    ways = [(arm.moved(arm.q, t * arm.v + 0.5 * t * t * arm.a), arm.v + t * arm.a) for t in (h, -h)]
+    after, before = (float(arm.energy(*way).sum()) for way in ways)
+    return float((arm.residual(arm.q, arm.v, arm.a) * arm.v)[arm.rows].sum()), (after - before) / (2.0 * h)
 
 
 GEARED = (
@@ -169,14 +172,8 @@ GEARED_CHAINS = pytest.mark.parametrize(
 def _taken(arm: Drawn) -> tuple[float, float, float]:
     """What damping and friction take, W: by the power of all forces less the rate of the energy, by the books; and that
     power."""
-    h = 1e-5
-
-    def energy(t: float) -> float:
-        return float(arm.energy(arm.moved(arm.q, t * arm.v + 0.5 * t * t * arm.a), arm.v + t * arm.a).sum())
-
-    power = float((arm.residual(arm.q, arm.v, arm.a) * arm.v)[arm.rows].sum())
-    lost = float(_lost(SINGLE, arm.model, arm.par, arm.q, arm.v))
-    return power - (energy(h) - energy(-h)) / (2.0 * h), lost, power
+    power, rate = _powers(arm)
+    return power - rate, float(_lost(SINGLE, arm.model, arm.par, arm.q, arm.v)), power
 
 
 @GEARED_CHAINS

@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from benchmarks.space_control import MEASURED
 from flexarm_env import arms, control, shapes
 from flexarm_env.control import lqg, optimal, shaping
 from flexarm_env.control.arm_model import held
@@ -20,10 +21,6 @@ from flexarm_env.rigid import coriolis, rigid_inertia
 
 ID = "SpatialFlexArm-v0"
 COARSE: dict[str, Any] = {"elements": 1, "dt": 0.005}
-GAUGES = [{"link": k, "measures": what} for k in (1, 2) for what in ("xy", "xz", "torsion")]
-MEASURED: dict[str, Any] = {
-    "observation": "measured", "sensors": {"encoders": {"counts": 2**16}, "strain_gauges": GAUGES},
-}  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "keywords"), [("lqr", {}), ("lqg", MEASURED)])
