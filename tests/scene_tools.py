@@ -1,11 +1,8 @@
 """Arms, scenes and room for lanes that tests share."""
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from flexarm_env.parameters import Arm, Link, Section
@@ -15,16 +12,6 @@ from flexarm_env.time_functions import constant
 SECTION = Section(1000.0, 1e4, 1e4, 1.0, 10.0)
 ONE = Arm("one", (Link(10.0, SECTION),))
 TWO = Arm("two", (Link(5.0, SECTION), Link(5.0, SECTION)))
-FINE: dict[str, tuple[str, dict[str, Any]]] = {
-    "exact": ("geometrically_exact", {"elements": 16}),
-    "elastica": ("elastica", {"nodes": 12}),
-    "segments": ("floating_frame", {"segments": 16}),
-}
-
-
-def each(methods: Mapping[str, Any]) -> list[Any]:
-    """The elastica in every run of the tests, the others in the slow lane: kernels take long to compile."""
-    return [name if name == "elastica" else pytest.param(name, marks=pytest.mark.slow) for name in methods]
 
 
 def scene(arm: Arm = ONE, **changes: object) -> Scene:

@@ -14,7 +14,7 @@ from flexarm_env.scene import JointTorque, Motion, Scene
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import constant, sine
 from tests.env_tools import assert_pair_same, pair
-from tests.scene_tools import each, everything
+from tests.scene_tools import everything
 
 STRIP = Section(EI=2.0, EA=2e6, C=7e5, m=0.3, J=1e-7)
 STIFF = Section(EI=2e5, EA=1e9, C=1e9, m=0.3)
@@ -31,7 +31,11 @@ def stiff_arm(joint: Joint = GEAR) -> Arm:
     return Arm("a", (Link(1.0, STIFF),), joints=(joint,))
 
 
-@pytest.mark.parametrize("method", each(METHODS))
+EACH = ["elastica", *(pytest.param(name, marks=pytest.mark.slow) for name in METHODS if name != "elastica")]
+"""The elastica in every run of the tests; kernels of the others take long to compile."""
+
+
+@pytest.mark.parametrize("method", EACH)
 def test_free_flight_across_the_gap(method: str) -> None:
     """The motor alone moves, by tau t^2 / 2 J, until it has gone half of the play; the link knows nothing of it."""
     formulation, options = METHODS[method]

@@ -202,17 +202,25 @@ def as_the_jacobians(arms: Arms, state: Array, action: Array, most: float) -> No
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "keywords",
-    [{"parameters": True}, {**PAID, **MOTORS, **PD}, {"task": "track", "arm": "three_dof"}, {"geared": True, **MOTORS}],
-    ids=["parameters", "motors", "targets", "gears"],
+    [
+        {"parameters": True},
+        {**PAID, **MOTORS, **PD},
+        {"task": "track", "arm": "three_dof"},
+        {"geared": True, **MOTORS},
+        {"segments": 1, "parameters": True, **FLOATING},
+        {"modes": 3, **FLOATING},
+    ],
+    ids=["parameters", "motors", "targets", "gears", "floating frame", "modes"],
 )
 def test_in_space(keywords: dict[str, Any]) -> None:
     """Of `SHORT`: relative error of a period below 3e-6 for each arm, by
     one of two steps of the differences (forces are cut off in Newton's matrix, which is a kink of 1e-4 that one of them
     may step over; accelerations have round-off of 1e-6), of five periods' observations below 1e-5. Without controllers
-    and targets that move cotangents have kernels of their own, and are what the Jacobians give to 1e-10."""
+    and targets that move cotangents of exact beams have their own kernels, and are what the Jacobians give to 1e-10."""
     arm = dataclasses.replace(SHORT, joints=geared(2).joints) if keywords.pop("geared", False) else SHORT
-    arms = Arms("SpatialFlexArm-v0", 9, tolerance=1e-14, elements=1, **{"arm": arm, **keywords})
-    assert arms.backwards == ("action_mode" not in keywords and "task" not in keywords)
+    mesh = {} if "formulation" in keywords else {"elements": 1}
+    arms = Arms("SpatialFlexArm-v0", 9, tolerance=1e-14, **mesh, **{"arm": arm, **keywords})
+    assert arms.backwards == (not {"action_mode", "task", "formulation"} & {*keywords})
     as_in_the_environment(arms)
     state, action = moving(arms)
     found = arms.jacobians(state, action)

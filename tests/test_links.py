@@ -18,11 +18,16 @@ from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import simulate
 from tests.refusals import refuses, says
-from tests.scene_tools import FINE, everything
+from tests.scene_tools import everything
 
 THICK = Section(EI=2.0, EA=2e7, C=7e6, m=0.3)
 THIN = Section(EI=0.5, EA=1e7, C=3e6, m=0.15)
-METHODS = FINE | {"modes": ("floating_frame", {"modes": 3})}
+METHODS: dict[str, tuple[str, dict[str, Any]]] = {
+    "exact": ("geometrically_exact", {"elements": 16}),
+    "elastica": ("elastica", {"nodes": 12}),
+    "segments": ("floating_frame", {"segments": 16}),
+    "modes": ("floating_frame", {"modes": 3}),
+}
 FOUR = METHODS | {"modes": ("floating_frame", {"modes": 4})}
 
 

@@ -18,11 +18,13 @@ from flexarm_env.settings import Settings
 from flexarm_env.simulation import Simulation, simulate
 from flexarm_env.time_functions import sine
 from tests.env_tools import assert_pair_same, pair
-from tests.scene_tools import FINE, each
 
 STRIP = Section(EI=2.0, EA=2e7, C=2e7, m=0.3)
 PAYLOAD = Payload(0.2, 1e-3, (0.05, 0.08))
-METHODS = FINE | {
+METHODS: dict[str, tuple[str, dict[str, Any]]] = {
+    "exact": ("geometrically_exact", {"elements": 16}),
+    "elastica": ("elastica", {"nodes": 12}),
+    "segments": ("floating_frame", {"segments": 16}),
     "clamped": ("floating_frame", {"segments": 16, "frame": "root"}),
     "modes": ("floating_frame", {"modes": 4}),
 }
@@ -54,7 +56,11 @@ def cantilever(payload: Payload, count: int) -> list[float]:
     return [brentq(determinant, x, y) for x, y, f, g in pairs if f * g < 0.0][:count]
 
 
-@pytest.mark.parametrize("method", each(METHODS))
+EACH = [name if name == "elastica" else pytest.param(name, marks=pytest.mark.slow) for name in METHODS]
+"""In every run of the tests, and the rest in the slow lane: kernels take long to compile."""
+
+
+@pytest.mark.parametrize("method", EACH)
 def test_frequencies_of_a_cantilever(method: str) -> None:
     formulation, options = METHODS[method]
     scene = Scene("s", Arm("a", (Link(1.0, STRIP),), payload=PAYLOAD), duration=1.0, dt=0.002)

@@ -23,6 +23,21 @@ from tests.refusals import refuses, says
 
 ARM = arms.named("three_dof")
 COARSE: dict[str, Any] = {"elements": 1, "dt": 0.005}
+FRAMES: dict[str, Any] = {"formulation": "floating_frame", "segments": 1}
+MODES: dict[str, Any] = {"formulation": "floating_frame", "modes": 3}
+GEARS = (fx.Joint(100.0, 0.01, 1e-3, 5.0),) * 3
+LADEN = dataclasses.replace(ARM, payload=fx.Payload(0.1, 1e-3), joints=GEARS, tau_d=1e-3)
+EVERYTHING: dict[str, Any] = {
+    "arm": LADEN, "payload_change": {"time": (0.02, 0.02), "factor": (3.0, 3.0)}, "initial_vibration": 0.01,
+    "pushes": {"wait": (0.01, 0.01), "force": (0.2, 0.2), "lasting": 0.1}, "history": 2,
+    "sensors": {"encoders": {"counts": 4096}, "accelerometer": {}, "gyroscope": {}, "camera": {}, "delay": 0.01},
+    "observation": "measured", "actuator": {"lag": 0.01, "saturation": 0.9, "coulomb": 0.02}, "task": "track",
+    "randomization": {"payload": (0.5, 2.0), "EI": (0.8, 1.2), "EI_y": (0.8, 1.2), "GJ": (0.8, 1.2),
+                      "motor_inertia": (0.9, 1.1)},
+    "cost": {"deflection": (1.0, 0.05, 0.05)}, "action_mode": "residual_pd", "info_level": "full",
+    "keep_out": [{"shape": "sphere", "center": (0.4, 0.4, 0.4), "radius": 0.1}],
+}  # fmt: skip
+"""But strain gauges, which do not read modes."""
 
 
 def test_poses_are_those_of_recorded_coordinates() -> None:
@@ -107,13 +122,14 @@ def test_initial_vibrations_are_those_of_a_uniform_rod() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("settings", [{"elements": 1}, FRAMES, MODES], ids=["exact", "frames", "modes"])
 @pytest.mark.parametrize("start", [(0.0, 0.0, 0.0), (0.4, 0.9, -1.2)])
-def test_initial_vibrations_have_their_energy_and_swing_no_joint(start: Any) -> None:
+def test_initial_vibrations_have_their_energy_and_swing_no_joint(start: Any, settings: dict[str, Any]) -> None:
     """At any joint angles, of drawn payloads and gears; what is put in is what the books have from then on, and joints
     begin without momentum, so that they go to and fro."""
     payload, gear = fx.Payload(0.2, 1e-3, (0.0, 0.05, 0.02)), fx.Joint(100.0, 0.01, 1e-3, 5.0)
     laden = dataclasses.replace(ARM, payload=payload, joints=(gear,) * 3, tau_d=1e-4)
-    options = {"arm": laden, "elements": 1, "dt": 2.5e-4, "randomization": {"payload": (2.0, 2.0)}}
+    options = {"arm": laden, **settings, "dt": 2.5e-4, "randomization": {"payload": (2.0, 2.0)}}
     one = [vibrating(a * np.eye(3)[0], start, 0, **options)[0][0, 0] for a in (0.01, 0.02)]
     assert one[1] == pytest.approx(4.0 * one[0], rel=1e-12)
     amplitude = np.array([0.02, -0.01, 0.015])
@@ -140,9 +156,14 @@ def test_initial_vibrations_are_drawn_alike_in_lanes() -> None:
 
 
 # ------------------------------------------------------------------ the environment
-def test_every_entry_is_that_of_a_scene_run_beside() -> None:
+@pytest.mark.parametrize(
+    "settings",
+    [{"elements": 1}, *(pytest.param(one, marks=pytest.mark.slow) for one in (FRAMES, MODES))],
+    ids=["exact", "frames", "modes"],
+)
+def test_every_entry_is_that_of_a_scene_run_beside(settings: dict[str, Any]) -> None:
     """Torques held for 50 ms in fine steps; rates by differences of what is recorded."""
-    env = gym.make("SpatialFlexArm-v0", elements=1, dt=2e-4, tolerance=1e-9)
+    env = gym.make("SpatialFlexArm-v0", **settings, dt=2e-4, tolerance=1e-9)
     start, action, target = (0.2, 0.7, -0.4), np.array([0.1, -0.3, 0.2], np.float32), np.array([0.5, 0.3, 0.6])
     env.reset(seed=0, options={"start": start, "target": target})
     for _ in range(5):
@@ -150,7 +171,8 @@ def test_every_entry_is_that_of_a_scene_run_beside() -> None:
     torques = np.array(ARM.torque_limits) * action
     loads = tuple(fx.JointTorque(k, time_functions.constant(float(u))) for k, u in enumerate(torques))
     scene = fx.Scene("s", ARM, duration=0.0502, dt=2e-4, gravity=(0, 0, -9.81), angles=start, loads=loads)
-    run = fx.simulate(scene, elements=1, tolerance=1e-9, estimate_error=False)
+    own = {"formulation": "geometrically_exact", **settings, "tolerance": 1e-9}
+    run = fx.simulate(scene, estimate_error=False, **own)
     at = len(run.t) - 2
     assert run.t[at] == pytest.approx(0.05)
     L, w = ARM.total_length, [rate_scale(ARM, k) for k in range(3)]
@@ -327,6 +349,7 @@ def test_drawn_stiffnesses() -> None:
         ({"randomization": {"GJ": (0.0, 1.0)}}, "randomization.GJ[0] = 0.0: must be a positive number"),
         ({"randomization": {"EI_y": (1.0, 1e15)}}, "randomization.EI_y[1] = 1000000000000000.0: must be at most"),
         ({"formulation": "elastica"}, "formulation = 'elastica'"),
+        ({**MODES, "cost": {"strain": 1e-3}}, "modes = 3: must be left out where strain gauges are read"),
         ({"arm": "three_strips"}, "arm = 'three_strips': must leave the x-y plane"),
         ({"gravity": (0.0, -9.81)}, "gravity"),
         ({"turns": "any"}, "turns = 'any'"),
@@ -378,3 +401,17 @@ def test_pd_about_the_rest_under_gravity_settles() -> None:
 def test_wrong_options_are_refused(options: dict[str, Any], words: str) -> None:
     env = gym.make("SpatialFlexArm-v0", **COARSE)
     says(words, lambda: env.reset(options=options))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("settings", [FRAMES, {**MODES, "modes": 2}], ids=["frames", "modes"])
+def test_frames_follow_the_exact_beam_under_a_quarter_of_the_torques(settings: dict[str, Any]) -> None:
+    """The tip is within 0.5 % of the reach for 0.2 s."""
+    both = [gym.make_vec("SpatialFlexArm-v0", num_envs=8, **one) for one in (settings, {"elements": 4, "dt": 1e-3})]
+    rng = np.random.default_rng(5)
+    for env in both:
+        env.reset(seed=1)
+    for _ in range(20):
+        action = rng.uniform(-0.25, 0.25, (8, 3)).astype(np.float32)
+        one, other = (env.step(action)[-1]["tip_position"] for env in both)
+        assert np.linalg.norm(one - other, axis=1).max() < 0.005 * ARM.total_length

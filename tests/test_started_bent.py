@@ -12,7 +12,7 @@ from flexarm_env.rest import NoEquilibrium
 from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import constant, steps
-from tests.scene_tools import each, everything
+from tests.scene_tools import everything
 
 STRIP = Section(EI=2.0, EA=2e6, C=7e5, m=0.3, J=1e-7)
 METHODS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -21,6 +21,7 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "segments": ("floating_frame", {"segments": 8}),
     "joined": ("floating_frame", {"segments": 4, "multipliers": True}),
 }
+EACH = ["elastica", *(pytest.param(name, marks=pytest.mark.slow) for name in METHODS if name != "elastica")]
 
 
 def bent(**more: Any) -> Scene:
@@ -32,7 +33,7 @@ def bent(**more: Any) -> Scene:
     return everything(Scene("s", arm, **{"duration": 0.6, "dt": 1e-3, "sample": 0.01, **usual, **more}))
 
 
-@pytest.mark.parametrize("method", each(METHODS))
+@pytest.mark.parametrize("method", EACH)
 def test_rest_until_it_is_let_go(method: str) -> None:
     """At rest to round-off where `static_equilibrium` finds it; let go, it keeps the energy that it then has."""
     formulation, options = METHODS[method]

@@ -123,7 +123,7 @@ class Plan:
     @property
     def deflection_bound(self) -> float:
         """Tip deflection over length beyond which the formulation stops; infinite but for a reduction to modes."""
-        return self.settings.deflection_bound
+        return math.inf if self.kind.space else self.settings.deflection_bound
 
     @property
     def observation_bounds(self) -> np.ndarray[Any, np.dtype[np.float32]]:
@@ -269,14 +269,15 @@ def _arm(kind: Kind, given: Any, joint_limits: Any) -> Arm:
 
 def _settings(kind: Kind, formulation: str | None, period: float, options: dict[str, Any]) -> Settings:
     chosen = formulation or (DEFAULT_FORMULATION if kind.settings is None else "geometrically_exact")
-    if kind.space and chosen != "geometrically_exact":
-        what = "must be 'geometrically_exact': environments in space have no other"
+    if kind.space and chosen == "elastica":
+        what = "must be 'geometrically_exact' or 'floating_frame' in space"
         raise check.InvalidValue("formulation", chosen, what)
     check_options(chosen, [name for name in options if name in default_options(chosen) or _known(name)])
     for name in options:
         if not _known(name):
             raise check.UnknownArgument(name, ARGUMENTS)
-    base = dict(kind.settings or DEFAULT_OPTIONS[chosen]) if options.get("modes") is None else OF_MODES
+    usual = DEFAULT_OPTIONS | ({} if kind.settings is None else {"geometrically_exact": dict(kind.settings)})
+    base = dict(usual[chosen]) if options.get("modes") is None else OF_MODES
     settings = Settings.make(chosen, **merged(base, options))
     if "dt" not in options or options["dt"] is None:
         assert settings.dt is not None

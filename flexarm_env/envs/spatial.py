@@ -19,7 +19,8 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     A chain of N links in space, flexible or rigid, with a motor at each joint, stands on a base that is held, under
     gravity. The agent is to bring the tip to a target point and to keep it there, still. Links are geometrically exact
-    beams in space, which bend in both planes, twist, stretch and shear (docs: theory, section 9).
+    beams in space, which bend in both planes, twist, stretch and shear (docs: theory, section 9); or have floating
+    frames.
 
     `gymnasium.make("SpatialFlexArm-v0")` is one arm, `gymnasium.make_vec("SpatialFlexArm-v0", num_envs=n)` n of them
     in one compiled call a step; the two agree bit for bit. In a process that has not imported the package:
@@ -117,7 +118,10 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | `arm` | "three_dof" | another that leaves the plane, with torque limits and straight links |
     | `control_dt` | 0.01 | s |
     | `gravity` | (0, 0, -9.81) | (x, y, z), m/s^2 |
+    | `formulation` | "geometrically_exact" | or "floating_frame", with `segments` or `modes` (at least 2) |
     | `elements`, `dt`, `tolerance` | 2, 0.0025, 1e-5 | elements a link; s; of Newton's increments |
+    | `segments`, `dt`, `tolerance` | 2, 0.0025, 1e-6 | of floating frames |
+    | `modes`, `segments`, `dt`, `tolerance` | -, 1, 0.005, 1e-6 | the same, reduced to bending modes of each plane |
     | `task` | "reach" | or "track": the target moves (`reference`: x, y, z over time, m; None: a circle); "replay" |
     | `randomization` | {} | `EI` is a factor on EI and EI_y; also `EI_y` (besides `EI`) and `GJ` |
     | `starts` | {} | `angles`: (low, high) of each joint, rad; `target`: of the joint angles there; `straight` |

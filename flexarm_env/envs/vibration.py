@@ -96,7 +96,7 @@ def swing(arm: Arm, settings: Settings) -> Array:
     sections = motions.chain.sections.reshape(-1, E.end)
     stiffness = sections[:, E.bend : E.bend + 3] / sections[:, E.length, None]
     modes, energies = np.zeros((motions.n + 2, 3)), [math.inf] * 3
-    for k in np.flatnonzero(squares > 0.0):
+    for k in range(arm.n_links, len(squares)):  # after the rigid turns of the joints
         v = np.zeros(motions.n)
         v[motions.free] = vectors[:, k]  # of the energy 1/2 J
         moving = list(links(arm, settings, simulation.work.q[None], v[None]))
@@ -109,7 +109,7 @@ def swing(arm: Arm, settings: Settings) -> Array:
             modes[:-2, kind] = own * np.sign(named[np.abs(named).argmax()])  # which way the tip goes
             energies[kind] = 0.5 * squares[k] / float((tips[:, 1:3] ** 2).sum(axis=1).max())
     modes[-2, modes.any(axis=0)] = min(energies[:2])
-    modes[-1, 0] = 100.0 / squares[squares > 0.0].min()
+    modes[-1, 0] = 100.0 / squares[arm.n_links]
     return modes
 
 

@@ -6,7 +6,8 @@ from ..arithmetic import add
 from ..protocol import RESIDUAL_ALONE, register
 from .chain import SpatialBeam, clear, three_of
 from .equations import assemble
-from .layout import AXES, B, F, H, J, count_of, factor_at, hinge_at, joint_row, rows_before
+from .inner import elements_before, multiplied
+from .layout import AXES, B, F, H, J, count_of, factor_at, hinge_at, inner_at, inner_row, joint_row, rows_before
 from .matrix import (
     block_times,
     matrix_in,
@@ -39,7 +40,7 @@ _vjp_poses = vjp_of(task_poses, ("par", "q", "v", "out"))
 
 @kernel
 def multiply(lane, model, S, x, y):
-    """See `protocol`; of links without inner modes."""
+    """See `protocol`."""
     for k in range(model.links):
         h, row, under = hinge_at(k), joint_row(model, k), rows_before(model, k)
         axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
@@ -57,6 +58,12 @@ def multiply(lane, model, S, x, y):
             c, d = vector(lane, x, i), vector(lane, x, i + 3)
             left, right = block_times(lane, S, o + F.LL, a, b), block_times(lane, S, o + F.RL, a, b)
             more, far = block_times(lane, S, o + F.LR, c, d), block_times(lane, S, o + F.RR, c, d)
+            if model.inner is not None:
+                n = elements_before(model, k) + e
+                at, first_row = inner_at(model, n), inner_row(model, n)
+                more_l, more_r = multiplied(lane, model, S, at, x, y, first_row, (a, b), (c, d))
+                left = plus(left[0], more_l[0]), plus(left[1], more_l[1])
+                right = plus(right[0], more_r[0]), plus(right[1], more_r[1])
             if e == 0:
                 force, moment = plus(left[0], more[0]), plus(left[1], more[1])
             else:

@@ -16,20 +16,22 @@ Sections at x have the rotary inertia of the rates a w_l + b w_r + c w, [41] aga
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 from ...compiler import kernel, square_root
 from .rotations import (
+    about_identity,
     back,
     cross,
     dot,
     matrix,
     minus,
     plus,
+    polynomial,
     product,
     times,
     transposed,
-    turn_of,
     turned,
 )
 
@@ -39,9 +41,11 @@ class Frame(NamedTuple):
 
     A: Any
     length: Any  # of the chord
+    over: Any  # 1 / length
     left: Any  # `Turn` of the left section
     right: Any
     k: Any
+    share: Any  # 1 / p_y, p the sum of both sections' y axes
 
 
 class Turn(NamedTuple):
@@ -62,9 +66,14 @@ class Rates(NamedTuple):
     right: Any
 
 
-@kernel
-def _normal(a):
-    return times(a, 1.0 / square_root(dot(a, a)))
+_HALF_TURN = tuple(2.0**k * math.factorial(k) ** 2 / math.factorial(2 * k + 1) for k in range(15, -1, -1))
+"""Of acos(w) / sqrt(1 - w^2) by 1 - w: half an angle over its sine; to 1e-14 where the angle is a right one."""
+_BERNOULLI = (
+    1 / 6, 1 / 30, 1 / 42, 1 / 30, 5 / 66, 691 / 2730, 7 / 6, 3617 / 510, 43867 / 798, 174611 / 330, 854513 / 138,
+    236364091 / 2730,
+)  # fmt: skip
+_CURVED = tuple(_BERNOULLI[k] / math.factorial(2 * k + 2) for k in range(11, -1, -1))
+"""Of c of T^-1 (`rotations.Turn`) by |phi|^2, likewise."""
 
 
 @kernel
@@ -73,27 +82,33 @@ def _turn(A, own, share):
     E = product(transposed(A), own)
     w = square_root(E[0][0] + E[1][1] + E[2][2] + 1.0) * 0.5
     part = 0.25 / w
-    p = w, (E[2][1] - E[1][2]) * part, (E[0][2] - E[2][0]) * part, (E[1][0] - E[0][1]) * part
-    found = turn_of(p)
-    return Turn(E, found.psi, found.T, (E[2][2] * share, E[2][0] * 0.0, -(E[2][0] * share)))
+    p = (E[2][1] - E[1][2]) * part, (E[0][2] - E[2][0]) * part, (E[1][0] - E[0][1]) * part
+    phi = times(p, polynomial(_HALF_TURN, 1.0 - w) * 2.0)
+    square = dot(phi, phi)
+    c = polynomial(_CURVED, square)
+    T = about_identity(1.0 - c * square, times(phi, 0.5), c, phi)
+    return Turn(E, phi, T, (E[2][2] * share, E[2][0] * 0.0, -(E[2][0] * share)))
 
 
 @kernel
 def frame_of(left, right):
     """The `Frame` between two `Place`s."""
     d, own_l, own_r = minus(right.r, left.r), matrix(left.p), matrix(right.p)
-    x, p = _normal(d), (own_l[0][1] + own_r[0][1], own_l[1][1] + own_r[1][1], own_l[2][1] + own_r[2][1])
-    z = _normal(cross(x, p))
-    y = cross(z, x)
-    A = transposed((x, y, z))
-    share = 1.0 / dot(y, p)
-    return Frame(A, dot(x, d), _turn(A, own_l, share), _turn(A, own_r, share), dot(x, p) * share)
+    length = square_root(dot(d, d))
+    over = 1.0 / length
+    x, p = times(d, over), (own_l[0][1] + own_r[0][1], own_l[1][1] + own_r[1][1], own_l[2][1] + own_r[2][1])
+    z = cross(x, p)
+    share = 1.0 / square_root(dot(z, z))
+    z = times(z, share)
+    A = transposed((x, cross(z, x), z))
+    k = dot(x, p) * share
+    return Frame(A, length, over, _turn(A, own_l, share), _turn(A, own_r, share), k, share)
 
 
 @kernel
 def rates_of(frame, left, right):
     """The `Rates` of two `Place`s."""
-    d, share = back(frame.A, minus(right.v, left.v)), 1.0 / frame.length
+    d, share = back(frame.A, minus(right.v, left.v)), frame.over
     y = -(d[2] * share)
     spin = dot(frame.left.g, left.spin) + dot(frame.right.g, right.spin) + frame.k * y, y, d[1] * share
     return Rates(spin, d, _phi_rate(frame.left, left.spin, spin), _phi_rate(frame.right, right.spin, spin))
@@ -132,7 +147,7 @@ def lifted(f):
 @kernel
 def seconds(frame, rates, left, right):
     """The frame's second rate in its axes."""
-    spin, share = rates.spin, 1.0 / frame.length
+    spin, share = rates.spin, frame.over
     d = back(frame.A, minus(right.a, left.a))
     y = spin[0] * spin[2] - (d[2] + rates.d[0] * spin[1] * 2.0) * share
     z = (d[1] - rates.d[0] * spin[2] * 2.0) * share - spin[0] * spin[1]
@@ -144,4 +159,4 @@ def seconds(frame, rates, left, right):
         swung = w[0] * w[1] - alpha[2], -(w[0] * w[0] + w[2] * w[2]), w[1] * w[2] + alpha[0]
         second = plus(second, turned(turn.E, swung))
     own = plus(times(cross(spin, minus(first, cross(spin, p))), 2.0), cross(spin, cross(spin, p)))
-    return (second[2] - own[2]) / p[1] + y * frame.k, y, z
+    return (second[2] - own[2]) * frame.share + y * frame.k, y, z

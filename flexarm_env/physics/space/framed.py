@@ -213,7 +213,7 @@ def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
         _inner_forces(lane, model, par, frame, section.tau, stiff.pull, turns, at, state, row, r)
     turn_l, turn_r, turn = _rotary(lane, model, at, left, right, (spin, alpha), state, row)
     couple = minus(plus(couple, turn), plus(turned(a.T, ml), turned(b.T, mr)))
-    aside = stiff.pull, couple[2] / frame.length, -((couple[1] + couple[0] * frame.k) / frame.length)
+    aside = stiff.pull, couple[2] * frame.over, (couple[1] + couple[0] * frame.k) * -frame.over
     if weights.mass != 0.0:
         most = _most_force(section, model.frames[at.mass] * 0.5, weights.mass)
         now = (clip(aside[0], most), clip(aside[1], most), clip(aside[2], most)), ml, mr

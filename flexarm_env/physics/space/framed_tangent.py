@@ -264,7 +264,7 @@ def _plus_roll(A, a, g):
 @kernel
 def _by_chord(frame, A):
     """Rows of the frame's rotation as those of the force between the ends, but for that along the chord."""
-    share = 1.0 / frame.length
+    share = frame.over
     return times(A[2], share), times(plus(A[1], times(A[0], frame.k)), -share)
 
 
@@ -310,7 +310,7 @@ def _less(rows):
 @kernel
 def _columns(frame):
     """The `Column`s of the left end's place and rotation, and of the right one's."""
-    a, b, share, zero = frame.left, frame.right, 1.0 / frame.length, frame.length * 0.0
+    a, b, share, zero = frame.left, frame.right, frame.over, frame.length * 0.0
     none, full = (zero, zero, zero), zero + 1.0
     nothing, one = (none, none, none), about_identity(full, none, zero, none)
     beta = (zero, zero, -(frame.k * share)), (zero, zero, -share), (zero, share, zero)
@@ -332,7 +332,7 @@ def tangent(lane, model, par, tau, frame, stiff, pull, now, i, q, weights, S, f)
     rate = weights.stiffness
     if tau is not None:
         rate = tau * weights.damping + rate
-    cm, c, a, b, A, share = weights.mass, weights.stiffness, frame.left, frame.right, frame.A, 1.0 / frame.length
+    cm, c, a, b, A, share = weights.mass, weights.stiffness, frame.left, frame.right, frame.A, frame.over
     bent, strong = _bent_inertia(lane, model, frame, at, q, row), rate * model.frames[at.pull]
     bending = _bending(lane, model, par, frame, stiff, pull, strong, rate, weights, at)
     of = _turned(lane, model, frame, now, bending, bent, weights, at)

@@ -11,7 +11,7 @@ from ..arithmetic import add
 from .chain import three_of
 from .element import scale
 from .layout import F, count_of, inner_of
-from .rotations import minus, plus, times, vector
+from .rotations import dot, minus, plus, times, vector
 
 HELIX = 1.0 / 24.0
 """Of twist times bending, rad: by what the sections of a helix are turned against its chord."""
@@ -129,3 +129,32 @@ def up(lane, model, S, inner, x, row, left, right):
             for j in range(3):
                 add(lane, x, row + k, -(load(lane, S, inner.over + 12 * k + side + j) * part[0][j]))
                 add(lane, x, row + k, -(load(lane, S, inner.over + 12 * k + side + 3 + j) * part[1][j]))
+
+
+@kernel
+def _entry(lane, n, S, o, i, j):
+    """That of the matrix whose `factors` are at o."""
+    total = splat(lane, 0.0)
+    for k in range(min(i, j) + 1):
+        upper = 1.0 / load(lane, S, o + (n + 1) * k) if k == j else load(lane, S, o + n * k + j)
+        total = total + (upper if k == i else load(lane, S, o + n * i + k) * upper)
+    return total
+
+
+@kernel
+def multiplied(lane, model, S, inner, x, y, row, left, right):
+    """What `condense` has taken out, times x and what the ends move by, (place, rotation) each: to y that of the inner
+    modes; ((force, moment) on the left end, on the right)."""
+    n, zero = 3 * inner_of(model), splat(lane, 0.0)
+    nothing = zero, zero, zero
+    a, b, c, d = nothing, nothing, nothing, nothing
+    for k in range(n):
+        over, at = inner.over + 12 * k, inner.ends + 12 * k
+        moved = dot(vector(lane, S, over), left[0]) + dot(vector(lane, S, over + 3), left[1])
+        moved = moved + dot(vector(lane, S, over + 6), right[0]) + dot(vector(lane, S, over + 9), right[1])
+        moved = moved + load(lane, x, row + k)
+        a, b = plus(a, times(vector(lane, S, at), moved)), plus(b, times(vector(lane, S, at + 3), moved))
+        c, d = plus(c, times(vector(lane, S, at + 6), moved)), plus(d, times(vector(lane, S, at + 9), moved))
+        for i in range(n):
+            add(lane, y, row + i, _entry(lane, n, S, inner.matrix, i, k) * moved)
+    return (a, b), (c, d)

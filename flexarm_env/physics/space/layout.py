@@ -30,7 +30,7 @@ ELEMENT = Layout(
 )  # fmt: skip
 
 POINTS = 4
-"""Gauss points of a segment's mass, at least."""
+"""Gauss points of a segment's mass, without inner modes."""
 
 WEIGHT = Layout(
     "Weight", "inner",
@@ -171,13 +171,13 @@ def inner_of(model):
 
 def points_for(inner: int) -> int:
     """Gauss points of the mass of a segment with so many inner modes."""
-    return max(POINTS, 2 * inner + 2)
+    return POINTS + 2 * inner
 
 
 @kernel
 def points_of(model):
     """`points_for` of the model."""
-    return max(POINTS, 2 * inner_of(model) + 2)
+    return POINTS + 2 * inner_of(model)
 
 
 @kernel

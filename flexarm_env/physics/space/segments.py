@@ -128,21 +128,18 @@ def _frame(link: Link, plane: Element, across: Element, start: float, modes: int
     """A `FRAME` of the segment that begins at `start`, and how it is without stress."""
     l, n = plane.length, modes or 2
     inner, both = n - 2, (_Plane(across, modes), _Plane(plane, modes))
-    K, H, lateral, rotary = (np.zeros((n + k, n + k, 3)) for k in (0, 0, 0, 1))  # the frame comes last
-    near, far, moments = (np.zeros((n, 3)) for _ in range(3))
+    K, H, rotary = (np.zeros((n + k, n + k, 3)) for k in (0, 0, 1))  # the frame comes last
+    moments = np.zeros((n, 3))
     twist = torsion(link, start, start + l) / l
     K[:2, :2, 0] = twist * np.array([[1.0, -1.0], [-1.0, 1.0]])
     waves = np.pi * np.arange(1, inner + 1)[:, None]
     for axis, one in zip((1, 2), both, strict=True):
-        K[..., axis], H[..., axis], lateral[..., axis] = one.K, one.H, _symmetric(one.dm, one.h)
+        K[..., axis], H[..., axis] = one.K, one.H
         rest = 1.0 - one.phi[0] - one.phi[1]
         rotary[..., axis] = _symmetric(one.dJ, np.vstack([one.phi, rest]))
-        side = 3 - axis  # a rotation about z moves along y
-        near[:, side], far[:, side] = one.h @ (one.dm * (1.0 - one.at)), one.h @ (one.dm * one.at)
         moments[:, axis] = one.moment
         twisted = np.vstack([1.0 - one.at, one.at, np.sin(waves * one.at), 0.0 * one.at])
         rotary[..., 0] += _symmetric(one.dJ, twisted)
-        mass = _symmetric(one.dm, twisted[:2])[_UPPER]
     x, weights = np.polynomial.legendre.leggauss(32)
     at, slopes = 0.5 * (1.0 + x), waves * np.cos(waves * 0.5 * (1.0 + x)) / l
     K[2:, 2:, 0] = _symmetric(0.5 * l * weights * np.asarray(link.across(start + l * at)["GJ"]), np.asarray(slopes))
@@ -151,12 +148,19 @@ def _frame(link: Link, plane: Element, across: Element, start: float, modes: int
         rotary[..., 0] = 0.0
         rotary[:2, :2, 0] = least / 6.0 * (np.ones((2, 2)) + np.eye(2))
         rotary[2:n, 2:n, 0] = 0.5 * least * np.eye(inner)
-    rows, (x, weights) = [], np.polynomial.legendre.leggauss(points_for(inner))
-    for xi, weight in zip((0.5 * (1.0 + x)).tolist(), (0.5 * weights).tolist(), strict=True):
-        h = np.zeros((n, 3))
-        h[:, 2], h[:, 1] = both[0].across(xi * l), both[1].across(xi * l)
-        dm = float(plane.link.along(np.array([xi * l])).m[0]) * weight * l
-        rows.append(WEIGHT.pack({"inner": inner}, xi=xi, mass=dm, left=h[0], right=h[1], inner=h[2:]))
+    x, weights = np.polynomial.legendre.leggauss(points_for(inner))
+    at, h = 0.5 * (1.0 + x), np.zeros((len(x), n, 3))
+    dm = 0.5 * l * weights * plane.link.along(at * l).m
+    for side, one in ((2, both[0]), (1, both[1])):  # a rotation about z moves along y
+        h[..., side] = [one.across(s) for s in (at * l).tolist()]
+    rows = [
+        WEIGHT.pack({"inner": inner}, xi=at[p], mass=dm[p], left=h[p, 0], right=h[p, 1], inner=h[p, 2:])
+        for p in range(len(x))
+    ]
+    ends = np.array([1.0 - at, at])
+    mass = _symmetric(dm, ends)[_UPPER]
+    near, far = np.einsum("p,ep,pnc->enc", dm, ends, h)
+    lateral = np.einsum("p,pnc,pmc->nmc", dm, h, h)[..., [0, 2, 1]]  # about x, y, z
     order = [0, 1, n, *range(2, n)]  # the frame before inner modes
     w: Array = np.zeros(n)
     if link.curved:
