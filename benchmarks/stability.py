@@ -126,7 +126,7 @@ def apart(one: Trajectory, two: Trajectory) -> tuple[float, float]:
 
 def outcome(row: dict[str, Any]) -> str:
     """One of OUTCOMES."""
-    if row["status"] == "crashed" or not row["finite"] or row["cpu"] > 8.0 * TIME_LIMIT:
+    if row["status"] == "crashed" or not row.get("finite", False) or row["cpu"] > 8.0 * TIME_LIMIT:
         return "broken"
     if row["status"] == "inaccurate":
         return "inaccurate"
@@ -239,12 +239,14 @@ def _ratios(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
 
 
 def write_rows(path: Path, rows: Sequence[dict[str, Any]], errors: Sequence[str], names: Sequence[str]) -> None:
-    """Each case by its entries `names`, and how it ended. errors: those of the tip that are told."""
+    """Each case by its entries `names`, and how it ended; what is wrong is printed. errors: of tips that are told."""
     ends = ["estimate", *errors, "gain", "loss", "steps"]
     pages.write_csv(path, [*names, "options", "outcome", "status", *ends], (
         (*(row["case"][name] for name in names), pages.options_of(row["case"]), row["outcome"], row["status"],
          *(row.get(name) for name in ends)) for row in rows
     ))  # fmt: skip
+    for row in [row for row in rows if row["outcome"] in ("silently wrong", "broken")][:40]:
+        print(json.dumps(row))
 
 
 def table_of_cases(found: pages.Found) -> list[str]:
@@ -315,7 +317,6 @@ def measured(options: argparse.Namespace) -> pages.Found:
     store, workers, fresh = STORE / "stability.jsonl", options.workers, options.fresh
     rows = run_all("stability", chosen(options.full, options.limit), measure, store, workers, fresh)
     for row in rows:
-        row["finite"] = row.get("finite", False)
         row["outcome"] = outcome(row)
     hard = run_all("long steps", hard_cases(), hard_step, STORE / "long_steps.jsonl", 1, fresh)
     hard = [{**row.pop("case"), **row} for row in hard]
@@ -327,8 +328,6 @@ def measured(options: argparse.Namespace) -> pages.Found:
         "family", "method", "drive", "amplitude", "slender", "payload", "zeta", "links", "h", "rho", "seed",
     ))  # fmt: skip
     maps(rows, options.figures / "stability.png", MAIN)
-    for row in [row for row in rows if row["outcome"] in ("silently wrong", "broken")][:40]:
-        print(json.dumps(row))
     counts = Counter(row["outcome"] for row in (*rows, *stiff))
     verdicts = {f"no run is {word}": counts[word] == 0 for word in ("silently wrong", "broken")}
     found = {**report(rows, hard, long), "hard_step_rows": hard, "stiff_arms": stiff_arms.tallied(stiff)}

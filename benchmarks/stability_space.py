@@ -11,7 +11,6 @@ good as rigid. A rad by which the tip's axes are off counts as much as a fifth o
 import argparse
 import dataclasses
 import functools
-import json
 import math
 import sys
 from collections import Counter
@@ -243,12 +242,9 @@ def measured(options: argparse.Namespace) -> pages.Found:
         chosen = chosen[:: max(1, len(chosen) // options.limit)]
     rows = run_all("space", chosen, measure, stability.STORE / "stability_space.jsonl", options.workers, options.fresh)
     for row in rows:
-        row["finite"] = row.get("finite", False)
         row["outcome"] = stability.outcome(row)
     names = [name for name in ("family", "method", *DEFAULTS) if name != "options"]
     stability.write_rows(options.out / "stability_space.csv", rows, ("tip_error", "turn_error"), names)
-    for row in [row for row in rows if row["outcome"] in ("silently wrong", "broken")][:40]:
-        print(json.dumps(row))
     counts = Counter(row["outcome"] for row in rows)
     verdicts = {f"no run in space is {word}": counts[word] == 0 for word in ("silently wrong", "broken")}
     return {**stability.report(rows, [], []), "verdicts": verdicts}
