@@ -1,6 +1,8 @@
 """How exact `SpatialFlexArm-v0` is under random torques and under PD, and how fast: docs/environments/spatial.md."""
 
 import argparse
+import dataclasses
+import json
 import sys
 import time
 from typing import Any
@@ -13,7 +15,7 @@ import flexarm_env  # noqa: F401  (registers the environments)
 from benchmarks import pages
 from benchmarks.machine import table
 from benchmarks.running import periods
-from flexarm_env import control
+from flexarm_env import arms, control
 
 ID = "SpatialFlexArm-v0"
 REFERENCE: dict[str, Any] = {"elements": 6, "dt": 1.25e-4, "tolerance": 1e-9}
@@ -22,6 +24,10 @@ CANDIDATES: tuple[dict[str, Any], ...] = (
     {"elements": 2, "dt": 2.5e-3}, {"elements": 2, **FINE}, {"elements": 4, **FINE},
     {"elements": 6, "dt": 2.5e-4, "tolerance": 1e-9},
 )  # fmt: skip
+FRAMES: tuple[dict[str, Any], ...] = (
+    {"modes": 2, "dt": 5e-3, "tolerance": 5e-6}, {"modes": 3, "dt": 2.5e-3}, {"segments": 2, "dt": 2.5e-3},
+)  # fmt: skip
+"""Floating frames, which are looked at under a quarter of the torques; the first is that whose steps are counted."""
 KEPT: tuple[dict[str, Any], ...] = (*CANDIDATES[:3], {"elements": 2, "dt": 5e-4, "tolerance": 1e-7})
 TIMES = (10, 20, 30, 50)
 """Control periods."""
@@ -65,26 +71,46 @@ def rate(env: Any, steps: int, n: int = 1) -> float:
 
 
 def rates() -> pages.Found:
-    """Of `Pendulum-v1`, one arm, and 1024 on one thread and on two, in turns."""
-    one, (many, twice) = gym.make(ID), (gym.make_vec(ID, num_envs=1024, threads=k) for k in (1, 2))
-    environments = ((gym.make("Pendulum-v1"), 4000, 1), (one, 1000, 1), (many, 100, 1024), (twice, 100, 1024))
+    """Of `Pendulum-v1`, one arm, and 1024 on one thread and on two, these in modes too, in turns."""
+    arm = arms.named("three_dof")
+    weak = dataclasses.replace(arm, torque_limits=tuple(0.25 * limit for limit in arm.torque_limits or ()))
+    modes = {"formulation": "floating_frame", "arm": weak, **FRAMES[0]}
+    vectors = [gym.make_vec(ID, num_envs=1024, threads=k, **own) for own in ({}, modes) for k in (1, 2)]
+    environments = [(gym.make("Pendulum-v1"), 4000, 1), (gym.make(ID), 1000, 1), *((env, 100, 1024) for env in vectors)]
     for env, _, n in environments:
         rate(env, 20, n)  # what is compiled when first needed
     found = [[rate(*each) for each in environments] for _ in range(5)]
-    return dict(zip(("pendulum", "one", "many", "twice"), np.median(found, axis=0).tolist(), strict=True))
+    names = ("pendulum", "one", "many", "twice", "modes", "modes_twice")
+    return dict(zip(names, np.median(found, axis=0).tolist(), strict=True))
+
+
+def accuracy(episodes: int) -> list[pages.Found]:
+    """Errors of the tips by `TIMES` against a refined run, over the reach."""
+    rows: list[pages.Found] = []
+    for share in (1.0, 0.25):
+        exact = tips(share, episodes, **REFERENCE)
+        frames = [] if share == 1.0 else [{"formulation": "floating_frame", **own} for own in FRAMES]
+        for settings in (*CANDIDATES, *frames):
+            off = np.linalg.norm(tips(share, episodes, **settings) - exact, axis=2) / 1.15
+            errors = [float(np.quantile(off[:k].max(0), 0.98)) for k in TIMES]
+            rows.append({"share": share, **settings, "errors": errors})
+    return rows
 
 
 def measure(options: argparse.Namespace) -> pages.Found:
-    """Tips against a refined run, books of energy, steps a second."""
-    rows = []
-    for share in (1.0, 0.25):
-        exact = tips(share, options.episodes, **REFERENCE)
-        for settings in CANDIDATES:
-            off = np.linalg.norm(tips(share, options.episodes, **settings) - exact, axis=2) / 1.15
-            errors = [float(np.quantile(off[:k].max(0), 0.98)) for k in TIMES]
-            rows.append({"share": share, **settings, "errors": errors})
-    kept = [{**settings, **{who: books(who, **settings) for who in ("pd", "full")}} for settings in KEPT]
-    return {"accuracy": rows, "books": kept, "rates": rates()}
+    """Tips against a refined run, books of energy, steps a second; where one is asked for, the others stay."""
+    parts: dict[str, Any] = {
+        "accuracy": lambda: accuracy(options.episodes),
+        "books": lambda: [{**one, **{who: books(who, **one) for who in ("pd", "full")}} for one in KEPT],
+        "rates": rates,
+    }
+    had = {} if options.only is None else json.loads((options.out / "space_envs.json").read_text(encoding="utf-8"))
+    return {name: part() if options.only in (None, name) else had[name] for name, part in parts.items()}
+
+
+def mesh(row: pages.Found) -> str:
+    """What links are made of."""
+    return next(f"{row[name]} {name}" for name in ("elements", "modes", "segments") if name in row)
 
 
 def blocks(found: pages.Found) -> pages.Blocks:
@@ -93,7 +119,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
     shares, step = {1.0: "full", 0.25: "a quarter"}, "{:g} ms".format
     tables = {
         "accuracy": [
-            (shares[row["share"]], row["elements"], step(1e3 * row["dt"]), *(percent(100 * e) for e in row["errors"]))
+            (shares[row["share"]], mesh(row), step(1e3 * row["dt"]), *(percent(100 * e) for e in row["errors"]))
             for row in found["accuracy"]
         ],
         "books": [
@@ -102,14 +128,18 @@ def blocks(found: pages.Found) -> pages.Blocks:
         ],
     }
     heads = {
-        "accuracy": "torques | elements | dt | after 0.1 s | 0.2 s | 0.3 s | 0.5 s",
+        "accuracy": "torques | a link | dt | after 0.1 s | 0.2 s | 0.3 s | 0.5 s",
         "books": "elements | dt | under `pd` | full torques of random sign",
     }
-    base, one, many, twice = found["rates"].values()
-    told = f"one arm {one / base:.2f} of it, 1024 arms {many / base:.2f} of it on one thread, {twice / base:.2f} on two"
+    base, one, *vectors = found["rates"].values()
+    many, twice, *modes = (each / base for each in vectors)
+    told = f"one arm {one / base:.2f} of it, 1024 arms {many:.2f} of it on one thread, {twice:.2f} on two"
+    if modes:
+        told += "; in two modes a link at 5 ms, under a quarter of the torques, {:.2f} and {:.2f}".format(*modes)
     written = {name: table(heads[name], rows) for name, rows in tables.items()}
     return {**written, "rates": [f"Steps a second, `Pendulum-v1` making {base:,.0f} in the same run: {told}."]}
 
 
 if __name__ == "__main__":
-    sys.exit(pages.run("space_envs", __doc__, measure, blocks, page="environments/spatial", episodes=32))
+    only = {"only": {"choices": ("accuracy", "books", "rates"), "help": "measure one part anew"}}
+    sys.exit(pages.run("space_envs", __doc__, measure, blocks, page="environments/spatial", more=only, episodes=32))
