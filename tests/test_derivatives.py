@@ -208,7 +208,7 @@ def as_the_jacobians(arms: Arms, state: Array, action: Array, most: float) -> No
         {"task": "track", "arm": "three_dof"},
         {"geared": True, **MOTORS},
         {"segments": 1, "parameters": True, **FLOATING},
-        {"modes": 3, **FLOATING},
+        {"modes": 3, "dt": 0.0025, **FLOATING},
     ],
     ids=["parameters", "motors", "targets", "gears", "floating frame", "modes"],
 )
