@@ -28,7 +28,6 @@ from .rotations import (
     matrix,
     minus,
     plus,
-    polynomial,
     product,
     times,
     transposed,
@@ -66,14 +65,20 @@ class Rates(NamedTuple):
     right: Any
 
 
-_HALF_TURN = tuple(2.0**k * math.factorial(k) ** 2 / math.factorial(2 * k + 1) for k in range(15, -1, -1))
+_HALF_TURN = tuple(2.0**k * math.factorial(k) ** 2 / math.factorial(2 * k + 1) for k in range(16))
 """Of acos(w) / sqrt(1 - w^2) by 1 - w: half an angle over its sine; to 1e-14 where the angle is a right one."""
 _BERNOULLI = (
     1 / 6, 1 / 30, 1 / 42, 1 / 30, 5 / 66, 691 / 2730, 7 / 6, 3617 / 510, 43867 / 798, 174611 / 330, 854513 / 138,
     236364091 / 2730,
 )  # fmt: skip
-_CURVED = tuple(_BERNOULLI[k] / math.factorial(2 * k + 2) for k in range(11, -1, -1))
+_CURVED = tuple(_BERNOULLI[k] / math.factorial(2 * k + 2) for k in range(12))
 """Of c of T^-1 (`rotations.Turn`) by |phi|^2, likewise."""
+
+
+@kernel
+def _four(c, k, z, square):
+    """Four terms of a power series, not one after the other: what waits for nothing costs nothing."""
+    return (z * c[k + 1] + c[k]) + (z * c[k + 3] + c[k + 2]) * square
 
 
 @kernel
@@ -83,9 +88,18 @@ def _turn(A, own, share):
     w = square_root(E[0][0] + E[1][1] + E[2][2] + 1.0) * 0.5
     part = 0.25 / w
     p = (E[2][1] - E[1][2]) * part, (E[0][2] - E[2][0]) * part, (E[1][0] - E[0][1]) * part
-    phi = times(p, polynomial(_HALF_TURN, 1.0 - w) * 2.0)
+    z = 1.0 - w
+    z2 = z * z
+    z4 = z2 * z2
+    low, high = (
+        _four(_HALF_TURN, 0, z, z2) + _four(_HALF_TURN, 4, z, z2) * z4,
+        _four(_HALF_TURN, 8, z, z2) + _four(_HALF_TURN, 12, z, z2) * z4,
+    )
+    phi = times(p, (low + high * (z4 * z4)) * 2.0)
     square = dot(phi, phi)
-    c = polynomial(_CURVED, square)
+    z2 = square * square
+    z4 = z2 * z2
+    c = _four(_CURVED, 0, square, z2) + (_four(_CURVED, 4, square, z2) + _four(_CURVED, 8, square, z2) * z4) * z4
     T = about_identity(1.0 - c * square, times(phi, 0.5), c, phi)
     return Turn(E, phi, T, (E[2][2] * share, E[2][0] * 0.0, -(E[2][0] * share)))
 
