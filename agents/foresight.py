@@ -17,7 +17,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from flexarm_env import control, suite
+from flexarm_env import suite
 from flexarm_env.suite.best import Actions
 from flexarm_env.suite.policies import Chosen, choose
 from flexarm_env.suite.score import EPISODES, FIRST
@@ -25,6 +25,7 @@ from flexarm_env.training.runs import read_json, write_json, write_whole
 
 Array = NDArray[np.float64]
 
+SPACE = "SpatialFlexArm-v0"
 SENSED = ("observation", "history", "sensors")
 """Keywords that say what is seen, which torques found beforehand do not depend on."""
 CONTROLLERS = ("pd", "zv", "zvd", "lqr", "lqg", "mpc", "time_optimal")
@@ -54,14 +55,15 @@ def played(env: Any, policy: Any, price: float = 0.0) -> tuple[Array, Array]:
 
 def beginnings(task: suite.Task, trained: Sequence[Path] = ()) -> tuple[Array, Array]:
     """Of each episode the actions and J of the best of the controllers, which see all there is, and of trained
-    policies (run folders), which see what the task shows."""
+    policies (run folders), which see what the task shows, or all there is."""
     best: Array | None = None
     whole = gym.make_vec(task.environment, EPISODES, vectorization_mode="vector_entry_point", **seen_whole(task))
-    shown = suite.make_vec(task.id, EPISODES) if trained else whole
-    for word, env in [*((word, whole) for word in controllers(task)), *((str(path), shown) for path in trained)]:
+    shown = suite.make_vec(task.id, EPISODES) if trained and set(SENSED) & set(task.keywords) else whole
+    words = [*((word, whole) for word in controllers(task)), *((str(path), shown) for path in trained)]
+    for word, env in [*words, *((str(path), whole) for path in trained if whole is not shown)]:
         try:
             actions, returns = played(env, choose(word, task).make(env), task.price)
-        except ValueError:  # a controller that is not made for the task
+        except ValueError:  # what is not made for the task, or for what is seen
             continue
         if best is None:
             kept, best = actions, returns
@@ -76,7 +78,7 @@ def beginnings(task: suite.Task, trained: Sequence[Path] = ()) -> tuple[Array, A
 
 def controllers(task: suite.Task) -> tuple[str, ...]:
     """See `CONTROLLERS`."""
-    return tuple(word for word in CONTROLLERS if word != "mpc" or task.environment != "SpatialFlexArm-v0")
+    return tuple(word for word in CONTROLLERS if word != "mpc" or task.environment != SPACE)
 
 
 def seen_whole(task: suite.Task) -> dict[str, Any]:
@@ -98,8 +100,9 @@ def search(
 
     trained: run folders to begin with, beside controllers. steps: of L-BFGS with so long a memory (Liu & Nocedal 1989),
     each episode for itself: actions at a limit that the slope would push beyond stay there, a step that pays less is
-    halved; fewer where the last ones have brought next to nothing. In space the first of `trained` steadies the arms.
-    kept: a file in which actions are kept on the way, and from which a search that was broken off goes on.
+    halved; fewer where the last ones have brought next to nothing. In space the first of `trained` that sees all there
+    is steadies the arms. kept: a file in which actions are kept on the way, and from which a search that was broken off
+    goes on.
     start: actions and their returns to begin with, in place of all that. lifting: see `Fine`. ValueError where the
     task's environment has no derivatives, or does not give these returns.
     """
@@ -120,8 +123,8 @@ def search(
         total, slopes, played = returned(moved, first, wanted, fine, steady)
         return total, np.nan_to_num(slopes.transpose(1, 0, 2).reshape(arms.n, -1)), played
 
-    if task.environment == "SpatialFlexArm-v0" and trained:
-        steady = Steady(arms, first, _exact(best), control.load_policy(trained[0]))
+    if task.environment == SPACE and trained:
+        steady = Steady(arms, first, _exact(best), steadier(task, arms.environment, trained))
     x = _exact(best.transpose(1, 0, 2).reshape(arms.n, -1))
     found, slope, best = value(x)
     if fine.shapes:  # whose cost is rounded
@@ -153,6 +156,22 @@ def search(
             keep(kept, best, reached)
     arms.close()
     return best, reached
+
+
+def steadier(task: suite.Task, env: Any, trained: Sequence[Path]) -> Any:
+    """The first of the policies (run folders) that sees what an environment shows. ValueError where none does."""
+    for folder in trained:
+        try:
+            return choose(str(folder), task).make(env)
+        except ValueError:
+            continue
+    raise ValueError(f"{task.id}: no policy that sees all there is and steadies arms in space")
+
+
+def beside(task: suite.Task, home: Path) -> list[Path]:
+    """Run folders of policies: the task's own, and behind them, in space, those of tasks with other sensors."""
+    tasks = [task.id, *(one.id for one in suite.tasks() if one.environment == task.environment == SPACE)]
+    return [path.parent for name in dict.fromkeys(tasks) for path in sorted(home.glob(f"*/{name}/policy.npz"))]
 
 
 def keep(path: Path, actions: Array, returns: Array) -> None:
@@ -334,10 +353,10 @@ def found(task: suite.Task, folder: Path) -> Path:
     path = folder / "actions.npz"
     if not path.is_file():
         wall, cpu = time.perf_counter(), time.process_time()
-        beside = sorted(path.parent for path in folder.parents[1].glob(f"*/{task.id}/policy.npz"))
-        actions, returns = search(task, beside, kept=folder / "search.npz")
+        trained = beside(task, folder.parents[1])
+        actions, returns = search(task, trained, kept=folder / "search.npz")
         if "keep_out" in task.keywords:
-            lifted = search(task, beside, start=search(task, beside, start=(actions, returns), lifting=True))[0]
+            lifted = search(task, trained, start=search(task, trained, start=(actions, returns), lifting=True))[0]
             actions, returns = better(task, actions, lifted)
         spent = {"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu}
         write_json(folder / "run.json", {"algorithm": "foresight", "steps": 0, **spent})

@@ -20,7 +20,7 @@ import numpy as np
 
 from agents import foresight
 from agents.suite import ROOT, of_run
-from flexarm_env import suite
+from flexarm_env import control, suite
 from flexarm_env.suite import best
 from flexarm_env.suite.policies import choose
 from flexarm_env.suite.results import chosen_tasks, frozen
@@ -72,7 +72,7 @@ def candidates(task: suite.Task, home: Path) -> Iterator[tuple[str, Any, bool]]:
     if task.id in best.known():
         kept = best.record(task)
         yield "", lambda env: best.Actions(kept.actions), False
-    for name in foresight.controllers(task):
+    for name in control.NAMES:
         for whole in (False, True):
             yield name, lambda env, name=name: choose(name, task).make(env), whole
     for folder in sorted(home.glob(f"*/{task.id}")):
@@ -117,7 +117,7 @@ def made(task: suite.Task, arguments: Arguments) -> str:
     if not (values >= judged).all():
         raise ValueError(f"{task.id}: other values in the task, by {np.abs(values - judged).max()}")
     if arguments.steps:
-        trained = sorted(path.parent for path in arguments.home.glob(f"*/{task.id}/policy.npz"))
+        trained = foresight.beside(task, arguments.home)
         more, _ = foresight.search(task, trained, steps=arguments.steps, start=(kept.astype(float), values))
         found, _ = best.played(task, env, best.Actions(more.astype(np.float32)))
         better = found > values

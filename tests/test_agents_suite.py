@@ -156,6 +156,25 @@ def test_costs_are_counted_and_sloped():
         foresight.Fine(dataclasses.replace(task, keywords={"cost": {"strain": 1e-3}}), None)
 
 
+def test_policies_that_steady_see_all_there_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    for name in ("ppo-0/space-reach-v1", "gradient-0/space-measured-v1", "gradient-0/reach-three-v2"):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / "policy.npz").touch()
+    task = suite.task("space-measured-v1")
+    found = foresight.beside(task, tmp_path)
+    assert found == [tmp_path / "gradient-0/space-measured-v1", tmp_path / "ppo-0/space-reach-v1"]
+
+    def make(word: str, env: str) -> str:
+        if "measured" in word:
+            raise ValueError("sees sensors")
+        return word
+
+    monkeypatch.setattr(foresight, "choose", lambda word, task: SimpleNamespace(make=lambda env: make(word, env)))
+    assert foresight.steadier(task, None, found).endswith("ppo-0/space-reach-v1")
+    with pytest.raises(ValueError, match="no policy"):
+        foresight.steadier(task, None, found[:1])
+
+
 def test_what_shapes_cost_is_rounded_and_sloped():
     """Clearances are those of the environment but for what links bend between sections; slopes those of differences."""
     task, rng = suite.task("space-wall-v1"), np.random.default_rng(0)

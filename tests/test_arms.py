@@ -19,7 +19,7 @@ from tests.scene_tools import everything
 def test_names_and_sources() -> None:
     known = {"strip", "de_luca_siciliano", "paper", "paper_two_link", "quanser_2dsfl", "strip_geared", "three_strips"}
     known |= {"two_link_geared", "two_link_upright", "strip_upright", "quanser_2dsfl@design"}
-    known |= {"three_dof", "satellite_arm", "turret_boom"}
+    known |= {"three_dof", "three_dof_loaded", "satellite_arm", "turret_boom"}
     assert set(arms.names()) == known
     for name in arms.names():
         arm = arms.named(name)

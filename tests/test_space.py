@@ -587,7 +587,7 @@ def test_an_arm_without_axes_is_planar_and_keeps_its_kernels() -> None:
     assert type(fx.simulate(plane, estimate_error=False, duration=0.1)) is fx.Trajectory
 
 
-SPATIAL_ARMS = ("three_dof", "satellite_arm", "turret_boom")
+SPATIAL_ARMS = ("three_dof", "three_dof_loaded", "satellite_arm", "turret_boom")
 
 
 def _arm(**changes: Any) -> fx.Arm:
