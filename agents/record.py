@@ -129,7 +129,7 @@ def made(task: suite.Task, arguments: Arguments) -> str:
     kept[:, fine] = rounded[:, fine]
     values, successes = best.played(task, env, best.Actions(kept))
     env.close()
-    what = {"actions": kept, "values": values, "by": np.array(by), "digest": np.array(task.digest)}
+    what = {"actions": best.packed(kept), "values": values, "by": np.array(by), "digest": np.array(task.digest)}
     what |= {"date": np.array(date.today().isoformat())}
     arguments.out.mkdir(parents=True, exist_ok=True)
     write_whole(arguments.out / f"{task.id}.npz", lambda part: np.savez_compressed(part, **what))

@@ -39,6 +39,12 @@ def test_a_record_is_played_again(name: str, capsys: pytest.CaptureFixture[str])
     assert abs(found["value"] - best.record(suite.task(name)).values.mean()) < best.ROUNDING
 
 
+def test_actions_are_packed_to_the_bit():
+    actions = np.random.default_rng(0).normal(size=(5, 4, 3)).astype(np.float32)
+    found = best.unpacked(best.packed(actions))
+    assert found.dtype == np.float32 and np.array_equal(found, actions)
+
+
 def test_other_actions_are_no_record(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     task = suite.task(QUICK)
     kept = best.record(task)

@@ -71,6 +71,19 @@ def _path(task: Task) -> Any:
     return resources.files("flexarm_env") / "data" / "suite" / "best" / f"{task.id}.npz"
 
 
+def packed(actions: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Actions (T, n, N) as a file has them, a quarter smaller there: bytes (4, n, N, T), all first ones before all
+    second ones."""
+    rows = np.ascontiguousarray(actions.transpose(1, 2, 0), "<f4")
+    return np.moveaxis(rows[..., None].view(np.uint8), -1, 0)
+
+
+def unpacked(planes: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """What `packed` was given."""
+    rows = np.ascontiguousarray(np.moveaxis(planes, 0, -1)).view("<f4")[..., 0]
+    return np.ascontiguousarray(rows.transpose(2, 0, 1), np.float32)
+
+
 def record(task: Task) -> Record:
     """The record of a task. ValueError where there is none."""
     path = _path(task)
@@ -78,7 +91,7 @@ def record(task: Task) -> Record:
         raise check.InvalidValue("--best", task.id, "has no record")
     with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
         by = tuple(str(name) for name in data["by"])
-        return Record(data["actions"], data["values"], by, str(data["digest"]), str(data["date"]))
+        return Record(unpacked(data["actions"]), data["values"], by, str(data["digest"]), str(data["date"]))
 
 
 def played(task: Task, env: Any, policy: Policy) -> tuple[Array, NDArray[np.bool_]]:
