@@ -6,7 +6,6 @@ from typing import Any
 
 from .decorator import Kernel
 from .kinds import Record, Refused, Stored, is_static, leaves, rebuilt, told
-from .trace import Straight
 from .words import WORDS
 
 
@@ -32,7 +31,7 @@ def call(writer: Any, function: Any, items: list[Any], named: dict[str, Any]) ->
     if isinstance(function, Kernel):
         items = function.complete(items, named)
         return writer.inlined(function, items) if hasattr(writer, "inlined") else _kernel(writer, function, items)
-    if isinstance(function, Straight):
+    if hasattr(function, "written"):
         return function.written(writer, items)
     if hasattr(function, "choice"):
         return call(writer, function.choice(*items), items, named)

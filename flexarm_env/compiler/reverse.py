@@ -363,11 +363,11 @@ class Pulled(Straight):
                 item = _paired(tape, item, bars.get(name))
             given.append(item)
         tape.begin()
-        root = Backward(writer, tape, None)
-        if isinstance(self.function, Kernel):
-            root.inlined(self.function, given)
+        root, function = Backward(writer, tape, None), self.function
+        if isinstance(function, Kernel) or hasattr(function, "choice"):
+            writer.module.call(root, function, given, {})
         else:
-            Straight(self.function).written(root, given)
+            Straight(function).written(root, given)
         tape.finish()
         writer.b.position_at_end(tape.block)
 

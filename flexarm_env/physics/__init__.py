@@ -2,9 +2,7 @@
 
 from .elastica import adjoint as _elastica_adjoint
 from .elastica import equations as _elastica
-from .exact import adjoint as _exact_adjoint
 from .exact import equations as _exact
-from .floating import adjoint as _floating_adjoint
 from .floating import chain as _floating
 from .floating import multipliers as _joined
 from .joints import adjoint as _jointed_adjoint
@@ -14,5 +12,5 @@ from .space import equations as _space
 
 __all__: list[str] = []
 FORMULATIONS = (_elastica, _exact, _floating, _joined, _jointed, _space)
-BACKWARDS = (_elastica_adjoint, _exact_adjoint, _floating_adjoint, _jointed_adjoint, _space_adjoint)
+BACKWARDS = (_elastica_adjoint, _jointed_adjoint, _space_adjoint)
 """Importing them registers them (`protocol.register`)."""

@@ -38,7 +38,8 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     lean(lane, model, S, k, x)       before `factor`: column k of S has x times it in these rows
     factor(lane, model, S)           factor S in place
     solve(lane, model, S, x)         x <- S^-1 x in place
-    solve_transposed(lane, model, S, x)  only for derivatives backwards: x <- S^-T x
+    solve_transposed(lane, model, S, x)  for derivatives backwards: x <- S^-T x; this and the following are made of the
+        sources (`compiler.vjp_of`) unless a formulation has shorter ways
     vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar)  likewise, the residual's derivatives: to
         par_bar, bar (a State) and u_bar is added what r_bar comes to there, and r_bar becomes 0; S is free
     multiply(lane, model, S, x, y)   only of models that are light: y <- y + S x, S being as `assemble` leaves it
@@ -83,7 +84,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiler import Family, inlined, kernel, load, size, splat, store
+from ..compiler import Family, inlined, kernel, load, size, splat, store, vjp_of
 
 
 class State(NamedTuple):
@@ -230,11 +231,45 @@ def _by_assembling(lane, model, par, state, u, r, S):
     assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
 
 
+@kernel
+def _transposed(lane, model, S, x):
+    """`solve_transposed` from the source: cotangents of what is linear go by its transposed."""
+    _solve_backwards(lane, model, S, x, x)
+
+
+@kernel
+def vjp_source(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
+    """`vjp_residual` from the source of `residual`."""
+    _residual_backwards(lane, model, par, state, u, r_bar, S, par_bar, bar, u_bar, r_bar)
+
+
+@kernel
+def _vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
+    """`vjp_poses` from the source."""
+    _poses_backwards(lane, model, par, q, v, poses, par_bar, q_bar, v_bar, poses_bar)
+
+
+@kernel
+def _vjp_product(lane, model, par, par_bar, state, u, weights, x, S, bar, u_bar, y_bar):
+    """`vjp_product` from the source of `multiply`."""
+    _product_backwards(lane, model, par, state, u, weights, x, y_bar, S, par_bar, bar, u_bar, y_bar)
+
+
+@kernel
+def _product(lane, model, par, state, u, weights, x, y, S):
+    """y <- S x of a matrix that is made anew."""
+    assemble(lane, model, par, state, u, weights, y, S)
+    for k in range(size(model.n)):
+        store(y, k, splat(lane, 0.0))
+    multiply(lane, model, S, x, y)
+
+
 FORMULATIONS = Family(
     "model", predict=_no_guess, settle=_straight, stride=_any_length, update=_add, difference=_subtract,
     ports_after=_at_once, stiffen=_no_stiffness, friction=_no_friction, residual=_by_assembling,
     constrain=_no_constraint, out_of_range=_everywhere, task_poses=_as_link_poses, light=_resolved, conserve=_held,
-    renewed=_always, gauge=_linear_gauge, damping_over=_at_mean_rates, rotates=_adds_up,
+    renewed=_always, gauge=_linear_gauge, damping_over=_at_mean_rates, rotates=_adds_up, solve_transposed=_transposed,
+    vjp_residual=vjp_source, vjp_poses=_vjp_poses, vjp_product=_vjp_product,
 )  # fmt: skip
 """Each formulation's functions, by the class of its Model."""
 
@@ -283,3 +318,8 @@ gauge = FORMULATIONS.function("gauge", "lane, model, q, row")
 stand = FORMULATIONS.function("stand", "lane, model, live, angles, rates, q, v")
 out_of_range = FORMULATIONS.function("out_of_range", "lane, model, par, q")
 shape = FORMULATIONS.function("shape", "model, q, points")
+
+_solve_backwards = vjp_of(solve, ("x",))
+_residual_backwards = vjp_of(residual, ("par", "state", "u", "r"), scratch=("S",))
+_poses_backwards = vjp_of(task_poses, ("par", "q", "v", "out"))
+_product_backwards = vjp_of(_product, ("par", "state", "u", "y"), scratch=("S",))

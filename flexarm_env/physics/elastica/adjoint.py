@@ -1,10 +1,9 @@
-"""Derivatives backwards of the elastica's solve, residual and poses, from their sources (`compiler.vjp_of`)."""
+"""Derivatives backwards of the elastica's solve and residual as straight-line code (`compiler.vjp_of`)."""
 
 from ...compiler import kernel, vjp_of
 from ..model import Elastica
 from ..protocol import State, register
 from .equations import residual, solve
-from .output import link_poses
 
 
 def _residual(lane, model, par, q, v, a, u, r):
@@ -17,7 +16,6 @@ def _solve(lane, model, S, x):
 
 _vjp_solve = vjp_of(_solve, ("x",))
 _vjp_residual = vjp_of(_residual, ("par", "q", "v", "a", "u", "r"))
-_vjp_poses = vjp_of(link_poses, ("par", "q", "v", "out"))
 
 
 @kernel
@@ -33,10 +31,4 @@ def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
     _vjp_residual(lane, model, par, q, v, a, u, S, par_bar, bar.q, bar.v, bar.a, u_bar, r_bar)
 
 
-@kernel
-def vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
-    """See `protocol`."""
-    _vjp_poses(lane, model, par, q, v, poses, par_bar, q_bar, v_bar, poses_bar)
-
-
-register(Elastica, solve_transposed, vjp_residual, vjp_poses)
+register(Elastica, solve_transposed, vjp_residual)

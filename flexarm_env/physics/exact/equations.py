@@ -411,5 +411,5 @@ def solve(lane, model, S, x):
 
 register(
     ExactBeam, predict, assemble, inertia, rotate, pin, stiffen, factor, solve, ports, damping_work, energy, link_poses,
-    shape,
+    shape, solve_transposed=solve,
 )  # fmt: skip

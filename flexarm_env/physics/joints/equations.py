@@ -20,7 +20,7 @@ from ...compiler import absolute, inlined, kernel, load, select_lt, size, splat,
 from .. import protocol
 from ..arithmetic import add, clip, put
 from ..model import Jointed
-from ..protocol import register
+from ..protocol import FORMULATIONS, register
 from .friction import count, direction, gear_at, law, note_columns
 from .layout import GEAR, PLACE, PLACES
 
@@ -220,24 +220,6 @@ def _turn_motors(lane, model, S, x, across):
 
 
 @kernel
-def predict(lane, model, start, q):
-    """The arm's own; motors stay where they are predicted."""
-    protocol.predict(lane, model.arm, start, q)
-
-
-@kernel
-def settle(lane, model, par, start, w, active, slopes):
-    """The arm's own."""
-    protocol.settle(lane, model.arm, par, start, w, active, slopes)
-
-
-@kernel
-def stride(model):
-    """The arm's own."""
-    return protocol.stride(model.arm)
-
-
-@kernel
 def update(lane, model, q, share, d, more):
     """The arm's own, and angles that add up."""
     protocol.update(lane, model.arm, q, share, d, more)
@@ -264,12 +246,6 @@ def inertia(lane, model, par, a, r):
             store(r, motor, load(lane, a, motor) * rotor)
         else:
             store(r, row, load(lane, r, row) + load(lane, a, row) * rotor)
-
-
-@kernel
-def rotate(lane, model, start, q, share, x):
-    """The arm's own."""
-    protocol.rotate(lane, model.arm, start, q, share, x)
 
 
 @kernel
@@ -350,18 +326,6 @@ def energy(lane, model, par, q, v):
 
 
 @kernel
-def link_poses(lane, model, par, q, v, out):
-    """The arm's own."""
-    protocol.link_poses(lane, model.arm, par, q, v, out)
-
-
-@kernel
-def task_poses(lane, model, par, q, v, out):
-    """The arm's own."""
-    protocol.task_poses(lane, model.arm, par, q, v, out)
-
-
-@kernel
 def stand(lane, model, live, angles, rates, q, v):
     """The arm's own, and gears without a torque."""
     protocol.stand(lane, model.arm, live, angles, rates, q, v)
@@ -373,68 +337,12 @@ def stand(lane, model, live, angles, rates, q, v):
                 put(live, v, motor, load(lane, rates, motor), load(lane, v, motor))
 
 
-@kernel
-def gauge(lane, model, q, row):
-    """The arm's own."""
-    return protocol.gauge(lane, model.arm, q, row)
-
-
-@kernel
-def rotates(model):
-    """The arm's own."""
-    return protocol.rotates(model.arm)
-
-
-@kernel
-def tangent_map(lane, model, d, inverse, x):
-    """The arm's own."""
-    protocol.tangent_map(lane, model.arm, d, inverse, x)
-
-
-@kernel
-def note_inverse(lane, model, d, share):
-    """The arm's own."""
-    protocol.note_inverse(lane, model.arm, d, share)
-
-
-@kernel
-def noted_inverse(lane, model, d, share, x):
-    """The arm's own."""
-    protocol.noted_inverse(lane, model.arm, d, share, x)
-
-
-@kernel
-def light(model):
-    """The arm's own."""
-    return protocol.light(model.arm)
-
-
-@kernel
-def renewed(model, iteration):
-    """The arm's own."""
-    return protocol.renewed(model.arm, iteration)
-
-
-@kernel
-def conserve(lane, model, par, before, h, q, v, u, zero, r, S):
-    """See `protocol`."""
-    return protocol.conserve(lane, model.arm, par, before, h, q, v, u, zero, r, S)
-
-
-@kernel
-def out_of_range(lane, model, par, q):
-    """The arm's own."""
-    return protocol.out_of_range(lane, model.arm, par, q)
-
-
-@kernel
-def shape(model, q, points):
-    """The arm's own."""
-    return protocol.shape(model.arm, q, points)
-
-
 register(
-    Jointed, assemble, pin, factor, solve, solve_transposed, predict, settle, stride, update, inertia, rotate, ports,
-    friction, damping_work, damping_over, energy, link_poses, out_of_range, shape, difference, ports_after, task_poses,
-    stand, light, conserve, gauge, renewed, rotates, tangent_map, note_inverse, noted_inverse, multiply,
+    Jointed, assemble, pin, factor, solve, solve_transposed, multiply, update, difference, inertia, ports, ports_after,
+    friction, damping_work, damping_over, energy, stand,
+)  # fmt: skip
+FORMULATIONS.delegate(
+    Jointed, "arm", protocol.predict, protocol.settle, protocol.stride, protocol.rotate, protocol.rotates,
+    protocol.tangent_map, protocol.note_inverse, protocol.noted_inverse, protocol.light, protocol.renewed,
+    protocol.conserve, protocol.link_poses, protocol.task_poses, protocol.gauge, protocol.out_of_range, protocol.shape,
 )  # fmt: skip

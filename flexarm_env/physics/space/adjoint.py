@@ -1,11 +1,9 @@
-"""Derivatives backwards of exact beams in space: residual and poses from their sources (`compiler.vjp_of`), the solve
-of the transposed system and the product with the matrix as `matrix` eliminates."""
+"""Backwards through exact beams in space: the transposed system and the product with the matrix, by `matrix`."""
 
-from ...compiler import kernel, load, store, vjp_of
+from ...compiler import kernel, load, store
 from ..arithmetic import add
-from ..protocol import RESIDUAL_ALONE, register
+from ..protocol import register
 from .chain import SpatialBeam, clear, three_of
-from .equations import assemble
 from .inner import elements_before, multiplied
 from .layout import AXES, B, F, H, J, count_of, factor_at, hinge_at, inner_at, inner_row, joint_row, rows_before
 from .matrix import (
@@ -17,25 +15,7 @@ from .matrix import (
     swing_of,
     transposed_times,
 )
-from .output import task_poses
 from .rotations import add_vector, back, cross, dot, minus, plus, put_vector, times, turned, vector
-
-
-@kernel
-def _residual(lane, model, par, state, u, r, S):
-    assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
-
-
-@kernel
-def _product(lane, model, par, state, u, weights, x, y, S):
-    assemble(lane, model, par, state, u, weights, y, S)
-    clear(lane, y, 0, model.n)
-    multiply(lane, model, S, x, y)
-
-
-_vjp_residual = vjp_of(_residual, ("par", "state", "u", "r"), scratch=("S",))
-_vjp_product = vjp_of(_product, ("par", "state", "u", "y"), scratch=("S",))
-_vjp_poses = vjp_of(task_poses, ("par", "q", "v", "out"))
 
 
 @kernel
@@ -174,22 +154,4 @@ def _down(lane, model, S, k, x):
         i += AXES
 
 
-@kernel
-def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
-    """See `protocol`."""
-    _vjp_residual(lane, model, par, state, u, r_bar, S, par_bar, bar, u_bar, r_bar)
-
-
-@kernel
-def vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
-    """See `protocol`."""
-    _vjp_poses(lane, model, par, q, v, poses, par_bar, q_bar, v_bar, poses_bar)
-
-
-@kernel
-def vjp_product(lane, model, par, par_bar, state, u, weights, x, S, bar, u_bar, y_bar):
-    """See `protocol`."""
-    _vjp_product(lane, model, par, state, u, weights, x, y_bar, S, par_bar, bar, u_bar, y_bar)
-
-
-register(SpatialBeam, multiply, vjp_product, solve_transposed, vjp_residual, vjp_poses)
+register(SpatialBeam, multiply, solve_transposed)
