@@ -2,7 +2,7 @@
 
 from .crew import Crew, OneAtATime, holders, one_at_a_time
 from .decorator import MODE, UNCOMPILED, apart, hot, inlined, kernel, uncompiled
-from .dispatch import Family
+from .dispatch import Family, nothing
 from .entry import Placed, entry, native
 from .lanes import (
     EIGHT,
@@ -38,7 +38,7 @@ __all__ = [
     "load", "store", "splat", "pick", "place",
     "select_lt", "absolute", "maximum", "square_root", "round_even", "largest", "sincos",
     "stack", "unrolled", "traced", "vjp_of",
-    "Family", "size",
+    "Family", "nothing", "size",
     "Placed", "entry", "follow", "native",
     "Crew", "OneAtATime", "one_at_a_time", "holders",
     "MODE", "UNCOMPILED",

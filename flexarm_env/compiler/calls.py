@@ -5,6 +5,7 @@ from collections.abc import Hashable
 from typing import Any
 
 from .decorator import Kernel
+from .dispatch import nothing
 from .kinds import Record, Refused, Stored, is_static, leaves, rebuilt, told
 from .words import WORDS
 
@@ -33,6 +34,8 @@ def call(writer: Any, function: Any, items: list[Any], named: dict[str, Any]) ->
         return writer.inlined(function, items) if hasattr(writer, "inlined") else _kernel(writer, function, items)
     if hasattr(function, "written"):
         return function.written(writer, items)
+    if function is nothing:
+        return None
     if hasattr(function, "choice"):
         return call(writer, function.choice(*items), items, named)
     if function is isinstance and items[1:] == [tuple]:

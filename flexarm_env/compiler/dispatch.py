@@ -11,6 +11,10 @@ FOREIGN: dict[str, str] = {}
 """Choices that others than the package have registered: a program may be made of them."""
 
 
+def nothing(*_: Any) -> None:
+    """What a class has of its family where there is nothing to be done, or known: None."""
+
+
 class _OfPart:
     """A family's function for a class whose part has it."""
 

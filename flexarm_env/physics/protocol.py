@@ -84,7 +84,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiler import Family, inlined, kernel, load, size, splat, store, vjp_of
+from ..compiler import Family, inlined, kernel, load, nothing, size, splat, store, vjp_of
 
 
 class State(NamedTuple):
@@ -105,22 +105,6 @@ class Weights(NamedTuple):
 
 RESIDUAL_ALONE = Weights(0.0, 0.0, 0.0)
 MASS_ALONE = Weights(1.0, 0.0, 0.0)
-
-
-@kernel
-def _no_guess(lane, model, start, q):
-    """`predict` of a formulation that has none."""
-
-
-@kernel
-def _straight(lane, model, par, start, w, active, slopes):
-    """`settle` of a formulation whose increments are straight."""
-
-
-@kernel
-def _any_length(model):
-    """`stride` of a formulation whose increments have none."""
-    return None
 
 
 @kernel
@@ -159,34 +143,12 @@ def _at_once(lane, model, par, start, y0, q, y):
 
 
 @inlined
-def _as_link_poses(lane, model, par, q, v, out):
-    """`task_poses` in the plane."""
-    link_poses(lane, model, par, q, v, out)
-
-
-@kernel
-def weighted_sum(lane, q, row):
-    """Sum of coordinates, each times its weight."""
+def _linear_gauge(lane, model, q, row):
+    """`gauge` in the plane: a sum of coordinates, each times its weight."""
     total = splat(lane, 0.0)
     for k in range(row.shape[0]):
         total = total + load(lane, q, k) * row[k]
     return total
-
-
-@inlined
-def _linear_gauge(lane, model, q, row):
-    """`gauge` in the plane."""
-    return weighted_sum(lane, q, row)
-
-
-@kernel
-def _no_stiffness(lane, model, S, k, x):
-    """`stiffen` of a formulation whose joints have none."""
-
-
-@kernel
-def _no_constraint(lane, model, psi, state, level, scale, r):
-    """`constrain` of a formulation whose joints are coordinates."""
 
 
 @kernel
@@ -196,33 +158,9 @@ def _everywhere(lane, model, par, q):
 
 
 @kernel
-def _adds_up(model):
-    """`rotates` of a formulation whose coordinates add up."""
-    return None
-
-
-@kernel
-def _no_friction(model):
-    """`friction` of a formulation whose joints are ideal."""
-    return None
-
-
-@kernel
-def _held(lane, model, par, before, h, q, v, u, zero, r, S):
-    """`conserve` of arms that are held, or whose momentum is linear in what the integrator moves."""
-    return None
-
-
-@kernel
 def _always(model, iteration):
     """`renewed` of Newton's full method."""
     return True
-
-
-@kernel
-def _resolved(model):
-    """`light` of a formulation whose joints carry inertia, or whose sections do."""
-    return None
 
 
 @kernel
@@ -264,13 +202,7 @@ def _product(lane, model, par, state, u, weights, x, y, S):
     multiply(lane, model, S, x, y)
 
 
-FORMULATIONS = Family(
-    "model", predict=_no_guess, settle=_straight, stride=_any_length, update=_add, difference=_subtract,
-    ports_after=_at_once, stiffen=_no_stiffness, friction=_no_friction, residual=_by_assembling,
-    constrain=_no_constraint, out_of_range=_everywhere, task_poses=_as_link_poses, light=_resolved, conserve=_held,
-    renewed=_always, gauge=_linear_gauge, damping_over=_at_mean_rates, rotates=_adds_up, solve_transposed=_transposed,
-    vjp_residual=vjp_source, vjp_poses=_vjp_poses, vjp_product=_vjp_product,
-)  # fmt: skip
+FORMULATIONS = Family("model")
 """Each formulation's functions, by the class of its Model."""
 
 register = FORMULATIONS.register
@@ -318,6 +250,15 @@ gauge = FORMULATIONS.function("gauge", "lane, model, q, row")
 stand = FORMULATIONS.function("stand", "lane, model, live, angles, rates, q, v")
 out_of_range = FORMULATIONS.function("out_of_range", "lane, model, par, q")
 shape = FORMULATIONS.function("shape", "model, q, points")
+
+FORMULATIONS.defaults.update(
+    predict=nothing, settle=nothing, stride=nothing, update=_add, difference=_subtract, rotates=nothing,
+    residual=_by_assembling, constrain=nothing, stiffen=nothing, friction=nothing, light=nothing, conserve=nothing,
+    renewed=_always, ports_after=_at_once, damping_over=_at_mean_rates, task_poses=link_poses, gauge=_linear_gauge,
+    out_of_range=_everywhere, solve_transposed=_transposed, vjp_residual=vjp_source, vjp_poses=_vjp_poses,
+    vjp_product=_vjp_product,
+)  # fmt: skip
+"""What formulations have unless they say otherwise: coordinates that add up, and joints that are coordinates."""
 
 _solve_backwards = vjp_of(solve, ("x",))
 _residual_backwards = vjp_of(residual, ("par", "state", "u", "r"), scratch=("S",))
