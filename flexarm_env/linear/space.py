@@ -33,7 +33,7 @@ from ..physics.space.reading import read
 from ..rest import NoEquilibrium, resting
 from ..scene import Scene
 from ..simulation import Simulation
-from .equations import SIXTH, STEP, Reduced
+from .equations import STEP, Reduced, Rows, exact_slopes, slopes
 from .stability import Stability, eigenpairs, stability
 
 Array = NDArray[np.float64]
@@ -56,6 +56,10 @@ class SmallMotions:
         self.omega = spin * (mount_of(arm, 0) @ axis_of(arm, 0))
         self.spin = spin
         self.about(np.zeros(self.n), np.zeros(self.n), simulation.work.u)
+
+    def but(self, held: list[int]) -> Rows:
+        """Rows that can move where these joints are held."""
+        return np.array([k for k in self.free if k not in [self.joints[j] for j in held]], np.int64)
 
     def about(self, v: Array, a: Array, u: Array) -> None:
         """Rates and accelerations (n,) that d' and d'' come on top of; torques and loads."""
@@ -87,41 +91,43 @@ class SmallMotions:
         evaluate(SINGLE, self.model, self.simulation.par, state, self.u, w.psi, 0, r, self._room)
         return r
 
-    def slopes(self, q0: Array, which: int, rows: NDArray[np.int64]) -> Array:
+    def moved(self, q0: Array, rows: Rows, d: Array) -> Array:
+        """Coordinates an increment of some rows away."""
+        q, whole = q0.copy(), np.zeros(self.n)
+        whole[rows] = d
+        uncompiled(update)(SINGLE, self.model, q, 1.0, whole, None)
+        return q
+
+    def slopes(self, q0: Array, which: int, rows: Rows) -> Array:
         """Of `rows` of the residual by those of d (which = 0), d' (1) or d'' (2)."""
-        found = np.empty((len(rows), len(rows)))
+
+        def changed(x: Array) -> Array:
+            change = np.zeros((3, self.n))
+            change[which] = x
+            return self.residual(change, q0)[rows]
+
+        if which > 0:  # forces are linear and quadratic in rates
+            return exact_slopes(changed, np.zeros(self.n), rows)
         # a chord's length is no polynomial of places: short steps beside its segment
         most = max(1, int(self.chain.places[PL.elements :: PL.end].max()))
         framed = isinstance(self.chain, SpatialBeam) and self.chain.frames is not None
         least = 0.25 / most if framed else 1.0
-        for j, row in enumerate(rows):
-            size = least / self.model.weight[row] if which == 0 else 1.0
-            # by rates central differences are exact: forces are linear and quadratic in them
-            terms = [(i * STEP * size, w / (STEP * size)) for i, w in SIXTH] if which == 0 else [(1.0, 0.5)]
-            total = np.zeros(self.n)
-            for step, weight in terms:
-                for sign in (1.0, -1.0):
-                    change = np.zeros((3, self.n))
-                    change[which, row] = sign * step
-                    total += sign * weight * self.residual(change, q0)
-            found[:, j] = total[rows]
-        return found
+        return slopes(changed, np.zeros(self.n), rows, STEP * least / np.maximum(self.model.weight, 1e-300))
 
-    def settle(self, q0: Array, rows: NDArray[np.int64]) -> Array:
+    def settle(self, q0: Array, rows: Rows) -> Array:
         """Coordinates near q0 where the residual of these rows vanishes.
 
         Raises:
             NoEquilibrium: Newton's iteration does not get there.
         """
-        q, nothing = q0.copy(), np.zeros((3, self.n))
+        q, nothing = q0, np.zeros((3, self.n))
         for _ in range(50):
             r = self.residual(nothing, q)[rows]
-            d = np.zeros(self.n)
-            d[rows] = -np.linalg.solve(self.slopes(q, 0, rows), r)
-            largest = float(np.abs(d * self.model.weight).max())
+            d: Array = -np.linalg.solve(self.slopes(q, 0, rows), r)
+            largest = float(np.abs(d * self.model.weight[rows]).max())
             if not largest < 1e3:
                 break
-            uncompiled(update)(SINGLE, self.model, q, min(1.0, 0.3 / max(largest, 1e-300)), d, None)
+            q = self.moved(q, rows, min(1.0, 0.3 / max(largest, 1e-300)) * d)
             if largest < 1e-10:
                 return q
         raise NoEquilibrium("no steady rotation was found: the spin may be beyond what the arm's stiffness holds")
@@ -152,7 +158,7 @@ def rest_of(scene: Scene, settings: Any, hold_joints: bool, kind: Callable[..., 
 def stability_of(simulation: Simulation, held: list[int]) -> Stability:
     """Of a rest, joints `held` kept at their angles."""
     motions = SmallMotions(simulation)
-    rows = np.array([k for k in motions.free if k not in [motions.joints[j] for j in held]], np.int64)
+    rows = motions.but(held)
     if not len(rows):
         return Stability(np.inf, 0, 0)
     return stability(motions.slopes(simulation.work.q, 2, rows), motions.slopes(simulation.work.q, 0, rows))
@@ -162,7 +168,7 @@ def modes_of(simulation: Simulation, q: Array, held: list[int], spin: float) -> 
     """(eigenvalues, one of each pair; displacements of the chain's points (modes, points, 3); points (points, 3); which
     way they whirl about the first joint's axis (modes,), see `Modes`)."""
     motions = SmallMotions(simulation, spin)
-    rows = np.array([k for k in motions.free if k not in [motions.joints[j] for j in held]], np.int64)
+    rows = motions.but(held)
     if spin:
         q = motions.settle(q, rows)
     M, C, K = (motions.slopes(q, which, rows) for which in (2, 1, 0))
@@ -176,17 +182,10 @@ def modes_of(simulation: Simulation, q: Array, held: list[int], spin: float) -> 
     shapes, whirl = [], []
     axis = mount_of(arm, 0) @ axis_of(arm, 0)
     for column in vectors.T:
-        vector = np.zeros(motions.n, np.complex128)
-        vector[rows] = column
-        vector /= max(float(np.abs(vector * motions.model.weight).max()), 1e-300)
+        vector = column / max(float(np.abs(column * motions.model.weight[rows]).max()), 1e-300)
         change = []
-        for part in (vector.real, vector.imag):
-            ends = []
-            for sign in (1.0, -1.0):
-                moved = q.copy()
-                uncompiled(update)(SINGLE, motions.model, moved, sign * 1e-6, np.ascontiguousarray(part), None)
-                ends.append(points(moved))
-            change.append((ends[0] - ends[1]) / 2e-6)
+        for part in (1e-6 * vector.real, 1e-6 * vector.imag):
+            change.append((points(motions.moved(q, rows, part)) - points(motions.moved(q, rows, -part))) / 2e-6)
         complex_change = change[0] + 1j * change[1]
         across = complex_change - np.outer(complex_change @ axis, axis)
         around = -float(np.cross(across.conj(), across).imag.sum(axis=0) @ axis)

@@ -22,7 +22,7 @@ from ..physics.equations import read_gauges, read_poses
 from ..physics.gauges import curvature_rows
 from ..physics.integrator.work import Work
 from ..physics.layout import SPACE_POSE, SPACE_POSES
-from ..physics.protocol import difference, update
+from ..physics.protocol import difference
 from ..simulation import Simulation
 from .equations import SECOND, Reduced, Rows, slopes
 from .period import period_tangents
@@ -80,17 +80,9 @@ class Tangent:
         K = self.K + self.C @ self.W + self.M @ self.turned(self.a[self.rows])
         return Reduced(self.M, self.C + self.M @ self.W, K, self.B, none, none, none, none)
 
-    def moved(self, d: Array) -> Array:
-        """Coordinates an increment d (f,) away."""
-        q: Array = self.q.copy()
-        whole = np.zeros(len(q))
-        whole[self.rows] = d
-        uncompiled(update)(SINGLE, self.motions.model, q, 1.0, whole, None)
-        return q
-
     def outputs(self, d: Array, e: Array, gauges: Array) -> Array:
         """Values of `LinearModel.outputs` at increments d and changes e of the rates."""
-        q, v, arm = self.moved(d), self.v.copy(), self.motions.simulation.scene.arm
+        q, v, arm = self.motions.moved(self.q, self.rows, d), self.v.copy(), self.motions.simulation.scene.arm
         v[self.rows] += e
         poses, bent = np.zeros((arm.n_links, SPACE_POSE.end)), np.zeros((1, len(gauges)))
         read_poses(self.motions.model, self.motions.simulation.par, q, v, poses.reshape(-1))
