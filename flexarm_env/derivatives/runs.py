@@ -183,6 +183,3 @@ def _kind(model: Any) -> Any:
     if hasattr(model, "_fields"):
         return type(model), tuple(_kind(part) for part in model)
     return model if isinstance(model, tuple | int) else type(model)
-
-
-__all__ = ["NotDifferentiable", "Run"]

@@ -205,6 +205,3 @@ def _parameter(path: str, entry: Any) -> Parameter:
         prior=prior, size=None if size is None else check.number(f"{where}.size", size, above=0.0),
         nuisance=check.flag(f"{where}.nuisance", table.get("nuisance", False)),
     )  # fmt: skip
-
-
-__all__ = ["Channel", "Config", "Parameter", "read_config"]

@@ -182,6 +182,3 @@ def _reach(arm: Arm, scene: Scene, t: Array, torques: Array, options: dict[str, 
     if not run.finished:
         return np.inf, np.inf
     return float(np.abs(run.joint_angles).max()), float(np.abs(run.tip_deflection).max())
-
-
-__all__ = ["Excitation", "excite"]

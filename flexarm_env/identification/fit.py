@@ -208,6 +208,3 @@ class Solver:
     def _keep(self) -> None:
         if self.state_file is not None:
             write_whole(self.state_file, json.dumps(self.state).encode())
-
-
-__all__ = ["Fit", "Problem", "Solver"]

@@ -148,6 +148,3 @@ def _moves(where: str, channel: Channel, values: Array) -> None:
                     f"the value {end:g} stands for {SATURATED} samples and more: the sensor is at the end of its range"
                 )
                 raise BadLog(f"{where}: column {channel.column!r}, row {i + 2}: {what}")
-
-
-__all__ = ["BadLog", "Run", "read_run"]

@@ -418,6 +418,3 @@ def _whole(arm: Arm, config: Config) -> dict[str, Any]:
             table["links"][i] = arms.to_table(arm)["links"][i]
     elbows = [dataclasses.asdict(arm.elbow(k)) for k in range(1, arm.n_links)]
     return {**table, "joints": joints, "elbows": elbows}
-
-
-__all__ = ["Experiment"]

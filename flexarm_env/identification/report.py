@@ -240,6 +240,3 @@ def _vibration(result: Identification) -> str:
             for r in seen
         ]
     return table_of(("", "Hz", "damping ratio", "amplitude"), rows)
-
-
-__all__ = ["Identification", "Prediction", "arm_text", "direction", "draw", "page"]

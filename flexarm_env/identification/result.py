@@ -207,6 +207,3 @@ def randomization(path: str | os.PathLike[str]) -> dict[str, tuple[float, float]
     with check.in_file(path):
         ranges = check.table_of("randomization", check.needed("", table, "randomization", "must be a table of ranges"))
         return {key: check.limits(f"randomization.{key}", limits) for key, limits in ranges.items()}
-
-
-__all__ = ["Identification", "Prediction", "identify", "randomization"]

@@ -186,6 +186,3 @@ def oscillator(runs: list[Run], name: str, law: Law) -> Oscillator:
     best = min(grid, key=lambda x: float(np.square(solved(x)[0]).sum()))
     found = least_squares(lambda x: solved(x)[0], best, max_nfev=30).x
     return Oscillator(float(np.exp(found[0])), float(np.exp(found[1])), tuple(solved(found)[1].tolist()), law)
-
-
-__all__ = ["Oscillator", "Ringing", "free_decay", "nrmse", "oscillator", "read_off", "ringing", "vaf"]

@@ -171,6 +171,3 @@ def _directions(
                 quantile * float(np.sqrt(max(own[0], 0.0) * (best @ best))),
             ))  # fmt: skip
     return tuple(blind), tuple(told)
-
-
-__all__ = ["Direction", "Uncertainty", "uncertainty"]
