@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiler import (
-    absolute,
     arms,
     follow,
     hot,
@@ -30,7 +29,6 @@ from ..physics.integrator.adjoint import vjp_light, vjp_restart, vjp_step, vjp_s
 from ..physics.integrator.newton import slopes_of
 from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
-from ..physics.integrator.switching import switch
 from ..physics.integrator.tangents import prepare
 from ..physics.integrator.work import copy_rows, moved_by, rows_of_shift, unpack
 from ..physics.layout import POSE
@@ -39,7 +37,7 @@ from ..tasks.program import PERIODS, record_at, saved_at, sections
 from ..tasks.task import info_of, judge, observe
 from .derivative import fill
 from .keeping import keep, read_parts, write_parts
-from .motors import command, record_commands, start_stiff, starting, turn_motors
+from .motors import ask, command, jump, record_commands, starting, turn_motors
 
 
 class Asked(NamedTuple):
@@ -68,6 +66,8 @@ def _ask(lane, model, task, controller, amplifier, par, q, v, record, action, u)
 
 _vjp_sight = vjp_of(_see, ("poses", "record", "action", "seen", "outcome"))
 _vjp_command = vjp_of(_ask, ("par", "q", "v", "record", "action", "u"))
+_vjp_commands = vjp_of(record_commands, ("record", "w"))
+_vjp_motors = vjp_of(turn_motors, ("record", "w"))
 
 
 @hot
@@ -90,16 +90,13 @@ def _period(lane, d, g, block, bars, tape):
     par_bar, poses_bar, record_bar, action_bar, seen_bar, reward_bar, _, _ = sections(layout, bars)
     fill(lane, d, d.places, layout, g, block)
     keep(w, record, saved)
-    copy_rows(lane, size(model.n_inputs), w.u, w.u0)
-    command(lane, p.task, p.controller, p.amplifier, model, par, action, poses, record, w)
-    if p.actuator is not None:
-        record_commands(lane, p.task, p.actuator, record, w)
+    ask(lane, p, model, p.controller, p.actuator, par, poses, record, action, w)
     length = _length(model, p.task) * len(lane)
     start = tape[(p.n_steps + 1) * length :]
     for s in range(p.n_steps):
         _turn(lane, model, p.task, p.actuator, s, record, w, tape[(s + 1) * length :])
         if s == 0:
-            _torques_jump(lane, p, par, record, saved, block, w)
+            jump(lane, p, model, par, record, saved, block, w)
             write_parts(_of_step(lane, model, p.task, w), tape)
             write_parts(_of_jump(w), start)
         advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
@@ -125,10 +122,11 @@ def _period(lane, d, g, block, bars, tape):
             read_parts(_of_step(lane, model, p.task, w), tape)
             read_parts(_of_jump(w), start)
             _vjp_torques_jump(lane, p, par, par_bar, record, saved, block, w, bar)
-        _vjp_turn(lane, model, p.task, p.actuator, s, record, record_bar, bar, tape[(s + 1) * length :])
+        _vjp_turn(lane, model, p.task, p.actuator, s, record, record_bar, w, bar, tape[(s + 1) * length :])
     if rotates(model) is not None:
         tangent_map(lane, model, w.q, False, bar.q)
-    _vjp_record_commands(lane, p.task, p.actuator, record_bar, bar)
+    if p.actuator is not None:
+        _vjp_commands(lane, p.task, p.actuator, record, w, record_bar, bar)
     _vjp_command(
         lane, model, p.task, p.controller, p.amplifier, par, w.q, w.v, record, action, w.u,
         par_bar, bar.q, bar.v, record_bar, action_bar, bar.u,
@@ -139,23 +137,8 @@ def _period(lane, d, g, block, bars, tape):
 
 # --- where torques jump -------------------------------------------------------------------------------
 @kernel
-def _torques_jump(lane, p, par, record, saved, block, w):
-    """`motors._jump`; accelerations before it in a0."""
-    afresh = isinstance(p.model.predictor, tuple)
-    if not afresh and light(p.model) is None:
-        start_stiff(lane, p, p.model, par, record, saved, block, w)
-    copy_rows(lane, size(p.model.n), w.a, w.a0)
-    if afresh:
-        restart(lane, p.model, None, par, block, 0, 0.0, p.h, True)
-    elif light(p.model) is not None:
-        switch(lane, p.model, par, block, 0, p.h, starting(lane, record))
-    else:
-        switch(lane, p.model, par, block, 0, p.h, None)
-
-
-@kernel
 def _vjp_torques_jump(lane, p, par, par_bar, record, saved, block, w, bar):
-    """`_torques_jump` backwards."""
+    """`motors.jump` backwards."""
     if isinstance(p.model.predictor, tuple):
         vjp_restart(lane, p.model, par, par_bar, w, bar, splat(lane, 1.0), p.h)
     elif light(p.model) is not None:
@@ -222,46 +205,27 @@ def _of_jump(w):
 
 # --- motors -----------------------------------------------------------------------------------------
 @kernel
+def _torques_at(task, actuator):
+    """Where the motors' torques are in the record."""
+    return record_at(0, size(task.links), size(task.acted), 1, actuator.rows, 0, 0).torque
+
+
+@kernel
 def _turn(lane, model, task, actuator, s, record, w, tape):
     """The motors' torques in step s; what they were before is kept last in the tape's numbers of that step."""
     if actuator is not None:
-        n = size(task.links)
-        at, last = record_at(0, n, size(task.acted), 1, actuator.rows, 0, 0), _last(model, task)
-        for k in range(n):
-            store(tape, last + k, load(lane, record, at.torque + k))
+        torques = record[_torques_at(task, actuator) * len(lane) :]
+        copy_rows(lane, size(task.links), torques, tape[_last(model, task) * len(lane) :])
         turn_motors(lane, task, actuator, s, record, w)
 
 
 @kernel
-def _vjp_turn(lane, model, task, actuator, s, record, record_bar, bar, tape):
+def _vjp_turn(lane, model, task, actuator, s, record, record_bar, w, bar, tape):
     """`turn_motors`, backwards."""
     if actuator is not None:
-        n, zero = size(task.links), splat(lane, 0.0)
-        at, last = record_at(0, n, size(task.acted), 1, actuator.rows, 0, 0), _last(model, task)
-        age = actuator.age + 1 if s < actuator.late else actuator.age
-        for k in range(n):
-            before, asked = load(lane, tape, last + k), load(lane, record, at.commands + age * n + k)
-            torque = before + (asked - before) * actuator.share
-            given = load(lane, record_bar, at.torque + k) + load(lane, bar.u, k)
-            given = select_lt(actuator.limits[k], absolute(torque), zero, given)
-            store(bar.u, k, zero)
-            store(record_bar, at.torque + k, given * (1.0 - actuator.share))
-            asked = load(lane, record_bar, at.commands + age * n + k)
-            store(record_bar, at.commands + age * n + k, asked + given * actuator.share)
-
-
-@kernel
-def _vjp_record_commands(lane, task, actuator, record_bar, bar):
-    """`record_commands`, backwards."""
-    if actuator is not None:
-        n = size(task.links)
-        at = record_at(0, n, size(task.acted), 1, actuator.rows, 0, 0)
-        for k in range(n):
-            store(bar.u, k, load(lane, bar.u, k) + load(lane, record_bar, at.commands + k))
-            for j in range(actuator.age + 1):
-                older = load(lane, record_bar, at.commands + (j + 1) * n + k)
-                store(record_bar, at.commands + j * n + k, older)
-            store(record_bar, at.commands + (actuator.age + 1) * n + k, splat(lane, 0.0))
+        torques = record[_torques_at(task, actuator) * len(lane) :]
+        copy_rows(lane, size(task.links), tape[_last(model, task) * len(lane) :], torques)
+        _vjp_motors(lane, task, actuator, s, record, w, record_bar, bar)
 
 
 # --- rows -------------------------------------------------------------------------------------------

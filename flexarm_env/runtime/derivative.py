@@ -164,21 +164,35 @@ def at_once(d):
 
 
 @kernel
-def fill(lane, d, places, layout, g, block):
-    """States and actions of group g into a block, tangents 0. Lanes without an arm are like the first."""
-    count, joints = places.shape[0], size(d.program.task.links)
-    for k in range(layout.record, layout.action):
-        block[k] = 0.0
+def _arm(lane, n, g, i):
+    """Whose numbers lane i of group g has: without an arm of its own the first one's."""
+    arm = g * arms(lane) + i
+    return arm if arm < n else g * arms(lane)
+
+
+@kernel
+def fill_rows(lane, n, g, places, rows, block):
+    """Rows of numbers of the arms of group g, of n in all, to their places, tangents 0."""
+    count = places.shape[0]
     for k in range(count):
         store(block[places[k] :], 0, splat(lane, 0.0))
+    for i in range(arms(lane)):
+        arm = _arm(lane, n, g, i)
+        for k in range(count):
+            block[places[k] + i] = rows[arm * count + k]
+
+
+@kernel
+def fill(lane, d, places, layout, g, block):
+    """States and actions of group g into a block, tangents 0. Lanes without an arm are like the first."""
+    joints = size(d.program.task.links)
+    for k in range(layout.record, layout.action):
+        block[k] = 0.0
+    fill_rows(lane, d.n, g, places, d.state, block)
     for k in range(joints):
         store(block[layout.action :], k, splat(lane, 0.0))
     for i in range(arms(lane)):
-        arm = g * arms(lane) + i
-        if arm >= d.n:
-            arm = g * arms(lane)
-        for k in range(count):
-            block[places[k] + i] = d.state[arm * count + k]
+        arm = _arm(lane, d.n, g, i)
         for k in range(joints):
             block[layout.action + k * len(lane) + i] = d.action[arm * joints + k]
     store(unpack(lane, d.program.model, block, 0).flag, 0, splat(lane, float(OK)))

@@ -26,9 +26,9 @@ from ..physics.integrator.work import copy_rows, unpack
 from ..physics.protocol import light
 from ..tasks.program import sections
 from .derivative import at_once, close, fill, seed, take_columns, write_outcome
-from .events import change_payloads, set_pushes
+from .events import change_payloads
 from .keeping import keep
-from .motors import command, record_commands, start_stiff, starting, turn_motors
+from .motors import ask, start_stiff, starting, turn_motors
 
 
 @kernel
@@ -66,13 +66,9 @@ def _period(lane, d, g, chunks, block, scratch, w):
     fill(lane, d, d.places, layout, g, block)
     change_payloads(lane, p, par, record, w)
     keep(w, record, saved)
-    copy_rows(lane, size(model.n_inputs), w.u, w.u0)
-    set_pushes(lane, p, record, w)
-    command(lane, p.task, p.controller, p.amplifier, model, par, action, poses, record, w)
+    ask(lane, p, model, p.controller, p.actuator, par, poses, record, action, w)
     for c in range(chunks):
         _open(d, g, c, _chunk(d, c, scratch))
-    if p.actuator is not None:
-        record_commands(lane, p.task, p.actuator, record, w)
     slopes = slopes_of(p.scheme, p.h)
     for s in range(p.n_steps):
         _turn(lane, d, p.actuator, s, chunks, record, scratch, w)
@@ -109,11 +105,7 @@ def _open(d, g, c, both):
     fill(lane, d, d.twice, d.both, g, both)
     seed(lane, d, c * at_once(d), min((c + 1) * at_once(d), d.columns), both)
     change_payloads(lane, p, _parameters(d, both), _record(d, both), x)
-    copy_rows(lane, size(p.model.n_inputs), x.u, x.u0)
-    set_pushes(lane, p, _record(d, both), x)
-    command(lane, p.task, p.controller, p.amplifier, p.model, _parameters(d, both), action, poses, _record(d, both), x)
-    if p.actuator is not None:
-        record_commands(lane, p.task, p.actuator, _record(d, both), x)
+    ask(lane, p, p.model, p.controller, p.actuator, _parameters(d, both), poses, _record(d, both), action, x)
 
 
 @kernel

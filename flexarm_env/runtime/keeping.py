@@ -41,18 +41,22 @@ def keep(w, record, saved):
 @kernel
 def keep_lane(lanes, i, w, record, saved):
     """Lane i into `saved`."""
-    first = i
-    for part in _parts(w, record, saved):
-        for k in range(0, part.shape[0], lanes):
-            saved[first + k] = part[k + i]
-        first += part.shape[0]
+    _copy_lane(lanes, i, _parts(w, record, saved), saved, False)
 
 
 @kernel
 def put_back(lanes, i, w, saved, record):
     """Lane i as it was kept."""
+    _copy_lane(lanes, i, _parts(w, record, saved), saved, True)
+
+
+@kernel
+def _copy_lane(lanes, i, parts, saved, back):
     first = i
-    for part in _parts(w, record, saved):
+    for part in parts:
         for k in range(0, part.shape[0], lanes):
-            part[k + i] = saved[first + k]
+            if back:
+                part[k + i] = saved[first + k]
+            else:
+                saved[first + k] = part[k + i]
         first += part.shape[0]

@@ -68,6 +68,12 @@ def memory_of(channels: int, room: int) -> np.ndarray:
 
 
 @kernel
+def channel_of(base, room, c):
+    """Where the numbers of channel c are."""
+    return channel_at(base + c * channel_at(0, room).end, room)
+
+
+@kernel
 def normal(stream, arm):
     """A standard normal number from an arm's stream (Box & Muller 1958)."""
     radius = math.sqrt(-2.0 * math.log(1.0 - uniform(stream, arm)))
@@ -81,7 +87,7 @@ def read(lane, laws, room, c, memory, base, stream, arm, value, first):
     first: of an episode; the quantity has been what it is for ever. stream: None for readings without noise, never the
     first. Under a dual tag the number of one arm goes through with its tangents; rounding leaves these as they are.
     """
-    i, o, at = arm % arms(lane), c * _LAW.end, channel_at(base + c * channel_at(0, room).end, room)
+    i, o, at = arm % arms(lane), c * _LAW.end, channel_of(base, room, c)
     since = laws[o + _LAW.every]
     if first:
         _remember(lane, laws, room, o, at, memory, stream, arm, value)
@@ -132,7 +138,7 @@ def _remember(lane, laws, room, o, at, memory, stream, arm, value):
 @kernel
 def read_encoder(lane, laws, room, c, memory, base, stream, arm, angle, first):
     """Angle and rate that an encoder reads (`flexarm_env.sensors.Encoder`)."""
-    i, o, at = arm % arms(lane), c * _LAW.end, channel_at(base + c * channel_at(0, room).end, room)
+    i, o, at = arm % arms(lane), c * _LAW.end, channel_of(base, room, c)
     before = pick(lane, memory, at.reading, i)
     now = read(lane, laws, room, c, memory, base, stream, arm, angle, first)
     if first:
@@ -141,12 +147,6 @@ def read_encoder(lane, laws, room, c, memory, base, stream, arm, angle, first):
         rate = laws[o + _LAW.kept] * pick(lane, memory, at.rate, i) + laws[o + _LAW.rate] * (now - before)
         place(lane, memory, at.rate, i, rate)
     return now, pick(lane, memory, at.rate, i)
-
-
-@kernel
-def channel_of(base, room, c):
-    """Where the numbers of channel c are."""
-    return channel_at(base + c * channel_at(0, room).end, room)
 
 
 GAUSS = math.sqrt(0.6)

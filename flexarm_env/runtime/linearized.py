@@ -20,6 +20,7 @@ from ..physics.layout import POSE
 from ..physics.protocol import link_poses, ports
 from ..tasks.program import PARAMETERS
 from ..tasks.task import deflection
+from .derivative import fill_rows
 
 
 class Linearization(NamedTuple):
@@ -93,16 +94,8 @@ def _read_off(lane, d, block, w):
 
 @kernel
 def _fill(lane, d, places, g, block, w):
-    """State, torques and parameters of group g; lanes without an arm are like the first."""
-    count = places.shape[0]
-    for k in range(count):
-        store(block[places[k] :], 0, splat(lane, 0.0))
-    for i in range(arms(lane)):
-        arm = g * arms(lane) + i
-        if arm >= d.n:
-            arm = g * arms(lane)
-        for k in range(count):
-            block[places[k] + i] = d.given[arm * count + k]
+    """State, torques and parameters of group g."""
+    fill_rows(lane, d.n, g, places, d.given, block)
     store(w.flag, 0, splat(lane, 0.0))
 
 

@@ -81,14 +81,22 @@ def command(lane, task, controller, amplifier, model, par, action, poses, record
 @kernel
 def take_steps(lane, p, model, parts, controller, actuator, par, poses, record, action, saved, block, w):
     """The steps of one period under an action, each in so many parts."""
-    copy_rows(lane, size(model.n_inputs), w.u, w.u0)
-    set_pushes(lane, p, record, w)
-    command(lane, p.task, controller, p.amplifier, model, par, action, poses, record, w)
+    ask(lane, p, model, controller, actuator, par, poses, record, action, w)
     if actuator is None:
-        _jump(lane, p, model, par, record, saved, block, w)
+        jump(lane, p, model, par, record, saved, block, w)
         advance(lane, model, None, par, block, 0, 0.0, p.h / parts, p.n_steps * parts, p.scheme, p.books)
     else:
         _run_motors(lane, p, model, parts, actuator, par, record, saved, block, w)
+
+
+@kernel
+def ask(lane, p, model, controller, actuator, par, poses, record, action, w):
+    """w.u <- inputs of a period, u0 those before; what motors are asked for they remember."""
+    copy_rows(lane, size(model.n_inputs), w.u, w.u0)
+    set_pushes(lane, p, record, w)
+    command(lane, p.task, controller, p.amplifier, model, par, action, poses, record, w)
+    if actuator is not None:
+        record_commands(lane, p.task, actuator, record, w)
 
 
 @kernel
@@ -113,7 +121,7 @@ def start_stiff(lane, p, model, par, record, saved, block, w):
 
 
 @kernel
-def _jump(lane, p, model, par, record, saved, block, w):
+def jump(lane, p, model, par, record, saved, block, w):
     """Accelerations jump with the torques, from w.u0 to w.u.
 
     They are solved afresh where nothing is stiff, the elastica (a pair as predictor); elsewhere in an episode's first
@@ -131,11 +139,10 @@ def _jump(lane, p, model, par, record, saved, block, w):
 @kernel
 def _run_motors(lane, p, model, parts, actuator, par, record, saved, block, w):
     """The motors' torques followed through each step."""
-    record_commands(lane, p.task, actuator, record, w)
     for s in range(p.n_steps):
         turn_motors(lane, p.task, actuator, s, record, w)
         if s == 0:
-            _jump(lane, p, model, par, record, saved, block, w)
+            jump(lane, p, model, par, record, saved, block, w)
         advance(lane, model, None, par, block, 0, 0.0, p.h / parts, parts, p.scheme, p.books)
 
 

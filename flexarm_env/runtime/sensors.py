@@ -35,7 +35,7 @@ def record_motor_angles(lane, instruments, model, par, record, w):
             base = record.shape[0] // len(lane) - readings_size(instruments)
             ports(lane, model, par, w.q, w.y)
             for k in range(instruments.motors.shape[0]):
-                store(record, _channel(instruments, base, k).motor, load(lane, w.y, k))
+                store(record, channel_of(base, instruments.room, k).motor, load(lane, w.y, k))
 
 
 @kernel
@@ -72,23 +72,11 @@ class Who(NamedTuple):
 
 
 @kernel
-def _law(lane, instruments, who, c, record, value):
-    """What channel c reads of a value."""
-    return read(lane, instruments.laws, instruments.room, c, record, who.base, who.stream, who.arm, value, who.first)
-
-
-@kernel
 def readings_size(instruments):
     """Numbers that sensors remember, the last of a record."""
     if instruments is not None:
         return (instruments.laws.shape[0] // LAW_SIZE) * channel_at(0, instruments.room).end
     return 0
-
-
-@kernel
-def _channel(instruments, base, c):
-    """Where the numbers of channel c are."""
-    return channel_of(base, instruments.room, c)
 
 
 @kernel
@@ -114,7 +102,7 @@ def _true_angle(lane, task, i, k, poses):
 def _angle(lane, task, instruments, who, k, poses, record):
     """Angle of joint k as its encoder reads it, or as it is where there is none."""
     if instruments.encoders is not None:
-        return pick(lane, record, _channel(instruments, who.base, k).reading, who.i)
+        return pick(lane, record, channel_of(who.base, instruments.room, k).reading, who.i)
     return _true_angle(lane, task, who.i, k, poses)
 
 
@@ -127,7 +115,7 @@ def _encoders(lane, p, instruments, who, poses, record, seen):
             true = _true_angle(lane, p.task, i, k, poses)
             if instruments.motors is not None:
                 if instruments.motors[k] == 1:  # it turns with the motor
-                    true = pick(lane, record, _channel(instruments, who.base, k).motor, i)
+                    true = pick(lane, record, channel_of(who.base, instruments.room, k).motor, i)
             angle, rate = read_encoder(
                 lane, instruments.laws, instruments.room, k, record, who.base, who.stream, who.arm, true, who.first
             )
@@ -182,7 +170,9 @@ def _goals(lane, p, instruments, who, at, poses, record, seen):
 @kernel
 def _show(lane, instruments, who, at, c, record, seen, value):
     """Entry `at`: what channel c reads of a value."""
-    place(lane, seen, at, who.i, clip(_law(lane, instruments, who, c, record, value), CLIP))
+    laws, room, arm = instruments.laws, instruments.room, who.arm
+    shown = read(lane, laws, room, c, record, who.base, who.stream, arm, value, who.first)
+    place(lane, seen, at, who.i, clip(shown, CLIP))
 
 
 @kernel
@@ -215,10 +205,8 @@ def _accelerometer(lane, p, instruments, who, at, c, poses, record, seen):
             lane, record, who.base, room, c, i, x, y, angle, vx, vy, rate, instruments.period, accelerometer[0],
             accelerometer[1], who.first,
         )  # fmt: skip
-        along = _law(lane, instruments, who, c, record, along / accelerometer[2])
-        across = _law(lane, instruments, who, c + 1, record, across / accelerometer[2])
-        place(lane, seen, at, i, clip(along, CLIP))
-        place(lane, seen, at + 1, i, clip(across, CLIP))
+        _show(lane, instruments, who, at, c, record, seen, along / accelerometer[2])
+        _show(lane, instruments, who, at + 1, c + 1, record, seen, across / accelerometer[2])
         return at + 2, c + 2
     return at, c
 
@@ -254,8 +242,7 @@ def _camera(lane, p, instruments, who, at, c, poses, record, seen):
             return at + 5, c + 5
         i, o = who.i, POSE.end * (size(p.task.links) - 1) + POSE.tip_x
         for d in range(2):
-            value = _law(lane, instruments, who, c + d, record, pick(lane, poses, o + d, i) / instruments.camera)
-            place(lane, seen, at + d, i, clip(value, CLIP))
+            _show(lane, instruments, who, at + d, c + d, record, seen, pick(lane, poses, o + d, i) / instruments.camera)
         return at + 2, c + 2
     return at, c
 
@@ -266,8 +253,7 @@ def _gauges(lane, p, instruments, who, c, record, seen):
         count = size(instruments.gauges)
         for g in range(count):
             k = p.entries - count + g
-            value = _law(lane, instruments, who, c + g, record, pick(lane, seen, k, who.i))
-            place(lane, seen, k, who.i, clip(value, CLIP))
+            _show(lane, instruments, who, k, c + g, record, seen, pick(lane, seen, k, who.i))
 
 
 # --- the observation -----------------------------------------------------------------------------------

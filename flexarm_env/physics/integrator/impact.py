@@ -7,8 +7,7 @@ from ..layout import DISSIPATED, WORK_DONE
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from ..protocol import MASS_ALONE, RESIDUAL_ALONE, Weights, assemble, constrain, energy
 from .start import layer_of
-from .switching import jump_multipliers
-from .work import copy_rows, move_multipliers, solve_known, state_of
+from .work import copy_rows, move_multipliers, solve_known, state_of, take_multipliers
 
 
 @kernel
@@ -106,7 +105,7 @@ def _accelerate(lane, model, par, w, h):
             store(w.r, k, load(lane, w.r, k) - load(lane, w.b0, k))
         constrain(lane, model, w.psi, state_of(w), 2, 1.0, w.r)
         solve_known(lane, model, None, w, first)
-        jump_multipliers(lane, model.algebraic, w.q, w.r)
+        take_multipliers(lane, model.algebraic, w, None, 1.0)
         for k in range(size(model.n)):
             store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
 

@@ -25,7 +25,7 @@ from ..joints.friction import apply_friction
 from ..layout import ITERATIONS
 from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, renewed, rotates, settle, solve, stride
 from .period import correct_period
-from .work import move_on, solve_known, state_of, take_out_known
+from .work import move_on, solve_known, state_of, take_multipliers, take_out_known
 
 LINEAR = 1e-3
 """Least contraction to expect of a later iteration where a model keeps factors: what is off most falls by its square at
@@ -85,19 +85,8 @@ def _moved(lane, correction, shift, k, d):
 
 
 @kernel
-def _take_multipliers(lane, algebraic, w, active, c_m):
-    """Increments of the multipliers, which live in q. They do not count towards convergence: they are forces."""
-    if algebraic is not None:
-        for i in range(algebraic.shape[0]):
-            k = algebraic[i]
-            force = load(lane, w.q, k)
-            store(w.q, k, select_lt(0.5, active, force - load(lane, w.r, k) * c_m, force))
-            store(w.r, k, splat(lane, 0.0))
-
-
-@kernel
 def _sharpen_multipliers(lane, algebraic, w, c_m):
-    """`_take_multipliers` of tangents alone."""
+    """`take_multipliers` of tangents alone."""
     if algebraic is not None:
         for i in range(algebraic.shape[0]):
             k = algebraic[i]
@@ -121,7 +110,7 @@ def _bound(lane, model, longest, r):
 def _move(lane, model, par, w, active, slopes, tolerance):
     """Apply the increment -r where `active`, eqs. [80]-[82]; return its weighted size, NaN if not finite."""
     _bound(lane, model, stride(model), w.r)
-    _take_multipliers(lane, model.algebraic, w, active, slopes.a)
+    take_multipliers(lane, model.algebraic, w, active, slopes.a)  # forces, which do not count towards convergence
     largest_of = splat(lane, 0.0)
     nothing = splat(lane, -0.0)  # x + -0.0 is x to the last bit
     for k in range(size(model.n)):

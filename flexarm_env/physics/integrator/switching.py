@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, select_lt, size, splat, store
+from ...compiler import kernel, load, select_lt, size, store
 from ..joints.friction import apply_friction, note_friction
 from ..layout import FACTORISATIONS
 from ..protocol import MASS_ALONE, RESIDUAL_ALONE, Weights, assemble, factor, solve
-from .work import state_of, take_out_known, unpack
+from .work import state_of, take_multipliers, take_out_known, unpack
 
 
 @kernel
@@ -21,8 +21,8 @@ def switch(lane, model, par, flat, n_motions, h, first):
 
     Unlike `restart` this keeps what the integrator has filtered: where stretch, shear and rotary modes are too fast for
     the step, accelerations solved afresh from round-off in the strains are large, and Newton would start far away.
-    h: a step. first: None, but for models that are `protocol.light`, whose da is that of M + h/2 C + h^2/4 K: 1 in
-    lanes that were not moved before, for which a = 0 and da follows from all forces.
+    Accelerations before are left in w.a0. h: a step. first: None, but for models that are `protocol.light`, whose da is
+    that of M + h/2 C + h^2/4 K: 1 in lanes that were not moved before, for which a = 0 and da follows from all forces.
     """
     w, n = unpack(lane, model, flat, n_motions), size(model.n)  # q0 is scratch
     assemble(lane, model, par, state_of(w), w.u0, RESIDUAL_ALONE, w.r, w.S)
@@ -41,17 +41,9 @@ def switch(lane, model, par, flat, n_motions, h, first):
     w.counts[FACTORISATIONS] += 1.0
     solve(lane, model, w.S, w.r)
     apply_friction(lane, model, par, state_of(w), MASS_ALONE, 0.5 * h, w.S, w.r)
-    jump_multipliers(lane, model.algebraic, w.q, w.r)
+    take_multipliers(lane, model.algebraic, w, None, 1.0)
     for k in range(n):
-        store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
+        a = load(lane, w.a, k)
+        store(w.a0, k, a)
+        store(w.a, k, a - load(lane, w.r, k))
         store(w.b, k, load(lane, w.b, k) - load(lane, w.r, k))
-
-
-@kernel
-def jump_multipliers(lane, algebraic, q, r):
-    """Multipliers live in q."""
-    if algebraic is not None:
-        for i in range(algebraic.shape[0]):
-            k = algebraic[i]
-            store(q, k, load(lane, q, k) - load(lane, r, k))
-            store(r, k, splat(lane, 0.0))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...compiler import inlined, kernel, load, size, splat, store
+from ...compiler import inlined, kernel, load, select_lt, size, splat, store
 from ...layout import Field, Layout
 from ..layout import BOOKS, COUNTS, FACTORISATIONS, MOTION, OF_MOTION
 from ..protocol import State, factor, pin, rotates, solve, update
@@ -169,3 +169,15 @@ def move_multipliers(lane, algebraic, target, values, clear):
         for i in range(algebraic.shape[0]):
             k = algebraic[i]
             store(target, k, splat(lane, 0.0) if clear else load(lane, values, k))
+
+
+@kernel
+def take_multipliers(lane, algebraic, w, active, c_m):
+    """Take r times c_m from the multipliers, which live in q, where `active` or (None) everywhere; that r becomes 0."""
+    if algebraic is not None:
+        for i in range(algebraic.shape[0]):
+            k = algebraic[i]
+            force = load(lane, w.q, k)
+            less = force - load(lane, w.r, k) * c_m
+            store(w.q, k, less if active is None else select_lt(0.5, active, less, force))
+            store(w.r, k, splat(lane, 0.0))
