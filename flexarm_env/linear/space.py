@@ -123,7 +123,7 @@ class SmallMotions:
         q, nothing = q0, np.zeros((3, self.n))
         for _ in range(50):
             r = self.residual(nothing, q)[rows]
-            d: Array = -np.linalg.solve(self.slopes(q, 0, rows), r)
+            d = np.asarray(-np.linalg.solve(self.slopes(q, 0, rows), r), np.float64)
             largest = float(np.abs(d * self.model.weight[rows]).max())
             if not largest < 1e3:
                 break
