@@ -343,19 +343,12 @@ def clear(lane, S, o, n):
 
 
 @kernel
-def energy_of(lane, model, array, o, mass, share, at):
-    """(kinetic, gravity) energy, J, of the `BODY` at o of `array` on a place."""
+def sums_of(lane, model, array, o, mass, share, at):
+    """((kinetic, strain, gravity) energy, J; momentum along inertial axes) of the `BODY` at o of `array` on a place."""
     c, I, A = three_of(lane, array, o + P.centre), inertia_of(lane, array, o, share), matrix(at.p)
     r, rate = plus(at.r, turned(A, c)), plus(at.v, turned(A, cross(at.spin, c)))
-    mass = mass_of(lane, array, o, mass)
-    kinetic = (dot(rate, rate) * mass + dot(at.spin, turned(I, at.spin))) * 0.5
-    if model.gravity is None:
-        return kinetic, splat(lane, 0.0)
-    return kinetic, -(dot(three_of(lane, model.gravity, 0), r) * mass)
-
-
-@kernel
-def momentum_of(lane, array, o, mass, at):
-    """Momentum of the `BODY` at o of `array` on a place."""
-    arm = turned(matrix(at.p), cross(at.spin, three_of(lane, array, o + P.centre)))
-    return times(plus(at.v, arm), mass_of(lane, array, o, mass))
+    mass, zero = mass_of(lane, array, o, mass), splat(lane, 0.0)
+    kinetic, gravity = (dot(rate, rate) * mass + dot(at.spin, turned(I, at.spin))) * 0.5, zero
+    if model.gravity is not None:
+        gravity = -(dot(three_of(lane, model.gravity, 0), r) * mass)
+    return (kinetic, zero, gravity), times(rate, mass)

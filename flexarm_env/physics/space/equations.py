@@ -17,40 +17,38 @@ from .chain import (
     hinged,
     loaded,
     lump,
-    momentum_of,
     onto,
-    place_at,
     rotor_moment,
     section_at,
     three_of,
     vertex_at,
 )
-from .element import forces, inertia, middle, middle_of, tangent
+from .element import forces, inertia, middle, tangent
 from .elimination import factor, solve
-from .framed import frame_momentum, framed
+from .framed import framed
 from .inner import elements_before
 from .layout import AXES, B, E, F, H, J, L, before, count_of, factor_at, hinge_at, joint_row
 from .matrix import gyrate, lean, matrix_in, pin, stiffen, sway
 from .moving import difference, note_inverse, noted_inverse, rotates, tangent_map, update, vertices_of
 from .output import (
+    both,
     damping_over,
     damping_work,
     energy,
     gauge,
-    last_section,
     light,
     link_poses,
+    momentum,
     ports,
     ports_after,
     predict,
-    root_of,
     shape,
     stand,
     task_poses,
 )
 from .rotations import add_vector, back, cross, dot, matrix, minus, plus, put_matrix, put_vector, times, turned, vector
 from .settled import settle, stride
-from .strained import elastic, pull, strained_difference, strained_momentum, strained_update, walk
+from .strained import elastic, pull, strained_difference, strained_update, walk
 from .strained_layout import noted_at
 from .strained_tangent import strained_tangent
 
@@ -60,12 +58,6 @@ def _add(lane, r, i, of):
     """(force, moment) to the rows from i on."""
     add_vector(lane, r, i, of[0])
     add_vector(lane, r, i + 3, of[1])
-
-
-@kernel
-def _both(a, b):
-    """The sum of two pairs (force, moment)."""
-    return plus(a[0], b[0]), plus(a[1], b[1])
 
 
 @kernel
@@ -85,8 +77,8 @@ def assemble(lane, model, par, state, u, weights, r, S):
                 onto(lane, model, r, S, k, rotor_moment(lane, model, S, k, tip, weights, o))
         hinge = hinged(lane, model, state, k, tip)
         last, on_root = _along(lane, model, par, k, state, hinge.root, weights, r, S)
-        on_root = _both(on_root, body(lane, model.joints, at + J.far, None, None, hinge.root, weights, S, first))
-        on_root = _both(on_root, loaded(lane, model, u, k, False, hinge.root, weights, S, first))
+        on_root = both(on_root, body(lane, model.joints, at + J.far, None, None, hinge.root, weights, S, first))
+        on_root = both(on_root, loaded(lane, model, u, k, False, hinge.root, weights, S, first))
         _note(lane, model, S, hinge_at(k), hinge, tip, on_root)
         tip = last
     n, o = model.links, before(model, model.links)
@@ -149,9 +141,9 @@ def _gathered(lane, model, par, k, state, weights, r, S, of):
             elastic(lane, model, par, k, state, r)
             if weights.mass != 0.0:
                 strained_tangent(lane, model, par, k, weights, S, factor_at(model, k, 0))
-        return _both(of, more)
+        return both(of, more)
     if count_of(model, k) == 0:  # what is on the rows of a rigid link is on its root
-        of = _both(of, (vector(lane, r, i), vector(lane, r, i + 3)))
+        of = both(of, (vector(lane, r, i), vector(lane, r, i + 3)))
         clear(lane, r, i, AXES)
     return of
 
@@ -167,47 +159,8 @@ def _exact(lane, model, section, left, right, element, weights, S, f):
         tangent(section, inner, weights.stiffness, weights.damping, S, f)
     at_left, at_right = inertia(lane, masses[1], section.length, left, right, weights, S, f)
     I = three_of(lane, model.sections, E.end * element + E.inertia)
-    on_left = _both(_both(on_left, at_left), lump(lane, masses[0], I, left, weights, S, f + F.LL))
-    return on_left, _both(_both(on_right, at_right), lump(lane, masses[2], I, right, weights, S, f + F.RR))
-
-
-@kernel
-def momentum(lane, model, par, q, v):
-    """Of all that moves, along inertial axes."""
-    zero, tip = splat(lane, 0.0), place_at(lane, q, v, 0)
-    total = zero, zero, zero
-    for k in range(model.links):
-        if k > 0:
-            total = plus(total, momentum_of(lane, model.joints, J.end * k + J.near, None, tip))
-        root = root_of(lane, model, q, v, k, tip)
-        total = plus(total, momentum_of(lane, model.joints, J.end * k + J.far, None, root))
-        total = _momentum_along(lane, model, k, q, v, root, total)
-        tip = last_section(lane, model, q, v, k, root)
-    total = plus(total, momentum_of(lane, model.end, 0, None, tip))
-    return plus(total, momentum_of(lane, model.payload, 0, load(lane, par, PAYLOAD_MASS), tip))
-
-
-@kernel
-def _momentum_along(lane, model, k, q, v, root, total):
-    """A momentum and that of link k; of exact beams with the masses of `element.inertia`."""
-    if model.strains is not None:
-        if count_of(model, k) > 0:
-            total = plus(total, strained_momentum(lane, model, k, q, v, root))
-        return total
-    left, i, element = root, joint_row(model, k) + 1, elements_before(model, k)
-    for _ in range(count_of(model, k)):
-        right, own = place_at(lane, q, v, i), E.end * element
-        if model.frames is None:
-            masses = three_of(lane, model.sections, own + E.mass)
-            middle_rate = middle_of(splat(lane, model.sections[own + E.length]), left, right)[1]
-            ends = plus(times(left.v, masses[0]), times(right.v, masses[2]))
-            total = plus(total, plus(ends, times(middle_rate, masses[1])))
-        else:
-            total = plus(total, frame_momentum(lane, model, q, v, left, right, element))
-        left = right
-        i += AXES
-        element += 1
-    return total
+    on_left = both(both(on_left, at_left), lump(lane, masses[0], I, left, weights, S, f + F.LL))
+    return on_left, both(both(on_right, at_right), lump(lane, masses[2], I, right, weights, S, f + F.RR))
 
 
 @kernel

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...compiler import kernel, load, select_lt, splat
+from ...compiler import inlined, kernel, load, select_lt, splat
 from ..arithmetic import clip, smaller
 from ..model import STIFFNESS_FACTOR
 from .chain import factors_of, three_of
@@ -247,9 +247,9 @@ def _rotary(lane, model, at, left, right, frame, state, row):
     return plus(more_l, cross(wl, l)), plus(more_r, cross(wr, r)), plus(more, cross(spin, c))
 
 
-@kernel
-def frame_energy(lane, model, par, q, v, left, right, i):
-    """(kinetic, strain, gravity) energy, J, of segment i between two `Place`s."""
+@inlined
+def frame_sums(lane, model, par, q, v, left, right, i):
+    """`chain.sums_of` segment i between two `Place`s."""
     at, row = frame_at(model, i), inner_row(model, i)
     frame = frame_of(left, right)
     rates = rates_of(frame, left, right)
@@ -270,29 +270,17 @@ def frame_energy(lane, model, par, q, v, left, right, i):
         kinetic = kinetic + dot(turn, rate)
     strain = strain + (model.frames[at.spent] - natural) * load(lane, par, STIFFNESS_FACTOR)
     gravity = splat(lane, 0.0)
+    push = gravity, gravity, gravity
     for p in range(points_of(model)):
         to = at.points + weight_end(model) * p
         mass, xi = model.frames[to + W.mass], model.frames[to + W.xi]
         n = _off(lane, model, to, a.phi, b.phi, q, row)
         rate = _rate(lane, model, frame, rates, left, right, to, v, row, n)
-        kinetic = kinetic + dot(rate, rate) * mass
+        kinetic, push = kinetic + dot(rate, rate) * mass, plus(push, times(rate, mass))
         if model.gravity is not None:
             place = plus(plus(times(left.r, 1.0 - xi), times(right.r, xi)), turned(frame.A, n))
             gravity = gravity - dot(three_of(lane, model.gravity, 0), place) * mass
-    return kinetic * 0.5, strain, gravity
-
-
-@kernel
-def frame_momentum(lane, model, q, v, left, right, i):
-    """Of segment i between two `Place`s, inertial axes."""
-    at, row, frame, zero = frame_at(model, i), inner_row(model, i), frame_of(left, right), splat(lane, 0.0)
-    rates, total = rates_of(frame, left, right), (zero, zero, zero)
-    for p in range(points_of(model)):
-        to = at.points + weight_end(model) * p
-        n = _off(lane, model, to, frame.left.phi, frame.right.phi, q, row)
-        rate = _rate(lane, model, frame, rates, left, right, to, v, row, n)
-        total = plus(total, times(rate, model.frames[to + W.mass]))
-    return total
+    return (kinetic * 0.5, strain, gravity), push
 
 
 @kernel

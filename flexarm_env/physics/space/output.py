@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, splat, square_root, store
+from ...compiler import inlined, kernel, load, splat, square_root, store
 from ..arithmetic import put
 from ..layout import SPACE_POSE as SP
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from ..protocol import State
-from .chain import energy_of, place_at, planted, section_at, three_of
+from .chain import place_at, planted, section_at, sums_of, three_of
 from .element import Place, middle, middle_of, scale
 from .frame import frame_of
-from .framed import frame_damping, frame_energy
+from .framed import frame_damping, frame_sums
 from .inner import elements_before
 from .layout import AXES, E, G, J, L, P, count_of, joint_row
 from .moving import vertices_of
@@ -31,7 +31,7 @@ from .rotations import (
     turned,
     vector,
 )
-from .strained import last_place, point_of, strained_damping, strained_energy
+from .strained import last_place, point_of, strained_damping, strained_sums
 
 
 @kernel
@@ -62,62 +62,75 @@ def predict(lane, model, start, q):
 
 
 @kernel
-def _element_energy(lane, model, par, left, right, element):
-    """(kinetic, strain, gravity), J, of an element of the exact beam."""
+def _element_sums(lane, model, par, left, right, element):
+    """`sums_of` an element of the exact beam, with the masses of `element.inertia`."""
     section = section_at(lane, model, par, element)
     gamma, bent = middle(section, left, right)[0]
     stretch = dot(gamma, scale(gamma, section.stretch)) * section.length
     strain = (stretch + dot(bent, scale(bent, section.bend)) / section.length) * 0.5
     masses, gravity = three_of(lane, model.sections, E.end * element + E.mass), splat(lane, 0.0)
     r, rate = middle_of(section.length, left, right)
-    kinetic = dot(rate, rate) * (0.5 * masses[1])
+    kinetic, push = dot(rate, rate) * (0.5 * masses[1]), times(rate, masses[1])
     if model.gravity is not None:
         gravity = gravity - dot(three_of(lane, model.gravity, 0), r) * masses[1]
     I = three_of(lane, model.sections, E.end * element + E.inertia)
     for end, own in ((left, masses[0]), (right, masses[2])):
         kinetic = kinetic + (dot(end.v, end.v) * own + dot(end.spin, scale(end.spin, I))) * 0.5
+        push = plus(push, times(end.v, own))
         if model.gravity is not None:
             gravity = gravity - dot(three_of(lane, model.gravity, 0), end.r) * own
-    return kinetic, strain, gravity
+    return (kinetic, strain, gravity), push
 
 
 @kernel
 def energy(lane, model, par, q, v):
     """(kinetic, strain, gravity), J."""
+    return _sums(lane, model, par, q, v)[0]
+
+
+@kernel
+def momentum(lane, model, par, q, v):
+    """Of all that moves, along inertial axes."""
+    return _sums(lane, model, par, q, v)[1]
+
+
+@inlined
+def _sums(lane, model, par, q, v):
+    """`sums_of` all that moves."""
     tip, zero = place_at(lane, q, v, 0), splat(lane, 0.0)
-    total = zero, zero, zero
+    total = (zero, zero, zero), (zero, zero, zero)
     for k in range(model.links):
         if k > 0:
-            total = _with_body(total, energy_of(lane, model, model.joints, J.end * k + J.near, None, None, tip))
+            total = both(total, sums_of(lane, model, model.joints, J.end * k + J.near, None, None, tip))
         root = root_of(lane, model, q, v, k, tip)
-        total = _with_body(total, energy_of(lane, model, model.joints, J.end * k + J.far, None, None, root))
-        total = _energy_along(lane, model, par, k, q, v, root, total)
+        total = both(total, sums_of(lane, model, model.joints, J.end * k + J.far, None, None, root))
+        total = _sums_along(lane, model, par, k, q, v, root, total)
         tip = last_section(lane, model, q, v, k, root)
-    total = _with_body(total, energy_of(lane, model, model.end, 0, None, None, tip))
+    total = both(total, sums_of(lane, model, model.end, 0, None, None, tip))
     mass, share = load(lane, par, PAYLOAD_MASS), load(lane, par, PAYLOAD_INERTIA)
-    return _with_body(total, energy_of(lane, model, model.payload, 0, mass, share, tip))
+    return both(total, sums_of(lane, model, model.payload, 0, mass, share, tip))
 
 
 @kernel
-def _with_body(total, of):
-    """(kinetic, strain, gravity) and (kinetic, gravity)."""
-    return total[0] + of[0], total[1], total[2] + of[1]
+def both(a, b):
+    """The sum of two pairs of vectors."""
+    return plus(a[0], b[0]), plus(a[1], b[1])
 
 
-@kernel
-def _energy_along(lane, model, par, k, q, v, root, total):
-    """Energies and those of link k."""
+@inlined
+def _sums_along(lane, model, par, k, q, v, root, total):
+    """Sums with those of link k."""
     if model.strains is not None:
         if count_of(model, k) > 0:
-            total = plus(total, strained_energy(lane, model, par, k, q, v, root))
+            total = both(total, strained_sums(lane, model, par, k, q, v, root))
         return total
     left, i, element = root, joint_row(model, k) + 1, elements_before(model, k)
     for _ in range(count_of(model, k)):
         right = place_at(lane, q, v, i)
         if model.frames is None:
-            total = plus(total, _element_energy(lane, model, par, left, right, element))
+            total = both(total, _element_sums(lane, model, par, left, right, element))
         else:
-            total = plus(total, frame_energy(lane, model, par, q, v, left, right, element))
+            total = both(total, frame_sums(lane, model, par, q, v, left, right, element))
         left = right
         i += AXES
         element += 1

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ...compiler import kernel, load, size, splat, square_root, stack, store
+from ...compiler import inlined, kernel, load, size, splat, square_root, stack, store
 from ..model import TAU_D
 from ..protocol import added
 from .chain import Vertex, factors_of, three_of
@@ -288,12 +288,12 @@ def pull(lane, model, k, r, S):
     return turned(frame, total), couple
 
 
-@kernel
-def strained_energy(lane, model, par, k, q, v, root):
-    """(kinetic, strain, gravity) energy, J, of link k; root: the `Place` of its first section."""
+@inlined
+def strained_sums(lane, model, par, k, q, v, root):
+    """`chain.sums_of` link k; root: the `Place` of its first section."""
     n, at, row, A0 = size(model.points), strained_at(model, k), strain_row(model, k), matrix(root.p)
     zero = splat(lane, 0.0)
-    kinetic, gravity = zero, zero
+    kinetic, gravity, push = zero, zero, (zero, zero, zero)
     tangents, rates = stack(lane, model.scratch), stack(lane, model.scratch)
     p, w = still(lane), root.spin
     for i in range(n):
@@ -312,26 +312,10 @@ def strained_energy(lane, model, par, k, q, v, root):
             r = plus(r, times(vector(lane, tangents, 3 * j), way))
             u = plus(u, times(vector(lane, rates, 3 * j), way))
         rate, mass = plus(root.v, turned(A0, u)), model.strains[at.mass + i]
-        kinetic = kinetic + dot(rate, rate) * (0.5 * mass)
+        kinetic, push = kinetic + dot(rate, rate) * (0.5 * mass), plus(push, times(rate, mass))
         if model.gravity is not None:
             gravity = gravity - dot(three_of(lane, model.gravity, 0), plus(root.r, turned(A0, r))) * mass
-    return kinetic, _stiff_sum(lane, model, par, k, q, q) * 0.5, gravity
-
-
-@kernel
-def strained_momentum(lane, model, k, q, v, root):
-    """Of link k, along inertial axes; root: the `Place` of its first section."""
-    n, at, row, zero = size(model.points), strained_at(model, k), strain_row(model, k), splat(lane, 0.0)
-    p, w, u, mass = still(lane), root.spin, (zero, zero, zero), 0.0
-    for i in range(n):
-        bend, moved = bend_of(lane, model, at, i, row, q, v, None), 0.0
-        p = turned_by(bend, p)
-        w = plus(w, turned(matrix(p), bend.rel))
-        for j in range(n):
-            moved += model.strains[at.mass + j] * model.strains[at.ways + n * j + i]
-        mass += model.strains[at.mass + i]
-        u = plus(u, times(cross(w, tangent_at(p)), moved))
-    return plus(times(root.v, mass), turned(matrix(root.p), u))
+    return (kinetic, _stiff_sum(lane, model, par, k, q, q) * 0.5, gravity), push
 
 
 @kernel
