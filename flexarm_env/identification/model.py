@@ -229,9 +229,7 @@ class Experiment:
         return found
 
     def _simulation(self, values: Array, run: Run) -> Simulation:
-        table = self.table(values)
-        arm = arms.from_table({k: v for k, v in table.items() if k not in ("inputs", "outputs", "gravity", "loads")})
-        scene = self._scene(arm, table, run)
+        scene = self._scene(self.arm_of(values), self.table(values), run)
         return Simulation(scene, in_steps(scene, scene.settings(**self.config.solver), scene.duration, run.period))
 
     def _played(self, values: Array, run: Run) -> Played | None:

@@ -176,13 +176,7 @@ def _length(model, task):
 @kernel
 def _last(model, task):
     """Where of them the motors' torques are."""
-    return 3 * size(model.n) + _shift(model) + size(task.links)
-
-
-@kernel
-def _shift(model):
-    """Of them what moved q."""
-    return 0 if rotates(model) is None else rows_of_shift(model, size(model.n))
+    return 3 * size(model.n) + rows_of_shift(model, size(model.n)) + size(task.links)
 
 
 @kernel
@@ -194,7 +188,8 @@ def room_of(model, task, n_steps):
 @kernel
 def _of_step(lane, model, task, w):
     """What is kept where a step ends."""
-    return w.q, w.v, w.a, w.shift[: _shift(model) * len(lane)], w.u[: size(task.links) * len(lane)]
+    shift = w.shift[: rows_of_shift(model, size(model.n)) * len(lane)]
+    return w.q, w.v, w.a, shift, w.u[: size(task.links) * len(lane)]
 
 
 @kernel

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, splat, store
+from ...compiler import kernel, vjp_of
 from .. import protocol
-from ..arithmetic import add
 from ..model import Jointed
-from ..protocol import register
-from .equations import spring
-from .friction import count, law
-from .layout import PLACE, PLACES
+from ..protocol import RESIDUAL_ALONE, register
+from .equations import turn_joints
+
+
+@kernel
+def _turn_joints(lane, model, par, state, u, r, S):
+    turn_joints(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
+
+
+_vjp_joints = vjp_of(_turn_joints, ("par", "state", "u", "r"), scratch=("S",))
 
 
 @kernel
@@ -18,28 +23,8 @@ def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
     if model.spin is not None:
         protocol.vjp_source(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar)
     else:
-        _vjp_laws(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar)
-
-
-@kernel
-def _vjp_laws(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
-    for i in range(count(model)):
-        at, one = PLACES * i, law(lane, model, par, i)
-        row, motor, own = model.table[at + PLACE.row], model.table[at + PLACE.motor], model.table[at + PLACE.friction]
-        turned = motor if motor >= 0 else row
-        add(lane, bar.a, turned, load(lane, r_bar, turned) * one.rotor)
-        add(lane, bar.v, own, load(lane, r_bar, own) * one.viscous)
-        if motor >= 0:
-            torque = load(lane, r_bar, motor) - load(lane, r_bar, row)
-            wound = load(lane, state.q, motor) - load(lane, state.q, row)
-            _, steep = spring(lane, model.play, one.stiffness, one.play, wound)
-            add(lane, u_bar, model.table[at + PLACE.joint], -torque)
-            add(lane, bar.q, motor, torque * steep)
-            add(lane, bar.q, row, -(torque * steep))
-            add(lane, bar.v, motor, torque * one.damping)
-            add(lane, bar.v, row, -(torque * one.damping))
-            store(r_bar, motor, splat(lane, 0.0))
-    protocol.vjp_residual(lane, model.arm, par, par_bar, state, u, S, bar, u_bar, r_bar)
+        _vjp_joints(lane, model, par, state, u, r_bar, S, par_bar, bar, u_bar, r_bar)
+        protocol.vjp_residual(lane, model.arm, par, par_bar, state, u, S, bar, u_bar, r_bar)
 
 
 register(Jointed, vjp_residual)

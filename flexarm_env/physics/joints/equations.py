@@ -101,6 +101,12 @@ def assemble(lane, model, par, state, u, weights, r, S):
     if model.spin is not None:
         _spin_rotors(lane, model, par, state, weights, S)
     protocol.assemble(lane, model.arm, par, state, u, weights, r, S)
+    turn_joints(lane, model, par, state, u, weights, r, S)
+
+
+@kernel
+def turn_joints(lane, model, par, state, u, weights, r, S):
+    """What turns the joints, to the arm's residual and matrix."""
     for i in range(count(model)):
         one = law(lane, model, par, i)
         if model.table[PLACES * i + PLACE.motor] >= 0:
