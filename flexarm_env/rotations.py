@@ -31,10 +31,10 @@ def matrices(psi: Any) -> Array:
 
 
 def slope(psi: Array) -> Array:
-    """T (3, 3) of a rotation vector (3,) rad: exp(psi^ + d psi^) is exp(psi^) exp((T d psi)^)."""
-    angle, hat = float(np.sqrt((psi**2).sum())), skew(psi)
-    half = np.sinc(angle / (2.0 * np.pi))
-    third = (angle - np.sin(angle)) / angle**3 if angle > 1e-2 else (1.0 - angle**2 / 20.0) / 6.0
+    """T (..., 3, 3) of rotation vectors (..., 3) rad: exp(psi^ + d psi^) is exp(psi^) exp((T d psi)^)."""
+    angle, hat = np.sqrt((psi**2).sum(axis=-1))[..., None, None], skew(psi)
+    half, far = np.sinc(angle / (2.0 * np.pi)), np.maximum(angle, 1e-2)
+    third = np.where(angle > 1e-2, (far - np.sin(far)) / far**3, (1.0 - angle**2 / 20.0) / 6.0)
     return np.asarray(np.eye(3) - 0.5 * half**2 * hat + third * hat @ hat)
 
 

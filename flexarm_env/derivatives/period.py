@@ -57,30 +57,30 @@ class Jacobians(NamedTuple):
         moving = rows - entries - 1
         return moving, entries, self.state.shape[1], self.moved.shape[2] - moving
 
+    def _whole(self, part: Array, *axes: int) -> Array:
+        """Zeros along these axes where a state's numbers do not move."""
+        x, _, size, _ = self._sizes
+        return np.pad(part, [(0, size - x if axis in axes else 0) for axis in range(part.ndim)])
+
     @property
     def A(self) -> Array:
         """(n, S, S): the state by the state."""
         x, _, size, _ = self._sizes
-        full = np.zeros((len(self.state), size, size))
+        full = self._whole(self.moved[:, :x, :x], 1, 2)
         full[:, np.arange(x, size), np.arange(x, size)] = 1.0
-        full[:, :x, :x] = self.moved[:, :x, :x]
         return full
 
     @property
     def B(self) -> Array:
         """(n, S, A): the state by the action."""
-        x, _, size, actions = self._sizes
-        full = np.zeros((len(self.state), size, actions))
-        full[:, :x] = self.moved[:, :x, x:]
-        return full
+        x = self._sizes[0]
+        return self._whole(self.moved[:, :x, x:], 1)
 
     @property
     def C(self) -> Array:
         """(n, O, S): the observation by the state."""
-        x, entries, size, _ = self._sizes
-        full = np.zeros((len(self.state), entries, size))
-        full[:, :, :x] = self.moved[:, x : x + entries, :x]
-        return full
+        x, entries, _, _ = self._sizes
+        return self._whole(self.moved[:, x : x + entries, :x], 2)
 
     @property
     def D(self) -> Array:
@@ -91,9 +91,7 @@ class Jacobians(NamedTuple):
     @property
     def r_x(self) -> Array:
         """(n, S): the reward by the state."""
-        full = np.zeros(self.state.shape)
-        full[:, : self._sizes[0]] = self.moved[:, -1, : self._sizes[0]]
-        return full
+        return self._whole(self.moved[:, -1, : self._sizes[0]], 1)
 
     @property
     def r_u(self) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...parameters import Arm, Link
-from ...rotations import back, matrices, quaternions, turned, vectors
+from ...rotations import back, matrices, quaternions, slope, turned, vectors
 from ...settings import Settings
 from .build import axis_of, count_elements, count_rows, levers, mount_of, polynomials, tip_lever
 from .elastica_build import _link, grid
@@ -59,7 +59,7 @@ def _strained(root: Frame, link: Link, n: int, c: Array, rate: Array) -> list[Fr
     s, d = (np.einsum("ij,mja->mia", table, c) + natural[:, k] for k, table in enumerate(tables))
     sv, dv = (np.einsum("ij,mja->mia", table, rate) for table in tables)
     psi, turn = s + np.cross(s, d), sv + np.cross(sv, d) + np.cross(s, dv)
-    steps, rel = matrices(psi), _rates(psi, turn)
+    steps, rel = matrices(psi), turned(slope(psi), turn)
     A, w = [root.A], [root.w]
     for i in range(n + 3):
         A.append(A[-1] @ steps[:, i])
@@ -67,17 +67,6 @@ def _strained(root: Frame, link: Link, n: int, c: Array, rate: Array) -> list[Fr
     t, spin = np.stack(A[1:-1], axis=1)[..., 0], np.stack(w[1:-1], axis=1)
     r, v = (np.einsum("ij,mja->mia", link.length * own.ways, x) for x in (t, np.cross(spin, t)))
     return [Frame(root.r + r[:, i], A[i + 1], root.v + v[:, i], w[i + 1]) for i in range(n + 3)]
-
-
-def _rates(psi: Array, turn: Array) -> Array:
-    """Angular velocities, in the axes turned to, of rotation vectors that change at these rates."""
-    square = (psi * psi).sum(-1, keepdims=True)
-    near = square < 1e-6
-    a = np.sqrt(np.where(near, 1.0, square))
-    one = np.where(near, 0.5 - square / 24.0, (1.0 - np.cos(a)) / (a * a))
-    two = np.where(near, 1.0 / 6.0 - square / 120.0, (a - np.sin(a)) / a**3)
-    across = np.cross(psi, turn)
-    return np.asarray(turn - one * across + two * np.cross(psi, across))
 
 
 def links(arm: Arm, settings: Settings, q: Array, v: Array) -> Iterator[LinkMotion]:
