@@ -1,16 +1,13 @@
 """How an arm moves: each formulation's assembly (NumPy) beside its compiled equations, and the integrator of all."""
 
-from .elastica import adjoint as _elastica_adjoint
 from .elastica import equations as _elastica
 from .exact import equations as _exact
 from .floating import chain as _floating
 from .floating import multipliers as _joined
-from .joints import adjoint as _jointed_adjoint
 from .joints import equations as _jointed
 from .space import adjoint as _space_adjoint
 from .space import equations as _space
 
 __all__: list[str] = []
-FORMULATIONS = (_elastica, _exact, _floating, _joined, _jointed, _space)
-BACKWARDS = (_elastica_adjoint, _jointed_adjoint, _space_adjoint)
+FORMULATIONS = (_elastica, _exact, _floating, _joined, _jointed, _space, _space_adjoint)
 """Importing them registers them (`protocol.register`)."""

@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...compiler import kernel, load, sincos, size, splat, stack, store, unrolled
+from ...compiler import kernel, load, sincos, size, splat, stack, store, unrolled, vjp_of
 from ..arithmetic import share_of
 from ..layout import OF_LOAD
 from ..materials import viscoelastic, viscoelastic_slope
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D, Elastica
-from ..protocol import register
+from ..protocol import State, register
 from .eccentric import (
     less_root_aside,
     more_moments,
@@ -334,4 +334,32 @@ def solve(lane, model, S, x):
         store(x, i, total * load(lane, S, i * rows + i))
 
 
-register(Elastica, assemble, residual, pin, stiffen, factor, solve, ports, damping_work, energy, link_poses, shape)
+def _residual(lane, model, par, q, v, a, u, r):
+    residual(lane, model, par, State(q, v, a), u, r, r)
+
+
+def _solve(lane, model, S, x):
+    solve(lane, model, S, x)
+
+
+_vjp_solve = vjp_of(_solve, ("x",))  # straight-line code, as both are no kernels
+_vjp_residual = vjp_of(_residual, ("par", "q", "v", "a", "u", "r"))
+
+
+@kernel
+def solve_transposed(lane, model, S, x):
+    """See `protocol`."""
+    _vjp_solve(lane, model, S, x, x)
+
+
+@kernel
+def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
+    """See `protocol`."""
+    q, v, a = state
+    _vjp_residual(lane, model, par, q, v, a, u, S, par_bar, bar.q, bar.v, bar.a, u_bar, r_bar)
+
+
+register(
+    Elastica, assemble, residual, pin, stiffen, factor, solve, ports, damping_work, energy, link_poses, shape,
+    solve_transposed, vjp_residual,
+)  # fmt: skip

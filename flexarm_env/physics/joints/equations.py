@@ -16,11 +16,11 @@ contact would begin with a jump of the torque and end with a pull.
 
 from __future__ import annotations
 
-from ...compiler import absolute, inlined, kernel, load, select_lt, size, splat, store
+from ...compiler import absolute, inlined, kernel, load, select_lt, size, splat, store, vjp_of
 from .. import protocol
 from ..arithmetic import add, clip, put
 from ..model import Jointed
-from ..protocol import FORMULATIONS, register
+from ..protocol import FORMULATIONS, RESIDUAL_ALONE, register
 from .friction import count, direction, gear_at, law, note_columns
 from .layout import GEAR, PLACE, PLACES
 
@@ -343,9 +343,28 @@ def stand(lane, model, live, angles, rates, q, v):
                 put(live, v, motor, load(lane, rates, motor), load(lane, v, motor))
 
 
+@kernel
+def _turn_joints(lane, model, par, state, u, r, S):
+    turn_joints(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
+
+
+_vjp_joints = vjp_of(_turn_joints, ("par", "state", "u", "r"), scratch=("S",))
+
+
+@kernel
+def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
+    """See `protocol`, for laws that all arms share. Of rotors that turn in space the arm's own equations ask for the
+    momentum."""
+    if model.spin is not None:
+        protocol.vjp_source(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar)
+    else:
+        _vjp_joints(lane, model, par, state, u, r_bar, S, par_bar, bar, u_bar, r_bar)
+        protocol.vjp_residual(lane, model.arm, par, par_bar, state, u, S, bar, u_bar, r_bar)
+
+
 register(
     Jointed, assemble, pin, factor, solve, solve_transposed, multiply, update, difference, inertia, ports, ports_after,
-    friction, damping_work, damping_over, energy, stand,
+    friction, damping_work, damping_over, energy, stand, vjp_residual,
 )  # fmt: skip
 FORMULATIONS.delegate(
     Jointed, "arm", protocol.predict, protocol.settle, protocol.stride, protocol.rotate, protocol.rotates,
