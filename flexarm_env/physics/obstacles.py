@@ -1,4 +1,4 @@
-"""What `shapes` describes, for kernels: signed distances and their slopes."""
+"""What `shapes` describes, for kernels: signed distances."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -51,53 +51,29 @@ def packed(shapes: Sequence[Shape]) -> Array:
 
 
 @kernel
-def _signed(y, slope):
-    return select_lt(y, 0.0, -slope, slope)
-
-
-@kernel
 def _corner(a, b, c):
-    """Distance from a corner whose sides are coordinates, all below 0 inside, and its slope."""
+    """Distance from a corner whose sides are coordinates, all below 0 inside."""
     zero = a * 0.0
     x, y, z = maximum(a, zero), maximum(b, zero), maximum(c, zero)
-    far = square_root((x * x + y * y) + z * z)
     inside = maximum(maximum(a, b), c)
-    scale = 1.0 / maximum(far, 1e-300)
-    first = select_lt(a, inside, zero, zero + 1.0)
-    second = select_lt(b, inside, zero, zero + 1.0) * (1.0 - first)
-    third = (1.0 - first) * (1.0 - second)
-    out = select_lt(zero, inside, zero + 1.0, zero)
-    slope = (
-        select_lt(0.5, out, x * scale, first), select_lt(0.5, out, y * scale, second),
-        select_lt(0.5, out, z * scale, third),
-    )  # fmt: skip
-    return far + select_lt(inside, 0.0, inside, zero), slope[0], slope[1], slope[2]
+    return square_root((x * x + y * y) + z * z) + select_lt(inside, 0.0, inside, zero)
 
 
 @kernel
-def look(table, s, x, y, z):
-    """(distance, slope x, y, z) of shape s of a table of `OBSTACLE` from a point; lanes as the point's."""
-    o, zero = O.end * s, x * 0.0
+def distance(table, s, x, y, z):
+    """Signed distance of a point from shape s of a table of `OBSTACLE`; lanes as the point's."""
+    o = O.end * s
     kind, p, A, h = table[o + O.kind], o + O.place, o + O.axes, o + O.sizes
     dx, dy, dz = x - table[p], y - table[p + 1], z - table[p + 2]
     a = (dx * table[A] + dy * table[A + 3]) + dz * table[A + 6]
     b = (dx * table[A + 1] + dy * table[A + 4]) + dz * table[A + 7]
     c = (dx * table[A + 2] + dy * table[A + 5]) + dz * table[A + 8]
-    far, ga, gb, gc = a, zero + 1.0, zero, zero
+    far = a
     if kind == SPHERE:
-        length = square_root((a * a + b * b) + c * c)
-        scale = 1.0 / maximum(length, 1e-300)
-        far, ga, gb, gc = length - table[h], a * scale, b * scale, c * scale
+        far = square_root((a * a + b * b) + c * c) - table[h]
     elif kind == BOX:
-        far, ga, gb, gc = _corner(absolute(a) - table[h], absolute(b) - table[h + 1], absolute(c) - table[h + 2])
-        ga, gb, gc = _signed(a, ga), _signed(b, gb), _signed(c, gc)
+        far = _corner(absolute(a) - table[h], absolute(b) - table[h + 1], absolute(c) - table[h + 2])
     elif kind == CYLINDER:
         out = square_root(a * a + b * b)
-        scale = 1.0 / maximum(out, 1e-300)
-        far, ga, gc, gb = _corner(out - table[h], absolute(c) - table[h + 1], zero - ENDLESS)
-        ga, gb, gc = ga * (a * scale), ga * (b * scale), _signed(c, gc)
-    return (
-        far, (table[A] * ga + table[A + 1] * gb) + table[A + 2] * gc,
-        (table[A + 3] * ga + table[A + 4] * gb) + table[A + 5] * gc,
-        (table[A + 6] * ga + table[A + 7] * gb) + table[A + 8] * gc,
-    )  # fmt: skip
+        far = _corner(out - table[h], absolute(c) - table[h + 1], x * 0.0 - ENDLESS)
+    return far

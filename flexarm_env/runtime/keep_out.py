@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler import apart, kernel, load, maximum, size, splat, stack, uncompiled
-from ..physics.obstacles import OBSTACLE, KeepOut, look, packed
+from ..physics.obstacles import OBSTACLE, KeepOut, distance, packed
 from ..physics.protocol import shape
 from ..tasks.program import FURTHER
 from ..tasks.task import info_of, put_info
@@ -45,8 +45,7 @@ def clearance(keep_out, model, g, lanes, i, q):
         if points.shape[1] > 2:
             z = points[j, 2]
         for s in range(keep_out.shapes.shape[0] // OBSTACLE.places.end):
-            far, _, _, _ = look(keep_out.shapes, s, x, y, z)
-            least = min(least, far)
+            least = min(least, distance(keep_out.shapes, s, x, y, z))
     return least
 
 
