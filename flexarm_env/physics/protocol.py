@@ -59,10 +59,10 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     friction(model)  None, or a tag where joints have Coulomb friction, which is in no residual (`joints.friction`)
     light(model)  None, or a tag where joints may have next to no inertia of their own: a torque that jumps makes an
         acceleration there that steps do not resolve, which is not to be solved for with M alone
-    renewed(model, iteration)  whether Newton's iteration of this number makes its matrix anew
-    conserve(lane, model, par, before, h, q, v, u, zero, r, S)  None where something holds the arm; otherwise (momentum,
-        force that changes it), and with `before`, that of the start of a step of h that ends here, v is first moved so
-        that the momentum has changed by the mean of the forces; zero: room for n rows; r, S are free
+    keeps(model, iteration)  whether Newton's iteration of this number goes on with the matrix of the one before
+    conserve(lane, model, par, before, h, q, v, u)  None where something holds the arm; otherwise (momentum, force that
+        changes it), and with `before`, that of the start of a step of h that ends here, v is first moved so that the
+        momentum has changed by the mean of the forces
     damping_work(lane, model, par, q, v, x)  x'C(q) v: power of the damping forces at rates v over rates x, W; what is
         lost is that over v itself
     damping_over(lane, model, par, q, v, start, end, x, h)  likewise, over what strains change by in a step of h from
@@ -158,12 +158,6 @@ def _everywhere(lane, model, par, q):
 
 
 @kernel
-def _always(model, iteration):
-    """`renewed` of Newton's full method."""
-    return True
-
-
-@kernel
 def _by_assembling(lane, model, par, state, u, r, S):
     """`residual` of a formulation that has no shorter way."""
     assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
@@ -238,9 +232,9 @@ tangent_map = FORMULATIONS.function("tangent_map", "lane, model, d, inverse, x")
 note_inverse = FORMULATIONS.function("note_inverse", "lane, model, d, share")
 noted_inverse = FORMULATIONS.function("noted_inverse", "lane, model, d, share, x")
 friction = FORMULATIONS.function("friction", "model")
-conserve = FORMULATIONS.function("conserve", "lane, model, par, before, h, q, v, u, zero, r, S")
+conserve = FORMULATIONS.function("conserve", "lane, model, par, before, h, q, v, u")
 light = FORMULATIONS.function("light", "model")
-renewed = FORMULATIONS.function("renewed", "model, iteration")
+keeps = FORMULATIONS.function("keeps", "model, iteration")
 damping_work = FORMULATIONS.function("damping_work", "lane, model, par, q, v, x")
 damping_over = FORMULATIONS.function("damping_over", "lane, model, par, q, v, start, end, x, h")
 energy = FORMULATIONS.function("energy", "lane, model, par, q, v")
@@ -254,7 +248,7 @@ shape = FORMULATIONS.function("shape", "model, q, points")
 FORMULATIONS.defaults.update(
     predict=nothing, settle=nothing, stride=nothing, update=_add, difference=_subtract, rotates=nothing,
     residual=_by_assembling, constrain=nothing, stiffen=nothing, friction=nothing, light=nothing, conserve=nothing,
-    renewed=_always, ports_after=_at_once, damping_over=_at_mean_rates, task_poses=link_poses, gauge=_linear_gauge,
+    keeps=nothing, ports_after=_at_once, damping_over=_at_mean_rates, task_poses=link_poses, gauge=_linear_gauge,
     out_of_range=_everywhere, solve_transposed=_transposed, vjp_residual=vjp_source, vjp_poses=_vjp_poses,
     vjp_product=_vjp_product,
 )  # fmt: skip

@@ -23,7 +23,7 @@ from ...compiler import (
 )
 from ..joints.friction import apply_friction
 from ..layout import ITERATIONS
-from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, renewed, rotates, settle, solve, stride
+from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, keeps, rotates, settle, solve, stride
 from .period import correct_period
 from .work import move_on, solve_known, state_of, take_multipliers, take_out_known
 
@@ -149,7 +149,7 @@ def newton(lane, model, drive, par, w, slopes, scheme, plain):
     for iteration in range(scheme.max_iterations):
         fresh = iteration == 0
         if scheme.modified is None:
-            fresh = renewed(model, iteration)
+            fresh = not keeps(model, iteration)
         weights = Weights(slopes.a, slopes.v, 1.0)
         assemble(lane, model, par, state_of(w), w.u, weights if fresh else RESIDUAL_ALONE, w.r, w.S)
         constrain(lane, model, w.psi, state_of(w), 0, slopes.a, w.r)
@@ -160,7 +160,7 @@ def newton(lane, model, drive, par, w, slopes, scheme, plain):
         w.counts[ITERATIONS] += 1.0
         # What is left after this update, from the contraction seen: increment * theta / (1 - theta).
         theta = select_lt(increment, before * 0.9, increment / before, splat(lane, 0.9))
-        if not renewed(model, 2):  # known when compiled
+        if keeps(model, 2):  # known when compiled
             theta = maximum(theta, LINEAR)
         if iteration == 0:
             theta = _first_contraction(lane, _trust(model.predictor), increment)

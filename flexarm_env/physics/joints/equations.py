@@ -368,6 +368,6 @@ register(
 )  # fmt: skip
 FORMULATIONS.delegate(
     Jointed, "arm", protocol.predict, protocol.settle, protocol.stride, protocol.rotate, protocol.rotates,
-    protocol.tangent_map, protocol.note_inverse, protocol.noted_inverse, protocol.light, protocol.renewed,
+    protocol.tangent_map, protocol.note_inverse, protocol.noted_inverse, protocol.light, protocol.keeps,
     protocol.conserve, protocol.link_poses, protocol.task_poses, protocol.gauge, protocol.out_of_range, protocol.shape,
 )  # fmt: skip

@@ -164,7 +164,7 @@ def _exact(lane, model, section, left, right, element, weights, S, f):
 
 
 @kernel
-def conserve(lane, model, par, before, h, q, v, u, zero, r, S):
+def conserve(lane, model, par, before, h, q, v, u):
     """See `protocol`: sections turn, and places of centres and middles are no linear function of what the integrator
     moves; no other equation sees a rigid translation."""
     if model.free is None:
@@ -190,12 +190,12 @@ def conserve(lane, model, par, before, h, q, v, u, zero, r, S):
 
 
 @kernel
-def renewed(model, iteration):
+def keeps(model, iteration):
     """See `protocol`: the factors of the second iteration will do for the third and the fourth. By strains the matrix
     costs four residuals and more; what does not converge with one has all of its own."""
     if model.strains is not None:
-        return iteration == 0 or iteration > 2
-    return iteration != 2 and iteration != 3
+        return iteration == 1 or iteration == 2
+    return iteration == 2 or iteration == 3
 
 
 @kernel
@@ -237,7 +237,7 @@ def _handed(lane, model, u, weights, r, S, k, force, moment):
 
 COMMON = (
     assemble, pin, stiffen, factor, solve, energy, ports, ports_after, damping_work, link_poses, shape, task_poses,
-    stand, conserve, gyrate, lean, sway, renewed,
+    stand, conserve, gyrate, lean, sway, keeps,
 )  # fmt: skip
 register(SpatialElastica, *COMMON, update=strained_update, difference=strained_difference)
 register(
