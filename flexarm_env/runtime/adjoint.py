@@ -96,7 +96,7 @@ def _period(lane, d, g, block, bars, tape):
     for s in range(p.n_steps):
         _turn(lane, model, p.task, p.actuator, s, record, w, tape[(s + 1) * length :])
         if s == 0:
-            jump(lane, p, model, par, record, saved, block, w)
+            jump(lane, p, model, par, record, saved, block, w, (0,))
             write_parts(_of_step(lane, model, p.task, w), tape)
             write_parts(_of_jump(w), start)
         advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)

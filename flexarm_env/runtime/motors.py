@@ -121,19 +121,19 @@ def start_stiff(lane, p, model, par, record, saved, block, w):
 
 
 @kernel
-def jump(lane, p, model, par, record, saved, block, w):
+def jump(lane, p, model, par, record, saved, block, w, kept=None):
     """Accelerations jump with the torques, from w.u0 to w.u.
 
     They are solved afresh where nothing is stiff, the elastica (a pair as predictor); elsewhere in an episode's first
-    period only (`switching.switch` says why).
+    period only (`switching.switch` says why). kept: as there.
     """
     if isinstance(model.predictor, tuple):
         restart(lane, model, None, par, block, 0, 0.0, p.h, True)
     elif light(model) is not None:
-        switch(lane, model, par, block, 0, p.h, starting(lane, record))
+        switch(lane, model, par, block, 0, p.h, starting(lane, record), kept)
     else:
         start_stiff(lane, p, model, par, record, saved, block, w)
-        switch(lane, model, par, block, 0, p.h, None)
+        switch(lane, model, par, block, 0, p.h, None, kept)
 
 
 @kernel

@@ -16,13 +16,14 @@ def light_weights(h):
 
 
 @kernel
-def switch(lane, model, par, flat, n_motions, h, first):
+def switch(lane, model, par, flat, n_motions, h, first, kept=None):
     """Let accelerations jump with the inputs, from w.u0 to w.u: M da + Phi_q^T dlambda = B (u - u0), for a and b alike.
 
     Unlike `restart` this keeps what the integrator has filtered: where stretch, shear and rotary modes are too fast for
     the step, accelerations solved afresh from round-off in the strains are large, and Newton would start far away.
-    Accelerations before are left in w.a0. h: a step. first: None, but for models that are `protocol.light`, whose da is
-    that of M + h/2 C + h^2/4 K: 1 in lanes that were not moved before, for which a = 0 and da follows from all forces.
+    h: a step. first: None, but for models that are `protocol.light`, whose da is that of M + h/2 C + h^2/4 K: 1 in
+    lanes that were not moved before, for which a = 0 and da follows from all forces. kept: a tag where accelerations
+    before are to be left in w.a0.
     """
     w, n = unpack(lane, model, flat, n_motions), size(model.n)  # q0 is scratch
     assemble(lane, model, par, state_of(w), w.u0, RESIDUAL_ALONE, w.r, w.S)
@@ -43,7 +44,7 @@ def switch(lane, model, par, flat, n_motions, h, first):
     apply_friction(lane, model, par, state_of(w), MASS_ALONE, 0.5 * h, w.S, w.r)
     take_multipliers(lane, model.algebraic, w, None, 1.0)
     for k in range(n):
-        a = load(lane, w.a, k)
-        store(w.a0, k, a)
-        store(w.a, k, a - load(lane, w.r, k))
+        if kept is not None:
+            store(w.a0, k, load(lane, w.a, k))
+        store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
         store(w.b, k, load(lane, w.b, k) - load(lane, w.r, k))
