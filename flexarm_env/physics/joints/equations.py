@@ -16,11 +16,11 @@ contact would begin with a jump of the torque and end with a pull.
 
 from __future__ import annotations
 
-from ...compiler import absolute, inlined, kernel, load, select_lt, size, splat, store, vjp_of
+from ...compiler import absolute, inlined, kernel, load, select_lt, size, splat, store
 from .. import protocol
 from ..arithmetic import add, clip, put
 from ..model import Jointed
-from ..protocol import FORMULATIONS, RESIDUAL_ALONE, register
+from ..protocol import FORMULATIONS, register
 from .friction import count, direction, gear_at, law, note_columns
 from .layout import GEAR, PLACE, PLACES
 
@@ -101,12 +101,6 @@ def assemble(lane, model, par, state, u, weights, r, S):
     if model.spin is not None:
         _spin_rotors(lane, model, par, state, weights, S)
     protocol.assemble(lane, model.arm, par, state, u, weights, r, S)
-    turn_joints(lane, model, par, state, u, weights, r, S)
-
-
-@kernel
-def turn_joints(lane, model, par, state, u, weights, r, S):
-    """What turns the joints, to the arm's residual and matrix."""
     for i in range(count(model)):
         one = law(lane, model, par, i)
         if model.table[PLACES * i + PLACE.motor] >= 0:
@@ -344,22 +338,34 @@ def stand(lane, model, live, angles, rates, q, v):
 
 
 @kernel
-def _turn_joints(lane, model, par, state, u, r, S):
-    turn_joints(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
-
-
-_vjp_joints = vjp_of(_turn_joints, ("par", "state", "u", "r"), scratch=("S",))
-
-
-@kernel
 def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
     """See `protocol`, for laws that all arms share. Of rotors that turn in space the arm's own equations ask for the
     momentum."""
     if model.spin is not None:
         protocol.vjp_source(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar)
     else:
-        _vjp_joints(lane, model, par, state, u, r_bar, S, par_bar, bar, u_bar, r_bar)
+        _vjp_laws(lane, model, par, state, bar, u_bar, r_bar)
         protocol.vjp_residual(lane, model.arm, par, par_bar, state, u, S, bar, u_bar, r_bar)
+
+
+@kernel
+def _vjp_laws(lane, model, par, state, bar, u_bar, r_bar):
+    for i in range(count(model)):
+        at, one = PLACES * i, law(lane, model, par, i)
+        row, motor, own = model.table[at + PLACE.row], model.table[at + PLACE.motor], model.table[at + PLACE.friction]
+        turned = motor if motor >= 0 else row
+        add(lane, bar.a, turned, load(lane, r_bar, turned) * one.rotor)
+        add(lane, bar.v, own, load(lane, r_bar, own) * one.viscous)
+        if motor >= 0:
+            torque = load(lane, r_bar, motor) - load(lane, r_bar, row)
+            wound = load(lane, state.q, motor) - load(lane, state.q, row)
+            _, steep = spring(lane, model.play, one.stiffness, one.play, wound)
+            add(lane, u_bar, model.table[at + PLACE.joint], -torque)
+            add(lane, bar.q, motor, torque * steep)
+            add(lane, bar.q, row, -(torque * steep))
+            add(lane, bar.v, motor, torque * one.damping)
+            add(lane, bar.v, row, -(torque * one.damping))
+            store(r_bar, motor, splat(lane, 0.0))
 
 
 register(
