@@ -20,6 +20,8 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     settle(lane, model, par, start, w, active, slopes)  after an increment w.r of Newton's (start None), and after
         `predict` (start a tag): where `active`, w.q, v, a and b are moved on, by no more than the increment's square
     stride(model)                    None, or the largest weighted increment, to which others are scaled down
+    lack(model)                      None, or what a step's matrix lacks of the derivative at most: an increment by one
+        that is made anew leaves at most 10 times its square, or that share of it
     assemble(lane, model, par, state, u, weights, r, S)
         r = M(q) a + h(q, v) + Phi_q^T lambda - B u  and, with `Weights` c, S = c.mass dr/da + c.damping dr/dv +
         c.stiffness dr/dq, eqs. [64]-[78]; rows of multipliers belong to `constrain`, except that columns of multipliers
@@ -101,6 +103,13 @@ class Weights(NamedTuple):
     mass: float  # of that by a
     damping: float  # of that by v
     stiffness: float  # of that by q
+
+
+@kernel
+def of_step(weights):
+    """1.0 of a step's matrix, by which its equations are solved again and again, 0.0 of others: what accelerations jump
+    by is by their definition what one solution makes of them."""
+    return 1.0 if weights.stiffness == 1.0 else 0.0
 
 
 RESIDUAL_ALONE = Weights(0.0, 0.0, 0.0)
@@ -208,6 +217,7 @@ rotate = FORMULATIONS.function("rotate", "lane, model, start, q, share, x")
 predict = FORMULATIONS.function("predict", "lane, model, start, q")
 settle = FORMULATIONS.function("settle", "lane, model, par, start, w, active, slopes")
 stride = FORMULATIONS.function("stride", "model")
+lack = FORMULATIONS.function("lack", "model")
 constrain = FORMULATIONS.function("constrain", "lane, model, psi, state, level, scale, r")
 pin = FORMULATIONS.function("pin", "lane, model, S, k")
 stiffen = FORMULATIONS.function("stiffen", "lane, model, S, k, x")
@@ -246,7 +256,7 @@ out_of_range = FORMULATIONS.function("out_of_range", "lane, model, par, q")
 shape = FORMULATIONS.function("shape", "model, q, points")
 
 FORMULATIONS.defaults.update(
-    predict=nothing, settle=nothing, stride=nothing, update=_add, difference=_subtract, rotates=nothing,
+    predict=nothing, settle=nothing, stride=nothing, lack=nothing, update=_add, difference=_subtract, rotates=nothing,
     residual=_by_assembling, constrain=nothing, stiffen=nothing, friction=nothing, light=nothing, conserve=nothing,
     keeps=nothing, ports_after=_at_once, damping_over=_at_mean_rates, task_poses=link_poses, gauge=_linear_gauge,
     out_of_range=_everywhere, solve_transposed=_transposed, vjp_residual=vjp_source, vjp_poses=_vjp_poses,

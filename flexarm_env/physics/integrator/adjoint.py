@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from ...compiler import kernel, largest, load, select_lt, size, splat, store
 from ..joints.friction import friction_cotangents, note_branch, note_cotangents
+from ..model import TAU_D
 from ..protocol import (
     MASS_ALONE,
     State,
@@ -99,6 +100,9 @@ def _vjp_shift(lane, model, par, par_bar, w, bar, slopes, scheme, weights, ahead
     """
     n, moved = size(model.n), moved_by(w)[0]
     first, before = splat(lane, 0.0), splat(lane, 0.0)
+    tau = load(lane, par, TAU_D) * weights.damping  # of stiff rows of S = K + C + M: C over K
+    for i in range(n):
+        store(bar.a0, i, load(lane, moved, i) * (tau * -1.0 / (tau + 1.0)))
     tangent_map(lane, model, w.q, False, bar.q)
     note_inverse(lane, model, moved, bar.v0)
     note_inverse(lane, model, w.q, bar.b0)
@@ -109,6 +113,7 @@ def _vjp_shift(lane, model, par, par_bar, w, bar, slopes, scheme, weights, ahead
         noted_inverse(lane, model, w.q, bar.b0, bar.q0)
         for i in range(n):
             store(bar.r, i, load(lane, bar.r, i) + load(lane, bar.q0, i))
+        noted_inverse(lane, model, bar.a0, bar.v0, bar.r)  # to first order S T^-s for K + (C + M) T^-1, s = C / (K + C)
         friction_cotangents(lane, model, weights, ahead, w.S, bar.r, bar.v, bar.a)
         _multiply(lane, model, w, bar)
         left = largest_row(lane, model, bar.r, 1, 0)

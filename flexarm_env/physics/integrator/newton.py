@@ -23,7 +23,7 @@ from ...compiler import (
 )
 from ..joints.friction import apply_friction
 from ..layout import ITERATIONS
-from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, keeps, rotates, settle, solve, stride
+from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, keeps, lack, rotates, settle, solve, stride
 from .period import correct_period
 from .work import move_on, solve_known, state_of, take_multipliers, take_out_known
 
@@ -164,6 +164,10 @@ def newton(lane, model, drive, par, w, slopes, scheme, plain):
             theta = maximum(theta, LINEAR)
         if iteration == 0:
             theta = _first_contraction(lane, _trust(model.predictor), increment)
+        elif lack(model) is not None:
+            if not keeps(model, iteration):  # the contraction seen was the first increment's
+                least = maximum(increment * 10.0, lack(model))
+                theta = select_lt(least, theta, least, theta)
         active = select_lt(increment * theta / (1.0 - theta), scheme.tolerance, splat(lane, 0.0), active)
         before = increment
         if largest(active) < 0.5:

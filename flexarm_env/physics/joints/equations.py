@@ -373,7 +373,8 @@ register(
     friction, damping_work, damping_over, energy, stand, vjp_residual,
 )  # fmt: skip
 FORMULATIONS.delegate(
-    Jointed, "arm", protocol.predict, protocol.settle, protocol.stride, protocol.rotate, protocol.rotates,
-    protocol.tangent_map, protocol.note_inverse, protocol.noted_inverse, protocol.light, protocol.keeps,
-    protocol.conserve, protocol.link_poses, protocol.task_poses, protocol.gauge, protocol.out_of_range, protocol.shape,
+    Jointed, "arm", protocol.predict, protocol.settle, protocol.stride, protocol.lack, protocol.rotate,
+    protocol.rotates, protocol.tangent_map, protocol.note_inverse, protocol.noted_inverse, protocol.light,
+    protocol.keeps, protocol.conserve, protocol.link_poses, protocol.task_poses, protocol.gauge, protocol.out_of_range,
+    protocol.shape,
 )  # fmt: skip

@@ -8,6 +8,7 @@ from .inner import elements_before, multiplied
 from .layout import AXES, B, F, H, J, count_of, factor_at, hinge_at, inner_at, inner_row, joint_row, rows_before
 from .matrix import (
     block_times,
+    carried,
     matrix_in,
     part_of,
     solve_base,
@@ -114,10 +115,10 @@ def _up(lane, model, S, k, x):
     a, b = vector(lane, x, row + 1), vector(lane, x, row + 4)
     if count > 0:
         a, b = transposed_times(lane, S, factor_at(model, k, 0) + F.RL, times(a, -1.0), times(b, -1.0))
-    own, on_section = load(lane, x, row) + dot(axis, b), turned(turn, b)
+    own, on_section = load(lane, x, row) + dot(carried(lane, model, S, k, axis), b), turned(turn, b)
     if model.levers is not None:
         on_section = plus(on_section, back(matrix_in(lane, S, h + H.shift), a))
-        own = own + dot(vector(lane, S, h + H.swing), a)
+        own = own + dot(vector(lane, S, h + H.drift), a)
     store(x, row, own)
     add_vector(lane, x, under, a)
     add_vector(lane, x, under + 3, on_section)

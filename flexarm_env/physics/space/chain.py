@@ -9,6 +9,7 @@ import numpy as np
 from ...compiler import kernel, load, sincos, splat, store
 from ..arithmetic import add
 from ..model import EI_Y_FACTOR, GJ_FACTOR, STIFFNESS_FACTOR, TAU_D
+from ..protocol import of_step
 from .element import Place, Section, add_block, scale
 from .layout import E, H, J, L, P, hinge_at, joint_row, rows_before
 from .rotations import (
@@ -107,6 +108,7 @@ class Vertex(NamedTuple):
     place: Place
     a: Any  # less gravity, inertial axes
     alpha: Any  # in its own
+    own: Any  # rate of the joint that it follows, likewise, for a step's matrix: w x it is a part of alpha; otherwise 0
 
 
 class Hinge(NamedTuple):
@@ -172,7 +174,8 @@ def vertex_at(lane, model, state, i):
     found = vector(lane, a, i)
     if model.gravity is not None:
         found = minus(found, three_of(lane, model.gravity, 0))
-    return Vertex(place_at(lane, q, v, i), found, vector(lane, a, i + 3))
+    zero = splat(lane, 0.0)
+    return Vertex(place_at(lane, q, v, i), found, vector(lane, a, i + 3), (zero, zero, zero))
 
 
 @kernel
@@ -200,19 +203,20 @@ def planted(lane, model, q, v, k, tip):
 
 
 @kernel
-def hinged(lane, model, state, k, tip):
+def hinged(lane, model, state, k, tip, weights):
     """The `Hinge` of link k on the section before."""
     q, v, a = state
     o = J.end * k
     turn, lever, root, rate = planted(lane, model, q, v, k, tip.place)
     own = times(three_of(lane, model.joints, o + J.axis), load(lane, a, joint_row(model, k)))
     alpha = plus(plus(back(turn, tip.alpha), own), cross(root.spin, rate))
+    rate = times(rate, of_step(weights))
     if model.levers is None:
-        return Hinge(turn, None, Vertex(root, tip.a, alpha))
+        return Hinge(turn, None, Vertex(root, tip.a, alpha, rate))
     near, far = three_of(lane, model.joints, o + J.before), three_of(lane, model.joints, o + J.beyond)
     A, B, w, spin = matrix(tip.place.p), matrix(root.p), tip.place.spin, root.spin
     second = plus(tip.a, plus(turned(A, swirl(w, tip.alpha, near)), turned(B, swirl(spin, alpha, far))))
-    return Hinge(turn, lever, Vertex(root, second, alpha))
+    return Hinge(turn, lever, Vertex(root, second, alpha, rate))
 
 
 @kernel
@@ -273,11 +277,14 @@ def body(lane, array, o, mass, share, at, weights, S, to):
         force, moment = turned(A, plus(own, swing)), plus(turning(I, w, at.alpha), cross(c, plus(own, swing)))
         if weights.mass != 0.0:
             cm, cd, ck = weights.mass, weights.damping, weights.stiffness
-            # of alpha x c + w x (w x c) by the rotation: -cm c^ - cd ((w x c)^ + w^ c^)
+            # of alpha x c + w x (w x c) by the rotation: -c^ (cm - own^ cd) - cd ((w x c)^ + w^ c^)
+            less = minus(w, at.own)
             turn = skew(plus(times(arm, cm), times(cross(w, arm), cd)))
-            by_turn = scaled(sum_of(turn, plus_identity(scaled(outer(arm, w), cd), dot(w, arm) * -cd)), -1.0)
+            by_turn = sum_of(turn, plus_identity(scaled(outer(arm, w), cd), dot(less, arm) * -cd))
+            by_turn = scaled(difference(by_turn, scaled(outer(at.own, arm), cd)), -1.0)
             inner = skewed(c, sum_of(by_turn, skew(times(own, ck))))
-            slope = sum_of(scaled(I, cm), scaled(difference(skewed(w, I), skew(turned(I, w))), cd))
+            slope = difference(skewed(w, I), sum_of(skew(turned(I, w)), product(I, skew(at.own))))
+            slope = sum_of(scaled(I, cm), scaled(slope, cd))
             for a in range(3):
                 add(lane, S, to + 7 * a, mass * cm)
             add_block(lane, S, to, 0, 1, product(A, difference(by_turn, skew(times(swing, ck)))))

@@ -31,6 +31,7 @@ from typing import Any, NamedTuple
 
 from ...compiler import kernel, store
 from ..arithmetic import add
+from ..protocol import of_step
 from .frame import across, lifted
 from .layout import F
 from .rotations import (
@@ -96,6 +97,8 @@ class Middle(NamedTuple):
     spin: Any  # that it turns by, 1/s, and so are the next two; None without damping
     slip: Any  # of the right end against the left, over the length
     both: Any  # sum of the ends' spins
+    apart: Any  # the right end's less the left's
+    bend: Any  # rate of psi
 
 
 @kernel
@@ -117,16 +120,17 @@ def middle(section, left, right):
     gamma = e[0] - 1.0 - bow[0], e[1] - bow[1], e[2] - bow[2]
     bent = minus(psi, section.rest)
     n, m = gamma, bent
-    spin, slip, both, rates = None, None, None, None
+    spin, slip, both, apart, bend, rates = None, None, None, None, None, None
     if section.tau is not None:
         spin, both = mean(g, left.spin, right.spin), plus(left.spin, right.spin)
+        apart = minus(right.spin, left.spin)
         slip = times(back(R, minus(right.v, left.v)), share)
         bend = minus(turned(T, right.spin), back(T, left.spin))
         rates = plus(plus(slip, cross(e, spin)), turned(arc, bend)), bend
         n, m = plus(n, times(rates[0], section.tau)), plus(m, times(bend, section.tau))
     n = scale(n, section.stretch)
     m = plus(times(scale(m, section.bend), share), times(back(arc, n), section.length))
-    return (gamma, bent), Middle(psi, R, e, g, T, n, m, spin, slip, both), rates
+    return (gamma, bent), Middle(psi, R, e, g, T, n, m, spin, slip, both, apart, bend), rates
 
 
 @kernel
@@ -183,15 +187,15 @@ def fill(S, o, xx, xt, tx, tt):
 
 
 @kernel
-def tangent(section, at, c, cd, S, o):
-    """Derivative of `forces`, c times by positions and cd by rates, to the `FACTOR` at o of S.
+def tangent(section, at, weights, S, o):
+    """Derivative of `forces` by positions and by rates to the `FACTOR` at o of S.
 
     What moments change by at third order in the element's own psi is left out: Newton's iteration has no need of it.
     """
     R, g, T, e, psi, l = at.R, at.g, at.T, at.e, at.psi, section.length
-    Tt, rate = transposed(T), c
+    Tt, rate, c = transposed(T), weights.stiffness, weights.stiffness
     if section.tau is not None:
-        rate = section.tau * cd + c
+        rate = section.tau * weights.damping + c
     share = 1.0 / l
     D, b = times(section.stretch, rate), times(section.bend, share * rate)
     arc, zero = arc_of(section.uneven, psi), l * 0.0
@@ -210,7 +214,10 @@ def tangent(section, at, c, cd, S, o):
         x_D = difference(x_D, scaled(rows_of(late, skewed(w, transposed(R))), share))
         swing = sum_of(skew(u), plus_identity(scaled(outer(e, w), -1.0), dot(w, e)))
         straight = cross(swing[0], g), cross(swing[1], g), cross(swing[2], g)
-        late = times(late, 0.5)
+        d, more = times(at.apart, 0.125), times(late, of_step(weights))
+        # by psi, e x (dg x apart) / 2 with g = psi / 4, and what the arc has of its rate
+        unlike = rows_of(more, sum_of(plus_identity(outer(d, times(e, -1.0)), dot(d, e)), arc_of(None, at.bend)))
+        left_D, right_D, late = difference(left_D, unlike), sum_of(right_D, unlike), times(late, 0.5)
         left_D = sum_of(left_D, rows_of(late, difference(swing, straight)))
         right_D = sum_of(right_D, rows_of(late, sum_of(swing, straight)))
         bend = difference(bend, rows_of(times(section.bend, share * section.tau * c * 0.5), skew(at.both)))
@@ -283,6 +290,7 @@ class Tangent(NamedTuple):
     A: Any
     w: Any
     second: Any
+    own: Any  # see `chain.Vertex`
 
 
 @kernel
@@ -290,7 +298,7 @@ def tangent_of(at):
     """Of a `Vertex`."""
     w, alpha = at.place.spin, at.alpha
     second = -(w[1] * w[1] + w[2] * w[2]), w[0] * w[1] + alpha[2], w[0] * w[2] - alpha[1]
-    return Tangent(matrix(at.place.p), w, second)
+    return Tangent(matrix(at.place.p), w, second, at.own)
 
 
 @kernel
@@ -298,13 +306,13 @@ def _by_turn(t, weights):
     """Derivative, over A, of the second rate of t by rotation increments of its vertex."""
     w, zero = t.w, t.w[0] * 0.0
     ck, cd, cm = weights.stiffness, weights.damping, weights.mass
-    # -(e^ cm + second^ ck + ((w x e)^ + w^ e^) cd)
-    u = times(t.second, ck)
-    y, z = w[1] * cd, w[2] * cd
+    # -(e^ (cm - own^ cd) + second^ ck + ((w x e)^ + w^ e^) cd)
+    u, o = times(t.second, ck), times(t.own, cd)
+    x, y, z = w[0] * cd - o[0], w[1] * cd, w[2] * cd
     return (
         (zero, u[2] - y * 2.0, -(u[1] + z * 2.0)),
-        (y - u[2], w[0] * cd, u[0] + cm),
-        (z + u[1], -(u[0] + cm), w[0] * cd),
+        (y + o[1] - u[2], x, u[0] + cm),
+        (z + o[2] + u[1], -(u[0] + cm), x),
     )
 
 

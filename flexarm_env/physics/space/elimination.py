@@ -14,6 +14,7 @@ from .inner import elements_before, factors, solution
 from .layout import AXES, F, H, J, count_of, factor_at, hinge_at, inner_at, inner_row, joint_row, rows_before
 from .matrix import (
     block_times,
+    carried,
     eliminate,
     eliminate_joint,
     factor_base,
@@ -153,10 +154,10 @@ def _joint_up(lane, model, S, k, x):
     for j in range(3):
         own = own - load(lane, S, h + H.row + 3 + j) * turned_by[j]
     store(x, row, own)
-    b = plus(back(turn, turned_by), times(axis, own))
+    b = plus(back(turn, turned_by), times(carried(lane, model, S, k, axis), own))
     if model.levers is not None:
         shift = turned(matrix_in(lane, S, h + H.shift), turned_by)
-        a = plus(a, plus(shift, times(vector(lane, S, h + H.swing), own)))
+        a = plus(a, plus(shift, times(vector(lane, S, h + H.drift), own)))
     return a, b
 
 

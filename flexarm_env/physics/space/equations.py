@@ -28,7 +28,7 @@ from .elimination import factor, solve
 from .framed import framed
 from .inner import elements_before
 from .layout import AXES, B, E, F, H, J, L, before, count_of, factor_at, hinge_at, joint_row
-from .matrix import gyrate, lean, matrix_in, pin, stiffen, sway
+from .matrix import gyrate, lean, matrix_in, note_lag, pin, stiffen, sway
 from .moving import difference, note_inverse, noted_inverse, rotates, tangent_map, update, vertices_of
 from .output import (
     both,
@@ -47,7 +47,7 @@ from .output import (
     task_poses,
 )
 from .rotations import add_vector, back, cross, dot, matrix, minus, plus, put_matrix, put_vector, times, turned, vector
-from .settled import settle, stride
+from .settled import lack, settle, stride
 from .strained import elastic, pull, strained_difference, strained_update, walk
 from .strained_layout import noted_at
 from .strained_tangent import strained_tangent
@@ -75,11 +75,13 @@ def assemble(lane, model, par, state, u, weights, r, S):
         if model.rotors is not None:
             if model.rotors[k] != 0:
                 onto(lane, model, r, S, k, rotor_moment(lane, model, S, k, tip, weights, o))
-        hinge = hinged(lane, model, state, k, tip)
+        hinge = hinged(lane, model, state, k, tip, weights)
         last, on_root = _along(lane, model, par, k, state, hinge.root, weights, r, S)
         on_root = both(on_root, body(lane, model.joints, at + J.far, None, None, hinge.root, weights, S, first))
         on_root = both(on_root, loaded(lane, model, u, k, False, hinge.root, weights, S, first))
         _note(lane, model, S, hinge_at(k), hinge, tip, on_root)
+        if weights.mass != 0.0:
+            note_lag(lane, model, par, S, k, hinge.root.place.spin, weights)
         tip = last
     n, o = model.links, before(model, model.links)
     onto(lane, model, r, S, n, body(lane, model.end, 0, None, None, tip, weights, S, o))
@@ -156,7 +158,7 @@ def _exact(lane, model, section, left, right, element, weights, S, f):
     on_left, on_right = forces(section, inner)
     masses = three_of(lane, model.sections, E.end * element + E.mass)
     if weights.mass != 0.0:
-        tangent(section, inner, weights.stiffness, weights.damping, S, f)
+        tangent(section, inner, weights, S, f)
     at_left, at_right = inertia(lane, masses[1], section.length, left, right, weights, S, f)
     I = three_of(lane, model.sections, E.end * element + E.inertia)
     on_left = both(both(on_left, at_left), lump(lane, masses[0], I, left, weights, S, f + F.LL))
@@ -241,6 +243,6 @@ COMMON = (
 )  # fmt: skip
 register(SpatialElastica, *COMMON, update=strained_update, difference=strained_difference)
 register(
-    SpatialBeam, *COMMON, update, difference, predict, light, rotates, tangent_map, gauge, settle, stride, damping_over,
-    note_inverse, noted_inverse,
+    SpatialBeam, *COMMON, update, difference, predict, light, rotates, tangent_map, gauge, settle, stride, lack,
+    damping_over, note_inverse, noted_inverse,
 )  # fmt: skip

@@ -117,6 +117,8 @@ HINGE = Layout(
     Field("pinned", (), "", "1 where it does not move"),
     Field("shift", (3, 3), "m", "what the beginning moves by when the section before turns, in its axes"),
     Field("swing", (3,), "m", "what it moves by when the joint turns"),
+    Field("lag", (3,), "rad", "of damping, by which the link's root turns: see `matrix.carried`"),
+    Field("drift", (3,), "m", "`swing`, carried by it"),
     Field("sway", (3,), "rad/s", "w x e of the section before and the joint's axis e; where there are rotors"),
     Field("lean", (), "N m s", "times it: what the joint's column has of it, for `lean`"),
     Field("now_turn", (3, 3), "", "the first of these of the residual made last, which `solve` does not read"),

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from ...compiler import kernel, load, splat, store, traced
 from ..arithmetic import add
+from ..model import TAU_D
+from ..protocol import of_step
 from .chain import clear, three_of
 from .element import add_block
 from .layout import (
@@ -186,7 +188,7 @@ def eliminate_joint(lane, model, S, k):
     """What is at the root of link k, to the section before, without the joint's row."""
     h, o, below = hinge_at(k), factor_at(model, k, 0) + F.LL, before(model, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
-    to_root = transposed(turn)
+    to_root, way = transposed(turn), carried(lane, model, S, k, axis)
     xx, xt, tx, tt = (
         _block(lane, S, o, 0, 0),
         _block(lane, S, o, 0, 1),
@@ -194,17 +196,20 @@ def eliminate_joint(lane, model, S, k):
         _block(lane, S, o, 1, 1),
     )
     moment = cross(axis, vector(lane, S, h + H.moment))
-    force, on_section = turned(xt, axis), turned(turn, plus(turned(tt, axis), moment))
+    on_root = turned(tt, way)
+    force, on_section = turned(xt, way), turned(turn, plus(on_root, moment))
     by_place, by_turn = back(tx, axis), turned(turn, back(tt, axis))
-    pivot = dot(axis, turned(tt, axis)) + load(lane, S, h + H.own)
+    pivot = dot(axis, on_root) + load(lane, S, h + H.own)
     if model.levers is not None:
         frame, lever, pull = matrix_in(lane, S, h + H.frame), vector(lane, S, h + H.lever), vector(lane, S, h + H.force)
         swing = swing_of(lane, model, k, axis, turn)
         X, c = scaled(product(frame, skew(lever)), -1.0), turned(frame, swing)
-        Xt, sideways = transposed(X), turned(xx, c)
+        drift = turned(frame, turned(turn, carried(lane, model, S, k, back(turn, swing))))
+        Xt, sideways, aside = transposed(X), turned(xx, drift), turned(tx, drift)
         put_matrix(S, h + H.shift, X)
         put_vector(S, h + H.swing, c)
-        pivot = pivot + dot(axis, turned(tx, c)) + dot(c, turned(xt, axis)) + dot(c, sideways)
+        put_vector(S, h + H.drift, drift)
+        pivot = pivot + dot(axis, aside) + dot(c, force) + dot(c, sideways)
         pivot = pivot + dot(swing, cross(pull, turned(turn, axis)))
     free = S[(h + H.pinned) * len(lane)] == 0.0
     if k == 0:
@@ -222,7 +227,7 @@ def eliminate_joint(lane, model, S, k):
         by_turn = plus(by_turn, plus(turned(Xt, back(xx, c)), cross(swing, pull)))
         by_place = plus(by_place, back(xx, c))
         force = plus(force, sideways)
-        on_section = plus(plus(on_section, turned(turn, turned(tx, c))), plus(turned(Xt, force), cross(swing, pull)))
+        on_section = plus(plus(on_section, turned(turn, aside)), plus(turned(Xt, force), cross(swing, pull)))
     if model.rotors is not None:
         if model.rotors[k] != 0:
             on_section = plus(on_section, times(sway(lane, model, S, k), load(lane, S, h + H.lean)))
@@ -243,6 +248,24 @@ def eliminate_joint(lane, model, S, k):
     else:
         clear(lane, S, h + H.column, 12)
         store(S, h + H.pivot, splat(lane, 1.0))
+
+
+@kernel
+def note_lag(lane, model, par, S, k, spin, weights):
+    """What `carried` needs, of a step's matrix: the spin of the root of link k."""
+    if model.damped is not None:
+        tau = load(lane, par, TAU_D)
+        put_vector(S, hinge_at(k) + H.lag, times(spin, tau / (tau * weights.damping + 1.0) * of_step(weights)))
+
+
+@kernel
+def carried(lane, model, S, k, a):
+    """What the root of link k moves by with its joint's angle, a being that in its axes. With the angle the root's axes
+    turn, and so do its rates, by w x a: dampers of c_v tau_d + 1 times their springs' stiffness have from that what
+    these have from tau_d / (c_v tau_d + 1) times it."""
+    if model.damped is None:
+        return a
+    return plus(a, cross(vector(lane, S, hinge_at(k) + H.lag), a))
 
 
 @kernel

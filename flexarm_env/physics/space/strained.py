@@ -201,7 +201,8 @@ def walk(lane, model, k, state, root, S):
             put_vector(S, to.force + 3 * i, times(found, model.strains[at.mass + i]))
     place, A = root.place, matrix(p)
     r, u = plus(place.r, turned(frame, r)), plus(place.v, turned(frame, u))
-    return Vertex(Place(r, u, composed(place.p, p), back(A, w)), turned(frame, found), back(A, alpha))
+    last = Place(r, u, composed(place.p, p), back(A, w))
+    return Vertex(last, turned(frame, found), back(A, alpha), (zero, zero, zero))
 
 
 @kernel
