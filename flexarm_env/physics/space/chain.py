@@ -108,7 +108,7 @@ class Vertex(NamedTuple):
     place: Place
     a: Any  # less gravity, inertial axes
     alpha: Any  # in its own
-    own: Any  # rate of the joint that it follows, likewise, for a step's matrix: w x it is a part of alpha; otherwise 0
+    own: Any  # rate of the joint before it, in a step's matrix: w x it is in alpha; otherwise, and by strains, 0
 
 
 class Hinge(NamedTuple):
@@ -210,7 +210,7 @@ def hinged(lane, model, state, k, tip, weights):
     turn, lever, root, rate = planted(lane, model, q, v, k, tip.place)
     own = times(three_of(lane, model.joints, o + J.axis), load(lane, a, joint_row(model, k)))
     alpha = plus(plus(back(turn, tip.alpha), own), cross(root.spin, rate))
-    rate = times(rate, of_step(weights))
+    rate = times(rate, 0.0 if model.strains is not None else of_step(weights))
     if model.levers is None:
         return Hinge(turn, None, Vertex(root, tip.a, alpha, rate))
     near, far = three_of(lane, model.joints, o + J.before), three_of(lane, model.joints, o + J.beyond)

@@ -204,7 +204,9 @@ def eliminate_joint(lane, model, S, k):
         frame, lever, pull = matrix_in(lane, S, h + H.frame), vector(lane, S, h + H.lever), vector(lane, S, h + H.force)
         swing = swing_of(lane, model, k, axis, turn)
         X, c = scaled(product(frame, skew(lever)), -1.0), turned(frame, swing)
-        drift = turned(frame, turned(turn, carried(lane, model, S, k, back(turn, swing))))
+        drift = c
+        if model.strains is None:
+            drift = turned(frame, turned(turn, carried(lane, model, S, k, back(turn, swing))))
         Xt, sideways, aside = transposed(X), turned(xx, drift), turned(tx, drift)
         put_matrix(S, h + H.shift, X)
         put_vector(S, h + H.swing, c)
@@ -253,7 +255,7 @@ def eliminate_joint(lane, model, S, k):
 @kernel
 def note_lag(lane, model, par, S, k, spin, weights):
     """What `carried` needs, of a step's matrix: the spin of the root of link k."""
-    if model.damped is not None:
+    if model.damped is not None and model.strains is None:
         tau = load(lane, par, TAU_D)
         put_vector(S, hinge_at(k) + H.lag, times(spin, tau / (tau * weights.damping + 1.0) * of_step(weights)))
 
@@ -262,8 +264,8 @@ def note_lag(lane, model, par, S, k, spin, weights):
 def carried(lane, model, S, k, a):
     """What the root of link k moves by with its joint's angle, a being that in its axes. With the angle the root's axes
     turn, and so do its rates, by w x a: dampers of c_v tau_d + 1 times their springs' stiffness have from that what
-    these have from tau_d / (c_v tau_d + 1) times it."""
-    if model.damped is None:
+    these have from tau_d / (c_v tau_d + 1) times it. Where strains are coordinates dampers see none of it."""
+    if model.damped is None or model.strains is not None:
         return a
     return plus(a, cross(vector(lane, S, hinge_at(k) + H.lag), a))
 
