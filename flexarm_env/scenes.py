@@ -160,8 +160,8 @@ def _columns(header: tuple[str, ...], lines: list[list[str]]) -> dict[str, np.nd
     if not lines:
         raise check.InvalidValue("rows", 0, "must be at least one")
     found = {name: numbers(k, name, lines, len(header)) for k, name in enumerate(header)}
-    good = np.isfinite(list(found.values())).all(axis=0)
-    good[1:] &= found["t"][1:] > found["t"][:-1]
+    later = found["t"] > np.append(-np.inf, found["t"][:-1])
+    good = np.isfinite(list(found.values())).all(axis=0) & later
     for i in np.flatnonzero(~good)[:1].tolist():
         what = f"must hold finite numbers and a time later than the row before, in row {i}"
         raise check.InvalidValue(f"[{i}]", ",".join(lines[i]), what)
