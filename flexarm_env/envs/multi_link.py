@@ -56,8 +56,8 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
 
     ## Reward
 
-    As in TwoLinkFlexArm-v0, of all links and joints: effort is -sum of a_k^2 (0.01 of it from -0.01 N to 0), vibration
-    -min(sum of d_k'^2, 1).
+    The terms, weights and bounds of TwoLinkFlexArm-v0, with sums over all N joints and links: effort is -sum of a_k^2
+    (weighted: -0.01 N to 0), vibration -min(sum of d_k'^2, 1), whose weight is 0.
 
     ## Starting state
 

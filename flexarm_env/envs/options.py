@@ -122,7 +122,8 @@ class Plan:
 
     @property
     def deflection_bound(self) -> float:
-        """Tip deflection over length beyond which the formulation stops; infinite but for a reduction to modes."""
+        """Tip deflection over length beyond which the formulation stops; infinite but for a reduction to modes in the
+        plane."""
         return math.inf if self.kind.space else self.settings.deflection_bound
 
     @property

@@ -73,9 +73,10 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     ## Reward
 
-    As in TwoLinkFlexArm-v0: e is the distance of the tip from the target over L, v its speed over L (1/s; with "track"
-    relative to the target); effort is -sum of a_k^2 (0.01 of it from -0.01 N to 0), vibration -min(sum of d'^2, 1), d'
-    the rates of the deflections in both planes.
+    The terms, weights and bounds of TwoLinkFlexArm-v0: e is the distance of the tip from the target over L, v its speed
+    over L (1/s; with "track" relative to the target), d' the rates of the deflections in both planes. Two terms are sums
+    over all N joints and links: effort is -sum of a_k^2 (weighted: -0.01 N to 0), vibration -min(sum of d'^2, 1), whose
+    weight is 0.
 
     ## Starting state
 
