@@ -10,6 +10,7 @@ import hashlib
 import re
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,8 @@ CONTROLLERS = ("pd", "zv", "zvd", "lqr", "lqg", "mpc", "time_optimal")
 which takes 10 ms and more."""
 LIFT = 0.3
 """m that an arm has to rise by, to be over a shape, for what its price is; see `Fine`."""
+NUDGE = 1e-3
+"""By how much of the limits a first action is off, where ways of steadying are compared."""
 PATIENCE, ENOUGH = 30, 1e-4
 """A search ends where so many steps have brought no more than this share of the mean return."""
 ALIKE = 1e-6
@@ -100,9 +103,9 @@ def search(
 
     trained: run folders to begin with, beside controllers. steps: of L-BFGS with so long a memory (Liu & Nocedal 1989),
     each episode for itself: actions at a limit that the slope would push beyond stay there, a step that pays less is
-    halved; fewer where the last ones have brought next to nothing. In space the first of `trained` that sees all there
-    is steadies the arms. kept: a file in which actions are kept on the way, and from which a search that was broken off
-    goes on.
+    halved; fewer where the last ones have brought next to nothing. In space each arm is steadied by that of `trained`
+    which sees all there is and does it best. kept: a file in which actions are kept on the way, and from which a search
+    that was broken off goes on.
     start: actions and their returns to begin with, in place of all that. lifting: see `Fine`. ValueError where the
     task's environment has no derivatives, or does not give these returns.
     """
@@ -124,7 +127,7 @@ def search(
         return total, np.nan_to_num(slopes.transpose(1, 0, 2).reshape(arms.n, -1)), played
 
     if task.environment == SPACE and trained:
-        steady = Steady(arms, first, _exact(best), steadier(task, arms.environment, trained))
+        steady = steadiest(arms, first, _exact(best), steadiers(task, arms.environment, trained))
     x = _exact(best.transpose(1, 0, 2).reshape(arms.n, -1))
     found, slope, best = value(x)
     if fine.shapes:  # whose cost is rounded
@@ -158,14 +161,32 @@ def search(
     return best, reached
 
 
-def steadier(task: suite.Task, env: Any, trained: Sequence[Path]) -> Any:
-    """The first of the policies (run folders) that sees what an environment shows. ValueError where none does."""
+def steadiers(task: suite.Task, env: Any, trained: Sequence[Path]) -> list[Any]:
+    """Those of the policies (run folders) that see what an environment shows. ValueError where none does."""
+    found = []
     for folder in trained:
-        try:
-            return choose(str(folder), task).make(env)
-        except ValueError:
-            continue
-    raise ValueError(f"{task.id}: no policy that sees all there is and steadies arms in space")
+        with suppress(ValueError):
+            found.append(choose(str(folder), task).make(env))
+    if not found:
+        raise ValueError(f"{task.id}: no policy that sees all there is and steadies arms in space")
+    return found
+
+
+def steadiest(arms: Any, start: Array, actions: Array, policies: Sequence[Any]) -> "Steady":
+    """The way of arms from states `start` under actions (T, n, N), each arm steadied by the one of the policies under
+    which a first action that is `NUDGE` off leads away least."""
+    ways = [Steady(arms, start, actions, policy) for policy in policies]
+    away = []
+    for steady in ways:
+        state, seen, far = start, arms.observe(start), []
+        for k, action in enumerate(actions):
+            far.append(np.abs(seen - steady.seen[k]).max(axis=1))
+            wanted = np.clip(action + steady(k, seen) + (NUDGE if k == 0 else 0.0), -1.0, 1.0)
+            state, seen, _ = arms.step(state, _exact(np.nan_to_num(wanted)))
+        away.append(np.fmin(far, 1.0).mean(axis=0))
+    for i, best in enumerate(np.argmin(away, axis=0)):
+        ways[0].slopes[:, i] = ways[best].slopes[:, i]
+    return ways[0]
 
 
 def beside(task: suite.Task, home: Path) -> list[Path]:

@@ -1,6 +1,7 @@
 """The reference results: what is run in which order, how it goes on, the best known, references from results."""
 
 import dataclasses
+import itertools
 import json
 from pathlib import Path
 from types import SimpleNamespace
@@ -170,9 +171,22 @@ def test_policies_that_steady_see_all_there_is(tmp_path: Path, monkeypatch: pyte
         return word
 
     monkeypatch.setattr(foresight, "choose", lambda word, task: SimpleNamespace(make=lambda env: make(word, env)))
-    assert foresight.steadier(task, None, found).endswith("ppo-0/space-reach-v1")
+    assert foresight.steadiers(task, None, found) == [str(tmp_path / "ppo-0/space-reach-v1")]
     with pytest.raises(ValueError, match="no policy"):
-        foresight.steadier(task, None, found[:1])
+        foresight.steadiers(task, None, found[:1])
+
+
+def test_each_arm_has_the_policy_that_steadies_it_best():
+    """Of hubs that are pushed on, left alone and damped the last ones; the others lead further away."""
+    arms = derivatives.Arms("FlexibleArm-v0", 2)
+    start, actions = arms.reset(seed=0), np.full((20, 2, 1), 0.1)
+
+    def policy(*gains: float) -> SimpleNamespace:
+        return SimpleNamespace(act=lambda seen: np.resize(gains, len(seen))[:, None] * seen[:, 2:3])
+
+    for policies in itertools.permutations((policy(1.0, -1.0), policy(0.0, 0.0), policy(-1.0, 1.0))):
+        found = foresight.steadiest(arms, start, actions, policies)
+        assert found.slopes[..., 2] == pytest.approx(-1.0, rel=1e-4)
 
 
 def test_what_shapes_cost_is_rounded_and_sloped():

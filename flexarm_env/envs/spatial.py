@@ -74,9 +74,9 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     ## Reward
 
     The terms, weights and bounds of TwoLinkFlexArm-v0: e is the distance of the tip from the target over L, v its speed
-    over L (1/s; with "track" relative to the target), d' the rates of the deflections in both planes. Two terms are sums
-    over all N joints and links: effort is -sum of a_k^2 (weighted: -0.01 N to 0), vibration -min(sum of d'^2, 1), whose
-    weight is 0.
+    over L (1/s; with "track" relative to the target), d' the rates of the deflections in both planes. Two terms are
+    sums over all N joints and links: effort is -sum of a_k^2 (weighted: -0.01 N to 0), vibration -min(sum of d'^2, 1),
+    whose weight is 0.
 
     ## Starting state
 
