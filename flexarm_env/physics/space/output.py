@@ -63,8 +63,8 @@ def predict(lane, model, start, q):
 
 @inlined
 def _element_sums(lane, model, par, left, right, element):
-    """`sums_of` an element of the exact beam, with the masses of `element.inertia`. Inlined, as those of
-    other links are: where momentum alone is asked for, each step of a free arm, the compiler leaves the energies out."""
+    """`sums_of` an element of the exact beam, with the masses of `element.inertia`. Inlined, as those of other links
+    are: where momentum alone is asked for, each step of a free arm, the compiler leaves the energies out."""
     section = section_at(lane, model, par, element)
     gamma, bent = middle(section, left, right)[0]
     stretch = dot(gamma, scale(gamma, section.stretch)) * section.length
