@@ -88,8 +88,15 @@ def told(task: suite.Task, seen: dict[str, np.ndarray], first: np.ndarray) -> tu
 
 
 def velocity(env: Any, seen: dict[str, np.ndarray]) -> np.ndarray:
-    """Of a target on a straight line or a circle, from three of its places, exactly."""
+    """Of a target on a straight line, a circle or a swing, from its places, exactly."""
     target, T = seen["target"], env.plan.period
+    if env.plan.kind.target.numbers == 1:
+        way = np.diff(target[:, 0])
+        twice = (way[2:] + way[:-2]) @ way[1:-1] / (way[1:-1] @ way[1:-1])  # 2 cos(omega T)
+        omega = math.acos(0.5 * twice)  # rad a period
+        inner = (way[1:] + way[:-1]) * (0.5 * omega / math.sin(omega) / T)
+        ends = twice * inner[0] - inner[1], twice * inner[-1] - inner[-2]
+        return np.concatenate([ends[:1], inner, ends[1:]])[:, None]
     if env.plan.extras.reference.line is not None:
         return np.repeat(np.diff(target[:2], axis=0) / T, len(target), axis=0)
     a, b = target[1] - target[0], target[2] - target[1]
