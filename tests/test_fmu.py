@@ -235,6 +235,37 @@ def test_an_arm_and_its_controller_are_two_units(form: str, tmp_path: Path) -> N
 
 
 @needs_c
+def test_shaped_commands_drive_an_arm_in_space(tmp_path: Path) -> None:
+    """Python's closed loop, to a target that is held; from the same start to another, the loop to what is nearest."""
+    env: Any = gym.make("SpatialFlexArm-v0")
+    own: Any = control.make("zv", env)
+    start = {"start": [0.0, 0.0, 0.0], "target": [0.5, -0.4, 0.6]}
+    held = own.targets(own.read(env.reset(options=start)[0]))[0]
+    write_controller_fmu(own, tmp_path / "zv.fmu", "zv", targets=[(-0.5, 0.2, 0.6), held])
+    unit = Unit(tmp_path / "zv.fmu", tmp_path / "zv", "3.0")
+    names = [f"observation.{name}" for name in own.setup.names]
+
+    def driven(by_unit: bool, target: list[float]) -> list[Array]:
+        seen, _ = env.reset(seed=0, options=start | {"target": target})
+        assert unit("Reset") == 0 and unit.start() == 0
+        own.reset(seen)
+        tips = []
+        for k in range(200):
+            action = own.act(seen)
+            if by_unit:
+                assert unit.set(**dict(zip(names, seen.tolist(), strict=True))) == 0 and unit.step(0.01 * k, 0.01) == 0
+                action = unit.get(*[f"torque[{j}]" for j in range(3)]) / own.limits
+            seen, *_, info = env.step(action.astype(np.float32))
+            tips.append(info["tip_position"])
+        return tips
+
+    wanted, found, beside = (driven(*one) for one in ((False, held), (True, held), (True, [0.52, -0.38, 0.58])))
+    assert np.abs(np.subtract(found, wanted)).max() < 1e-6
+    assert np.linalg.norm(wanted[-1] - held) < 0.01 and np.linalg.norm(beside[-1] - held) < 0.01
+    env.close()
+
+
+@needs_c
 def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "strip.fmu"
     assert main(["export", "strip", "--to", "fmu", "--out", str(out), "--fmi", "2.0"]) == 0

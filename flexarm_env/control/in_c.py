@@ -28,7 +28,7 @@ from .lqg import design as lqg_design
 from .lqr import LQR
 from .lqr import design as lqr_design
 from .pd import PD, SpatialPD
-from .shaping import ShapedPD, closed_loop_shaper
+from .shaping import Shaped, ShapedPD, Shaper, SpatialShapedPD, closed_loop_shaper, shaper_in_space
 from .space import NEAR, AboutRest
 from .time_optimal import TimeOptimal, plan, rigid_time
 
@@ -62,7 +62,7 @@ def controller_source(
     """
     kind = type(controller)
     if kind not in _BODIES:
-        known = "must be PD, ShapedPD, LQR, LQG or TimeOptimal, or in space SpatialPD, SpatialLQR or SpatialLQG"
+        known = f"must be {', '.join(own.__name__ for own in _BODIES)}"
         raise check.InvalidValue("controller", kind.__name__, known)
     setup, read = controller.setup, controller.read
     many, aimed = setup.n_joints > 1, read.aimed
@@ -84,6 +84,7 @@ def controller_source(
         parts += ["aim_joints" if aimed else "aim_point" if many else "aim_tip", *(["posture"] if held else [])]
     texts = [c_part("memory").replace("FIELDS", _FIELDS[kind]), *map(c_part, (*parts, *_BODIES[kind], "act"))]
     body = "\n".join(texts).replace("GAUGED", _GAUGED if read._gauges else "").replace("SHARP", repr(SHARP))
+    body = body if held else body.replace(_NEAREST, "")
     body = body.replace("TOLD", c_part("told_joints" if aimed else "told_way").strip())
     body = body.replace("SEEN", _BENDS if kind is SpatialLQR else _CURVATURES if read._gauges else "")
     body = body.replace("GOAL", c_part("goal_two" if setup.n_joints == 2 else "goal_many"))
@@ -148,6 +149,11 @@ def _in_space(own: Controller, targets: Points | None) -> tuple[dict[str, Any], 
     if isinstance(own, SpatialPD):
         gains = own.gains
         found["filter"] = [own.passed, gains.rate**2, 2.0 * gains.ratio * gains.rate]
+    if isinstance(own, SpatialShapedPD):
+        shapers = [shaper_in_space(arm, own.gravity, own.shaped, own.kind, angle) for angle in angles]
+        more, sizes_of = _impulses(shapers, own.shaped.effort * own.limits)
+        found |= more
+        sizes |= sizes_of
     if isinstance(own, SpatialLQG):
         plants = [plant_in_space(own.setup, own.gravity, angle) for angle in angles]
         designs = [own.design(one) for one, _ in plants]
@@ -168,6 +174,15 @@ def _filters(own: LQG, filters: Sequence[Design]) -> tuple[dict[str, Any], dict[
     return found, {"STATES": len(filters[0].A), "OUTPUTS": len(filters[0].C), "LEARNING": LEARNING}
 
 
+def _impulses(shapers: Sequence[Shaper], effort: Array) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Tables of the shapers, one after the other, with what of the torques a reference may ask for; their size."""
+    most = max(len(one.delays) for one in shapers)
+    found: dict[str, Any] = {"effort": effort}
+    for word, rows in (("amplitude", [s.amplitudes for s in shapers]), ("delay", [s.delays for s in shapers])):
+        found[word] = [row + (0.0,) * (most - len(row)) for row in rows]
+    return found, {"IMPULSES": most}
+
+
 def _numbers(own: Controller, slew: float | None, held: Held) -> tuple[dict[str, Any], dict[str, Any]]:
     """What the file holds, and the sizes of it."""
     setup = own.setup
@@ -185,10 +200,9 @@ def _numbers(own: Controller, slew: float | None, held: Held) -> tuple[dict[str,
         found |= {"kp": own.kp, "kd": own.kd}
     if isinstance(own, ShapedPD):
         shapers = [closed_loop_shaper(arm, own.gains, own.kind, posture) for posture in held]
-        sizes["IMPULSES"] = most = max(len(one.delays) for one in shapers)
-        for word, rows in (("amplitude", [s.amplitudes for s in shapers]), ("delay", [s.delays for s in shapers])):
-            found[word] = [row + (0.0,) * (most - len(row)) for row in rows]
-        found["effort"] = own.gains.effort * own.limits
+        more, sizes_of = _impulses(shapers, own.gains.effort * own.limits)
+        found |= more
+        sizes |= sizes_of
     if isinstance(own, LQR):
         designs = [lqr_design(arm, setup.torque_limits, setup.control_dt, own.gains, posture) for posture in held]
         found |= {word: np.stack([getattr(d, word) for d in designs]) for word in "ABCKL"}
@@ -213,7 +227,7 @@ def _numbers(own: Controller, slew: float | None, held: Held) -> tuple[dict[str,
 def _head(own: Controller, slew: float | None, held: Held) -> str:
     setup = own.setup
     limits = ", ".join(f"{limit:g}" for limit in own.limits)
-    kind = f"{type(own).__name__}, {own.kind}" if isinstance(own, ShapedPD) else type(own).__name__
+    kind = f"{type(own).__name__}, {own.kind}" if isinstance(own, Shaped) else type(own).__name__
     planned = f" by a plan for slews of {slew:g} rad to either side" if isinstance(own, TimeOptimal) else ""
     ends = zip(np.min(held, axis=0), np.max(held, axis=0), strict=True) if held else ()
     told = " and ".join(f"from {low:g} to {high:g} rad" for low, high in ends)
@@ -259,6 +273,7 @@ _GAUGED = (
     "y[i] = v[NAME_gauges[i - UPPER_JOINTS]] - NAME_centre[i - UPPER_JOINTS];"
 )
 
+_NEAREST = "        memory->posture = NAME_nearest(memory->goal);\n"
 _CURVATURES = "for (int i = UPPER_JOINTS; i < UPPER_OUTPUTS; i++) y[i] = v[NAME_gauges[i - UPPER_JOINTS]];"
 _BENDS = """for (int i = 0; i < UPPER_JOINTS; i++) y[UPPER_JOINTS + i] = v[NAME_rates[i]];
     for (int i = 0; i < UPPER_BENT; i++) {
@@ -266,21 +281,20 @@ _BENDS = """for (int i = 0; i < UPPER_JOINTS; i++) y[UPPER_JOINTS + i] = v[NAME_
         y[2 * UPPER_JOINTS + UPPER_BENT + i] = v[NAME_bend_rates[i]];
     }"""
 _KEPT = "    double x[UPPER_STATES], torque[UPPER_JOINTS], held[UPPER_JOINTS];\n"
+_MOVE = "    double move[UPPER_JOINTS], period;\n"
+_PULLED = "    double rate[UPPER_JOINTS], torque[UPPER_JOINTS], inertia[UPPER_JOINTS];\n"
 
 _FIELDS: Mapping[type[Controller], str] = {
-    PD: "", SpatialPD: "    double rate[UPPER_JOINTS], torque[UPPER_JOINTS], inertia[UPPER_JOINTS];\n",
-    ShapedPD: "    double move[UPPER_JOINTS], period;\n", LQR: "    double x[UPPER_STATES];\n",
-    TimeOptimal: "    double x[UPPER_STATES], sign;\n", LQG: "    double x[UPPER_STATES];\n",
-    SpatialLQR: _KEPT, SpatialLQG: _KEPT,
+    PD: "", ShapedPD: _MOVE, LQR: "    double x[UPPER_STATES];\n", LQG: "    double x[UPPER_STATES];\n",
+    TimeOptimal: "    double x[UPPER_STATES], sign;\n",
+    SpatialPD: _PULLED, SpatialShapedPD: _PULLED + _MOVE, SpatialLQR: _KEPT, SpatialLQG: _KEPT,
 }  # fmt: skip
 
 _BODIES: Mapping[type[Controller], tuple[str, ...]] = {
-    PD: ("pd",), SpatialPD: ("space", "space_pd"),
-    ShapedPD: ("coriolis", "shaped"), LQR: ("observer", "outputs", "lqr"),
-    TimeOptimal: ("observer", "outputs", "planned"), LQG: ("observer", "friction", "lqg"),
+    PD: ("unshaped", "pd"), ShapedPD: ("coriolis", "reference", "pd"), LQR: ("observer", "outputs", "lqr"),
+    LQG: ("observer", "friction", "lqg"), TimeOptimal: ("observer", "outputs", "planned"),
+    SpatialPD: ("space", "unshaped", "space_pd"),
+    SpatialShapedPD: ("times", "space", "space_rigid", "reference", "space_pd"),
     **dict.fromkeys((SpatialLQR, SpatialLQG), ("times", "space", "observer", "friction", "space_lqg")),
 }  # fmt: skip
 """Of each class: what it does at the start of an episode, in a period, and with the torque that was applied."""
-
-
-__all__ = ["controller_source"]

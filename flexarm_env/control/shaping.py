@@ -96,6 +96,9 @@ class Shaped(Controller):
     """Follows a shaped reference: one of constant acceleration and deceleration, all joints in step, convolved with
     impulses."""
 
+    kind: str
+    """Of the impulses, "zv" or "zvd"."""
+
     def shape(self, shapers: Sequence[Shaper], quickest: Array, to_go: Array) -> None:
         """Begin episodes: impulses of each arm, times (n,) that its unshaped reference takes, s, and its way (n, N)."""
         self.move = to_go
@@ -126,8 +129,7 @@ class Shaped(Controller):
 class ShapedPD(Shaped):
     """PD control along a shaped reference, with the torque that the rigid arm needs for it fed forward.
 
-    The reference is the quickest one that the rigid arm can follow with a share `effort` of its torque, with the
-    impulses of `kind` ("zv" or "zvd").
+    The reference is the quickest one that the rigid arm can follow with a share `effort` of its torque.
     """
 
     def __init__(self, setup: Setup, gains: ShapedGains, kind: str) -> None:

@@ -226,16 +226,18 @@ class AboutRest(Controller):
             angles, tip = angles + step, after
         return best
 
-    def _goal(self, signals: Signals) -> Array:
-        """Arms stand straight where an episode begins, or nearly so."""
+    def targets(self, signals: Signals) -> Array:
+        """Where tips are to come to, (n, 3) m; arms stand straight where an episode begins, or nearly so."""
         arm, now = self.setup.arm, signals.angles
-        if signals.to_go is None:
-            targets = tip_at(arm, now) + (frames(arm, now)[2][:, 0] @ signals.error[..., None])[..., 0]
-        else:
-            targets = tip_at(arm, now + signals.to_go)
-        goals, self.torque = np.zeros(now.shape), np.zeros(now.shape)
-        for i, target in enumerate(targets):
-            goals[i], self.torque[i] = self.rest_at(target, now[i])[1:]
+        if signals.to_go is not None:
+            return tip_at(arm, now + signals.to_go)
+        found: Array = tip_at(arm, now) + (frames(arm, now)[2][:, 0] @ signals.error[..., None])[..., 0]
+        return found
+
+    def _goal(self, signals: Signals) -> Array:
+        goals, self.torque = np.zeros(signals.angles.shape), np.zeros(signals.angles.shape)
+        for i, target in enumerate(self.targets(signals)):
+            goals[i], self.torque[i] = self.rest_at(target, signals.angles[i])[1:]
         return goals
 
     def rest_at(self, target: Array, now: Array) -> tuple[float, Array, Array]:

@@ -14,6 +14,7 @@ void NAME_act(NAME_memory *memory, const double measured[UPPER_ENTRIES], float a
         memory->begun = 1;
         memory->step = 0;
         NAME_aim(memory, measured);
+        memory->posture = NAME_nearest(memory->goal);
     }
     NAME_to_go(memory, measured, to_go);
     if (first) NAME_begin(memory, measured, to_go);

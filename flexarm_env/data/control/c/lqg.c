@@ -1,7 +1,6 @@
 static void NAME_begin(NAME_memory *m, const double *v, const double *to_go)
 {
     (void)v;
-    m->posture = NAME_nearest(m->goal);
     NAME_times(NAME_OF(rigid, UPPER_STATES, UPPER_JOINTS), UPPER_STATES, UPPER_JOINTS, to_go, m->x);
     for (int i = 0; i < UPPER_STATES; i++) m->x[i] = -m->x[i];
 }

@@ -1,7 +1,6 @@
 static void NAME_begin(NAME_memory *m, const double *v, const double *to_go)
 {
     double y[UPPER_OUTPUTS];
-    m->posture = NAME_nearest(m->goal);
     NAME_outputs(v, to_go, y);
     NAME_times(NAME_start, UPPER_STATES, UPPER_OUTPUTS, y, m->x);
     m->sign = y[0] > 0.0 ? -1.0 : 1.0;

@@ -39,26 +39,33 @@ static void NAME_stand(const double *angle, NAME_pose *p)
     }
 }
 
-/* torques that hold the rigid arm, and its inertia about each joint */
+/* torques that hold the rigid arm, and its inertia about the joints, (joints, joints), kg m^2 */
 static void NAME_hold(const double *angle, double *torque, double *inertia)
 {
     NAME_pose p;
     NAME_stand(angle, &p);
-    for (int j = 0; j < UPPER_JOINTS; j++) torque[j] = 0.0, inertia[j] = NAME_rotor[j];
+    for (int j = 0; j < UPPER_JOINTS; j++) {
+        torque[j] = 0.0;
+        for (int l = 0; l < UPPER_JOINTS; l++) inertia[UPPER_JOINTS * j + l] = j == l ? NAME_rotor[j] : 0.0;
+    }
     for (int b = 0; b < UPPER_BODIES; b++) {
         const int k = (int)NAME_carrier[b];
         const double *A = p.link[k], *at = NAME_centre_of + 3 * b, *I = NAME_tensor + 9 * b, mass = NAME_mass[b];
+        double r[3], swing[UPPER_JOINTS][3], own[UPPER_JOINTS][3];
         for (int j = 0; j <= k; j++) {
-            double r[3], swing[3], own[3];
             for (int i = 0; i < 3; i++) {
                 r[i] = p.place[k][i] - p.place[j][i] + A[3 * i] * at[0] + A[3 * i + 1] * at[1] + A[3 * i + 2] * at[2];
-                own[i] = A[i] * p.axis[j][0] + A[3 + i] * p.axis[j][1] + A[6 + i] * p.axis[j][2];
+                own[j][i] = A[i] * p.axis[j][0] + A[3 + i] * p.axis[j][1] + A[6 + i] * p.axis[j][2];
             }
-            NAME_cross(p.axis[j], r, swing);
+            NAME_cross(p.axis[j], r, swing[j]);
+            for (int i = 0; i < 3; i++) torque[j] -= mass * swing[j][i] * NAME_gravity[i];
+        }
+        for (int jl = 0; jl < (k + 1) * (k + 1); jl++) {
+            const int j = jl / (k + 1), l = jl % (k + 1);
+            double *M = inertia + UPPER_JOINTS * j + l;
             for (int i = 0; i < 3; i++) {
-                torque[j] -= mass * swing[i] * NAME_gravity[i];
-                inertia[j] += mass * swing[i] * swing[i];
-                for (int l = 0; l < 3; l++) inertia[j] += own[i] * I[3 * i + l] * own[l];
+                *M += mass * swing[j][i] * swing[l][i];
+                for (int n = 0; n < 3; n++) *M += own[j][i] * I[3 * i + n] * own[l][n];
             }
         }
     }

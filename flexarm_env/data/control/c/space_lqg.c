@@ -1,6 +1,6 @@
 static void NAME_begin(NAME_memory *m, const double *v, const double *to_go)
 {
-    double weight[UPPER_JOINTS], about[UPPER_JOINTS];
+    double weight[UPPER_JOINTS], about[UPPER_JOINTS * UPPER_JOINTS];
     (void)v;
     NAME_hold(m->goal, weight, about);
     for (int i = 0; i < UPPER_JOINTS; i++) m->torque[i] -= weight[i];
@@ -12,8 +12,8 @@ static void NAME_torques(NAME_memory *m, const double *v, const double *to_go, d
 {
     const long k = m->step < UPPER_LEARNING ? m->step : UPPER_LEARNING - 1;
     const double *still = NAME_OF(still, UPPER_OUTPUTS, 1);
-    double y[UPPER_OUTPUTS], angle[UPPER_JOINTS], about[UPPER_JOINTS], taken[UPPER_JOINTS], pulled[UPPER_JOINTS];
-    double beyond[UPPER_JOINTS];
+    double y[UPPER_OUTPUTS], angle[UPPER_JOINTS], taken[UPPER_JOINTS], pulled[UPPER_JOINTS], beyond[UPPER_JOINTS];
+    double about[UPPER_JOINTS * UPPER_JOINTS];
     for (int i = 0; i < UPPER_JOINTS; i++) {
         const double most = UPPER_FARTHEST, near = to_go[i] < -most ? -most : to_go[i] > most ? most : to_go[i];
         angle[i] = m->goal[i] - to_go[i];

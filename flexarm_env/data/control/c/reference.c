@@ -1,8 +1,7 @@
-static void NAME_begin(NAME_memory *m, const double *v, const double *to_go)
+/* a move to the goal, as quick as the rigid arm can follow it with its share of the torques */
+static void NAME_shape(NAME_memory *m, const double *to_go)
 {
     double inertia[UPPER_JOINTS * UPPER_JOINTS], load[UPPER_JOINTS];
-    (void)v;
-    m->posture = NAME_nearest(m->goal);
     m->period = 2.0 * UPPER_PERIOD;
     NAME_rigid_inertia(m->goal, inertia);
     NAME_times(inertia, UPPER_JOINTS, UPPER_JOINTS, to_go, load);
@@ -24,10 +23,11 @@ static void NAME_reference(const NAME_memory *m, double t, double *done, double 
     }
 }
 
-static void NAME_torques(NAME_memory *m, const double *v, const double *to_go, double *torque)
+/* of this period: what is left to go, its rates, and the torques that the rigid arm needs for it */
+static void NAME_follow(const NAME_memory *m, double *left, double *rates, double *torque)
 {
     double done, rate, later, unused, inertia[UPPER_JOINTS * UPPER_JOINTS], asked[UPPER_JOINTS];
-    double left[UPPER_JOINTS], rates[UPPER_JOINTS], accelerations[UPPER_JOINTS], angles[UPPER_JOINTS];
+    double accelerations[UPPER_JOINTS], angles[UPPER_JOINTS];
     NAME_reference(m, m->step * UPPER_PERIOD, &done, &rate);
     NAME_reference(m, (m->step + 1) * UPPER_PERIOD, &unused, &later);
     for (int i = 0; i < UPPER_JOINTS; i++) {
@@ -39,8 +39,5 @@ static void NAME_torques(NAME_memory *m, const double *v, const double *to_go, d
     NAME_rigid_inertia(angles, inertia);
     NAME_times(inertia, UPPER_JOINTS, UPPER_JOINTS, accelerations, torque);
     NAME_coriolis(angles, rates, asked);
-    for (int i = 0; i < UPPER_JOINTS; i++)
-        torque[i] += asked[i] + NAME_kp[i] * (to_go[i] - left[i]) + NAME_kd[i] * (rates[i] - v[NAME_rates[i]]);
+    for (int i = 0; i < UPPER_JOINTS; i++) torque[i] += asked[i];
 }
-
-static void NAME_predict(NAME_memory *m, const double *torque) { (void)m; (void)torque; }
