@@ -1,4 +1,4 @@
-"""Flexible robot arms: planar beam mechanics, scene replay and Gymnasium environments.
+"""Flexible robot arms: beams in the plane and in space, scene replay and Gymnasium environments.
 
 Importing registers FlexibleArm-v0, TwoLinkFlexArm-v0, MultiLinkFlexArm-v0, SpatialFlexArm-v0 and the tasks of
 `flexarm_env.suite`; the public names below are loaded when they are first used.
