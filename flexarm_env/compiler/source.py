@@ -89,7 +89,9 @@ def _parsed(text: str) -> tuple[ast.Module, dict[tuple[str, int], tuple[Any, ast
     """A file; by name and first line, its functions, each with the statement of the file that it is in."""
     parsed, trees = ast.parse(text), {}
     for statement in parsed.body:
-        for node in ast.walk(statement):
+        nodes: list[ast.AST] = [statement]
+        for node in nodes:  # and what is found below, but for expressions, which define none
+            nodes += [part for part in ast.iter_child_nodes(node) if not isinstance(part, ast.expr)]
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 first = min(part.lineno for part in (node, *node.decorator_list))
                 trees[node.name, first] = node, statement

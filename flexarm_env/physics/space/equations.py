@@ -6,7 +6,7 @@ each of its ends; a vertex's moment is J dw/dt + w x J w in its own axes.
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, splat, store
+from ...compiler import apart, kernel, load, splat, store
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from ..protocol import register
 from .chain import (
@@ -53,7 +53,7 @@ from .strained_layout import noted_at
 from .strained_tangent import strained_tangent
 
 
-@kernel
+@apart
 def _add(lane, r, i, of):
     """(force, moment) to the rows from i on."""
     add_vector(lane, r, i, of[0])
@@ -124,7 +124,8 @@ def _along(lane, model, par, k, state, root, weights, r, S):
             on_root = on_left
         else:
             _add(lane, r, j - AXES, on_left)
-        _add(lane, r, j, on_right)
+        add_vector(lane, r, j, on_right[0])
+        add_vector(lane, r, j + 3, on_right[1])
         left = right
         j += AXES
         element += 1
