@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..compiler import kernel
+from ..compiler import apart, kernel
 
 
 @kernel
@@ -54,9 +54,15 @@ def put_back(lanes, i, w, saved, record):
 def _copy_lane(lanes, i, parts, saved, back):
     first = i
     for part in parts:
-        for k in range(0, part.shape[0], lanes):
-            if back:
-                part[k + i] = saved[first + k]
-            else:
-                saved[first + k] = part[k + i]
+        if back:
+            _copy(saved[first:], part[i:], part.shape[0], lanes)
+        else:
+            _copy(part[i:], saved[first:], part.shape[0], lanes)
         first += part.shape[0]
+
+
+@apart
+def _copy(source, target, count, step):
+    """Of so many numbers every `step`-th; apart: it is seldom done, and LLVM makes much of a loop for each array."""
+    for k in range(0, count, step):
+        target[k] = source[k]
