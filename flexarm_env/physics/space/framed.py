@@ -22,9 +22,10 @@ from .layout import W, frame_at, inner_of, inner_row, points_of, weight_end
 from .rotations import add_vector, back, cross, dot, minus, plus, swirl, times, turned, vector
 
 MOST, HEAVY = 0.5, 40.0
-"""Largest force of its own in a segment's tangent, over EI / l^2 (its buckling force is pi^2 of that), where inertia in
-steps is more than `HEAVY` times as stiff: as Newton begins, strains are off by second order of a step's turn. Times EA
-that is a force that no tangent should have in it, and forces that are real are little beside such inertia."""
+"""Largest force of its own in a segment's tangent, over EI / l^2 (its buckling force is pi^2 of that), and moment, over
+EI / l, where inertia in steps is more than `HEAVY` times as stiff: as Newton begins, strains are off by second order of
+a step's turn. Times EA, or the stiffer EI, that is what no tangent should have in it, and what is real is little beside
+such inertia."""
 
 
 class Stiff(NamedTuple):
@@ -178,6 +179,12 @@ def _most_force(section, sixth, mass):
 
 
 @kernel
+def _clipped(a, most):
+    """Vector a, each entry within +-most."""
+    return clip(a[0], most), clip(a[1], most), clip(a[2], most)
+
+
+@kernel
 def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
     """((force, moment) of the left end, of the right) of segment i, between two `Vertex`; its `FACTOR` at f of S, the
     rows of its inner modes in r."""
@@ -216,8 +223,12 @@ def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
     aside = stiff.pull, couple[2] * frame.over, (couple[1] + couple[0] * frame.k) * -frame.over
     if weights.mass != 0.0:
         most = _most_force(section, model.frames[at.mass] * 0.5, weights.mass)
-        now = (clip(aside[0], most), clip(aside[1], most), clip(aside[2], most)), ml, mr
-        tangent(lane, model, par, section.tau, frame, stiff, clip(stiff.pull, most), now, i, state.q, weights, S, f)
+        moment = most * section.length
+        now = _clipped(aside, most), _clipped(ml, moment), _clipped(mr, moment)
+        spins, pull = (left.place.spin, right.place.spin), clip(stiff.pull, most)
+        tangent(
+            lane, model, par, section.tau, frame, rates, spins, left.own, stiff, pull, now, i, state.q, weights, S, f
+        )
     on_l = plus(plus(back(a.T, ml), times(a.g, couple[0])), turn_l)
     on_r = plus(plus(back(b.T, mr), times(b.g, couple[0])), turn_r)
     return (turned(frame.A, minus(push_l, aside)), on_l), (turned(frame.A, plus(push_r, aside)), on_r)

@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ...compiler import kernel, store
+from ..protocol import of_step
 from .chain import factors_of
 from .element import fill, rows_of, scale
 from .frame import across, lifted
+from .framed_motion import bent_rows, late_of, late_pull, plus_lifted, swung, with_swung
 from .inner import HELIX, condense, constant, ends_by, inner_by
 from .inner import product as product_of
 from .layout import F, frame_at, inner_at, inner_of, inner_row
@@ -26,19 +28,11 @@ from .rotations import (
     skew,
     skewed,
     sum_of,
-    symmetric,
     times,
     transposed,
     turned,
     vector,
 )
-
-
-@kernel
-def _both_rows(lane, model, table, A, B):
-    """`product_of` of matrices."""
-    ll, lr, rr = constant(lane, model, table, 0), constant(lane, model, table, 1), constant(lane, model, table, 2)
-    return sum_of(rows_of(ll, A), rows_of(lr, B)), sum_of(rows_of(lr, A), rows_of(rr, B))
 
 
 @kernel
@@ -139,17 +133,6 @@ def _inner_pair(lane, model, par, slopes, share, rate, pull, weights, at, k, j, 
 
 
 @kernel
-def _bent_rows(lane, model, par, a, b, near, far, at):
-    """Rows of the moments on phi_l, phi_r of K by what the `framed._strained` of a, b changes by, near and far."""
-    d, factors = times(minus(b, a), HELIX), factors_of(lane, par)
-    l, r = _both_rows(lane, model, at.bend, near, far)
-    l, r = rows_of(factors, l), rows_of(factors, r)
-    apart, both = scaled(difference(l, r), 0.25), sum_of(l, r)
-    more = minus(times(both[1], d[2]), times(both[2], d[1])), times(both[2], -d[0]), times(both[1], d[0])
-    return sum_of(sum_of(l, skewed(b, apart)), more), difference(difference(r, skewed(a, apart)), more)
-
-
-@kernel
 def _diagonal(lane, model, at, i, A, geometric, cm):
     """A and the i-th of what has the force in the chord and inertia of the bent shape."""
     d = times(constant(lane, model, at.coupling, i), geometric)
@@ -165,10 +148,10 @@ def _bending(lane, model, par, frame, stiff, pull, strong, rate, weights, at):
     zero, one = x * 0.0, x * 0.0 + 1.0
     near = (one, b2, -b1), (z - b2, one, x + b0), (b1 - y, -(b0 + x), one)
     far = (zero, -b2, b1), (z + b2, zero, x - b0), (-(b1 + y), b0 - x, zero)
-    ll, _ = _bent_rows(lane, model, par, a, b, near, far, at)
+    ll, _ = bent_rows(lane, model, par, a, b, near, far, at)
     near = (zero, -a2, a1), (a2 - z, zero, -(a0 + x)), (y - a1, a0 + x, zero)
     far = (one, a2, -a1), (-(a2 + z), one, a0 - x), (a1 + y, x - a0, one)
-    lr, rr = _bent_rows(lane, model, par, a, b, near, far, at)
+    lr, rr = bent_rows(lane, model, par, a, b, near, far, at)
     sl, sr, both = stiff.slope_l, stiff.slope_r, times(stiff.both, c)
     more = (zero, -both[2], both[1]), (-both[2], zero, zero), (both[1], zero, zero)
     ll = difference(sum_of(scaled(ll, rate), outer(times(sl, strong), sl)), more)
@@ -194,6 +177,7 @@ class Turned(NamedTuple):
     ll: Any
     lr: Any
     lb: Any
+    rl: Any
     rr: Any
     rb: Any
     bl: Any
@@ -202,23 +186,37 @@ class Turned(NamedTuple):
 
 
 @kernel
-def _turned(lane, model, frame, now, bending, bent, weights, at):
+def _rows_by(P, Q, left, right):
+    """Rows of the sections' rotations and of the frame's, of moments on phi_l, phi_r."""
+    return product(transposed(P), left), product(transposed(Q), right), sum_of(product(P, left), product(Q, right))
+
+
+@kernel
+def _turned(lane, model, frame, now, bending, late, bent, weights, at):
     """`Turned`, where d phi = T dth - T' dbeta of either end."""
     cm, c, P, Q = weights.mass, weights.stiffness, frame.left.T, frame.right.T
     Pt, Qt, (ll, lr, rr) = transposed(P), transposed(Q), bending
-    by_l, by_r = (
-        sum_of(product(ll, Pt), product(lr, Qt)),
-        sum_of(product(transposed(lr), Pt), product(rr, Qt)),
-    )
+    rl = transposed(lr)
+    ll_by, rl_by, lr_by, rr_by = product(ll, P), product(rl, P), product(lr, Q), product(rr, Q)
+    l_by, r_by = sum_of(product(ll, Pt), product(lr, Qt)), sum_of(product(rl, Pt), product(rr, Qt))
+    if late is not None:
+        ll_by, rl_by = sum_of(ll_by, late.left[0]), sum_of(rl_by, late.left[1])
+        lr_by, rr_by = sum_of(lr_by, late.right[0]), sum_of(rr_by, late.right[1])
+        l_by, r_by = difference(l_by, late.frame[0]), difference(r_by, late.frame[1])
+    ll, rl, bl = _rows_by(P, Q, ll_by, rl_by)
+    lr, rr, br = _rows_by(P, Q, lr_by, rr_by)
+    lb, rb, bb = _rows_by(P, Q, l_by, r_by)
     # inertia about the chord, as if h were one in both planes
     ul, ur = times(bent.left, cm), times(bent.right, cm)
     vl, vr = lifted(ul), lifted(ur)
-    roll = plus(turned(P, vl), turned(Q, vr))
+    vl, vr, roll = turned(Pt, vl), turned(Qt, vr), plus(turned(P, vl), turned(Q, vr))
     own = dot(ul, frame.left.phi) + dot(ur, frame.right.phi)
-    lb, rb = _plus_column(product(Pt, by_l), turned(Pt, vl)), _plus_column(product(Qt, by_r), turned(Qt, vr))
-    bb = sum_of(product(P, by_l), product(Q, by_r))
-    bb = (bb[0][0] + (own - roll[0] * 2.0), bb[0][1] - roll[1], bb[0][2] - roll[2]), bb[1], bb[2]
-    bb = _mirrored(bb)
+    lb, rb, bl, br = _plus_column(lb, vl), _plus_column(rb, vr), _plus_row(bl, vl), _plus_row(br, vr)
+    bb = (
+        (bb[0][0] + (own - roll[0] * 2.0), bb[0][1] - roll[1], bb[0][2] - roll[2]),
+        (bb[1][0] - roll[1], bb[1][1], bb[1][2]),
+        (bb[2][0] - roll[2], bb[2][1], bb[2][2]),
+    )
     # rotary inertia
     tl, tr, lc = (
         times(constant(lane, model, at.rotary, 0), cm),
@@ -226,19 +224,19 @@ def _turned(lane, model, frame, now, bending, bent, weights, at):
         times(constant(lane, model, at.rotary, 3), cm),
     )
     rc, tc = times(constant(lane, model, at.rotary, 4), cm), times(constant(lane, model, at.rotary, 5), cm)
-    across_ends = _plus_diagonal(product(product(Pt, lr), Q), times(constant(lane, model, at.rotary, 1), cm))
-    lb, rb = _plus_diagonal(lb, lc), _plus_diagonal(rb, rc)
+    tlr = times(constant(lane, model, at.rotary, 1), cm)
     # moments that turn: of T^-1 and T^-T, to first order
     half_l, half_r = times(now[1], 0.5 * c), times(now[2], 0.5 * c)
     on_l, on_r, off_l, off_r = skewed(half_l, P), skewed(half_r, Q), skewed(half_l, Pt), skewed(half_r, Qt)
     return Turned(
-        sum_of(_plus_diagonal(symmetric(P, product(ll, P)), tl), on_l),
-        across_ends,
-        difference(lb, off_l),
-        sum_of(_plus_diagonal(symmetric(Q, product(rr, Q)), tr), on_r),
-        difference(rb, off_r),
-        sum_of(transposed(lb), on_l),
-        sum_of(transposed(rb), on_r),
+        sum_of(_plus_diagonal(ll, tl), on_l),
+        _plus_diagonal(lr, tlr),
+        difference(_plus_diagonal(lb, lc), off_l),
+        _plus_diagonal(rl, tlr),
+        sum_of(_plus_diagonal(rr, tr), on_r),
+        difference(_plus_diagonal(rb, rc), off_r),
+        sum_of(_plus_diagonal(bl, lc), on_l),
+        sum_of(_plus_diagonal(br, rc), on_r),
         difference(_plus_diagonal(bb, tc), sum_of(off_l, off_r)),
     )
 
@@ -248,6 +246,12 @@ def _plus_column(A, a):
     """a to the first column of - A."""
     one, two, three = A
     return (a[0] - one[0], -one[1], -one[2]), (a[1] - two[0], -two[1], -two[2]), (a[2] - three[0], -three[1], -three[2])
+
+
+@kernel
+def _plus_row(A, a):
+    """a to the first row of - A."""
+    return minus(a, A[0]), times(A[1], -1.0), times(A[2], -1.0)
 
 
 @kernel
@@ -324,10 +328,10 @@ def _columns(frame):
 
 
 @kernel
-def tangent(lane, model, par, tau, frame, stiff, pull, now, i, q, weights, S, f):
+def tangent(lane, model, par, tau, frame, rates, spins, rate_l, stiff, pull, now, i, q, weights, S, f):
     """Derivative of `framed`, segment i, to the `FACTOR` at f of S: inertia of the unbent segment, material stiffness,
-    and how the force between the ends turns. What the motion does to it, small beside the rest as h w is beside 1, is
-    left out."""
+    how the force between the ends turns, and, to first order of phi, what the motion does to dampers and inertia.
+    spins: of the sections; rate_l: `own` of the left `Vertex`."""
     at, row = frame_at(model, i), inner_row(model, i)
     rate = weights.stiffness
     if tau is not None:
@@ -335,18 +339,22 @@ def tangent(lane, model, par, tau, frame, stiff, pull, now, i, q, weights, S, f)
     cm, c, a, b, A, share = weights.mass, weights.stiffness, frame.left, frame.right, frame.A, frame.over
     bent, strong = _bent_inertia(lane, model, frame, at, q, row), rate * model.frames[at.pull]
     bending = _bending(lane, model, par, frame, stiff, pull, strong, rate, weights, at)
-    of = _turned(lane, model, frame, now, bending, bent, weights, at)
+    step, late = of_step(weights), None
+    if tau is not None:
+        late = late_of(lane, model, par, frame, rates, spins, stiff, tau * c * step, at)
+    of = _turned(lane, model, frame, now, bending, late, bent, weights, at)
     # by the sections alone: the frame rolls with them
     on_l, on_r, roll = _column(of.lb, 0), _column(of.rb, 0), _column(of.bb, 0)
     couple_l, couple_r = _plus_roll(of.bl, roll, a.g), _plus_roll(of.br, roll, b.g)
     ll, rr = _plus_roll(of.ll, on_l, a.g), _plus_roll(of.rr, on_r, b.g)
-    lr, rl = _plus_roll(of.lr, on_l, b.g), _plus_roll(transposed(of.lr), on_r, a.g)
+    lr, rl = _plus_roll(of.lr, on_l, b.g), _plus_roll(of.rl, on_r, a.g)
     ll, lr = sum_of(ll, outer(a.g, couple_l[0])), sum_of(lr, outer(a.g, couple_r[0]))
     rl, rr = sum_of(rl, outer(b.g, couple_l[0])), sum_of(rr, outer(b.g, couple_r[0]))
     # the force between the ends by rotations, and, turned over, moments by that of the ends' places
     aside, strain = times(now[0], c), times(plus(turned(a.T, stiff.slope_l), turned(b.T, stiff.slope_r)), -1.0)
     x_l = times(plus(back(a.T, stiff.slope_l), times(a.g, strain[0])), strong)
     x_r = times(plus(back(b.T, stiff.slope_r), times(b.g, strain[0])), strong)
+    late_l, late_r, (late_y, late_z) = late_pull(frame, late)
     push_l, push_r = _by_chord(frame, couple_l), _by_chord(frame, couple_r)
     push_l = minus(push_l[0], times(a.g, aside[2])), plus(push_l[1], times(a.g, aside[1]))
     push_r = minus(push_r[0], times(b.g, aside[2])), plus(push_r[1], times(b.g, aside[1]))
@@ -360,7 +368,7 @@ def tangent(lane, model, par, tau, frame, stiff, pull, now, i, q, weights, S, f)
     by_z = ((strain[1] + strain[0] * lean) * strong + aside[2]) * -share
     y = by_y, sway[0][1] + aside[0] * share, sway[1][1] + aside[2] * lean * share
     z = by_z, sway[0][2], sway[1][2] + (aside[0] - aside[1] * lean) * share
-    D = product(product(A, ((strong, by_y, by_z), y, z)), transposed(A))
+    D = product(product(A, ((strong, by_y + late_y, by_z + late_z), y, z)), transposed(A))
     near_l, near_r = constant(lane, model, at.near, 0), constant(lane, model, at.near, 1)
     far_l, far_r = constant(lane, model, at.far, 0), constant(lane, model, at.far, 1)
     near, far = _drawn(frame, near_l, near_r, bent.near, cm), _drawn(frame, far_l, far_r, bent.far, cm)
@@ -370,11 +378,21 @@ def tangent(lane, model, par, tau, frame, stiff, pull, now, i, q, weights, S, f)
     xx_lr = plus_identity(difference(difference(transposed(drawn_l), drawn_r), D), mass[1])
     xx_rl = plus_identity(difference(difference(drawn_l, transposed(drawn_r)), D), mass[1])
     xx_rr = plus_identity(sum_of(D, sum_of(drawn_r, transposed(drawn_r))), mass[2])
+    # ends' tangents, which turn with the sections, beside their inertia
+    cd = weights.damping * step
+    spin_l, spin_r = swung(spins[0], rate_l, cd), swung(spins[1], times(rate_l, 0.0), cd)
+    ll = plus_lifted(ll, constant(lane, model, at.lateral, 0), spin_l)
+    lr = plus_lifted(lr, constant(lane, model, at.lateral, 1), spin_r)
+    rl = plus_lifted(rl, constant(lane, model, at.lateral, 1), spin_l)
+    rr = plus_lifted(rr, constant(lane, model, at.lateral, 2), spin_r)
     less_l, less_r = times(x_l, -1.0), times(x_r, -1.0)
-    xt_ll, tx_ll = _place_rows(A, less_l, near[0], _less(push_l)), _place_rows(A, less_l, near[0], _less(lift_l))
-    xt_lr, tx_lr = _place_rows(A, less_r, near[1], _less(push_r)), _place_rows(A, x_l, far[0], lift_l)
-    xt_rl, tx_rl = _place_rows(A, x_l, far[0], push_l), _place_rows(A, less_r, near[1], _less(lift_r))
-    xt_rr, tx_rr = _place_rows(A, x_r, far[1], push_r), _place_rows(A, x_r, far[1], lift_r)
+    pull_l, pull_r = plus(x_l, late_l), plus(x_r, late_r)
+    xt_ll = _place_rows(A, times(pull_l, -1.0), with_swung(near[0], near_l, spin_l), _less(push_l))
+    xt_lr = _place_rows(A, times(pull_r, -1.0), with_swung(near[1], near_r, spin_r), _less(push_r))
+    xt_rl = _place_rows(A, pull_l, with_swung(far[0], far_l, spin_l), push_l)
+    xt_rr = _place_rows(A, pull_r, with_swung(far[1], far_r, spin_r), push_r)
+    tx_ll, tx_lr = _place_rows(A, less_l, near[0], _less(lift_l)), _place_rows(A, x_l, far[0], lift_l)
+    tx_rl, tx_rr = _place_rows(A, less_r, near[1], _less(lift_r)), _place_rows(A, x_r, far[1], lift_r)
     fill(S, f + F.LL, xx_ll, xt_ll, transposed(tx_ll), ll)
     fill(S, f + F.LR, xx_lr, xt_lr, transposed(tx_lr), lr)
     fill(S, f + F.RL, xx_rl, xt_rl, transposed(tx_rl), rl)
@@ -382,14 +400,17 @@ def tangent(lane, model, par, tau, frame, stiff, pull, now, i, q, weights, S, f)
     if model.inner is not None:
         inner, B = inner_at(model, i), transposed(A)
         left, turn_l, right, turn_r = _columns(frame)
+        more = turned(A, (zero, late_y, late_z))
+        by_all = (0, left, times(more, -1.0)), (3, turn_l, late_l), (6, right, more), (9, turn_r, late_r)
         for k in range(inner_of(model)):
             own = _inner_own(lane, model, frame, at, k, q, row, weights.mass)
-            for first, by in ((0, left), (3, turn_l), (6, right), (9, turn_r)):
+            for first, by, late_by in by_all:
                 block = _inner_column(lane, model, stiff, pull * weights.stiffness, own, strong, weights, at, k, by)
                 if first == 0 or first == 6:
                     block = product(block, B)
                 for j in range(3):
                     put_vector(S, inner.ends + 12 * (3 * k + j) + first, block[j])
+                    put_vector(S, inner.over + 12 * (3 * k + j) + first, plus(block[j], times(late_by, own[0][j])))
             for j in range(inner_of(model)):
                 other = inner_by(lane, model, at.inner_coupling, 2, j, a.phi, b.phi, q, row)
                 _inner_pair(lane, model, par, (own[0], other), strong, rate, pull, weights, at, k, j, S, inner)

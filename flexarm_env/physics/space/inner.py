@@ -90,11 +90,9 @@ def solution(lane, n, S, o, x, i, stride):
 
 @kernel
 def condense(lane, model, S, f, inner):
-    """Factor the `INNER` of S and take it out of the `FACTOR` at f; what ends have of it is taken for symmetric."""
+    """Factor the `INNER` of S and take it out of the `FACTOR` at f; `over` is what it has of the ends."""
     n, o = 3 * inner_of(model), inner.matrix
     factors(lane, n, S, o)
-    for k in range(12 * n):
-        store(S, inner.over + k, load(lane, S, inner.ends + k))
     for j in range(12):
         solution(lane, n, S, o, S, inner.over + j, 12)
     for a in range(12):

@@ -98,8 +98,8 @@ FACTOR = Layout(
 INNER = Layout(
     "Inner", "inner",
     Field("matrix", ("3 * inner", "3 * inner"), "", "of a segment's inner modes, its L and U, pivots inverted"),
-    Field("ends", ("3 * inner", 12), "", "of these by the left and the right end"),
-    Field("over", ("3 * inner", 12), "", "matrix^-1 ends"),
+    Field("ends", ("3 * inner", 12), "", "of the left and the right end by these, transposed"),
+    Field("over", ("3 * inner", 12), "", "of these by the ends, matrix^-1 times that"),
 )  # fmt: skip
 """Behind the `FACTOR`s, of each segment."""
 

@@ -163,14 +163,6 @@ def plus_identity(A, x):
 
 
 @kernel
-def symmetric(A, B):
-    """A^T B where that is symmetric."""
-    C, D = transposed(A), transposed(B)
-    xy, xz, yz = dot(C[0], D[1]), dot(C[0], D[2]), dot(C[1], D[2])
-    return (dot(C[0], D[0]), xy, xz), (xy, dot(C[1], D[1]), yz), (xz, yz, dot(C[2], D[2]))
-
-
-@kernel
 def about_identity(x, a, y, b):
     """x 1 + a^ + y b b^T: x, y numbers, a, b vectors."""
     c = times(b, y)
