@@ -159,7 +159,7 @@ class Batch:
         self.tolerance = precision.of_torques(arm, settings, precision.largest(starts), starts.factors[2][1])
         pushed = self.extras.pushes is not None
         self.systems = fitted_systems(standing_scene(arm, settings.dt, gravity, pushed=pushed), settings)
-        self.systems = [with_own_laws(system) for system in self.systems] if starts.laws else self.systems
+        self.systems = [with_own_laws(system, starts.hub) for system in self.systems] if starts.laws else self.systems
         self.system: System = self.systems[-1]
         self.lane = SINGLE if n < LANES_FROM or settings.multipliers else WIDEST
         self.groups = -(-n // len(self.lane))

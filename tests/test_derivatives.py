@@ -81,6 +81,7 @@ EVENTS = {
 """A push in the period that is looked at, and a payload that changes at its start."""
 PAID = {"success": {"position": 0.3, "speed": 1.0, "paid": True}, "reward": {"change": 0.3, "accuracy": 0.2}}
 PD, MOTORS = {"action_mode": "residual_pd", "residual_share": 0.3}, {"actuator": {"lag": 0.01, "delay": 0.02}}
+HUB = {"randomization": {"hub_inertia": (0.5, 2.0)}}
 CASES = [
     case("one link", ONE, slow=False, back=True),
     case("success that is paid, the change of actions", ONE, slow=False, back=True, **PAID),
@@ -106,7 +107,11 @@ CASES = [
     case("gears, laws drawn", ONE, arm=geared(), parameters=True, randomization={"motor_inertia": (0.5, 2.0)}),
     case("gears, laws drawn and given", ONE, back=True, arm=geared(), randomization={"motor_inertia": (0.5, 2.0)}),
     case("a hub drawn, parameters", ONE, parameters=True, randomization={"hub_inertia": (0.5, 2.0)}),
+    case("a hub drawn behind a gear, parameters", ONE, arm=geared(), parameters=True, **HUB),
+    case("a hub drawn behind a gear", TWO, back=True, arm=geared(2), **HUB),
+    case("a delay drawn", TWO, back=True, actuator={"lag": 0.01, "delay": (0.0, 0.04)}),
     case("targets, late, several at once", ONE, task="track", history=2, sensors={"delay": 0.04, **GAUGE}),
+    case("sensors' gains and biases", ONE, parameters=True, observation="measured", sensors=SENSORS, history=2),
     case("targets, sensors", TWO, task="track", observation="measured", sensors=SENSORS, history=2),
     case("steps fitted", ONE, step_tolerance=1e-5),
     case("steps fitted, floating frame", TWO, step_tolerance=1e-5, **MOTORS, **FLOATING),

@@ -493,11 +493,10 @@ def test_a_drawn_hub_is_that_of_an_arm_that_has_it(env_id: str, keywords: dict[s
 
 
 def test_hubs_that_are_not_drawn() -> None:
-    """There is none, or a gear that gives hides it; a factor of 1 changes nothing but round-off."""
+    """There is none; a factor of 1 changes nothing but round-off."""
     ranges = {"hub_inertia": (0.5, 2.0)}
     none = dataclasses.replace(arms.named("strip"), hub_inertia=0.0)
     refuses("must not be given: strip has none", lambda: gym.make(ONE, arm=none, randomization=ranges))
-    refuses("an elastic gear", lambda: gym.make(ONE, arm="strip_geared", randomization=ranges))
     plain, same = (gym.make_vec(ONE, num_envs=3, randomization=given) for given in ({}, {"hub_inertia": (1.0, 1.0)}))
     np.testing.assert_allclose(shaken(same), shaken(plain), atol=2e-6)
 

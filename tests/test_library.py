@@ -24,6 +24,10 @@ from tests.processes import ROOT, python
 from tests.refusals import refuses
 
 LINKED = ("-std=c99", *STRICT, "-I.", "-L.", "-larm", "-Wl,-rpath,.")
+DRAWN = {
+    "actuator": {"delay": (0.0, 0.04), "jitter": 0.04},
+    "sensors": {"delay": (0.0, 0.06), "strain_gauges": [{"gain": (0.9, 1.1)}]},
+}
 CASES: list[Any] = [
     pytest.param("flexarm/slew-geared-v2", {}, id="gears with friction, delay"),
     pytest.param("flexarm/reach-measured-v1", {}, id="noise", marks=pytest.mark.slow),
@@ -33,8 +37,8 @@ CASES: list[Any] = [
     pytest.param("MultiLinkFlexArm-v0", {"randomization": {"EI": (0.7, 1.3)}}, id="drawn", marks=pytest.mark.slow),
     pytest.param(
         "FlexibleArm-v0",
-        {"arm": "strip_geared", "randomization": {"friction": (0.5, 2.0)}},
-        id="joints drawn",
+        {"arm": "strip_geared", "randomization": {"friction": (0.5, 2.0), "hub_inertia": (0.5, 2.0)}, **DRAWN},
+        id="joints and delays drawn",
         marks=pytest.mark.slow,
     ),
 ]

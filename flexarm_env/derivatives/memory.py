@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import validation as check
 from ..runtime.layout import record_sizes
 from ..tasks.program import RECORD
 
@@ -31,6 +32,9 @@ class Memory:
         extras, selection = batch.extras, batch.extras.selection
         self.chosen = np.arange(batch.entries) if selection is None else selection.chosen
         self.entries, shown = len(self.chosen), 1 if selection is None else selection.frames
+        if extras.sensors is not None and extras.sensors.drawn is not None:
+            what = "must be one number where derivatives are taken: arms that see the past see as much of it"
+            raise check.InvalidValue("sensors.delay", tuple(batch.period * k for k in extras.sensors.drawn), what)
         self._age = 0 if extras.sensors is None else extras.sensors.age
         remembered = extras.instruments is not None or self._age > 0 or shown > 1
         self.frames, self.size = self._age + shown if remembered else 0, shown * self.entries

@@ -68,7 +68,7 @@ def places_of(
 
     moving += recorded("acted", at.acted, len(task.acted))
     if extras.actuator is not None:
-        moving += recorded("motor", at.torque, links) + recorded("asked", at.commands, at.seen - at.commands)
+        moving += recorded("motor", at.torque, links) + recorded("asked", at.commands, at.delays - at.commands)
     words = OWN_IN_SPACE if len(task.targets) == 3 else OWN
     own = [_Place(name, layout.par + k * stride) for k, name in enumerate(words)]
     own += recorded("torque_factor", TORQUE_FACTOR, 1)
@@ -76,13 +76,14 @@ def places_of(
     given = [_Place(f"q[{k}]", int(work.q[0]) + k * stride) for k in sorted(fixed)]
     for name in "qvab":
         given += [_Place(f"{name}[{k}]", int(getattr(work, name)[0]) + k * stride) for k in sorted(passive)]
-    remembered, drawn = _of_sensors(extras.instruments, at.readings, recorded)
+    remembered, drawn = _of_sensors(extras.instruments, at.readings, recorded, own if parameters else None)
     moving += remembered
     if parameters:
         moving += own
     else:
         given += own
-    given += drawn + recorded("target", TARGET, max(2, len(task.targets)))
+    given += drawn + recorded("delay", at.delays, at.seen - at.delays)
+    given += recorded("target", TARGET, max(2, len(task.targets)))
     given += recorded("target_rate", TARGET_RATE, max(2, len(task.targets)))
     if any(part is not None for part in (extras.controller, extras.instruments, extras.reference)):
         given += recorded("goal", at.goal, links)
@@ -125,8 +126,9 @@ def laws_of(model: Any, names: tuple[str, ...]) -> tuple[list[int], list[float]]
     return [names.index(name) for _, name, _ in found], [value for _, _, value in found]
 
 
-def _of_sensors(instruments: Any, first: int, recorded: Any) -> tuple[list[_Place], list[_Place]]:
-    """What sensors remember that their readings depend on; and what is drawn of them, or counts."""
+def _of_sensors(instruments: Any, first: int, recorded: Any, own: Any) -> tuple[list[_Place], list[_Place]]:
+    """What sensors remember that their readings depend on; and what is drawn of them, or counts. own: parameters, which
+    gains and biases are added to, or None."""
     if instruments is None:
         return [], []
     moving: list[_Place] = []
@@ -146,5 +148,7 @@ def _of_sensors(instruments: Any, first: int, recorded: Any) -> tuple[list[_Plac
         }
         for name, (places, needed) in parts.items():
             moving += recorded(f"sensor[{c}].{name}", *places) if needed else []
-        given += recorded(f"sensor[{c}].law", at.gain, 2) + recorded(f"sensor[{c}].since", at.since, 1)
+        drawn = given if own is None else own
+        drawn += recorded(f"sensor[{c}].law", at.gain, 2)
+        given += recorded(f"sensor[{c}].since", at.since, 1)
     return moving, given

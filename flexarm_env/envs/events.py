@@ -131,8 +131,9 @@ def payload_change(frame: Frame, given: Any) -> PayloadChange | None:
     return PayloadChange(time=time / frame.period, factor=factor, resting=(0,) if gripped == GRIPPED[0] else None)
 
 
-def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool, drawn: bool) -> dict[str, Any]:
-    """Fields of the task's record that say what is asked for, where it is not the usual. drawn: factors are."""
+def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool, drawn: int) -> dict[str, Any]:
+    """Fields of the task's record that say what is asked for, where it is not the usual. drawn: the last place of what
+    is drawn, or -1."""
     kind = frame.kind
     table = table_of("success", success, (*kind.bands, "hold", "once", "paid"))
     paid = check.flag("success.paid", table.get("paid", False))
@@ -162,8 +163,9 @@ def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool,
         changes["relative"] = 0.0
     if kind.space and extras.reference is not None:
         changes["chain"] = chain_of(frame.arm)
-    if drawn or frame.settings.step_tolerance is not None or any(getattr(extras, name) is not None for name in EVENTS):
-        changes["further"] = (0,) * FURTHER.end
+    fitted = frame.settings.step_tolerance is not None
+    if drawn >= 0 or fitted or any(getattr(extras, name) is not None for name in EVENTS):
+        changes["further"] = (0,) * max(FURTHER.drawn + drawn + 1, FURTHER.end)
     return changes
 
 

@@ -17,6 +17,7 @@ from ..batch import Actuator, Amplifier, Controller, Reference, Sensors, gauge_t
 from ..control.base import RESIDUAL_SHARE
 from ..parameters import Arm
 from ..physics.gauges import over
+from ..physics.joints.build import NOTHING
 from ..settings import Settings
 from .targets import AHEAD
 from .task import Kind, controller_gains
@@ -63,6 +64,15 @@ def whole(path: str, value: Any, step: float, name: str, **bounds: float) -> int
     if abs(time / step - count) > 1e-6 * max(1.0, time / step):
         raise check.InvalidValue(path, value, f"must be a whole number of {name} = {step:g} s")
     return count
+
+
+def _late(path: str, value: Any, step: float, name: str) -> tuple[int, int]:
+    """A delay as a whole number of steps: the least and the most that may be drawn for an episode."""
+    if np.ndim(value) == 0:
+        return (whole(path, value, step, name, minimum=0.0),) * 2
+    limits = enumerate(check.limits(path, value, "s", minimum=0.0))
+    low, high = (whole(f"{path}[{k}]", limit, step, name) for k, limit in limits)
+    return low, high
 
 
 # --- controllers -------------------------------------------------------------------------------------
@@ -124,20 +134,16 @@ def with_friction(arm: Arm, given: Any) -> Arm:
     return arm
 
 
-NOTHING = 1e-12
-"""Of a hub: a rotor by which joint 0 has a law, where nothing else gives it one."""
-
-
 def with_hub(arm: Arm, drawn: Any) -> tuple[Arm, float]:
     """The arm whose hub is drawn, and the hub's inertia about its axis: what there is more or less of it is drawn as
-    inertia of joint 0's rotor, which is the same on a base that does not turn."""
+    inertia of joint 0's rotor, which is the same on a base that does not turn; behind an elastic gear for itself. Where
+    nothing else gives joint 0 a law, a rotor next to nothing does."""
     if drawn is None:
         return arm, 0.0
     axis, joint = np.array(arm.hub_axis), arm.joint(0)
     hub = float(axis @ bodies.tensor(arm.hub_inertia) @ axis)
-    if hub == 0.0 or joint.elastic:
-        what = f"{arm.name} has none" if hub == 0.0 else "joint 0 has an elastic gear, of which motor_inertia is drawn"
-        raise check.InvalidValue("randomization.hub_inertia", drawn, f"must not be given: {what}")
+    if hub == 0.0:
+        raise check.InvalidValue("randomization.hub_inertia", drawn, f"must not be given: {arm.name} has none")
     if joint.moves:
         return arm, hub
     joints = (replace(joint, motor_inertia=NOTHING * hub), *(arm.joint(k) for k in range(1, arm.n_links)))
@@ -152,19 +158,22 @@ def actuator(frame: Frame, given: Any) -> Actuator | None:
     arm, dt = frame.arm, frame.settings.dt
     assert dt is not None and arm.torque_limits is not None
     lag = check.number("actuator.lag", table.get("lag", 0.0), "s", minimum=0.0)
-    steps = whole("actuator.delay", table.get("delay", 0.0), dt, "dt", minimum=0.0)
+    least, steps = _late("actuator.delay", table.get("delay", 0.0), dt, "dt")
     more = whole("actuator.jitter", table.get("jitter", 0.0), dt, "dt", minimum=0.0)
     per_period = round(frame.period / dt)
     share = check.number("actuator.saturation", table.get("saturation", 1.0), above=0.0, maximum=1.0)
     if lag == 0.0 and steps == 0 and more == 0 and share == 1.0:
         return None
+    drawn, rows = least < steps, (steps + more) // per_period + 2
+    oldest = rows - 1 if drawn else -(-(steps + more) // per_period)
     return Actuator(
         share=1.0 if lag == 0.0 else 1.0 - math.exp(-dt / lag),
-        age=steps // per_period,
-        late=steps % per_period,
+        age=0 if drawn else steps // per_period,
+        late=0 if drawn else steps % per_period,
         limits=share * np.array(arm.torque_limits),
-        rows=(steps + more) // per_period + 2,
-        jitter=(float(more), float(per_period), -(-(steps + more) // per_period)) if more else None,
+        rows=rows,
+        jitter=(float(more), float(per_period), oldest) if more or drawn else None,
+        drawn=(float(least), float(steps)) if drawn else None,
     )
 
 
@@ -181,11 +190,12 @@ def sensors(
     places = [gauge.spot for gauge in gauges]
     rows = gauge_table(frame.arm, frame.settings, frame.gravity, places) if places else np.zeros((0, 0))
     noise = _noise(table.get("noise", 0.0), names, scales)
-    age = whole("sensors.delay", table.get("delay", 0.0), frame.period, "control_dt", minimum=0.0)
+    least, age = _late("sensors.delay", table.get("delay", 0.0), frame.period, "control_dt")
     if not places and age == 0 and not noise.any():
         return None
     own = np.array(gauge_scales(frame, gauges))
-    return Sensors(noise=noise, age=age, gauges=over(rows, own, frame.kind.space).ravel() if places else np.zeros(0))
+    seen = over(rows, own, frame.kind.space).ravel() if places else np.zeros(0)
+    return Sensors(noise, age, seen, (float(least), float(age)) if least < age else None)
 
 
 _STIFFNESS = {"xz": "EI_y", "torsion": "GJ"}

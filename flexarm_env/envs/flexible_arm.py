@@ -106,7 +106,9 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     `solver_status` ("ok" or what failed), `termination_reason` ("" or why). With `step_tolerance` also `step_error`
     (over L: what the period added; above the tolerance where five halvings of `dt` were not enough). With
     `info_level="full"` also `energy_kinetic`, `energy_strain`, `energy_gravity`, `energy_dissipated` and `work` (of the
-    motor), J. With `randomization` also `drawn_<key>` of each of its keys: the episode's factor.
+    motor), J. With `randomization` also `drawn_<key>` of each of its keys: the episode's factor. Where a delay is drawn
+    `drawn_command_delay`, of the period's commands, with its jitter (at reset without), and `drawn_observation_delay`,
+    s; `drawn_<reading>_gain` of sensors whose gain is drawn (`strain_gauge_1`, `hub_angle`, `camera_x`, ...).
 
     ## Arguments
 
@@ -130,8 +132,8 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     | `motion` | None | for "replay", as in the options of reset; None: the paper's robot_arm_motion |
     | `reward` | {} | weights by name; with `change`: -|a_k - a_(k-1)|^2, what actions change by, 0 before the first |
     | `randomization` | {} | `payload`, `EI`, `damping`, `torque_constant` (or an amplifier's gain), `payload_inertia` \
-    (besides `payload`), `hub_inertia` (before no elastic gear), and, where joints have them, `friction`, `backlash`, \
-    `motor_inertia`: (low, high) factors on the nominal value |
+    (besides `payload`), `hub_inertia`, and, where joints have them, `friction`, `backlash`, `motor_inertia`: (low, high) \
+    factors on the nominal value |
     | `observation` | "full" | or "measured", or names of entries in the order wanted, see below |
     | `history` | 1 | the last so many observations in one, the oldest first |
     | `sensors` | {} | `noise`, `delay`, `strain_gauges`, `encoders`, `accelerometer`, `camera`, see below |
@@ -169,16 +171,16 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     of current and torque, which are looked at at each period's start; back-emf acts throughout.
 
     Sensors: `noise` is a standard deviation, one share of the scale for all entries, or a dict by entry (the names
-    above), each in its unit; `delay` a whole number of control periods, s;
+    above), each in its unit; `delay` a whole number of control periods, s, or (low, high): drawn for each episode;
     `strain_gauges` places along the link from 0 (root) to 1 (tip), or tables. `encoders` is a table (`counts`, `side`,
     `rate_frequency`; {}: ideal), which then says `hub_sin`, `hub_cos` and `hub_rate`; `accelerometer` and `camera`
     (`period`) tables that add their entries before the gauges'. Each may have `gain`, `bias`, `noise`, `low_pass`
     (`frequency`, `order`, `damping`), `quantum` and `delay`: docs/tutorials/sensors.md, `flexarm_env.sensors`. Those of
     the arm itself hold where `observation` is not "full" and nothing else is said. A `gyroscope` is one of space.
 
-    Actuator: `lag` is the time constant of the motor, s; `delay` a whole number of solver's steps, s; `jitter` the most
-    that is added to it, s, drawn for each period in whole steps; `saturation` a share of the torque limit; `viscous` (N
-    m s/rad) and `coulomb` (N m) friction is added to what the arm's joints have (`Joint.friction_viscous`,
+    Actuator: `lag` is the time constant of the motor, s; `delay` a whole number of solver's steps, s, or
+    (low, high): drawn for each episode; `jitter` the most that is added to it, s, drawn for each period in whole steps;
+    `saturation` a share of the torque limit; `viscous` (N m s/rad) and `coulomb` (N m) friction is added to what the arm's joints have (`Joint.friction_viscous`,
     `friction_coulomb`): it sticks, and sets no limit to `dt`; its loss is part of `energy_dissipated`. What is left at
     its default costs nothing.
 

@@ -15,11 +15,11 @@ import numpy as np
 
 from .. import arms
 from .. import validation as check
-from ..batch import CLIP, Batch, Extras, Starts
+from ..batch import CLIP, FURTHER, Batch, Extras, Starts
 from ..parameters import Arm
 from ..physics import precision
 from ..physics.gauges import Spot
-from ..sensors import Sensors
+from ..sensors import Law, Sensors
 from ..settings import Settings, check_options, default_options, merged
 from ..shapes import Shape
 from . import events
@@ -219,7 +219,8 @@ def plan(
         modes = swing(own, settings) if kind.space else shake(own, settings, frame.gravity)
         begun = dataclasses.replace(begun, shake=modes)
     drawn = {name: k for k, name in enumerate((*FACTORS, *MORE, *OTHERS)) if name in (randomization or {})}
-    aims = events.aims(frame, extras, success, turns, absolute, bool(drawn))
+    drawn |= _told(extras, carried.readings(own, kind.space))
+    aims = events.aims(frame, extras, success, turns, absolute, max(drawn.values(), default=-1))
     built = kind.build(own, weights, period, aims)
     return Plan(
         kind=kind, task=word, arm=own, settings=settings, period=period, duration=length, limit=limit,
@@ -234,6 +235,18 @@ def plan(
         ),
         action_mode=action_mode, keep_out=events.shapes_of(kind.space, keep_out),
     )  # fmt: skip
+
+
+def _told(extras: Extras, readings: Mapping[str, tuple[str, Law]]) -> dict[str, int]:
+    """Where delays and gains that are drawn stand behind the factors, by name. readings: `Sensors.readings`."""
+    first, found, late = FURTHER.told - FURTHER.drawn, {}, extras.sensors
+    if extras.actuator is not None and extras.actuator.jitter is not None:
+        found["command_delay"] = first
+    if late is not None and late.drawn is not None:
+        found["observation_delay"] = first + 1
+    channels = [(name, law) for name, (place, law) in readings.items() if "encoders" not in place or "_angle" in name]
+    gains = {f"{name}_gain": k for k, (name, law) in enumerate(channels, first + 2) if law.gains[0] < law.gains[1]}
+    return found | gains
 
 
 def _replayed(kind: Kind, n_links: int, motion: Any) -> Prescribed:

@@ -293,6 +293,7 @@ class Jointed(NamedTuple):
     play   (0,) where a gear has backlash, otherwise None
     spin   in space, where there are rotors, of each of these joints one over its gear's ratio; otherwise None
     own    where the laws are each arm's own and not those of `data`: zeros, as many as `par` has before them; or None
+    hub    (0,) where these have a hub behind the gear of the first of the joints, otherwise None
     """
 
     n: int | tuple[int, ...]
@@ -311,6 +312,7 @@ class Jointed(NamedTuple):
     play: tuple[int, ...] | None
     spin: np.ndarray | None
     own: tuple[int, ...] | None
+    hub: tuple[int, ...] | None = None
 
 
 Honours = dict[type, tuple[str, ...]]

@@ -33,11 +33,11 @@ from ..physics.integrator.tangents import prepare
 from ..physics.integrator.work import copy_rows, moved_by, rows_of_shift, unpack
 from ..physics.layout import POSE
 from ..physics.protocol import difference, light, rotates, tangent_map, task_poses, vjp_poses
-from ..tasks.program import PERIODS, record_at, saved_at, sections
+from ..tasks.program import PERIODS, saved_at, sections
 from ..tasks.task import info_of, judge, observe
 from .derivative import fill
 from .keeping import keep, read_parts, write_parts
-from .motors import ask, command, jump, record_commands, starting, turn_motors
+from .motors import ask, command, jump, motors_at, record_commands, starting, turn_motors
 
 
 class Asked(NamedTuple):
@@ -200,16 +200,10 @@ def _of_jump(w):
 
 # --- motors -----------------------------------------------------------------------------------------
 @kernel
-def _torques_at(task, actuator):
-    """Where the motors' torques are in the record."""
-    return record_at(0, size(task.links), size(task.acted), 1, actuator.rows, 0, 0).torque
-
-
-@kernel
 def _turn(lane, model, task, actuator, s, record, w, tape):
     """The motors' torques in step s; what they were before is kept last in the tape's numbers of that step."""
     if actuator is not None:
-        torques = record[_torques_at(task, actuator) * len(lane) :]
+        torques = record[motors_at(task, actuator).torque * len(lane) :]
         copy_rows(lane, size(task.links), torques, tape[_last(model, task) * len(lane) :])
         turn_motors(lane, task, actuator, s, record, w)
 
@@ -218,7 +212,7 @@ def _turn(lane, model, task, actuator, s, record, w, tape):
 def _vjp_turn(lane, model, task, actuator, s, record, record_bar, w, bar, tape):
     """`turn_motors`, backwards."""
     if actuator is not None:
-        torques = record[_torques_at(task, actuator) * len(lane) :]
+        torques = record[motors_at(task, actuator).torque * len(lane) :]
         copy_rows(lane, size(task.links), tape[_last(model, task) * len(lane) :], torques)
         _vjp_motors(lane, task, actuator, s, record, w, record_bar, bar)
 

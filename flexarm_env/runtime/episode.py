@@ -41,7 +41,7 @@ from .events import apply_events, record_events
 from .fitted import move, record_step_error
 from .keep_out import record_clearance
 from .keeping import keep, put_back
-from .motors import draw_lateness
+from .motors import draw_lateness, record_delay
 from .sensors import read_gauges, record_motor_angles, write_observation
 
 OUTCOME = (0, 0)
@@ -141,6 +141,7 @@ def record_period(lane, p, par, record, scratch, w, live, info):
     record_events(lane, p, par, record, w, live, info)
     record_step_error(lane, p, scratch, live, info)
     record_torques(lane, p, par, record, w, live, info)
+    record_delay(lane, p, record, live, info)
     put_info(lane, live, info, at.error, splat(lane, p.estimate))
     put_info(lane, live, info, at.reason, splat(lane, 0.0))
     inside = select_lt(out_of_range(lane, p.model, par, w.q), 0.5, splat(lane, 1.0), splat(lane, 0.0))
@@ -157,7 +158,7 @@ def record_torques(lane, p, par, record, w, live, info):
     for k in range(n):
         torque = load(lane, w.u, k)
         if p.actuator is not None:
-            torque = load(lane, record, record_at(0, n, size(p.task.acted), 1, 0, 0, 0).torque + k)
+            torque = load(lane, record, record_at(0, n, size(p.task.acted), 1, 0, 0, 0, 0).torque + k)
         if p.amplifier is not None:
             torque = torque - load(lane, w.y, k) * p.amplifier.emf[k]
         put_info(lane, live, info, at + k, torque)

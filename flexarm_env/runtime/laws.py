@@ -110,7 +110,7 @@ def read(lane, laws, room, c, memory, base, stream, arm, value, first):
     if room > 0:
         place(lane, memory, at.past, i, pick(lane, memory, at.output, i))
     if since > laws[o + _LAW.every] - 0.5:
-        here = here * memory[at.gain * len(lane) + i] + memory[at.bias * len(lane) + i]
+        here = here * pick(lane, memory, at.gain, i) + pick(lane, memory, at.bias, i)
         noise, quantum = laws[o + _LAW.noise], laws[o + _LAW.quantum]
         if stream is not None and noise > 0.0:
             here = here + noise * normal(stream, arm)

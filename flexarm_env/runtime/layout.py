@@ -14,11 +14,12 @@ from ..physics.model import OWN, OWN_IN_SPACE
 from ..tasks.program import CHANNEL, INFO, LAW, RECORD, SAVED, SCRATCH, Block
 
 
-def record_sizes(task: Any, entries: int, extras: Any) -> tuple[int, int, int, int, int, int]:
-    """Sizes of a `RECORD`: joints, actions, rows of motors and of commands, of past observations, of sensors."""
+def record_sizes(task: Any, entries: int, extras: Any) -> tuple[int, ...]:
+    """Sizes of a `RECORD`: joints, actions, rows of motors and of commands, delays, past observations, sensors."""
     motors, sensors, instruments = extras.actuator, extras.sensors, extras.instruments
     return (
         len(task.links), len(task.acted), int(motors is not None), 0 if motors is None else motors.rows,
+        sum(part is not None and part.drawn is not None for part in (motors, sensors)),
         0 if sensors is None else entries * sensors.age, 0 if instruments is None else readings_size(instruments),
     )  # fmt: skip
 

@@ -12,8 +12,9 @@ from ..physics.integrator.switching import switch
 from ..physics.integrator.work import copy_rows
 from ..physics.layout import POSE, SPACE_POSE
 from ..physics.protocol import light, ports, task_poses
-from ..tasks.program import GOAL, LATE, PERIODS, TORQUE_FACTOR, record_at, saved_at
-from ..tasks.stream import uniform
+from ..tasks.program import FURTHER, GOAL, LATE, PERIODS, TORQUE_FACTOR, record_at, saved_at
+from ..tasks.stream import draw_whole, uniform
+from ..tasks.task import info_of, put_info
 from .events import set_pushes
 
 _ANGLE, _RATE = 0, POSE.rate - POSE.angle
@@ -147,10 +148,15 @@ def _run_motors(lane, p, model, parts, actuator, par, record, saved, block, w):
 
 
 @kernel
+def motors_at(task, actuator):
+    """Where in the record the motors' fields are."""
+    return record_at(0, size(task.links), size(task.acted), 1, actuator.rows, 0, 0, 0)
+
+
+@kernel
 def record_commands(lane, task, actuator, record, w):
     """Remember what the motors are asked for, w.u."""
-    n = size(task.links)
-    at = record_at(0, n, size(task.acted), 1, actuator.rows, 0, 0)
+    n, at = size(task.links), motors_at(task, actuator)
     for k in range(n):
         _shift_in(lane, record, at.commands + k, n, actuator.rows - 1, load(lane, w.u, k))
 
@@ -158,21 +164,46 @@ def record_commands(lane, task, actuator, record, w):
 @kernel
 def turn_motors(lane, task, actuator, s, record, w):
     """w.u <- the motors' torques in step s of a period."""
-    n = size(task.links)
-    at = record_at(0, n, size(task.acted), 1, actuator.rows, 0, 0)
+    n, at = size(task.links), motors_at(task, actuator)
     age = actuator.age + 1 if s < actuator.late else actuator.age
     for k in range(n):
         asked = load(lane, record, at.commands + age * n + k)
         if actuator.jitter is not None:
             _, period, oldest = actuator.jitter
+            late = _lateness(lane, task, actuator, record)
             for older in range(age + 1, oldest + 1):
                 due = s + (older - 1 - actuator.age) * period - actuator.late
                 before = load(lane, record, at.commands + older * n + k)
-                asked = select_lt(splat(lane, due + 0.5), load(lane, record, LATE), before, asked)
+                asked = select_lt(splat(lane, due + 0.5), late, before, asked)
         torque = load(lane, record, at.torque + k)
         torque = clip(torque + (asked - torque) * actuator.share, actuator.limits[k])
         store(record, at.torque + k, torque)
         store(w.u, k, torque)
+
+
+@kernel
+def _lateness(lane, task, actuator, record):
+    """Steps by which this period's commands come later than they always do."""
+    late = load(lane, record, LATE)
+    if actuator.drawn is not None:
+        late = late + load(lane, record, motors_at(task, actuator).delays)
+    return late
+
+
+@kernel
+def draw_delay(actuator, task, stream, arm, record, lanes):
+    """By how many steps the commands of arm's episode come late, where that is drawn."""
+    if actuator is not None and actuator.drawn is not None:
+        record[motors_at(task, actuator).delays * lanes + arm % lanes] = draw_whole(stream, arm, actuator.drawn)
+
+
+@kernel
+def record_delay(lane, p, record, live, info):
+    """How late the period's commands came into info, where that is drawn."""
+    actuator = p.actuator
+    if actuator is not None and actuator.jitter is not None:
+        late = _lateness(lane, p.task, actuator, record) + float(actuator.age * p.n_steps + actuator.late)
+        put_info(lane, live, info, info_of(p.task).further + FURTHER.told, late * p.h)
 
 
 @kernel

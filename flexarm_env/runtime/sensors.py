@@ -11,7 +11,9 @@ from ..physics.arithmetic import arctangent, clip
 from ..physics.layout import POSE, SPACE_POSE
 from ..physics.protocol import gauge, ports
 from ..physics.space.rotations import matrix, quaternion, times, turned
-from ..tasks.program import CLIP, GOAL, TARGET, channel_at
+from ..tasks.program import CLIP, FURTHER, GOAL, TARGET, channel_at
+from ..tasks.stream import draw_whole
+from ..tasks.task import info_of
 from .inertial import specific_force
 from .laws import LAW_SIZE, channel_of, normal, read, read_encoder, tip_acceleration
 
@@ -278,13 +280,39 @@ def _select(lanes, p, arm, record, seen, first):
 
 
 @kernel
+def _past_at(lanes, p, record):
+    """Where past observations are, `RECORD.seen`; before them how late they come, where that is drawn."""
+    return record.shape[0] // lanes - readings_size(p.instruments) - p.entries * p.sensors.age
+
+
+@kernel
+def draw_age(p, arm, record, lanes):
+    """By how many periods the observations of arm's episode come late, where that is drawn."""
+    if p.sensors is not None and p.sensors.drawn is not None:
+        record[(_past_at(lanes, p, record) - 1) * lanes + arm % lanes] = draw_whole(p.stream, arm, p.sensors.drawn)
+
+
+@kernel
+def record_drawn(lanes, p, i, record, info):
+    """What of the sensors is drawn for the episode of the arm in lane i into info: how late they are, and gains."""
+    first, instruments = info_of(p.task).further + FURTHER.told, p.instruments
+    if p.sensors is not None and p.sensors.drawn is not None:
+        info[(first + 1) * lanes + i] = record[(_past_at(lanes, p, record) - 1) * lanes + i] * p.period
+    if instruments is not None:
+        base = record.shape[0] // lanes - readings_size(instruments)
+        for c in range(size(p.task.further) - FURTHER.told - 2):
+            info[(first + 2 + c) * lanes + i] = record[channel_of(base, instruments.room, c).gain * lanes + i]
+
+
+@kernel
 def _entry(lanes, p, arm, k, record, seen, first):
     """Entry k of the observation with its noise, as it arrives."""
     value, sensors = seen[k * lanes + arm % lanes], p.sensors
     if sensors is not None:
         if sensors.noise[k] > 0.0:
             value = min(CLIP, max(-CLIP, value + sensors.noise[k] * normal(p.stream, arm)))
-        past = record.shape[0] // lanes - readings_size(p.instruments) - p.entries * sensors.age  # `RECORD.seen`
+        past = _past_at(lanes, p, record)
+        arrived = value
         for j in range(sensors.age):
             at = (past + j * p.entries + k) * lanes + arm % lanes
             if first:
@@ -292,4 +320,9 @@ def _entry(lanes, p, arm, k, record, seen, first):
             older = record[at]
             record[at] = value
             value = older
+            if sensors.drawn is not None:  # of which that many periods are the episode's
+                if j < record[(past - 1) * lanes + arm % lanes]:
+                    arrived = value
+        if sensors.drawn is not None:
+            value = arrived
     return np.float32(value)

@@ -33,8 +33,8 @@ from ..tasks.track import start_path
 from .episode import OUTCOME, copy_info, finish_arm, observe_material, observe_state, record_energies, reward
 from .events import draw_events
 from .keep_out import record_clearance
-from .motors import draw_lateness
-from .sensors import write_observation
+from .motors import draw_delay, draw_lateness, record_delay
+from .sensors import draw_age, record_drawn, write_observation
 
 _MODES = 3
 """Of an initial vibration in space: bending along y, along z, torsion."""
@@ -90,7 +90,12 @@ def _start(lane, p, arm, mode, block, w):
     task_poses(lane, p.model, par, w.q, w.v, poses)
     observe_material(lane, p, par, record, w, seen)
     live = _only(lane, i)
+    for k in range(info_of(task).further * lanes + i, info.shape[0], lanes):
+        info[k] = 0.0
     _start_info(lanes, p, arm, record, info)
+    draw_delay(p.actuator, task, p.stream, arm, record, lanes)
+    draw_age(p, arm, record, lanes)
+    record_delay(lane, p, record, live, info)
     draw_events(lanes, p, arm, par, record, info)
     record_clearance(lane, p, arm // lanes, w.q, live, info)
     if size(task.further) > 0:
@@ -155,7 +160,10 @@ def _draw_more(p, lanes, i, arm, factors, par):
             laws[(k + LAWS.coulomb) * lanes + i] = p.model.data[k + LAWS.coulomb] * friction
             laws[(k + LAWS.play) * lanes + i] = p.model.data[k + LAWS.play] * play
             laws[(k + LAWS.rotor) * lanes + i] = p.model.data[k + LAWS.rotor] * rotor
-        laws[LAWS.rotor * lanes + i] = laws[LAWS.rotor * lanes + i] + p.ranges.hub * (factors[4] - 1.0)
+        at = LAWS.rotor * lanes + i
+        if p.model.hub is not None:
+            at = LAWS.hub * lanes + i
+        laws[at] = laws[at] + p.ranges.hub * (factors[4] - 1.0)
 
 
 @kernel
@@ -236,9 +244,10 @@ def _swing(lane, p, i, live, own, par, angles, w):
 
 @kernel
 def _start_info(lanes, p, arm, record, info):
-    """The info of an arm before anything has happened: zeros; the joint angles that reach its target."""
+    """The info of an arm before anything has happened: zeros, but for what is drawn; the joint angles that reach its
+    target."""
     task, i, at = p.task, arm % lanes, info_of(p.task)
-    for k in range(i, info.shape[0], lanes):
+    for k in range(i, at.further * lanes, lanes):
         info[k] = 0.0
     info[at.in_range * lanes + i], info[at.error * lanes + i] = 1.0, p.estimate
     mine = stack(_ONE, task.links + _RECORD)
@@ -262,6 +271,7 @@ def _first_observation(lane, p, arm, live, record, action, poses, seen, info):
         info[k * lanes + i] = 0.0
     write_observation(lane, p, arm, poses, record, seen, True)
     draw_lateness(p.actuator, p.stream, arm, record, lanes)
+    record_drawn(lanes, p, i, record, info)
     p.reward[arm], p.terminated[arm], p.truncated[arm] = 0.0, np.uint8(0), np.uint8(0)
 
 

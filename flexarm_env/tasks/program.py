@@ -69,7 +69,7 @@ PUSH = Layout(
 """A push at the tip."""
 
 RECORD = Layout(
-    "Record", "joints, acted, motors, commands, memory, readings",
+    "Record", "joints, acted, motors, commands, delays, memory, readings",
     Field("periods", (), "", "control periods done"),
     Field("periods_allowed", (), "", "control periods until the episode is cut off"),
     Field("mode", (), "", "RUNNING, OVER, FRESH or GUIDED"),
@@ -87,6 +87,7 @@ RECORD = Layout(
     Field("acted", ("acted",), "", "the last action, where its change is priced"),
     Field("torque", ("motors", "joints"), "N m", "of motors that are not ideal (1 row, or none)"),
     Field("commands", ("commands", "joints"), "N m", "asked of them, the newest first"),
+    Field("delays", ("delays",), "", "drawn for the episode: steps of commands, then periods of observations"),
     Field("seen", ("memory",), "", "past observations, the newest first, where they come late"),
     Field("readings", ("readings",), "", "a `CHANNEL` for each quantity that sensors read by a law"),
 )  # fmt: skip
@@ -158,7 +159,7 @@ INFO = Layout(
 """What the caller is told of an arm."""
 
 _FURTHER = Layout(
-    "Further", "",
+    "Further", "told",
     Field("cost", (), "", "of the period"),
     Field("episode_cost", (), "", "of the episode so far"),
     Field("payload", (), "kg", "mass of the payload"),
@@ -167,16 +168,17 @@ _FURTHER = Layout(
     Field("drawn", (11,), "", "factors on the nominal values, as in a `START`"),
     Field("clearance", (), "m", "from the shapes that it keeps out of; negative within one"),
     Field("penetration", (), "m", "how deep it is in one, or 0"),
+    Field("told", ("told",), "s, s, 1", "delays of commands and observations, channels' gains, where any is drawn"),
 )  # fmt: skip
 """What the caller is told where there is a cost, a payload that changes, a push, fitted steps or drawn factors."""
 
-FURTHER = _FURTHER.places
-"""Where these are; FURTHER.end: how many."""
+FURTHER = _FURTHER.offsets(0, 0)
+"""Where these are; FURTHER.end: how many, where nothing is told."""
 
 (
     PERIODS, PERIODS_ALLOWED, MODE, HOLD, TARGET, TARGET_RATE, TORQUE_FACTOR, LEVEL, LATE, COST, CHANGE, PUSHED,
     PATH_AT, GOAL, *_,
-) = RECORD.offsets(0, 0, 0, 0, 0, 0, 0)  # fmt: skip
+) = RECORD.offsets(0, 0, 0, 0, 0, 0, 0, 0)  # fmt: skip
 """Where the fields of a record are that no size moves."""
 
 SUCCESS, TIP, DEFLECTION, *_ = INFO.offsets(0, 0, 0, 0, 0)
@@ -302,6 +304,7 @@ class Actuator(NamedTuple):
     limits: np.ndarray  # (N,) N m, saturation
     rows: int  # commands that are remembered, those of this period with them
     jitter: tuple[float, float, int] | None = None  # most steps more; of a period; greatest age, in periods
+    drawn: tuple[float, float] | None = None  # least and most steps of a delay that is drawn; age and late are 0
 
 
 class Sensors(NamedTuple):
@@ -310,6 +313,7 @@ class Sensors(NamedTuple):
     noise: np.ndarray  # (S,) standard deviation of each entry, in its scale
     age: int  # control periods by which observations come late
     gauges: np.ndarray  # (G, n): rows of `physics.gauges.curvature_rows`, over the scale
+    drawn: tuple[float, float] | None = None  # least and most periods, age, where that is drawn for an episode
 
 
 class Instruments(NamedTuple):

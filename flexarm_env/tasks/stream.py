@@ -1,5 +1,7 @@
 """The arms' streams of random numbers."""
 
+import math
+
 import numpy as np
 
 from ..compiler import kernel
@@ -20,3 +22,9 @@ def uniform(stream, arm):
 def draw(stream, arm, ranges, k):
     """The next number of an arm's stream, within range k, (low, high), of `ranges`."""
     return ranges[2 * k] + (ranges[2 * k + 1] - ranges[2 * k]) * uniform(stream, arm)
+
+
+@kernel
+def draw_whole(stream, arm, limits):
+    """The next number of an arm's stream, a whole one from limits[0] to limits[1]."""
+    return limits[0] + math.floor(uniform(stream, arm) * (limits[1] - limits[0] + 1.0))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexarm_env import validation as check
-from flexarm_env.physics.joints.layout import GEAR, LAW, PLACES
+from flexarm_env.physics.joints.layout import GEAR, LAW, LAWS, PLACE, PLACES
 from flexarm_env.physics.model import Jointed, System
 from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
@@ -68,9 +68,16 @@ def jointed(scene: Scene, settings: Settings, system: System) -> System:
     )
 
 
-def with_own_laws(system: System) -> System:
-    """A system whose arms have joints' laws of their own, behind their other parameters."""
+NOTHING = 1e-12
+"""Of a hub: what stands for it where each arm has its own."""
+
+
+def with_own_laws(system: System, hub: float) -> System:
+    """A system whose arms have joints' laws of their own, behind their other parameters; hub: that is drawn, kg m^2."""
     model = system.model._replace(own=(0,) * len(system.par))
+    if hub > 0.0 and model.table[PLACE.motor] >= 0:
+        model = model._replace(data=model.data.copy(), hub=(0,))
+        model.data[LAWS.hub] = NOTHING * hub
     return dataclasses.replace(system, model=model, par=np.concatenate([system.par, model.data]))
 
 
@@ -92,7 +99,7 @@ def _law(scene: Scene, k: int, row: int, motor: int) -> tuple[list[int], NDArray
     assert len(place) == PLACES
     return place, LAW.pack(
         {}, stiffness=joint.stiffness if motor >= 0 else 0.0, damping=joint.damping, rotor=joint.rotor,
-        viscous=joint.friction_viscous, coulomb=joint.friction_coulomb, play=0.5 * joint.backlash,
+        viscous=joint.friction_viscous, coulomb=joint.friction_coulomb, play=0.5 * joint.backlash, hub=0.0,
     )  # fmt: skip
 
 

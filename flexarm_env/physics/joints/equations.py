@@ -21,7 +21,7 @@ from .. import protocol
 from ..arithmetic import add, clip, put
 from ..model import Jointed
 from ..protocol import FORMULATIONS, register
-from .friction import count, direction, gear_at, law, note_columns
+from .friction import count, direction, gear_at, hub_of, law, note_columns
 from .layout import GEAR, PLACE, PLACES
 
 
@@ -109,6 +109,11 @@ def assemble(lane, model, par, state, u, weights, r, S):
         if weights.mass != 0.0:
             store(S, gear_at(model, i) + GEAR.pinned, splat(lane, 0.0))
             store(S, gear_at(model, i) + GEAR.held, splat(lane, 0.0))
+    if model.hub is not None:
+        row, hub = model.table[PLACE.row], hub_of(lane, model, par)
+        add(lane, r, row, load(lane, state.a, row) * hub)
+        if weights.mass != 0.0:
+            add(lane, S, gear_at(model, 0) + GEAR.own, hub * weights.mass)
 
 
 @kernel
@@ -246,6 +251,8 @@ def inertia(lane, model, par, a, r):
             store(r, motor, load(lane, a, motor) * rotor)
         else:
             store(r, row, load(lane, r, row) + load(lane, a, row) * rotor)
+    if model.hub is not None:
+        add(lane, r, model.table[PLACE.row], load(lane, a, model.table[PLACE.row]) * hub_of(lane, model, par))
 
 
 @kernel
@@ -322,6 +329,9 @@ def energy(lane, model, par, q, v):
             strain = strain + wound * wound * (one.stiffness * 0.5)
         rate = load(lane, v, turns)
         kinetic = kinetic + rate * rate * (one.rotor * 0.5)
+    if model.hub is not None:
+        rate = load(lane, v, model.table[PLACE.row])
+        kinetic = kinetic + rate * rate * (hub_of(lane, model, par) * 0.5)
     return kinetic, strain, gravity
 
 
@@ -350,6 +360,9 @@ def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
 
 @kernel
 def _vjp_laws(lane, model, par, state, bar, u_bar, r_bar):
+    if model.hub is not None:
+        row = model.table[PLACE.row]
+        add(lane, bar.a, row, load(lane, r_bar, row) * hub_of(lane, model, par))
     for i in range(count(model)):
         at, one = PLACES * i, law(lane, model, par, i)
         row, motor, own = model.table[at + PLACE.row], model.table[at + PLACE.motor], model.table[at + PLACE.friction]

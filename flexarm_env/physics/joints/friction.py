@@ -28,7 +28,7 @@ and where it turns, rad/s: a rate below that is round-off."""
 
 
 class Law(NamedTuple):
-    """A `layout.LAW`: numbers, or lanes of them where they are each arm's own."""
+    """A `layout.LAW` but for the hub: numbers, or lanes of them where they are each arm's own."""
 
     stiffness: Any
     damping: Any
@@ -64,6 +64,12 @@ def law(lane, model, par, i):
         _number(lane, model, par, o + LAWS.coulomb),
         _number(lane, model, par, o + LAWS.play),
     )
+
+
+@kernel
+def hub_of(lane, model, par):
+    """The hub of law 0, where a model has one."""
+    return _number(lane, model, par, LAWS.hub)
 
 
 @kernel

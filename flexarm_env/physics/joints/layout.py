@@ -22,6 +22,7 @@ LAW = Layout(
     Field("viscous", (), "N m s/rad", "friction"),
     Field("coulomb", (), "N m", "friction"),
     Field("play", (), "rad", "half of the gear's backlash"),
+    Field("hub", (), "kg m^2", "behind the gear beside what the arm has, where that is each arm's own"),
 )  # fmt: skip
 LAWS = LAW.places
 
