@@ -511,7 +511,7 @@ def test_factors_of_joints_are_drawn_anew_and_only_where_they_are_asked_for() ->
     env.reset(seed=1)
     again = np.array([batch.parameters(i)[4:] for i in range(3)])
     for drawn in (first, again):
-        _, _, rotor, _, coulomb, _ = (drawn / [1.0, 1.0, joint.rotor, 1.0, joint.friction_coulomb, 1.0]).T
+        rotor, coulomb = drawn[:, LAWS.rotor] / joint.rotor, drawn[:, LAWS.coulomb] / joint.friction_coulomb
         assert ((rotor > 0.8) & (rotor < 1.2) & (coulomb > 0.5) & (coulomb < 2.0)).all() and len(set(coulomb)) == 3
     assert (first != again).any(axis=1).all()
     plain = gym.make(ONE, arm="strip_geared", randomization={"EI": (0.5, 1.5)}).unwrapped

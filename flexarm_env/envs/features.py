@@ -195,7 +195,8 @@ def sensors(
         return None
     own = np.array(gauge_scales(frame, gauges))
     seen = over(rows, own, frame.kind.space).ravel() if places else np.zeros(0)
-    return Sensors(noise, age, seen, (float(least), float(age)) if least < age else None)
+    drawn = (float(least), float(age)) if least < age else None
+    return Sensors(noise=noise, age=age, gauges=seen, drawn=drawn)
 
 
 _STIFFNESS = {"xz": "EI_y", "torsion": "GJ"}
