@@ -132,8 +132,8 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     | `motion` | None | for "replay", as in the options of reset; None: the paper's robot_arm_motion |
     | `reward` | {} | weights by name; with `change`: -|a_k - a_(k-1)|^2, what actions change by, 0 before the first |
     | `randomization` | {} | `payload`, `EI`, `damping`, `torque_constant` (or an amplifier's gain), `payload_inertia` \
-    (besides `payload`), `hub_inertia`, and, where joints have them, `friction`, `backlash`, `motor_inertia`: (low, high) \
-    factors on the nominal value |
+    (besides `payload`), `hub_inertia`, and, where joints have them, `friction`, `backlash`, `motor_inertia`: \
+    (low, high) factors on the nominal value |
     | `observation` | "full" | or "measured", or names of entries in the order wanted, see below |
     | `history` | 1 | the last so many observations in one, the oldest first |
     | `sensors` | {} | `noise`, `delay`, `strain_gauges`, `encoders`, `accelerometer`, `camera`, see below |
@@ -178,11 +178,11 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     (`frequency`, `order`, `damping`), `quantum` and `delay`: docs/tutorials/sensors.md, `flexarm_env.sensors`. Those of
     the arm itself hold where `observation` is not "full" and nothing else is said. A `gyroscope` is one of space.
 
-    Actuator: `lag` is the time constant of the motor, s; `delay` a whole number of solver's steps, s, or
-    (low, high): drawn for each episode; `jitter` the most that is added to it, s, drawn for each period in whole steps;
-    `saturation` a share of the torque limit; `viscous` (N m s/rad) and `coulomb` (N m) friction is added to what the arm's joints have (`Joint.friction_viscous`,
-    `friction_coulomb`): it sticks, and sets no limit to `dt`; its loss is part of `energy_dissipated`. What is left at
-    its default costs nothing.
+    Actuator: `lag` is the time constant of the motor, s; `delay` a whole number of solver's steps, s, or (low, high):
+    drawn for each episode; `jitter` the most that is added to it, s, drawn for each period in whole steps; `saturation`
+    a share of the torque limit; `viscous` (N m s/rad) and `coulomb` (N m) friction is added to what the arm's joints
+    have (`Joint.friction_viscous`, `friction_coulomb`): it sticks, and sets no limit to `dt`; its loss is part of
+    `energy_dissipated`. What is left at its default costs nothing.
 
     Targets that move: `reference={"path": "swing", "width": (low, high), "period": (low, high)}` draws swings to and
     fro (rad, s), `{"path": "line", "behind": ..., "rate": ...}` targets that come from behind (rad) and run on at a
