@@ -269,6 +269,24 @@ def test_it_slews_and_hands_over_to_its_regulator():
     assert errors[60:].max() < 0.035 and errors[-1].max() < 0.01 and regulated.all()
 
 
+def test_arms_that_the_model_loses_do_not_hold_the_others_up(monkeypatch):
+    """Two plans are made at once with theirs, and are as without it; one of no arm is given up."""
+    env = gym.make_vec("TwoLinkFlexArm-v0", num_envs=3, vectorization_mode="vector_entry_point")
+    observation, _ = env.reset(seed=3)
+    lost, kept = (control.make("mpc", env) for _ in range(2))
+    for controller in (lost, kept):
+        controller.reset(observation)
+    lost.x[1] = 1e30
+    solved, solve = [], ilqr.solve
+    monkeypatch.setattr(ilqr, "solve", lambda *given, **more: solved.append(len(given[1])) or solve(*given, **more))
+    others = np.array([True, False, True])
+    missed = lost._improve(np.ones(3, np.bool_), 1)
+    assert solved == [3, 2] and missed[1] == np.inf and np.all(lost.plan.controls[:, 1] == 0.0)
+    assert np.array_equal(missed[others], kept._improve(others, 1))
+    assert np.array_equal(lost.plan.controls[:, others], kept.plan.controls[:, others])
+    env.close()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.0, 0.7])
 def test_it_reaches_with_links_less_stiff_than_it_thinks(factor):

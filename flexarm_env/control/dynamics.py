@@ -20,7 +20,7 @@ from ..batch import MODE, RUNNING, Batch, Chain, Reach, Slew, SpaceReach, Starts
 from ..derivatives import Periods
 from ..parameters import Arm
 from ..physics.elastica.chain import chain
-from ..physics.space.reading import read
+from ..physics.space.reading import links, read, shapes
 from ..rigid import rigid_inertia
 from ..settings import Settings
 from .arm_model import arm_model
@@ -384,9 +384,9 @@ class SpatialDynamics(Dynamics):
         """(m, P, 3): points; (m, 3 F): deflections and twists."""
         rows = np.zeros((len(q), 6 + self.half))
         rows[:, 6:] = q
-        found = read(self.arm, self.settings, rows, np.zeros_like(rows))
         if what == "shapes":
-            return np.asarray(found["shapes"][:, 1:])
+            return shapes(list(links(self.arm, self.settings, rows, np.zeros_like(rows))))[:, 1:]
+        found = read(self.arm, self.settings, rows, np.zeros_like(rows))
         bent, twist = found["tip_deflection"][:, self._bending], found["twist"][:, self._bending]
         return np.concatenate([bent[..., 0], bent[..., 1], twist], axis=1)
 

@@ -39,6 +39,17 @@ class System(Protocol):
         """A (T, n, S, S) and B (T, n, S, N): derivatives of all stages at states (T, n, S) and controls (T, n, N)."""
 
 
+class Astray(ValueError):
+    """No control leads along states that are finite.
+
+    Attributes: arms (n,): which arms that is so of.
+    """
+
+    def __init__(self, arms: NDArray[np.bool_]) -> None:
+        super().__init__("controls: the first guess leads to states that are not finite, and so does no control")
+        self.arms = arms
+
+
 class Cost(Protocol):
     """A cost of states, stage by stage."""
 
@@ -76,7 +87,7 @@ class Limits:
     """low <= g(x) <= high by augmented Lagrangian; with low = high an equality.
 
     of: x (..., S) -> g (..., G) and its derivative (..., G, S). low, high: (T + 1, n, G), infinite where there is none.
-    alone: x -> g, where that costs much less.
+    alone: x -> g, where that costs much less: derivatives are then taken of states that are pushed back alone.
     """
 
     of: Any
@@ -89,7 +100,9 @@ class Limits:
 
     def __post_init__(self) -> None:
         self.above, self.below = np.zeros(self.high.shape), np.zeros(self.high.shape)
-        self.alone = self.alone or (lambda x: self.of(x)[0])
+
+    def _values(self, x: Array) -> Array:
+        return np.asarray(self.of(x)[0] if self.alone is None else self.alone(x))
 
     def _active(self, g: Array, k: int | slice) -> tuple[Array, Array]:
         """Forces (..., n, G) that push back, and where they do."""
@@ -100,25 +113,31 @@ class Limits:
 
     def value(self, x: Array, k: int | slice) -> Array:
         """See `Cost`."""
-        over, under = self._active(self.alone(x), k)
+        over, under = self._active(self._values(x), k)
         return np.asarray((over**2 + under**2).sum(-1) / (2.0 * self.penalty))
 
     def slopes(self, x: Array) -> tuple[Array, Array]:
         """See `Cost`."""
-        g, slope = self.of(x)
-        over, under = self._active(g, slice(None))
+        if self.alone is None:
+            g, slope = self.of(x)
+            over, under = self._active(g, slice(None))
+        else:
+            over, under = self._active(self.alone(x), slice(None))
+            pushed = ((over > 0.0) | (under > 0.0)).any(axis=-1)
+            slope = np.zeros((*over.shape, x.shape[-1]))
+            slope[pushed] = self.of(x[pushed])[1]
         gradient = np.einsum("...g,...gs->...s", over - under, slope)
         stiff = self.penalty[:, None] * ((over > 0.0).astype(np.float64) + (under > 0.0))
         return gradient, slope.swapaxes(-1, -2) @ (stiff[..., None] * slope)
 
     def violation(self, x: Array) -> Array:
         """Largest violation (n,) along trajectories (T + 1, n, S)."""
-        g = self.alone(x)
+        g = self._values(x)
         return np.asarray(np.maximum(np.maximum(g - self.high, self.low - g), 0.0).max(axis=(0, 2)))
 
     def update(self, x: Array) -> None:
         """Multipliers for the next round."""
-        self.above, self.below = self._active(self.alone(x), slice(None))
+        self.above, self.below = self._active(self._values(x), slice(None))
 
 
 @dataclass
@@ -173,7 +192,7 @@ def solve(
         iterations: at most. tolerance: of the cost, over itself: when no arm's falls by more, it is done.
         bound: of the controls. still (n, N): those that cost nothing.
     Raises:
-        ValueError: the first guess leads to states that are not finite, and so does no control.
+        Astray: the first guess leads to states that are not finite, and so does no control.
     """
     if isinstance(guess, Solution):
         controls, states = followed(system, x, guess, bound)
@@ -187,7 +206,7 @@ def solve(
             states = rollout(system, x, controls)
             cost = total(costs, effort, states, controls, still)
     if not np.isfinite(cost).all():
-        raise ValueError("controls: the first guess leads to states that are not finite, and so does no control")
+        raise Astray(~np.isfinite(cost))
     damping = np.full(len(x), 0.0)
     gains = np.zeros((*controls.shape, system.size))
     for _ in range(iterations):
@@ -327,4 +346,6 @@ def _forward(
     return found, moved, value
 
 
-__all__ = ["Cost", "Limits", "Quadratic", "Solution", "System", "backward", "followed", "rollout", "solve", "total"]
+__all__ = [
+    "Astray", "Cost", "Limits", "Quadratic", "Solution", "System", "backward", "followed", "rollout", "solve", "total",
+]  # fmt: skip

@@ -194,12 +194,13 @@ class MPC(Controller):
                 grid, self.x[chosen], own, [cost, *limits], self.effort, iterations=iterations,
                 still=self.still[chosen],
             )  # fmt: skip
-        except ValueError:  # no arm of the model moves from where one is taken to be
-            if len(own.cost[chosen]) > 1:
-                ones = np.eye(len(chosen), dtype=np.bool_)[chosen]
-                return np.concatenate([self._improve(one, iterations) for one in ones])
-            self._give_up(chosen)
-            return np.full(own.controls.shape[1], np.inf)
+        except ilqr.Astray as error:  # the model does not move from where these arms are taken to be
+            missed, lost = np.full(len(error.arms), np.inf), chosen.copy()
+            lost[chosen] = error.arms
+            self._give_up(lost)
+            if not error.arms.all():
+                missed[~error.arms] = self._improve(chosen & ~lost, iterations)
+            return missed
         plan.controls[:, chosen], plan.states[:, chosen] = found.controls, found.states
         plan.gains[:, chosen] = found.gains
         at = np.where(there.any(axis=0), np.argmax(there, axis=0), len(there) - 1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -91,18 +91,23 @@ def links(arm: Arm, settings: Settings, q: Array, v: Array) -> Iterator[LinkMoti
         yield LinkMotion(root, sections, at.beyond(tip_lever(link)))
 
 
+def shapes(found: Sequence[LinkMotion]) -> Array:
+    """Places of the root, then of each link's sections and its tip, (n, P, 3) m."""
+    behind = [frame.r for motion in found for frame in (*motion.sections, motion.tip)]
+    return np.stack([found[0].root.r, *behind], axis=1)
+
+
 def read(arm: Arm, settings: Settings, q: Array, v: Array) -> dict[str, Any]:
     """Fields of a `SpatialTrajectory` from states (n, rows)."""
     found = list(links(arm, settings, q, v))
     n, N = len(q), arm.n_links
-    deflection, twist, shapes = np.zeros((n, N, 2)), np.zeros((n, N)), [found[0].root.r]
+    deflection, twist = np.zeros((n, N, 2)), np.zeros((n, N))
     for k, (link, motion) in enumerate(zip(arm.links, found, strict=True)):
         bow = link.place(link.length + link.tip_offset).imag if link.curved else 0.0
         inner = back(motion.root.A, motion.tip.r - motion.root.r)
         if link.span > 0.0 and not link.rigid:
             deflection[:, k] = (inner[:, 1:] - [bow, 0.0]) / link.span
         twist[:, k] = vectors(np.swapaxes(motion.root.A, 1, 2) @ motion.tip.A)[:, 0]
-        shapes += [frame.r for frame in motion.sections] + [motion.tip.r]
     tip, rows = found[-1].tip, _joint_rows(arm, settings)
     motors = _motor_rows(arm, settings)
     return {
@@ -111,7 +116,7 @@ def read(arm: Arm, settings: Settings, q: Array, v: Array) -> dict[str, Any]:
         "hinges": np.stack([m.root.r for m in found[1:]], axis=1) if N > 1 else np.zeros((n, 0, 3)),
         "joint_angles": q[:, rows], "joint_rates": v[:, rows], "motor_angles": q[:, motors],
         "motor_rates": v[:, motors],
-        "tip_deflection": deflection, "twist": twist, "shapes": np.stack(shapes, axis=1),
+        "tip_deflection": deflection, "twist": twist, "shapes": shapes(found),
         "link_rotations": np.stack(
             [np.stack([quaternions(m.root.A), quaternions(m.tip.A)], axis=1) for m in found], axis=1
         ),
