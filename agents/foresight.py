@@ -9,8 +9,9 @@ whole state; it is played in the task itself, sensors and all, where it must giv
 import hashlib
 import re
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,12 @@ NUDGE = 1e-3
 """By how much of the limits a first action is off, where ways of steadying are compared."""
 PATIENCE, ENOUGH = 30, 1e-4
 """A search ends where so many steps have brought no more than this share of the mean return."""
+MEMORY = 12
+"""Moves that a search remembers."""
+GROWTH, STAGE, STRESS = 40, 40, 5.0
+"""Of searches that grow: by how many periods, steps of each, and the weight of an episode's end; see `growing`."""
+LARGE = 1e4
+"""Beyond any return: an episode that ends early lies below."""
 ALIKE = 1e-6
 """Share by which an episode may pay otherwise in the task than in the search."""
 
@@ -94,48 +101,72 @@ def search(
     trained: Sequence[Path] = (),
     *,
     steps: int = 500,
-    memory: int = 12,
     kept: Path | None = None,
     start: tuple[Array, Array] | None = None,
     lifting: bool = False,
+    stages: Sequence[Array] = (),
+    only: Sequence[int] = range(EPISODES),
 ) -> tuple[Array, Array]:
     """Actions (T, n, N) of the episodes and their returns (n,).
 
-    trained: run folders to begin with, beside controllers. steps: of L-BFGS with so long a memory (Liu & Nocedal 1989),
-    each episode for itself: actions at a limit that the slope would push beyond stay there, a step that pays less is
-    halved; fewer where the last ones have brought next to nothing. In space each arm is steadied by that of `trained`
-    which sees all there is and does it best. kept: a file in which actions are kept on the way, and from which a search
-    that was broken off goes on.
-    start: actions and their returns to begin with, in place of all that. lifting: see `Fine`. ValueError where the
-    task's environment has no derivatives, or does not give these returns.
+    trained: run folders to begin with, beside controllers. steps: see `climb`. In space each arm is steadied by that of
+    `trained` which sees all there is and does it best. kept: a file in which actions are kept on the way, and from
+    which a search that was broken off goes on. start: actions and their returns to begin with, in place of all that.
+    lifting: see `Fine`. stages: weights (T,) of the periods' rewards in searches before, of `STAGE` steps each, whose
+    last actions the search begins with, better or not (see `growing`). only: of which episodes, the n of them.
+    ValueError where the task's environment has no derivatives, or does not give these returns.
     """
     from flexarm_env.derivatives import Arms
 
     if start is None:
         start = beginnings(task, trained) if kept is None or not kept.is_file() else read(kept)
-    best, reached = start
-    arms = Arms(task.environment, EPISODES, **seen_whole(task))
-    first, shape = arms.reset(seed=FIRST), best.shape
+    best, reached = np.take(start[0], only, 1), np.take(start[1], only)
+    arms = Arms(task.environment, len(only), **seen_whole(task))
+    seeds = [FIRST + int(k) for k in only]
+    first, shape = arms.reset(seed=seeds), best.shape
     fine = Fine(task, arms.environment.plan, arms.names, lifting)
 
-    moved: Any = InTask(arms) if "pushes" in task.keywords else arms
+    moved: Any = InTask(arms, seeds) if "pushes" in task.keywords else arms
     steady = None
 
-    def value(x: Array) -> tuple[Array, Array, Array]:
+    def value(x: Array, weight: Array | None = None) -> tuple[Array, Array, Array]:
         wanted = x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2)
-        total, slopes, played = returned(moved, first, wanted, fine, steady)
+        total, slopes, played = returned(moved, first, wanted, fine, steady, weight)
         return total, np.nan_to_num(slopes.transpose(1, 0, 2).reshape(arms.n, -1)), played
 
     if task.environment == SPACE and trained:
         steady = steadiest(arms, first, _exact(best), steadiers(task, arms.environment, trained))
     x = _exact(best.transpose(1, 0, 2).reshape(arms.n, -1))
-    found, slope, best = value(x)
-    if fine.shapes:  # whose cost is rounded
-        reached = found
-    elif np.nanmax(np.abs(found - reached) / (1.0 + np.abs(reached))) > ALIKE:
-        raise ValueError(f"{task.id}: the search's episodes are not the task's: {found[:3]} for {reached[:3]}")
+    found = value(x)
+    if not fine.shapes and np.nanmax(np.abs(found[0] - reached) / (1.0 + np.abs(reached))) > ALIKE:
+        raise ValueError(f"{task.id}: the search's episodes are not the task's: {found[0][:3]} for {reached[:3]}")
+    found = np.where(np.isnan(found[0]), reached, found[0]), *found[1:]
+    for weight in stages:
+        x, *_ = climb(partial(value, weight=weight), x, value(x, weight), STAGE)
+        found = value(x)
+    best, reached = climb(value, x, found, steps, kept)[1:]
+    arms.close()
+    return best, reached
+
+
+def climb(
+    value: Callable[[Array], tuple[Array, Array, Array]],
+    x: Array,
+    found: tuple[Array, Array, Array],
+    steps: int,
+    kept: Path | None = None,
+) -> tuple[Array, Array, Array]:
+    """From actions x (n, T N) of n episodes, and what `value` finds there (returns (n,), slopes (n, T N), what is
+    played (T, n, N)), up: x, played and returns at the end.
+
+    steps: of L-BFGS with a memory of `MEMORY` (Liu & Nocedal 1989), each episode for itself: actions at a limit that
+    the slope would push beyond stay there, a step that pays less is halved; fewer where the last ones have brought next
+    to nothing. kept: a file in which actions are kept on the way.
+    """
+    reached, slope, best = found
+    reached = np.where(np.isnan(reached), -LARGE, reached)
     moves: list[tuple[Array, Array]] = []
-    length = np.ones(arms.n)
+    length = np.ones(len(x))
     course = [float(reached.mean())]
     for _ in range(steps):
         if len(course) > PATIENCE and course[-1] - course[-PATIENCE] < ENOUGH * (1.0 + abs(course[-1])):
@@ -147,7 +178,7 @@ def search(
         better = total > reached
         best = np.where(better[None, :, None], played, best)
         took = better[:, None]
-        moves = [*moves[1 - memory :], (np.where(took, tried - x, 0.0), np.where(took, slope - there, 0.0))]
+        moves = [*moves[1 - MEMORY :], (np.where(took, tried - x, 0.0), np.where(took, slope - there, 0.0))]
         x, slope, reached = np.where(took, tried, x), np.where(took, there, slope), np.fmax(reached, total)
         length = np.where(better, np.minimum(1.0, 2.0 * length), 0.5 * length)
         stuck = length < 1e-7
@@ -157,8 +188,15 @@ def search(
         course.append(float(reached.mean()))
         if kept is not None and len(course) % PATIENCE == 0:
             keep(kept, best, reached)
-    arms.close()
-    return best, reached
+    return x, best, reached
+
+
+def growing(periods: int, end: int) -> list[Array]:
+    """Weights (T,) for searches one after another that find a way from its beginning on: the first periods alone,
+    `GROWTH` more each time, and at last all, the `end` last ones, in which success is judged, `STRESS`-fold. What comes
+    later cannot spoil how a way begins, as it does where an arm that is late at first is late to the end."""
+    shares = [np.arange(periods) < count for count in range(2 * GROWTH, periods + GROWTH, GROWTH)]
+    return [*(np.where(share, 1.0, 0.0) for share in shares), np.where(np.arange(periods) < periods - end, 1.0, STRESS)]
 
 
 def steadiers(task: suite.Task, env: Any, trained: Sequence[Path]) -> list[Any]:
@@ -303,15 +341,15 @@ class InTask:
     """Arms to which something comes that is drawn on the way: they move in the task itself, which draws it, and are
     differentiated at the very states that they are in there. `step` and `vjp` are as those of `derivatives.Arms`."""
 
-    def __init__(self, arms: Any) -> None:
-        self.arms, self.n, self.vjp = arms, arms.n, arms.vjp
+    def __init__(self, arms: Any, seeds: Sequence[int]) -> None:
+        self.arms, self.n, self.vjp, self.seeds = arms, arms.n, arms.vjp, seeds
         self.first, self.failed = arms.names.index("periods"), np.zeros(arms.n, bool)
 
     def step(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
         """The next period of the episodes, from the first one on."""
         env = self.arms.environment
         if state[0, self.first] == 0.0:
-            env.reset(seed=FIRST)
+            env.reset(seed=self.seeds)
             self.past = np.zeros(self.n, bool)
         _, reward, terminated, _, _ = env.step(action.astype(np.float32))
         self.past |= terminated
@@ -344,24 +382,26 @@ class Steady:
 
 
 def returned(
-    arms: Any, start: Array, wanted: Array, fine: Fine, steady: Steady | None = None
+    arms: Any, start: Array, wanted: Array, fine: Fine, steady: Steady | None = None, weight: Array | None = None
 ) -> tuple[Array, Array, Array]:
-    """J (n,) of actions (T, n, N), NaN where an episode would have ended; its slope by them; what was played."""
+    """J (n,) of actions (T, n, N), NaN where an episode would have ended; its slope by them; what was played. weight:
+    (T,), of the periods' rewards and costs; what comes after the last one that counts is not looked at."""
+    counts = np.ones(len(wanted)) if weight is None else np.trim_zeros(weight, "b")
     states, taken, total, over = [start], [], np.zeros(arms.n), np.zeros(arms.n, bool)
     actions, seen = wanted.copy(), None if steady is None else arms.observe(start)
-    for k, action in enumerate(wanted):
+    for k, (action, count) in enumerate(zip(wanted, counts, strict=False)):
         if steady is not None:
             actions[k] = _exact(np.clip(action + steady(k, seen), -1.0, 1.0))
         state, seen, reward = arms.step(states[-1], actions[k])
         cost, *slope = fine(seen, state)
         states.append(state)
-        taken.append(slope)
-        total += reward - cost
+        taken.append([count * one for one in slope])
+        total += count * (reward - cost)
         over |= arms.failed | arms.past
     slopes = np.zeros_like(actions)
-    back, one, ahead = np.zeros_like(start), np.ones(arms.n), 0.0
-    for k in reversed(range(len(actions))):
-        by_seen, by_state = taken[k]
+    back, ahead = np.zeros_like(start), 0.0
+    for k in reversed(range(len(counts))):
+        by_seen, by_state, one = *taken[k], np.full(arms.n, counts[k])
         back, slopes[k] = arms.vjp(states[k], actions[k], back - by_state, ahead - by_seen, one)
         if steady is not None:
             slopes[k] *= (np.abs(actions[k]) < 1.0) | (slopes[k] * actions[k] < 0.0)  # at a limit: the way back alone

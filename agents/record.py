@@ -4,7 +4,8 @@
 
 Of each task: controllers that see what it shows and what there is, the policies of all run folders, what foresight has
 found, and the record so far. The search of `agents.foresight` goes on from the best of each episode until `PATIENCE`
-of its steps bring less than `ENOUGH` of the mean return.
+of its steps bring less than `ENOUGH` of the mean return. With --grow a second one finds ways from their beginnings on:
+of the episodes that do not succeed (failed), or of all.
 """
 
 import sys
@@ -21,13 +22,16 @@ import numpy as np
 from agents import foresight
 from agents.suite import ROOT, of_run
 from flexarm_env import control, suite
+from flexarm_env import validation as check
 from flexarm_env.suite import best
+from flexarm_env.suite.frozen import instants
 from flexarm_env.suite.policies import choose
 from flexarm_env.suite.results import chosen_tasks, frozen
 from flexarm_env.suite.score import EPISODES
 from flexarm_env.training.runs import command, read_json, write_whole
 
 HOME = ROOT / "flexarm_env" / "data" / "suite" / "best"
+SEARCH, GROWS = "search from ", ("none", "failed", "all")
 GRID, LOST = 8192.0, 1e-3
 """Actions are rounded to parts of GRID where that costs a value that a search has found no more than LOST."""
 
@@ -41,12 +45,14 @@ class Arguments:
         home: folder of the runs.
         out: folder of the records.
         steps: of the search, at most; 0: none.
+        grow: failed, all or none: the episodes of a search that grows; see `agents.foresight.growing`.
     """
 
     task: str | None = None
     home: Path = Path("runs/suite")
     out: Path = HOME
     steps: int = 500
+    grow: str = "none"
 
 
 class Recorded:
@@ -73,7 +79,7 @@ def candidates(task: suite.Task, home: Path) -> Iterator[tuple[str, Any, bool]]:
         kept = best.record(task)
         yield "", lambda env: best.Actions(kept.actions), False
     for name in control.NAMES:
-        for whole in (False, True):
+        for whole in (False, True) if set(foresight.SENSED) & set(task.keywords) else (False,):
             yield name, lambda env, name=name: choose(name, task).make(env), whole
     for folder in sorted(home.glob(f"*/{task.id}")):
         if finished(folder):
@@ -113,16 +119,25 @@ def made(task: suite.Task, arguments: Arguments) -> str:
     """Write a task's record; a line of it. ValueError where what was played is not what the task gives."""
     kept, judged, by = gathered(task, arguments.home)
     env = suite.make_vec(task.id, EPISODES)
-    values, _ = best.played(task, env, best.Actions(kept))
+    values, successes = best.played(task, env, best.Actions(kept))
     if not (values >= judged).all():
         raise ValueError(f"{task.id}: other values in the task, by {np.abs(values - judged).max()}")
-    if arguments.steps:
-        trained = foresight.beside(task, arguments.home)
-        more, _ = foresight.search(task, trained, steps=arguments.steps, start=(kept.astype(float), values))
-        found, _ = best.played(task, env, best.Actions(more.astype(np.float32)))
+    trained = foresight.beside(task, arguments.home)
+    for stages in ([], foresight.growing(len(kept), instants(task.id)[1] + 2)):
+        only = np.arange(EPISODES)
+        if stages:
+            only = only[{"none": only < 0, "failed": ~successes, "all": only >= 0}[arguments.grow]]
+        if not arguments.steps or not len(only):
+            continue
+        begun = (kept.astype(float), values)
+        more, _ = foresight.search(task, trained, steps=arguments.steps, start=begun, stages=stages, only=only)
+        tried = kept.copy()
+        tried[:, only] = more
+        found, good = best.played(task, env, best.Actions(tried))
         better = found > values
-        kept[:, better], values = more[:, better], np.maximum(values, found)
-        by = [f"search from {name}" if gain else name for name, gain in zip(by, better, strict=True)]
+        kept[:, better], values = tried[:, better], np.maximum(values, found)
+        successes = np.where(better, good, successes)
+        by = [SEARCH + name.removeprefix(SEARCH) if gain else name for name, gain in zip(by, better, strict=True)]
     rounded = (np.round(kept * GRID) / GRID).astype(np.float32)
     found, _ = best.played(task, env, best.Actions(rounded))
     fine = (found >= judged) & (found >= values - LOST)
@@ -138,6 +153,7 @@ def made(task: suite.Task, arguments: Arguments) -> str:
 
 def work(arguments: Arguments) -> int:
     """All that are asked for."""
+    check.choice("--grow", arguments.grow, GROWS)
     for task in map(frozen, chosen_tasks(arguments.task)):
         print(made(task, arguments), flush=True)
     return 0

@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 
-from agents import foresight
+from agents import foresight, record
 from agents import suite as reference
 from flexarm_env import derivatives, suite
 from flexarm_env.suite import results
@@ -102,7 +102,7 @@ class Hills:
     best = np.array([[[0.3], [0.9]], [[-0.5], [1.7]], [[0.2], [0.1]]])
     steep = np.array([100.0, 1.0, 0.01])[:, None, None]
 
-    def returned(self, arms, start, actions, fine, steady=None):
+    def returned(self, arms, start, actions, fine, steady=None, weight=None):
         off = actions - self.best
         return -(self.steep * off**2).sum(axis=(0, 2)), -2.0 * self.steep * off, actions
 
@@ -127,6 +127,35 @@ def test_slopes_of_a_return_on_a_steadied_way(monkeypatch: pytest.MonkeyPatch):
     assert (abs(found - plain) > 0.01 * abs(found)).all()
 
 
+def test_slopes_of_a_return_whose_periods_weigh():
+    """Those of differences; a period that does not count has none, and the last weight is of the reward behind it."""
+    arms, rng = derivatives.Arms("FlexibleArm-v0", 2, tolerance=1e-12), np.random.default_rng(0)
+    start, actions = arms.reset(seed=0), rng.uniform(-0.3, 0.3, (6, 2, 1))
+    weight, way = np.array([1.0, 0.0, 2.0, 5.0, 0.0, 0.0]), rng.normal(size=actions.shape)
+
+    def value(x, weight=weight):
+        return foresight.returned(arms, start, x, lambda seen, state: (0.0, np.zeros_like(seen), 0.0), weight=weight)[
+            :2
+        ]
+
+    total, slopes = value(actions)
+    singly = [value(actions, np.arange(6) == k)[0] for k in range(6)]
+    assert total == pytest.approx(weight @ singly) and value(actions, None)[0] == pytest.approx(np.sum(singly, axis=0))
+    sides = [value(actions + side * way)[0] for side in (1e-4, -1e-4)]
+    assert (slopes * way).sum(axis=(0, 2)) == pytest.approx((sides[0] - sides[1]) / 2e-4, rel=1e-5)
+    assert slopes[:4].all() and not slopes[4:].any()
+
+
+def test_a_search_that_grows_ends_with_all_periods():
+    *first, last = foresight.growing(100, 30)
+    assert [int(one.sum()) for one in first] == [80, 100] and all(set(one) <= {0.0, 1.0} for one in first)
+    assert last.tolist() == 70 * [1.0] + 30 * [foresight.STRESS]
+
+
+def test_what_grows_is_one_of_three(monkeypatch: pytest.MonkeyPatch, capsys):
+    assert "--grow = 'some': must be one of" in told(record.main, ["--grow", "some"], monkeypatch, capsys)
+
+
 def test_the_search_climbs_each_episode_to_its_top_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     hills = Hills()
     hills.reset, hills.close, hills.environment = lambda seed: None, lambda: None, SimpleNamespace(plan=None)
@@ -138,9 +167,9 @@ def test_the_search_climbs_each_episode_to_its_top_and_goes_on(tmp_path: Path, m
     monkeypatch.setattr(
         foresight, "beginnings", lambda task, trained: (began, hills.returned(None, None, began, None)[0])
     )
-    foresight.search(TASKS[0], steps=foresight.PATIENCE, kept=tmp_path / "search.npz")
+    foresight.search(TASKS[0], steps=foresight.PATIENCE, kept=tmp_path / "search.npz", only=(0, 1))
     monkeypatch.setattr(foresight, "beginnings", None)
-    actions, reached = foresight.search(TASKS[0], steps=30, kept=tmp_path / "search.npz")
+    actions, reached = foresight.search(TASKS[0], steps=30, kept=tmp_path / "search.npz", only=(0, 1))
     assert actions == pytest.approx(np.minimum(hills.best, 1.0), abs=1e-3)
     assert reached == pytest.approx(hills.returned(None, None, actions, None)[0])
 
@@ -227,7 +256,7 @@ def test_gradients_pass_through_pushes_that_are_drawn_on_the_way():
     task = suite.task("reach-pushed-v1")
     arms = derivatives.Arms(task.environment, 100, **foresight.seen_whole(task))
     start, rng, count = arms.reset(seed=FIRST), np.random.default_rng(0), 150
-    moved, weights = foresight.InTask(arms), rng.normal(size=arms.moving)
+    moved, weights = foresight.InTask(arms, range(FIRST, FIRST + 100)), rng.normal(size=arms.moving)
     actions = (0.1 * rng.uniform(-1.0, 1.0, (count, 100, 2))).astype(np.float32).astype(float)
 
     def passed(torques: np.ndarray) -> list[np.ndarray]:
