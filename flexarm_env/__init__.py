@@ -18,7 +18,7 @@ __version__ = "0.2.0"
 
 if TYPE_CHECKING:
     from .identification import identify
-    from .parameters import Arm, Elbow, Joint, Link, Motor, Payload, RigidLink, Section, Taper
+    from .parameters import Arm, Base, Elbow, Joint, Link, Motor, Payload, RigidLink, Section, Taper
     from .scene import JointTorque, Motion, PointLoad, Scene
     from .scenes import named
     from .sensors import Accelerometer, Camera, Encoder, Gyroscope, LowPass, Sensors, StrainGauge
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     **dict.fromkeys(
-        ("Arm", "Elbow", "Joint", "Link", "Motor", "Payload", "RigidLink", "Section", "Taper"), "parameters"
+        ("Arm", "Base", "Elbow", "Joint", "Link", "Motor", "Payload", "RigidLink", "Section", "Taper"), "parameters"
     ),
     **dict.fromkeys(("JointTorque", "Motion", "PointLoad", "Scene"), "scene"),
     "named": "scenes",
@@ -45,9 +45,9 @@ _HOME = {
 """Where each public name is defined."""
 
 __all__ = [
-    "Accelerometer", "Arm", "Camera", "Elbow", "Encoder", "Gyroscope", "Joint", "JointTorque", "Link", "LowPass",
-    "Motion", "Motor", "Payload", "PointLoad", "RigidLink", "Scene", "Section", "Sensors", "Settings", "Simulation",
-    "StrainGauge", "Taper", "TimeFunction", "Trajectory", "__version__", "identify", "named", "simulate",
+    "Accelerometer", "Arm", "Base", "Camera", "Elbow", "Encoder", "Gyroscope", "Joint", "JointTorque", "Link",
+    "LowPass", "Motion", "Motor", "Payload", "PointLoad", "RigidLink", "Scene", "Section", "Sensors", "Settings",
+    "Simulation", "StrainGauge", "Taper", "TimeFunction", "Trajectory", "__version__", "identify", "named", "simulate",
 ]  # fmt: skip
 
 

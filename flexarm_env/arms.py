@@ -13,7 +13,7 @@ from typing import Any
 from flexarm_env import sensors
 from flexarm_env import validation as check
 from flexarm_env.files import read_toml
-from flexarm_env.parameters import Arm, Elbow, Joint, Link, Motor, Payload, Points, RigidLink, Section, Taper
+from flexarm_env.parameters import Arm, Base, Elbow, Joint, Link, Motor, Payload, Points, RigidLink, Section, Taper
 from flexarm_env.sections import ACROSS, ENDS
 
 _SECTION = ("EI", "EA", "C", "m", "J")
@@ -95,9 +95,17 @@ def from_table(table: Mapping[str, Any], default_name: str | None = None) -> Arm
         values[key] = tuple(read(f"{key}[{i}]", value=entry) for i, entry in enumerate(entries))
     if "payload" in values:
         values["payload"] = check.made("payload", Payload, values["payload"], prefix="")
+    if "base" in values:
+        values["base"] = base_of("base", values["base"])
     if "sensors" in values:
         values["sensors"] = sensors.from_table(check.table_of("sensors", values["sensors"]))
     return Arm(**values)
+
+
+def base_of(path: str, value: object) -> Base:
+    """A base from its table. Raises ValueError that names the key path, the value and what is allowed."""
+    needed = {"mass": "must be a number, zero or positive (kg)", "inertia": "must be a positive number (kg m^2)"}
+    return check.made(path, Base, value, **needed)
 
 
 def _link(path: str, value: object) -> Link:
@@ -213,6 +221,8 @@ def to_table(arm: Arm, space: bool = True) -> dict[str, Any]:
         table["payload"] = dataclasses.asdict(arm.payload)
         if not any(arm.payload.offset):
             del table["payload"]["offset"]
+    if arm.base is not None:
+        table["base"] = vars(arm.base)
     table["links"] = [_link_table(link, space) for link in arm.links]
     if arm.elbows:
         table["elbows"] = [_elbow_table(elbow) for elbow in arm.elbows]

@@ -78,7 +78,6 @@ Array = NDArray[np.float64]
 LANES_FROM = 3
 """Batches of at least this many arms stand in lanes of eight; the others are advanced one by one."""
 
-
 UNSEEN = holders([np.zeros(1)], 0)
 """Holders of an array that only its list knows."""
 
@@ -252,7 +251,8 @@ class Batch:
 
     def poses(self, i: int) -> Array:
         """Poses (N, 12) of arm i's links as its last period, or its start, left them (see `View`), a copy."""
-        return self._mine(self.layout.poses, self.layout.record, i).reshape(self.arm.n_links, -1).copy()
+        end = self.layout.record - len(self.task.base) * len(self.lane)
+        return self._mine(self.layout.poses, end, i).reshape(self.arm.n_links, -1).copy()
 
     # --- motion ----------------------------------------------------------------------------------
     def parameters(self, i: int) -> Array:

@@ -21,7 +21,8 @@ from flexarm_env.sensors import Sensors
 from flexarm_env.validation import store as _store
 
 __all__ = [
-    "Arm", "Elbow", "Joint", "JointRange", "Link", "Motor", "Payload", "Points", "RigidLink", "Section", "Taper",
+    "Arm", "Base", "Elbow", "Joint", "JointRange", "Link", "Motor", "Payload", "Points", "RigidLink", "Section",
+    "Taper",
 ]  # fmt: skip
 
 JointRange = tuple[float, float]
@@ -214,6 +215,26 @@ class Joint:
 
 
 @dataclass(frozen=True)
+class Base:
+    """What carries an arm where its root floats freely (`Scene`, root="free"): a rigid body whose centre of mass is at
+    the hub. The first joint turns link 0 against it, and its torque's reaction turns it.
+
+    Args:
+        mass: kg, zero or positive. inertia: about its centre, kg m^2, positive.
+    """
+
+    mass: float
+    inertia: float
+
+    def __post_init__(self) -> None:
+        _store(
+            self,
+            mass=check.number("mass", self.mass, "kg", minimum=0.0),
+            inertia=check.number("inertia", self.inertia, "kg m^2", above=0.0),
+        )
+
+
+@dataclass(frozen=True)
 class Arm:
     """A chain of N links with hub, elbows, joints and payload.
 
@@ -236,6 +257,8 @@ class Arm:
             link k's root from link k-1's tip), or None (no limits at all).
         source: where the numbers come from.
         sensors: what `observation="measured"` and `Trajectory.measured` read; None: ideal ones.
+        base: what carries the arm where its root is free, in the plane; None: nothing does. Where the root is held it
+            is, too.
     """
 
     name: str
@@ -252,6 +275,7 @@ class Arm:
     sensors: Sensors | None = None
     hub_axis: Vector = bodies.Z
     hub_mount: Any = None
+    base: Base | None = None
 
     def __post_init__(self) -> None:
         check.text("name", self.name, empty=False)
@@ -273,6 +297,8 @@ class Arm:
             check.instance(f"joints[{i}]", joint, Joint)
         check.instance("payload", self.payload, Payload)
         check.text("source", self.source)
+        if self.base is not None:
+            check.instance("base", self.base, Base)
         if self.sensors is not None:
             check.instance("sensors", self.sensors, Sensors)
             with check.under("sensors"):

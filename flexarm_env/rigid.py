@@ -108,3 +108,21 @@ def rate_scale(arm: Arm, joint: int) -> float:
     limits = arm.torque_limits
     assert limits is not None
     return math.sqrt(limits[joint] * (math.pi / 2) / inertia_beyond(arm, joint))
+
+
+def centre_shift(arm: Arm) -> float:
+    """How far the centre of mass of arm and base is from the hub at most, m; 0 without a base.
+
+    A free arm's hub is so far from a point that stays, and its tip within the arm's length less that.
+    """
+    if arm.base is None:
+        return 0.0
+    along, moment = 0.0, 0.0
+    for k, link in enumerate(arm.links):
+        if k > 0:
+            moment += arm.elbow(k).mass * along
+        moment += link.mass * (along + link.root_offset) + link.moment(1)
+        moment += sum(mass * (along + at) for mass, at, _ in link.ends)
+        along += link.span
+    moment += arm.payload.mass * along
+    return moment / (arm.mass + arm.base.mass)

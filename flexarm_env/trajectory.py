@@ -63,6 +63,9 @@ def placed(coordinates: Mapping[str, int], poses: Array, q: Array, v: Array) -> 
     coordinates: rows of the state by name (`physics.model.System`).
     """
     angles, rates = joint_angles(poses)
+    base = coordinates.get("base")
+    if base is not None:
+        angles[:, 0], rates[:, 0] = angles[:, 0] - q[:, base], rates[:, 0] - v[:, base]
     motors = [coordinates.get(f"motor{k}") for k in range(poses.shape[1])]
     turned = [angles[:, k] if row is None else q[:, row] for k, row in enumerate(motors)]
     spun = [rates[:, k] if row is None else v[:, row] for k, row in enumerate(motors)]
@@ -81,7 +84,8 @@ class Trajectory:
         scene, settings: what was run. t (n,): s.
         start, tip (n, 3): x, y (m) and angle (rad) of the root of link 0 and of the tip of the last link.
         tip_velocity (n, 3): m/s and rad/s. hinges (n, N-1, 2): positions of joints 1 to N-1, m.
-        joint_angles, joint_rates (n, N): rad, rad/s; joint 0 from the x axis, joint k from the tip of link k-1.
+        joint_angles, joint_rates (n, N): rad, rad/s; joint 0 from the x axis or the base that floats, joint k from the
+            tip of link k-1.
         motor_angles, motor_rates (n, N): of the motors, over the ratio, relative to the link before; those of the
             joints where the gear does not give.
         joint_torque (n, N): N m, as applied, or as needed where the joint's angle is prescribed.
@@ -148,6 +152,13 @@ class Trajectory:
         end = f" to {self.t[-1]:g} s" if len(self.t) else ""
         how = f"{self.settings.formulation}, dt = {self.settings.dt:.4g} s"
         return f"<Trajectory of {self.scene.name}: {self.status}, {len(self.t)} instants{end}; {how}>"
+
+    @property
+    def base_angle(self) -> Array:
+        """Attitude (n,) of the base that floats, rad, 0 at the start. ValueError where there is none."""
+        if "base" not in self.names:
+            raise check.InvalidValue("scene.arm.base", self.scene.arm.base, "must be a Base, and scene.root free")
+        return self.q[:, self.names.index("base")]
 
     @property
     def finished(self) -> bool:

@@ -161,7 +161,8 @@ class Periods:
         joined = model.algebraic is not None  # by multipliers, whose matrix has no lanes
         lane = SINGLE if joined or guided else WIDEST
         lanes, columns = len(lane), core + self.action_size
-        decided = model.correction is None and not (fitted or joined or kept)  # by a step's equations, but for friction
+        turned = getattr(model, "base", None) is not None  # by what keeps its momentum, too
+        decided = model.correction is None and not (fitted or joined or kept or turned)  # by a step's equations alone
         implied = decided and getattr(model, "friction", None) is None
         at_once = -(-columns // -(-columns // MOST_AT_ONCE)) if implied or joined or guided else 1
         self._derivative, chunks = (implicit, -(-columns // at_once)) if implied else (derivative.tangents, 1)

@@ -83,6 +83,7 @@ class Run:
             (bool(inside), "a load that jumps or a motion that has a kink"),
             (bool(between), "a kink between two steps"),
             (scene.spatial and scene.root == "free", "a free root in space"),
+            (scene.floats, "a base that floats"),
         ):
             if there:
                 raise NotDifferentiable(what)

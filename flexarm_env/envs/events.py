@@ -164,7 +164,7 @@ def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool,
     if kind.space and extras.reference is not None:
         changes["chain"] = chain_of(frame.arm)
     fitted = frame.settings.step_tolerance is not None
-    if drawn >= 0 or fitted or any(getattr(extras, name) is not None for name in EVENTS):
+    if drawn >= 0 or fitted or frame.arm.base or any(getattr(extras, name) is not None for name in EVENTS):
         changes["further"] = (0,) * max(FURTHER.drawn + drawn + 1, FURTHER.end)
     return changes
 

@@ -115,6 +115,7 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     | name | default | meaning |
     |---|---|---|
     | `arm` | "strip" | name, TOML file, or `flexarm_env.Arm` of one link with a torque limit |
+    | `base` | the arm's | `mass` (kg), `inertia` (kg m^2) of what carries the arm and floats freely, see below |
     | `formulation` | "elastica" | or "geometrically_exact", "floating_frame"; with its options as flat keywords |
     | `nodes`, `elements`, `order` | | mesh of the formulation, see below |
     | `segments`, `modes`, `frame`, `coupling`, `multipliers` | | likewise, "floating_frame" |
@@ -212,6 +213,21 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
 
     Prescribed motions do not go together with `cost`, `keep_out`, `pushes` and `payload_change`; `turns="any"`, where
     the term `distance` is paid in half turns and not in rad, not with "residual_pd" and "measured".
+
+    Base: with `base` the root is not held. A rigid body whose centre of mass is at the hub carries the arm and floats
+    freely, as a satellite does; the hub's torque acts + on link 1 and - on the base, and nothing else acts from
+    outside: linear and angular momentum stay 0, to round-off. It starts at the origin with attitude 0. Angle and rate
+    of the hub, its limits and its encoder are those of link 1's root against the base. The target stays where it is in
+    the axes of the start; that of one link is the direction of the tip from the hub, wherever that is. Seven entries
+    follow those above: `base_sin`, `base_cos` (of the attitude), `base_rate` (scale sqrt(tau pi/2 / J), J its inertia),
+    `base_velocity_x`, `_y` (of the hub; scale s w_0 L, s the arm's share of all the mass), `base_offset_x`, `_y` (of
+    the hub from where it started; scale 0.5 s L), vectors in the frame that turns with link 1's root. info has
+    `base_attitude` (rad) and `base_position` (2,) m of the hub. The reward has a term more, `attitude`, -min(psi^2, 1)
+    of the attitude psi in rad (weight 0.5); `success` may bound it (`attitude`, rad; usual: inf). Targets of two links
+    and more are drawn from 0.3 L to 0.95 (L - 2 c), c the largest distance of the centre of mass of all from the hub.
+    Joints have no angles that reach a target: "residual_pd", "measured", "track", "replay" and motions go without a
+    base, and so do `pushes`, `payload_change`, `initial_vibration`, `gravity`, and a hub that is not ideal.
+    `linearize(discrete=...)` is then the exponential of the continuous model.
 
     Joints that are not ideal: the torque acts on the motor, and with `info_level` "full" info has `motor_angle` and
     `motor_rate`, (N,) each, after the ratio.

@@ -16,7 +16,7 @@ import numpy as np
 from .. import arms
 from .. import validation as check
 from ..batch import CLIP, FURTHER, Batch, Extras, Starts
-from ..parameters import Arm
+from ..parameters import Arm, Base
 from ..physics import precision
 from ..physics.gauges import Spot
 from ..sensors import Law, Sensors
@@ -27,10 +27,11 @@ from .features import ACTION_MODES, Frame, amplified, controller, gauge_scales, 
 from .features import actuator as make_actuator
 from .features import reference as make_reference
 from .features import sensors as make_sensors
+from .floating import check_afloat, with_base
 from .motion import Prescribed, prescribed
 from .observation import asked, sensors_of, sight
 from .space import check_arm
-from .task import Entry, Kind, info_entries, priced, reward_weights
+from .task import Entry, Kind, afloat, info_entries, priced, reward_weights
 from .vibration import shake, swing
 
 INFO_LEVELS = ("standard", "full", "numbers")
@@ -138,6 +139,7 @@ def plan(
     kind: Kind,
     *,
     arm: Arm | str | os.PathLike[str] | None = None,
+    base: Base | Mapping[str, float] | None = None,
     formulation: str | None = None,
     control_dt: float | None = None,
     action_mode: str = "torque",
@@ -168,8 +170,8 @@ def plan(
     **options: Any,
 ) -> Plan:
     """Check the arguments of an environment (see its class); a ValueError names key, value and what is allowed."""
-    kind = priced(kind, reward)
-    own = with_friction(_arm(kind, arm, joint_limits), actuator)
+    own = with_friction(with_base(_arm(kind, arm, joint_limits), base, kind.space), actuator)
+    kind = priced(afloat(kind, own), reward)
     factors, more = _factors(randomization, own)
     own, hub = with_hub(own, (randomization or {}).get("hub_inertia"))
     own, amplifier = amplified(own, check.choice("action_mode", action_mode, ACTION_MODES))
@@ -192,6 +194,10 @@ def plan(
     _only_with("motion", motion, word, "replay")
     frame = Frame(kind, own, settings, period, _gravity(kind, gravity))
     wanted, frames = asked(observation, history)
+    check_afloat(
+        frame, word, action_mode, wanted, pushes=pushes, payload_change=payload_change, gravity=gravity,
+        initial_vibration=initial_vibration,
+    )  # fmt: skip
     carried = sensors_of(own, wanted, sensors)
     seen = sight(frame, wanted, carried, kind.target.entries(own) if word == "track" else [])
     gauges = carried.strain_gauges

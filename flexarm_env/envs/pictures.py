@@ -100,7 +100,11 @@ def draw(pen: Renderer, plan: Plan, view: View) -> Any:
         rigid = straight(plan.arm, view.poses[:, SPACE_POSE.angle])
         return pen.frame_of(ribbon.chain(0), target, view.time, view.torques / limits, off, rigid)
     shapes = chain(view.points, view.poses)
-    return pen.frame(shapes, view.poses, target, view.time, view.torques / limits, view.deflection)
+    attitude = None
+    if plan.arm.base is not None:  # of its attitude is the last row
+        attitude, hub = float(view.q[-1]), view.points[0]
+        target = hub + target if plan.kind.target.numbers == 1 else target
+    return pen.frame(shapes, view.poses, target, view.time, view.torques / limits, view.deflection, attitude)
 
 
 def chain(points: NDArray[np.float64], poses: NDArray[np.float64]) -> list[NDArray[np.float64]]:

@@ -59,6 +59,8 @@ PAYLOAD: Color = (232, 134, 46)
 TARGET: Color = (34, 152, 92)
 TORQUE: Color = (122, 94, 172)
 DEFLECTION: Color = (204, 84, 62)
+BODY: Color = (203, 210, 219)
+PANEL: Color = (120, 148, 190)
 KEEP_OUT: Color = (196, 66, 66)
 
 
@@ -128,6 +130,7 @@ class Renderer:
         time: float,
         torques: ArrayLike | None = None,
         deflection: ArrayLike | None = None,
+        attitude: float | None = None,
     ) -> NDArray[np.uint8] | None:
         """Draw one instant.
 
@@ -136,6 +139,7 @@ class Renderer:
             poses: (N, 12), of the links, as `physics.layout` says.
             target: (2,) m, or None. time: s; an earlier time than before starts a new episode.
             torques: (N,) in shares of the limit, or None. deflection: (N,) tip deflections over L, or None.
+            attitude: of a base that floats, rad, or None.
         Returns:
             (height, width, 3) uint8, or None in a window.
         """
@@ -158,12 +162,18 @@ class Renderer:
             chain = [smooth(p, pose[k, POSE.angle], pose[k, POSE.tip_angle]) for k, p in enumerate(points)]
             for shape in self.keep_out:
                 sheet.area(outline_of(shape, self._center, 3.0 * self.reach), blend(KEEP_OUT, PAPER, 0.82), KEEP_OUT)
+            if attitude is not None:
+                _draw_base(sheet, chain[0][0], attitude)
             _draw_ghost(sheet, rigid_arm(chain, pose))
             _draw_trace(sheet, self._trace)
             if target is not None:
                 _draw_target(sheet, np.asarray(target, dtype=np.float64), chain)
             self._draw_links(sheet, chain)
-        return self._told(sheet.picture(), time, torques, deflection, good)
+        picture = sheet.picture()
+        if attitude is not None and good:
+            u, turned = max(0.75, min(self.size) / 640.0), f"{math.degrees(attitude):+.1f}°".replace("-", "−")
+            write(picture, f"base {turned}", (14 * u, 69.5 * u), 17 * u, FAINT, "midleft")
+        return self._told(picture, time, torques, deflection, good)
 
     def _told(
         self, picture: Any, time: float, torques: ArrayLike | None, deflection: ArrayLike | None, good: bool
@@ -329,6 +339,18 @@ def _draw_target(sheet: Sheet, at: Array, chain: list[Array]) -> None:
     sheet.disc(at, 13.0, PAPER)
     sheet.ring(at, 13.0, 2.4, TARGET)
     sheet.disc(at, 2.6, TARGET)
+
+
+def _draw_base(sheet: Sheet, hub: Array, attitude: float) -> None:
+    """A body that floats, with panels to both sides, and a mark where it points to."""
+    turn = np.array([[math.cos(attitude), math.sin(attitude)], [-math.sin(attitude), math.cos(attitude)]])
+    box = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * sheet.point / sheet.scale
+    fold = np.array([[0.0, -1.0], [0.0, 1.0]]) * sheet.point / sheet.scale
+    for side in (-1.0, 1.0):
+        sheet.area(hub + (box * (9.0, 22.0) + (0.0, side * 57.0 * fold[1, 1])) @ turn, PANEL, blend(PANEL, INK, 0.5))
+    sheet.area(hub + box * (3.0, 36.0) @ turn, STEEL, STEEL)
+    sheet.area(hub + box * 29.0 @ turn, BODY, blend(STEEL, INK, 0.3))
+    sheet.dashes(hub, hub + np.array([31.0 * fold[1, 1], 0.0]) @ turn, 2.4, STEEL)
 
 
 def _draw_motor(sheet: Sheet, line: Array, radius: float) -> None:

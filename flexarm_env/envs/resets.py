@@ -99,6 +99,8 @@ def guide_of(plan: Plan, asked: Request) -> Guide | None:
     """The arm of an episode with prescribed motion; None for an ordinary episode."""
     if asked.motion is None:
         return None
+    if plan.arm.base is not None:
+        raise check.InvalidValue("options.motion", "a motion", "must not be given on a base that floats")
     if plan.starts.laws:
         what = "must not be given in an environment that draws friction, backlash, motor_inertia or hub_inertia"
         raise check.InvalidValue("options.motion", "a motion", what)

@@ -77,11 +77,11 @@ def linear_model(plan: Plan, batch: Batch, i: int, guide: Guide | None, discrete
     if guide is not None:
         return linearize(guide.simulation, discrete=discrete)
     assert plan.settings.dt is not None
-    settings = plan.settings.dividing(discrete)
+    settings, method = plan.settings.dividing(discrete), "solver" if plan.arm.base is None else "zoh"
     simulation = Simulation(standing_scene(plan.arm, plan.settings.dt, plan.gravity), settings, False)
     simulation.work.q[:], simulation.work.v[:], u, simulation.par[:] = (rows[i] for rows in batch.motions())
     simulation.set_torques(u)
-    return linearize(simulation, discrete=discrete)
+    return linearize(simulation, discrete=discrete, method=method)
 
 
 def linear_models(

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..batch import FURTHER, Chain, Extras, Reach, Slew, Starts, Task, info_places
 from ..parameters import Arm
-from ..rigid import inertia_beyond, rate_scale
+from ..physics.layout import BASE_POSE
+from ..rigid import centre_shift, inertia_beyond, rate_scale
 from .targets import ANGLE_OF_TIP, POINT, Target
 
 Array = NDArray[np.float64]
@@ -26,6 +27,9 @@ REWARDS = ("accuracy", "settle", "distance", "effort", "vibration", "failure")
 
 CHANGE = "change"
 """Name of the term for what actions change by, before failure where it is asked for."""
+
+ATTITUDE = "attitude"
+"""Name of the term for the attitude of a base that floats, and of its bound in a success."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +83,7 @@ class Kind:
             hold=float(math.ceil(HOLD_TIME / period - 1e-9) + 1),
             bands=np.array([bound for bound, _ in self.bands.values()]),
             acted=(0,) * arm.n_links if CHANGE in self.rewards else (),
+            base=(0,) * (BASE_POSE.end if arm.base else 0),
         )
         return usual._replace(**(aims or {}))
 
@@ -100,7 +105,7 @@ def _slew_entries(arm: Arm) -> list[tuple[str, float]]:
     rate = rate_scale(arm, 0)
     return [
         ("hub_sin", 1.0), ("hub_cos", 1.0), ("hub_rate", rate), ("tip_deflection", 0.1),
-        ("tip_deflection_rate", 0.3 * rate), ("target_error", 1.0),
+        ("tip_deflection_rate", 0.3 * rate), ("target_error", 1.0), *_base_entries(arm),
     ]  # fmt: skip
 
 
@@ -113,7 +118,23 @@ def _reach_entries(arm: Arm) -> list[tuple[str, float]]:
         *((name, 0.3 * hub) for name in arm.by_link("tip_deflection_rate")),
         *((f"tip_velocity_{axis}", hub * length) for axis in "xy"),
         *((f"to_target_{axis}", 0.5 * length) for axis in "xy"),
+        *_base_entries(arm),
     ]
+
+
+def _base_entries(arm: Arm) -> list[tuple[str, float]]:
+    """Of a base that floats: of its rate the scale is that of a quarter turn by the hub's full torque, as `rate_scale`
+    has it of links; the hub moves by the arm's share of all the mass."""
+    if arm.base is None:
+        return []
+    assert arm.torque_limits is not None
+    share = arm.mass / (arm.mass + arm.base.mass)
+    rate = math.sqrt(arm.torque_limits[0] * 0.5 * math.pi / arm.base.inertia)
+    return [
+        ("base_sin", 1.0), ("base_cos", 1.0), ("base_rate", rate),
+        *((f"base_velocity_{axis}", share * rate_scale(arm, 0) * arm.total_length) for axis in "xy"),
+        *((f"base_offset_{axis}", 0.5 * share * arm.total_length) for axis in "xy"),
+    ]  # fmt: skip
 
 
 def _slew_record(arm: Arm) -> type[Task]:
@@ -130,9 +151,10 @@ def _slew_starts(arm: Arm) -> Starts:
 
 def _reach_starts(arm: Arm) -> Starts:
     length, elbow = arm.total_length, 3.6 / arm.n_links
+    far = 0.95 * (length - 2.0 * centre_shift(arm))  # wherever the arm starts: the centre of mass of all stays there
     return Starts(
         start=[(-1.0, 1.0)] + [(-elbow, elbow)] * (arm.n_links - 1),
-        target=[(0.3 * length, 0.95 * length), (-2.0 * math.pi / 3, 2.0 * math.pi / 3)],
+        target=[(0.3 * length, far), (-2.0 * math.pi / 3, 2.0 * math.pi / 3)],
         straight=0.5,
     )
 
@@ -218,10 +240,24 @@ def info_entries(
         entries.append(Entry("payload_mass", first + FURTHER.payload, None))
     if told.pushes is not None:
         entries.append(Entry("push", first + FURTHER.push, 3 if kind.space else 2))
+    if task.base:
+        of_base = first + FURTHER.base
+        entries += [Entry("base_attitude", of_base, None), Entry("base_position", of_base + 1, 2)]
     if fitted:
         entries.append(Entry("step_error", first + FURTHER.step_error, None))
     entries += [Entry(f"drawn_{name}", first + FURTHER.drawn + k, None) for name, k in (drawn or {}).items()]
     return tuple(entries)
+
+
+def afloat(kind: Kind, arm: Arm) -> Kind:
+    """The kind for an arm on a base that floats, if it has one: the base's attitude costs, and may be bounded."""
+    if arm.base is None:
+        return kind
+    terms = list(kind.rewards.items())
+    return replace(
+        kind, rewards=dict([*terms[:-1], (ATTITUDE, 0.5), terms[-1]]),
+        bands={**kind.bands, ATTITUDE: (math.inf, "rad")},
+    )  # fmt: skip
 
 
 def priced(kind: Kind, reward: Any) -> Kind:

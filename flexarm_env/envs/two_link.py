@@ -127,6 +127,8 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     arm with its tip at the target; of the two solutions the one sooner reached, joint k taking a time that goes as
     sqrt(|angle to go|) / w_k (a target that moves: sooner reached from the goals before).
 
+    On a `base` that floats, the entries that FlexibleArm-v0 describes come after number 13.
+
     Strain gauges are given as (link, place), friction for both joints or one each. `noise` by entry: the names above.
 
     Options of reset: `start` (two angles, rad), `target` (x, y

@@ -156,7 +156,7 @@ class Equations:
         order = {int(self.free[i]): j for j, i in enumerate(self.independent)}
         rows = _joint_rows(simulation)
         self.joints = {k: order[row] for k, row in rows.items() if row in order}
-        self.motors = _motor_rows(simulation)
+        self.motors, self.base = _motor_rows(simulation), simulation.system.coordinates.get("base")
         acted = {k: self.motors.get(k, row) for k, row in rows.items()}
         self.turned = {k: order[row] for k, row in acted.items() if row in order}
         given = {row: f"joint{k}" for k, row in rows.items()} | {
@@ -166,7 +166,7 @@ class Equations:
         self.names = tuple(given.get(row, system.names[row]) for row in moving)
         self.pairs, self.angles = system.vectors, list(system.absolute)
         self.in_pairs = [(order[x], order[y]) for x, y in self.pairs if x in order and y in order]
-        grounded = simulation.scene.root == "pinned"
+        grounded = simulation.scene.root == "pinned" or simulation.scene.floats
         turning = [k for k, i in self.turned.items() if moving[i] not in prescribed and (k > 0 or grounded)]
         self.inputs: Rows = np.array(turning, np.int64)
         self.driven: Rows = np.array([order[row] for row in prescribed if row in order], np.int64)
@@ -211,8 +211,11 @@ class Equations:
         return int(observe_arm(SINGLE, self.model, self.par, q, v, self._poses, self._energies, points))
 
     def joint_angles(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Joint angles and rates (n_links,) each: a link's root less the tip before it."""
-        return joint_angles(self.poses(q, v))
+        """Joint angles and rates (n_links,) each: a link's root less the tip before it, or a base that floats."""
+        angles, rates = joint_angles(self.poses(q, v))
+        if self.base is not None:
+            angles[0], rates[0] = angles[0] - q[self.base], rates[0] - v[self.base]
+        return angles, rates
 
     def joint_slopes(self, q: Array) -> Array:
         """Joint angles by the rows that can move (n_links, f): constant, angles being linear in q."""

@@ -116,6 +116,9 @@ def linearize(
     if motions and stepping:
         raise check.InvalidValue("method", method, "must be 'zoh' where motions are inputs of a discrete model")
     simulation = without_friction(simulation_of(target, formulation, options, discrete if stepping else None))
+    if stepping and simulation.scene.floats:
+        what = 'must be "zoh" on a base that floats: how steps keep its momentum is in no derivative of them'
+        raise check.InvalidValue("method", method, what)
     if simulation.scene.spatial:
         return _in_space(simulation, discrete, stepping, motions, gauges)
     if motions and (simulation.drive.known < 0).any():

@@ -13,7 +13,7 @@ from ..scene import JointTorque, Motion, Scene, standing_scene
 from ..sections import ACROSS, ENDS, Section
 from ..settings import Settings
 from ..time_functions import PIECE, TimeFunction, constant
-from .joints.build import jointed
+from .joints.build import carrying, check_floating, jointed, places_of
 from .model import Drive, Elastica, Honours, Jointed, Scheme, System, scheme
 from .space.chain import SpatialElastica
 
@@ -46,6 +46,8 @@ def assemble(scene: Scene, settings: Settings) -> System:
             "payload.offset", scene.arm.payload.offset, "must be (0, 0) with multipliers=True and with mass_damping, "
             "which know a payload at the tip alone; take multipliers=False, elastica or geometrically_exact, and tau_d"
         )  # fmt: skip
+    if scene.floats:
+        check_floating(scene, settings)
     bent = [k for k, link in enumerate(scene.arm.links) if link.curved]
     if bent and (settings.multipliers or settings.coupling in ("paper", "linear")):
         raise check.InvalidValue(
@@ -116,8 +118,14 @@ def _check_honoured(part: Any, path: str, formulation: str, honours: Honours) ->
 
 
 def _built(scene: Scene, settings: Settings) -> System:
-    system: System = _builder(settings.formulation).build(scene, settings)
-    return jointed(scene, settings, system)
+    build = _builder(settings.formulation).build
+    if not scene.floats:
+        return jointed(scene, settings, build(scene, settings))
+    loaded = carrying(scene)
+    system: System = build(loaded, settings)
+    aside = dataclasses.replace(loaded, position=tuple(x + 1.0 for x in loaded.position))
+    places = places_of(system, build(aside, settings))
+    return jointed(scene, settings, system, places)
 
 
 _WEIGHTS = ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60))

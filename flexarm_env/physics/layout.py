@@ -22,6 +22,13 @@ POSES = Layout(
 POSE = POSES.places
 """Where these are; POSE.end: numbers a link."""
 
+BASE_POSE = Layout(
+    "BasePose", "",
+    Field("angle", (), "rad", "attitude of a base that floats, 0 at the start"),
+    Field("rate", (), "rad/s", "its rate"),
+).places  # fmt: skip
+"""What is known of such a base, behind the links' poses."""
+
 ROOT, ROOT_RATES = slice(POSE.x, POSE.vx), slice(POSE.vx, POSE.tip_x)
 TIP, TIP_RATES = slice(POSE.tip_x, POSE.tip_vx), slice(POSE.tip_vx, POSE.end)
 """x, y, angle and their rates, of a link's root and of its tip: along the last axis of poses (..., links, POSE.end)."""

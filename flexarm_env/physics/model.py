@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..parameters import Arm, Elbow, Joint, Link, Motor, Payload, Section, Taper
+from ..parameters import Arm, Base, Elbow, Joint, Link, Motor, Payload, Section, Taper
 from ..scene import Scene
 from ..sections import ENDS
 from .layout import LEVER
@@ -283,10 +283,30 @@ class Elastica(NamedTuple):
     bends: np.ndarray | None
 
 
+class Floating(NamedTuple):
+    """A base that carries an arm and floats freely; its mass is the arm's, at the root. SI.
+
+    row      its attitude's: from the inertial x axis, 0 at the start
+    inertia  kg m^2; mass  kg: of all but the payload
+    angles   int64: rows of angles from the inertial x axis, this among them
+    vectors  int64: pairs of rows of x and y in inertial axes; places  those of them that are places
+    room     as many zeros as there are rows
+    """
+
+    row: int
+    inertia: float
+    mass: float
+    angles: np.ndarray
+    vectors: np.ndarray
+    places: np.ndarray
+    room: tuple[int, ...]
+
+
 class Jointed(NamedTuple):
     """An arm of any formulation without multipliers (`arm`), and what turns its joints (`physics.joints`). SI.
 
-    Rows: the arm's, then the angle of each motor behind an elastic gear, over its ratio, relative to the link before.
+    Rows: the arm's, then the angle of each motor behind an elastic gear, over its ratio, relative to the link before,
+    then the attitude of a base that floats.
 
     table  int64: for each joint that is not ideal `physics.joints.layout.PLACE`; data  float64: `LAW` each
     friction  (0,) where a joint has Coulomb friction, otherwise None
@@ -294,6 +314,7 @@ class Jointed(NamedTuple):
     spin   in space, where there are rotors, of each of these joints one over its gear's ratio; otherwise None
     own    where the laws are each arm's own and not those of `data`: zeros, as many as `par` has before them; or None
     hub    (0,) where these have a hub behind the gear of the first of the joints, otherwise None
+    base   what the first joint turns the arm against, where that floats; otherwise None
     """
 
     n: int | tuple[int, ...]
@@ -313,13 +334,14 @@ class Jointed(NamedTuple):
     spin: np.ndarray | None
     own: tuple[int, ...] | None
     hub: tuple[int, ...] | None = None
+    base: Floating | None = None
 
 
 Honours = dict[type, tuple[str, ...]]
 """Of what an arm is made of, the classes and the fields that a formulation takes into account (its `HONOURS`)."""
 
 BEAM: Honours = {
-    Arm: ("links", "hub_inertia", "elbows", "payload", "tau_d", "joints"),
+    Arm: ("links", "hub_inertia", "elbows", "payload", "tau_d", "joints", "base"),
     Link: ("length", "section", "tau_d", *ENDS, "curvature"),
     Section: ("EI", "EA", "C", "m", "J"),
     Taper: ("widths", "thicknesses", "E", "rho", "G", "kappa"),
@@ -330,6 +352,7 @@ BEAM: Honours = {
     ),
     Motor: ("torque_constant", "resistance", "back_emf", "current_limit", "voltage_limit"),
     Payload: ("mass", "inertia", "offset"),
+    Base: ("mass", "inertia"),
 }  # fmt: skip
 """What every formulation honours, those of joints by way of `physics.joints`. (The elastica honours EA and C in that it
 tells what leaving them out costs.)"""

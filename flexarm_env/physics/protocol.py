@@ -62,9 +62,9 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     light(model)  None, or a tag where joints may have next to no inertia of their own: a torque that jumps makes an
         acceleration there that steps do not resolve, which is not to be solved for with M alone
     keeps(model, iteration)  whether Newton's iteration of this number goes on with the matrix of the one before
-    conserve(lane, model, par, before, h, q, v, u)  None where something holds the arm; otherwise (momentum, force that
-        changes it), and with `before`, that of the start of a step of h that ends here, v is first moved so that the
-        momentum has changed by the mean of the forces
+    conserve(lane, model, par, before, h, q, v, u, r, S)  None where something holds the arm; otherwise (momentum, force
+        that changes it), and with `before`, that of the start of a step of h that ends here, v is first moved so that
+        the momentum has changed by the mean of the forces; r is free, S only assembled into with a mass of 0
     damping_work(lane, model, par, q, v, x)  x'C(q) v: power of the damping forces at rates v over rates x, W; what is
         lost is that over v itself
     damping_over(lane, model, par, q, v, start, end, x, h)  likewise, over what strains change by in a step of h from
@@ -242,7 +242,7 @@ tangent_map = FORMULATIONS.function("tangent_map", "lane, model, d, inverse, x")
 note_inverse = FORMULATIONS.function("note_inverse", "lane, model, d, share")
 noted_inverse = FORMULATIONS.function("noted_inverse", "lane, model, d, share, x")
 friction = FORMULATIONS.function("friction", "model")
-conserve = FORMULATIONS.function("conserve", "lane, model, par, before, h, q, v, u")
+conserve = FORMULATIONS.function("conserve", "lane, model, par, before, h, q, v, u, r, S")
 light = FORMULATIONS.function("light", "model")
 keeps = FORMULATIONS.function("keeps", "model, iteration")
 damping_work = FORMULATIONS.function("damping_work", "lane, model, par, q, v, x")

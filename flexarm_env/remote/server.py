@@ -86,8 +86,9 @@ class Session:
 
     def __post_init__(self) -> None:
         plan = getattr(getattr(self.env, "unwrapped", None), "plan", None)
-        if plan is None or plan.action_mode != "torque":
-            raise ValueError(f"env = {self.env}: must be a single environment of this package, action_mode 'torque'")
+        if plan is None or plan.action_mode != "torque" or plan.arm.base is not None:
+            what = "must be a single environment of this package, action_mode 'torque', its root held"
+            raise ValueError(f"env = {self.env}: {what}")
         check.instance("limits", self.limits, Limits)
         checked(self.key)
         if self.seed is not None:

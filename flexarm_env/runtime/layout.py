@@ -50,7 +50,7 @@ def layout_of(lanes: int, model: Any, task: Any, entries: int, extras: Any, fitt
     starts = [first]
     space = len(task.targets) == 3
     pose = SPACE_POSE.end if space else POSE.end
-    for count in (parameters_of(model, space), pose * links, record, links, entries, info, saved):
+    for count in (parameters_of(model, space), pose * links + len(task.base), record, links, entries, info, saved):
         starts.append(starts[-1] + count * lanes)
     scratch = SCRATCH.offsets(0, links, saved).end * lanes if fitted else 0
     return Block(*starts, row=-(-(starts[-1] + scratch) // 8) * 8)  # type: ignore[misc]

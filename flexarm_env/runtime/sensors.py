@@ -8,7 +8,7 @@ import numpy as np
 
 from ..compiler import arms, kernel, load, maximum, pick, place, sincos, size, square_root, store
 from ..physics.arithmetic import arctangent, clip
-from ..physics.layout import POSE, SPACE_POSE
+from ..physics.layout import BASE_POSE, POSE, SPACE_POSE
 from ..physics.protocol import gauge, ports
 from ..physics.space.rotations import matrix, quaternion, times, turned
 from ..tasks.program import CLIP, FURTHER, GOAL, TARGET, channel_at
@@ -95,6 +95,8 @@ def _true_angle(lane, task, i, k, poses):
     if size(task.targets) == 3:
         return pick(lane, poses, SPACE_POSE.end * k + SPACE_POSE.angle, i)
     angle = pick(lane, poses, POSE.end * k + POSE.angle, i)
+    if k == 0 and size(task.base) > 0:
+        angle = angle - pick(lane, poses, POSE.end * size(task.links) + BASE_POSE.angle, i)
     if k > 0:
         angle = angle - pick(lane, poses, POSE.end * (k - 1) + POSE.tip_angle, i)
     return angle

@@ -33,7 +33,8 @@ class Scene:
         name: a short word.
         arm: the arm, N links.
         duration: s. dt: default step, s. sample: default sampling interval, s (None: ``dt``).
-        root: "pinned" (position held or prescribed, hub angle free unless prescribed) or "free" (a free body).
+        root: "pinned" (position held or prescribed, hub angle free unless prescribed) or "free" (a free body; of an arm
+            with a base that, and the arm on it).
         position: of the root at t = 0, m, (x, y), in space (x, y, z).
         angles: absolute angles of the links at t = 0, N numbers (rad), or () for all along +x; of curved links those
             of their tangents at their roots. Of an arm whose links turn out of the plane (`Arm.spatial`) those of its
@@ -170,7 +171,7 @@ class Scene:
         for k, joint in enumerate(self.arm.joints):
             path = f"arm.joints[{k}]"
             if joint.moves and (k in self.rigid_joints or (k == 0 and self.root == "free")):
-                where = "where the joint is rigid" if k else "where the root is free: nothing is there to turn it from"
+                where = "where the joint is rigid" if k else "where the root is free"
                 raise check.InvalidValue(path, joint, f"must be an ideal Joint() {where}")
 
     def _check_loads(self) -> None:
@@ -184,8 +185,8 @@ class Scene:
                     raise check.InvalidValue(path, joint, "must be a joint without a prescribed motion")
                 if joint in self.rigid_joints:
                     raise check.InvalidValue(path, joint, "must be a joint that can turn, not a rigid one")
-                if joint == 0 and self.root == "free":
-                    what = 'must not be 0 where the root is free; give the torque to link 0, end "root"'
+                if joint == 0 and self.root == "free" and self.arm.base is None:
+                    what = 'must not be 0 where the root is free; give the torque to link 0, end "root", or arm.base'
                     raise check.InvalidValue(path, joint, what)
             elif isinstance(load, PointLoad):
                 if load.link >= n:
@@ -238,6 +239,11 @@ class Scene:
         loads = any(isinstance(load, PointLoad) and load.spatial for load in self.loads)
         away = any(any(v[2:]) for v in vectors) or self.motion_of("root_z") is not None
         return self.space or self.arm.spatial or loads or away
+
+    @property
+    def floats(self) -> bool:
+        """Whether the arm is carried by a base that floats freely."""
+        return self.root == "free" and self.arm.base is not None
 
     @property
     def undriven(self) -> bool:
@@ -320,6 +326,8 @@ def _solver(value: Any) -> tuple[tuple[str, Any], ...]:
 def standing_scene(
     arm: Arm, dt: float, gravity: tuple[float, ...] | None, angles: Sequence[float] = (), pushed: bool = False
 ) -> Scene:
-    """The arm, pinned; nothing moves it. pushed: there is room for a force on its tip."""
+    """The arm, pinned, or on its base, which floats; nothing moves it. pushed: there is room for a force on its tip."""
+    root = "pinned" if arm.base is None else "free"
     loads = (PointLoad(arm.n_links - 1, "tip", force_x=constant(0.0)),) if pushed else ()
-    return Scene("environment", arm, duration=max(1.0, dt), dt=dt, gravity=gravity, angles=tuple(angles), loads=loads)
+    given: dict[str, Any] = {"gravity": gravity, "angles": tuple(angles), "loads": loads, "root": root}
+    return Scene("environment", arm, duration=max(1.0, dt), dt=dt, **given)

@@ -168,9 +168,10 @@ _FURTHER = Layout(
     Field("drawn", (11,), "", "factors on the nominal values, as in a `START`"),
     Field("clearance", (), "m", "from the shapes that it keeps out of; negative within one"),
     Field("penetration", (), "m", "how deep it is in one, or 0"),
+    Field("base", (3,), "rad, m", "attitude of a base that floats, and where its hub is"),
     Field("told", ("told",), "s, s, 1", "delays of commands and observations, channels' gains, where any is drawn"),
 )  # fmt: skip
-"""What the caller is told where there is a cost, a payload that changes, a push, fitted steps or drawn factors."""
+"""What the caller is told of costs, a payload that changes, pushes, fitted steps, drawn factors, a base that floats."""
 
 FURTHER = _FURTHER.offsets(0, 0)
 """Where these are; FURTHER.end: how many, where nothing is told."""

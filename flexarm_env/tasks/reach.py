@@ -4,7 +4,7 @@ import math
 
 from ..compiler import kernel, load, select_lt, sincos, size, splat, square_root, store
 from ..physics.arithmetic import decay, smaller
-from ..physics.layout import POSE
+from ..physics.layout import BASE_POSE, POSE
 from .angles import least_angles, next_angles, sooner_angles
 from .program import DEFLECTION, GOAL, MOVING, PATH, TARGET, TARGET_RATE
 from .stream import uniform
@@ -13,14 +13,20 @@ from .task import (
     Task,
     deflection,
     effort,
+    hub_angle,
+    level,
+    of_base,
     past_limits,
     put_info,
     record_success,
     record_tip,
+    reward_attitude,
     reward_change,
     reward_term,
     settled,
+    show_base,
     show_scaled,
+    squared_turn,
 )
 
 _PATH, _MOVING = PATH.places, MOVING.places
@@ -42,13 +48,14 @@ class Chain(Task):
 def reach_observe(lane, task, poses, record, out):
     """Joints, rates, deflections and rates, tip velocity and way to the target in the hub's frame (`envs.two_link`)."""
     n = size(task.links)
-    before, spin = splat(lane, 0.0), splat(lane, 0.0)
+    before, spin = splat(lane, 0.0), of_base(lane, task, poses, BASE_POSE.rate)
     hub_sine, hub_cosine = splat(lane, 0.0), splat(lane, 1.0)
     for k in range(n):
         o = POSE.end * k
         normal, _, rate, _, _, _, _, sine, cosine = deflection(lane, poses, k)
         if k == 0:
             hub_sine, hub_cosine = sine, cosine
+            sine, cosine = hub_angle(lane, task, poses, sine, cosine)
         else:
             sine, cosine = sincos(load(lane, poses, o + POSE.angle) - before)
         show_scaled(lane, task, out, 2 * k, sine)
@@ -65,6 +72,7 @@ def reach_observe(lane, task, poses, record, out):
     show_scaled(lane, task, out, 5 * n + 1, hub_cosine * vy - hub_sine * vx)
     show_scaled(lane, task, out, 5 * n + 2, hub_cosine * dx + hub_sine * dy)
     show_scaled(lane, task, out, 5 * n + 3, hub_cosine * dy - hub_sine * dx)
+    show_base(lane, task, poses, hub_sine, hub_cosine, out)
 
 
 @kernel
@@ -85,26 +93,28 @@ def reach_judge(lane, task, poses, action, record, live, info):
     error = square_root(dx * dx + dy * dy) / task.length
     speed = square_root(vx * vx + vy * vy) / task.length
     record_tip(lane, task, poses, record, live, info)
-    total = reward_point(lane, task, error, speed, shaking, action, record, live, info)
+    total = reward_point(lane, task, error, speed, shaking, poses, action, record, live, info)
     return total, past_limits(lane, task, poses)
 
 
 @kernel
-def reward_point(lane, task, error, speed, shaking, action, record, live, info):
+def reward_point(lane, task, error, speed, shaking, poses, action, record, live, info):
     """The reward where a tip is `error` from its target, over L, and so fast; and whether it has held there."""
     good = select_lt(error, task.bands[0], splat(lane, 1.0), splat(lane, 0.0))
-    good = select_lt(speed, task.bands[1], good, splat(lane, 0.0))
+    good = level(lane, task, poses, select_lt(speed, task.bands[1], good, splat(lane, 0.0)))
     record_success(lane, task, good, record, live, info)
     wide, narrow, slow = error * 10.0, error * 50.0, speed * 10.0
     settle = decay(narrow * narrow + slow * slow)
     if task.paid is not None:
         place, pace = error / task.bands[0], speed / task.bands[1]
-        settle = settled(lane, place * place + pace * pace)
+        square = place * place + pace * pace
+        settle = settled(lane, square if size(task.base) == 0 else square + squared_turn(lane, task, poses))
     total = reward_term(lane, task, live, info, 0, decay(wide * wide))
     total = total + reward_term(lane, task, live, info, 1, settle)
     total = total + reward_term(lane, task, live, info, 2, -smaller(error, 1.0))
     total = total + reward_term(lane, task, live, info, 3, -effort(lane, task, action))
     total = total + reward_term(lane, task, live, info, 4, -smaller(shaking, 1.0))
+    total = reward_attitude(lane, task, poses, live, info, total)
     return reward_change(lane, task, action, record, live, info, total)
 
 

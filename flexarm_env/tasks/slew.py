@@ -2,9 +2,9 @@
 
 import math
 
-from ..compiler import absolute, kernel, load, select_lt, sincos, splat
+from ..compiler import absolute, kernel, load, select_lt, sincos, size, splat
 from ..physics.arithmetic import arctangent, decay, smaller
-from ..physics.layout import POSE
+from ..physics.layout import BASE_POSE, POSE
 from .program import DEFLECTION, GOAL, MOVING, PATH, TARGET, TARGET_RATE
 from .stream import uniform
 from .task import (
@@ -12,14 +12,20 @@ from .task import (
     Task,
     deflection,
     effort,
+    hub_angle,
+    level,
+    of_base,
     past_limits,
     put_info,
     record_success,
     record_tip,
+    reward_attitude,
     reward_change,
     reward_term,
     settled,
+    show_base,
     show_scaled,
+    squared_turn,
 )
 
 _PATH, _MOVING = PATH.places, MOVING.places
@@ -45,12 +51,14 @@ def _error(lane, task, poses, record, normal, along):
 def slew_observe(lane, task, poses, record, out):
     """sin, cos of the hub angle; hub rate; tip deflection and rate over L; target less tip angle, unwrapped."""
     normal, along, rate, _, _, _, _, sine, cosine = deflection(lane, poses, 0)
-    show_scaled(lane, task, out, 0, sine)
-    show_scaled(lane, task, out, 1, cosine)
-    show_scaled(lane, task, out, 2, load(lane, poses, POSE.rate))
+    hub_sine, hub_cosine = hub_angle(lane, task, poses, sine, cosine)
+    show_scaled(lane, task, out, 0, hub_sine)
+    show_scaled(lane, task, out, 1, hub_cosine)
+    show_scaled(lane, task, out, 2, load(lane, poses, POSE.rate) - of_base(lane, task, poses, BASE_POSE.rate))
     show_scaled(lane, task, out, 3, normal / task.length)
     show_scaled(lane, task, out, 4, rate / task.length)
     show_scaled(lane, task, out, 5, _error(lane, task, poses, record, normal, along))
+    show_base(lane, task, poses, sine, cosine, out)
 
 
 @kernel
@@ -65,19 +73,21 @@ def slew_judge(lane, task, poses, action, record, live, info):
     slip = turning - load(lane, record, TARGET_RATE)
     good = select_lt(error, task.bands[0], splat(lane, 1.0), splat(lane, 0.0))
     good = select_lt(absolute(slip), task.bands[1], good, splat(lane, 0.0))
-    good = select_lt(rate, task.bands[2], good, splat(lane, 0.0))
+    good = level(lane, task, poses, select_lt(rate, task.bands[2], good, splat(lane, 0.0)))
     record_success(lane, task, good, record, live, info)
     record_tip(lane, task, poses, record, live, info)
     wide, narrow, slow = error * 10.0, error * 50.0, slip * 5.0
     settle = decay(narrow * narrow + slow * slow)
     if task.paid is not None:
         place, pace, shake = error / task.bands[0], slip / task.bands[1], rate / task.bands[2]
-        settle = settled(lane, place * place + pace * pace + shake * shake)
+        square = place * place + pace * pace + shake * shake
+        settle = settled(lane, square if size(task.base) == 0 else square + squared_turn(lane, task, poses))
     total = reward_term(lane, task, live, info, 0, decay(wide * wide))
     total = total + reward_term(lane, task, live, info, 1, settle)
     total = total + reward_term(lane, task, live, info, 2, -smaller(way, 1.0))
     total = total + reward_term(lane, task, live, info, 3, -effort(lane, task, action))
     total = total + reward_term(lane, task, live, info, 4, -smaller(rate * rate, 1.0))
+    total = reward_attitude(lane, task, poses, live, info, total)
     total = reward_change(lane, task, action, record, live, info, total)
     return total, past_limits(lane, task, poses)
 

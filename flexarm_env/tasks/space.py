@@ -92,7 +92,7 @@ def space_judge(lane, task, poses, action, record, live, info):
         put_info(lane, live, info, at.target + d, load(lane, record, TARGET + d))
     error = square_root((dx * dx + dy * dy) + dz * dz) / task.length
     speed = square_root((vx * vx + vy * vy) + vz * vz) / task.length
-    return reward_point(lane, task, error, speed, shaking, action, record, live, info), past
+    return reward_point(lane, task, error, speed, shaking, poses, action, record, live, info), past
 
 
 @kernel

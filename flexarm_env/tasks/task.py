@@ -1,8 +1,8 @@
 """What every task has in common: its record, the functions that it brings, and what their kernels are made of.
 
 A task is a record (a subclass of `Task`) and kernels that are registered for it; `slew` and `reach` are two. `poses`
-holds a `physics.layout.POSES` a link; each observed entry is divided by its scale and clipped to +-10.
-Everything here is arithmetic on lanes, so that a batch and a single arm give the same bits.
+holds a `physics.layout.POSES` a link, behind them a `BASE_POSE` of a base that floats; each observed entry is divided
+by its scale and clipped to +-10. All of it is arithmetic on lanes: a batch and a single arm give the same bits.
 
     observe(lane, task, poses, record, out)                the scaled observation into the first entries of `out`
     judge(lane, task, poses, action, record, live, info)   success and reward terms into `info`, where `live` > 1/2;
@@ -26,10 +26,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiler import Family, kernel, load, select_lt, sincos, size, splat, store
-from ..physics.arithmetic import clip, put
-from ..physics.layout import POSE
-from .program import CLIP, GOAL, HOLD, SUCCESS, TARGET, TIP, info_at
+from ..compiler import Family, absolute, kernel, load, select_lt, sincos, size, splat, store
+from ..physics.arithmetic import clip, put, smaller
+from ..physics.layout import BASE_POSE, POSE
+from .program import CLIP, FURTHER, GOAL, HOLD, SUCCESS, TARGET, TIP, info_at
 
 
 class Task(NamedTuple):
@@ -56,6 +56,7 @@ class Task(NamedTuple):
     turns: tuple[int, ...] | None = None  # a tag where a target angle is met at any number of whole turns
     acted: tuple[int, ...] = ()  # as many zeros as there are joints where the change of actions is priced
     paid: tuple[int, ...] | None = None  # a tag where `settle` pays by the bands
+    base: tuple[int, ...] = ()  # as many zeros as `BASE_POSE` has numbers where the arm's base floats, or none
     relative: float = 1.0  # 0: target angles are drawn as they stand, and not from where the arm starts
     chain: np.ndarray | None = None  # in space, a `space_angles.JOINT` a joint where targets move
 
@@ -102,6 +103,66 @@ def deflection(lane, poses, k):
 
 
 @kernel
+def of_base(lane, task, poses, number):
+    """The attitude of a base that floats, or its rate; 0 where the root is held."""
+    if size(task.base) > 0:
+        return load(lane, poses, POSE.end * size(task.links) + number)
+    return splat(lane, 0.0)
+
+
+@kernel
+def hub_angle(lane, task, poses, sine, cosine):
+    """Sine and cosine of joint 0's angle, of those of link 0's root: from the base, where that floats."""
+    if size(task.base) > 0:
+        return sincos(load(lane, poses, POSE.angle) - of_base(lane, task, poses, BASE_POSE.angle))
+    return sine, cosine
+
+
+@kernel
+def show_base(lane, task, poses, sine, cosine, out):
+    """Of a base that floats the last entries: sine and cosine of its attitude, its rate; velocity and offset of the
+    hub, along and across the root of link 0, whose sine and cosine these are."""
+    if size(task.base) > 0:
+        k = size(task.entries) - 7
+        s, c = sincos(of_base(lane, task, poses, BASE_POSE.angle))
+        show_scaled(lane, task, out, k, s)
+        show_scaled(lane, task, out, k + 1, c)
+        show_scaled(lane, task, out, k + 2, of_base(lane, task, poses, BASE_POSE.rate))
+        for d, first in ((3, POSE.vx), (5, POSE.x)):
+            x, y = load(lane, poses, first), load(lane, poses, first + 1)
+            show_scaled(lane, task, out, k + d, cosine * x + sine * y)
+            show_scaled(lane, task, out, k + d + 1, cosine * y - sine * x)
+
+
+@kernel
+def level(lane, task, poses, good):
+    """`good` where a base that floats is within the last of the bands, elsewhere 0."""
+    if size(task.base) > 0:
+        turned = absolute(of_base(lane, task, poses, BASE_POSE.angle))
+        return select_lt(turned, task.bands[task.bands.shape[0] - 1], good, splat(lane, 0.0))
+    return good
+
+
+@kernel
+def squared_turn(lane, task, poses):
+    """Square of a base's attitude over the last of the bands."""
+    turned = of_base(lane, task, poses, BASE_POSE.angle) / task.bands[task.bands.shape[0] - 1]
+    return turned * turned
+
+
+@kernel
+def reward_attitude(lane, task, poses, live, info, total):
+    """The total less what the attitude of a base that floats costs; where it is, into info."""
+    if size(task.base) > 0:
+        turned, at = of_base(lane, task, poses, BASE_POSE.angle), info_of(task).further + FURTHER.base
+        put_info(lane, live, info, at, turned)
+        put_info(lane, live, info, at + 1, load(lane, poses, POSE.x))
+        put_info(lane, live, info, at + 2, load(lane, poses, POSE.y))
+        total = total + reward_term(lane, task, live, info, 5, -smaller(turned * turned, 1.0))
+    return total
+
+
+@kernel
 def show_scaled(lane, task, out, k, value):
     store(out, k, clip(value / task.scales[k], CLIP))
 
@@ -117,7 +178,7 @@ def past_limit(task, k, angle, past):
 def past_limits(lane, task, poses):
     """1 where a joint's angle is beyond its limits."""
     past = splat(lane, 0.0)
-    before = splat(lane, 0.0)
+    before = of_base(lane, task, poses, BASE_POSE.angle)
     for k in range(size(task.links)):
         angle = load(lane, poses, POSE.end * k + POSE.angle) - before
         past = past_limit(task, k, angle, past)

@@ -171,7 +171,7 @@ def advance_within(lane, model, drive, par, w, t, h, n_steps, scheme, books):
     """`advance` of a work array that has been unpacked."""
     if books is not None:
         open_books(lane, model, drive, par, w)
-    moving = conserve(lane, model, par, None, h, w.q, w.v, w.u)
+    moving = conserve(lane, model, par, None, h, w.q, w.v, w.u, w.r, w.S)
     done, left, part, again = 0, h, h, False  # of the step under way: what is left, the part tried now, once more
     while done < n_steps:
         start = t + done * h + (h - left)
@@ -199,7 +199,7 @@ def advance_within(lane, model, drive, par, w, t, h, n_steps, scheme, books):
         w.counts[STEPS] += 1.0
         if books is not None:
             keep_books(lane, model, drive, par, w, part)
-        moving = conserve(lane, model, par, moving, part, w.q, w.v, w.u)
+        moving = conserve(lane, model, par, moving, part, w.q, w.v, w.u, w.r, w.S)
         flag = select_lt(flag, 0.5, out_of_range(lane, model, par, w.q), flag)
         store(w.flag, 0, flag)
         if arms(lane) == 1 and largest(flag) > 0.5:

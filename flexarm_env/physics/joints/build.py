@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexarm_env import validation as check
 from flexarm_env.physics.joints.layout import GEAR, LAW, LAWS, PLACE, PLACES
-from flexarm_env.physics.model import Jointed, System
+from flexarm_env.physics.model import Floating, Jointed, System
 from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
 
 
-def jointed(scene: Scene, settings: Settings, system: System) -> System:
-    """The system with what turns the arm's joints; itself where they are ideal.
+def jointed(
+    scene: Scene, settings: Settings, system: System, places: Sequence[tuple[int, int]] | None = None
+) -> System:
+    """The system with what turns the arm's joints; itself where they are ideal. places: see `places_of`, of an
+    arm on a base that floats.
 
     Raises:
         ValueError: frames joined by multipliers, or a motor without inertia that nothing prescribes.
     """
     arm = scene.arm
-    if not arm.jointed:
+    if not arm.jointed and places is None:
         return system
     joints = [k for k in range(arm.n_links) if arm.joint(k).moves]
     if settings.multipliers:
@@ -31,7 +35,10 @@ def jointed(scene: Scene, settings: Settings, system: System) -> System:
     elastic = [k for k in joints if arm.joint(k).elastic]
     motors = {k: first + i for i, k in enumerate(elastic)}
     _check_rotors(scene, elastic)
+    absolute = (*system.absolute, *(motors[k] for k in elastic if k == 0))
     count = len(motors)
+    base = None if places is None else _floating(scene, system, first + count, places)
+    count += base is not None
     rows = [system.coordinates[f"joint{k}"] for k in joints]
     laws = [_law(scene, k, row, motors.get(k, -1)) for k, row in zip(joints, rows, strict=True)]
     friction = any(joint.friction_coulomb > 0.0 for joint in arm.joints)
@@ -40,7 +47,7 @@ def jointed(scene: Scene, settings: Settings, system: System) -> System:
     more = GEAR.end + (first + count + len(joints) + 1 if friction else 0)
     model = Jointed(
         n=_longer(inner.n, count),
-        n_factor=_longer(inner.n_factor, more * len(joints)),
+        n_factor=_longer(inner.n_factor, more * len(joints) + (base is not None)),
         n_inputs=inner.n_inputs,
         fixed=inner.fixed,
         algebraic=None,
@@ -50,22 +57,67 @@ def jointed(scene: Scene, settings: Settings, system: System) -> System:
         bound=float(getattr(inner, "bound", 0.0)),
         arm=inner,
         table=np.array([place for place, _ in laws], np.int64).ravel(),
-        data=np.concatenate([law for _, law in laws]),
+        data=np.concatenate([np.zeros(0), *(law for _, law in laws)]),
         friction=(0,) if friction else None,
         play=(0,) if play else None,
         spin=np.array([1.0 / arm.joint(k).gear_ratio for k in joints]) if turning else None,
         own=None,
+        base=base,
     )
     wound = [scene.initial_value(f"motor{k}") for k in elastic]
+    names, still = tuple(f"motor{k}" for k in elastic), [0.0] * (base is not None)
+    if base is not None:
+        names, absolute = (*names, BASE), (*absolute, base.row)
     return dataclasses.replace(
         system,
         model=model,
-        q0=np.concatenate([system.q0, wound]),
-        v0=np.concatenate([system.v0, [system.v0[system.coordinates[f"joint{k}"]] for k in elastic]]),
-        coordinates={**system.coordinates, **{f"motor{k}": row for k, row in motors.items()}},
-        names=(*system.names, *(f"motor{k}" for k in elastic)),
-        absolute=(*system.absolute, *(motors[k] for k in elastic if k == 0)),
+        q0=np.concatenate([system.q0, wound, still]),
+        v0=np.concatenate([system.v0, [system.v0[system.coordinates[f"joint{k}"]] for k in elastic], still]),
+        coordinates={**system.coordinates, **{name: first + i for i, name in enumerate(names)}},
+        names=(*system.names, *names),
+        absolute=absolute,
     )
+
+
+BASE = "base"
+"""Name of the row of a base's attitude."""
+
+
+def check_floating(scene: Scene, settings: Settings) -> None:
+    """ValueError, with its key path, for what an arm on a base that floats cannot have."""
+    link = scene.arm.links[0]
+    if link.root_offset:
+        what = "must be 0 on a base that floats, whose mass is at the hub"
+        raise check.InvalidValue("links[0].root_offset", link.root_offset, what)
+    if settings.multipliers:
+        raise check.InvalidValue("multipliers", True, "must be False on a base that floats")
+    if scene.arm.mass_damping:
+        what = "must be 0 on a base that floats; tau_d damps under every formulation"
+        raise check.InvalidValue("mass_damping", scene.arm.mass_damping, what)
+
+
+def carrying(scene: Scene) -> Scene:
+    """The scene with the base's mass at the root of link 0."""
+    arm = scene.arm
+    assert arm.base is not None
+    first = dataclasses.replace(arm.links[0], root_mass=arm.links[0].root_mass + arm.base.mass)
+    return dataclasses.replace(scene, arm=dataclasses.replace(arm, links=(first, *arm.links[1:])))
+
+
+def places_of(system: System, moved: System) -> list[tuple[int, int]]:
+    """Those of a System's pairs of rows that are places: all that a System of the same, moved elsewhere, has moved."""
+    return [pair for pair in system.vectors if moved.q0[pair[0]] != system.q0[pair[0]]]
+
+
+def _floating(scene: Scene, system: System, row: int, places: Sequence[tuple[int, int]]) -> Floating:
+    """What a `Jointed` model knows of the base, whose attitude is at `row`."""
+    arm = scene.arm
+    assert arm.base is not None
+    return Floating(
+        row=row, inertia=arm.base.inertia, mass=arm.mass - arm.payload.mass + arm.base.mass,
+        angles=np.array([*system.absolute, row], np.int64), vectors=np.array(system.vectors, np.int64).ravel(),
+        places=np.array(places, np.int64).ravel(), room=(0,) * (row + 1),
+    )  # fmt: skip
 
 
 NOTHING = 1e-12

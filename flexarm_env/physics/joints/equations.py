@@ -19,8 +19,10 @@ from __future__ import annotations
 from ...compiler import absolute, inlined, kernel, load, select_lt, size, splat, store
 from .. import protocol
 from ..arithmetic import add, clip, put
+from ..layout import BASE_POSE
 from ..model import Jointed
 from ..protocol import FORMULATIONS, register
+from . import floating
 from .friction import count, direction, gear_at, hub_of, law, note_columns
 from .layout import GEAR, PLACE, PLACES
 
@@ -114,6 +116,10 @@ def assemble(lane, model, par, state, u, weights, r, S):
         add(lane, r, row, load(lane, state.a, row) * hub)
         if weights.mass != 0.0:
             add(lane, S, gear_at(model, 0) + GEAR.own, hub * weights.mass)
+    if model.base is not None:
+        store(r, model.base.row, load(lane, state.a, model.base.row) * model.base.inertia + load(lane, u, 0))
+        if weights.mass != 0.0:
+            store(S, size(model.n_factor) - 1, splat(lane, model.base.inertia * weights.mass))
 
 
 @kernel
@@ -156,6 +162,7 @@ def solve(lane, model, S, x):
     _without_motors(lane, model, S, x, False)
     protocol.solve(lane, model.arm, S, x)
     _turn_motors(lane, model, S, x, False)
+    _turn_base(lane, model, S, x)
 
 
 @kernel
@@ -164,6 +171,14 @@ def solve_transposed(lane, model, S, x):
     _without_motors(lane, model, S, x, True)
     protocol.solve_transposed(lane, model.arm, S, x)
     _turn_motors(lane, model, S, x, True)
+    _turn_base(lane, model, S, x)
+
+
+@kernel
+def _turn_base(lane, model, S, x):
+    """A base that floats: its row is coupled with no other."""
+    if model.base is not None:
+        store(x, model.base.row, load(lane, x, model.base.row) / load(lane, S, size(model.n_factor) - 1))
 
 
 @kernel
@@ -184,6 +199,8 @@ def multiply(lane, model, S, x, y):
             column = _sway_of(lane, model, S, i)
             for j in range(len(column)):
                 add(lane, y, row - len(column) + j, column[j] * turned)
+    if model.base is not None:
+        add(lane, y, model.base.row, load(lane, S, size(model.n_factor) - 1) * load(lane, x, model.base.row))
 
 
 @kernel
@@ -253,11 +270,13 @@ def inertia(lane, model, par, a, r):
             store(r, row, load(lane, r, row) + load(lane, a, row) * rotor)
     if model.hub is not None:
         add(lane, r, model.table[PLACE.row], load(lane, a, model.table[PLACE.row]) * hub_of(lane, model, par))
+    if model.base is not None:
+        store(r, model.base.row, load(lane, a, model.base.row) * model.base.inertia)
 
 
 @kernel
 def ports(lane, model, par, q, y):
-    """The arm's own, but a torque works on its motor's angle."""
+    """The arm's own, but a torque works on its motor's angle, and the hub's turns a base that floats back."""
     protocol.ports(lane, model.arm, par, q, y)
     _at_motors(lane, model, q, y)
 
@@ -275,6 +294,8 @@ def _at_motors(lane, model, q, y):
         motor = model.table[PLACES * i + PLACE.motor]
         if motor >= 0:
             store(y, model.table[PLACES * i + PLACE.joint], load(lane, q, motor))
+    if model.base is not None:
+        store(y, 0, load(lane, y, 0) - load(lane, q, model.base.row))
 
 
 @kernel
@@ -332,6 +353,9 @@ def energy(lane, model, par, q, v):
     if model.hub is not None:
         rate = load(lane, v, model.table[PLACE.row])
         kinetic = kinetic + rate * rate * (hub_of(lane, model, par) * 0.5)
+    if model.base is not None:
+        rate = load(lane, v, model.base.row)
+        kinetic = kinetic + rate * rate * (model.base.inertia * 0.5)
     return kinetic, strain, gravity
 
 
@@ -359,7 +383,29 @@ def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
 
 
 @kernel
+def task_poses(lane, model, par, q, v, out):
+    """The arm's own; behind them the attitude of a base that floats and its rate."""
+    protocol.task_poses(lane, model.arm, par, q, v, out)
+    if model.base is not None:
+        at = out.shape[0] // len(lane) - BASE_POSE.end
+        store(out, at + BASE_POSE.angle, load(lane, q, model.base.row))
+        store(out, at + BASE_POSE.rate, load(lane, v, model.base.row))
+
+
+@kernel
+def conserve(lane, model, par, before, h, q, v, u, r, S):
+    """The arm's own; of a base that floats and the arm that of both."""
+    if model.base is not None:
+        return floating.conserve(lane, model, par, before, h, q, v, u, r, S)
+    return protocol.conserve(lane, model.arm, par, before, h, q, v, u, r, S)
+
+
+@kernel
 def _vjp_laws(lane, model, par, state, bar, u_bar, r_bar):
+    if model.base is not None:
+        add(lane, bar.a, model.base.row, load(lane, r_bar, model.base.row) * model.base.inertia)
+        add(lane, u_bar, 0, load(lane, r_bar, model.base.row))
+        store(r_bar, model.base.row, splat(lane, 0.0))
     if model.hub is not None:
         row = model.table[PLACE.row]
         add(lane, bar.a, row, load(lane, r_bar, row) * hub_of(lane, model, par))
@@ -383,11 +429,10 @@ def _vjp_laws(lane, model, par, state, bar, u_bar, r_bar):
 
 register(
     Jointed, assemble, pin, factor, solve, solve_transposed, multiply, update, difference, inertia, ports, ports_after,
-    friction, damping_work, damping_over, energy, stand, vjp_residual,
+    friction, damping_work, damping_over, energy, stand, vjp_residual, task_poses, conserve,
 )  # fmt: skip
 FORMULATIONS.delegate(
     Jointed, "arm", protocol.predict, protocol.settle, protocol.stride, protocol.lack, protocol.rotate,
     protocol.rotates, protocol.tangent_map, protocol.note_inverse, protocol.noted_inverse, protocol.light,
-    protocol.keeps, protocol.conserve, protocol.link_poses, protocol.task_poses, protocol.gauge, protocol.out_of_range,
-    protocol.shape,
+    protocol.keeps, protocol.link_poses, protocol.gauge, protocol.out_of_range, protocol.shape,
 )  # fmt: skip

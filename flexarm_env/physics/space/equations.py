@@ -168,7 +168,7 @@ def _exact(lane, model, section, left, right, element, weights, S, f):
 
 
 @kernel
-def conserve(lane, model, par, before, h, q, v, u):
+def conserve(lane, model, par, before, h, q, v, u, r, S):
     """See `protocol`: sections turn, and places of centres and middles are no linear function of what the integrator
     moves; no other equation sees a rigid translation."""
     if model.free is None:

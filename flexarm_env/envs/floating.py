@@ -1,0 +1,53 @@
+"""Arms on a base that floats freely: the keyword `base`, and what there is not for them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from .. import arms
+from .. import validation as check
+from ..parameters import Arm, Base
+from .features import Frame
+from .observation import MEASURED, goal_entries
+
+_HELD = {
+    "pushes": "the arm would drift away from its target for good",
+    "payload_change": "what is gripped would bring momentum, and the arm drift away from its target for good",
+    "initial_vibration": "modes are those of an arm whose root is held",
+    "gravity": "the arm would fall away from its target",
+}
+"""Keywords that ask for a root that is held, and why."""
+
+
+def with_base(arm: Arm, given: Any, space: bool) -> Arm:
+    """The arm on the base that `base` asks for, a Base or its table; None: as it is."""
+    if given is None:
+        return arm
+    if space:
+        raise check.InvalidValue("base", given, "must be left out in space, where the root is held")
+    return replace(arm, base=given if isinstance(given, Base) else arms.base_of("base", given))
+
+
+def check_afloat(frame: Frame, task: str, mode: str, wanted: Any, **arguments: Any) -> None:
+    """ValueError for what an arm on a base that floats cannot be asked for; arguments: those of `_HELD`."""
+    arm = frame.arm
+    if arm.base is None:
+        return
+    goals = [name for name, _ in goal_entries(frame.kind, arm)]
+    aimed = [name for name in ([] if isinstance(wanted, str) else wanted) if name in goals]
+    why = "joint angles that reach a target are those of an arm whose root is held"
+    if mode == "residual_pd":
+        raise check.InvalidValue("action_mode", mode, f"must be another on a base that floats: {why}")
+    if wanted == MEASURED or aimed:
+        value = aimed[0] if aimed else wanted
+        what = f'must be "full", or name none of these, on a base that floats: {why}'
+        raise check.InvalidValue("observation", value, what)
+    if task != frame.kind.task:
+        raise check.InvalidValue("task", task, f'must be "{frame.kind.task}" on a base that floats')
+    for name, why in _HELD.items():
+        if arguments[name]:
+            raise check.InvalidValue(name, arguments[name], f"must be left out on a base that floats: {why}")
+    if arm.joint(0).moves:
+        what = "must be an ideal Joint() on a base that floats"
+        raise check.InvalidValue("arm.joints[0]", arm.joint(0), what)
