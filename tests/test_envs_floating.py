@@ -11,9 +11,11 @@ from gymnasium.utils.env_checker import check_env
 from numpy.typing import NDArray
 
 import flexarm_env as fx
-from flexarm_env import arms
+from flexarm_env import arms, control
 from flexarm_env.compiler import SINGLE, uncompiled
 from flexarm_env.derivatives import Arms
+from flexarm_env.linear import linearize
+from flexarm_env.parameters import Payload
 from flexarm_env.physics.protocol import energy
 from flexarm_env.remote.server import Session
 from flexarm_env.rigid import centre_shift
@@ -113,7 +115,7 @@ def test_a_stiff_link_turns_its_base_by_the_closed_form(payload: float) -> None:
     )
     arm = dataclasses.replace(
         strip, links=(dataclasses.replace(link, section=stiff),), base=fx.Base(**BASE), tau_d=0.0,
-        payload=fx.parameters.Payload(payload, 0.0),
+        payload=Payload(payload, 0.0),
     )  # fmt: skip
     hub_inertia, length, own = strip.hub_inertia, link.length, link.mass
     inertia = hub_inertia + own * length**2 / 3.0 + link.section.J * length + payload * length**2
@@ -331,10 +333,11 @@ def test_what_there_is_not_is_refused_by_name() -> None:
     refused(r"mass_damping = 0.1", lambda: made(arm=dataclasses.replace(arm, mass_damping=0.1)))
     ends = (dataclasses.replace(arm.links[0], root_offset=0.1), *arm.links[1:])
     refused(r"links\[0\].root_offset = 0.1", lambda: made(arm=dataclasses.replace(arm, links=ends)))
+    refused(r"arm.base = ", lambda: control.make("pd", made()))
     refused(r"env = ", lambda: Session(gym.make(TWO, base=BASE)))
     scene = fx.Scene("s", afloat, root="free", duration=0.1, dt=0.01)
     refused(r"base = .*: is not taken into account by", lambda: fx.simulate(dataclasses.replace(scene, space=True)))
-    refused(r"method = 'solver'", lambda: fx.linear.linearize(scene, discrete=0.02))
+    refused(r"method = 'solver'", lambda: linearize(scene, discrete=0.02))
     turn, torque = fx.Motion("joint0", pulse(0.0, 1.0)), fx.JointTorque(0, pulse(1.0, 1.0))
     refused(r"motions\[0\].coordinate", lambda: dataclasses.replace(scene, motions=(turn,)))
     refused(r"loads\[0\].joint", lambda: dataclasses.replace(scene, arm=arm, loads=(torque,)))

@@ -81,6 +81,9 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
         if plan.extras.controller is not None:
             what = 'must be "torque": controllers set torques themselves'
             raise check.InvalidValue("action_mode", "residual_pd", what)
+        if plan.arm.base is not None:
+            what = "must be None: controllers plan for a root that stays where it is (pd of the suite aims anew)"
+            raise check.InvalidValue("arm.base", plan.arm.base, what)
     space = setup.arm.spatial
     if space and name not in _SPACE:
         there = ", ".join(f'"{one}"' for one in _SPACE)

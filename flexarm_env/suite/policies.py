@@ -93,7 +93,7 @@ def default_name(word: str) -> str:
 
 # ------------------------------------------------------------------ controllers
 class Following(Policy):
-    """A controller that remembers nothing, told the target anew in every period: it may move."""
+    """A controller that remembers nothing, told the target anew in every period: it may move, or the arm's root."""
 
     def __init__(self, controller: control.Controller) -> None:
         self.controller = controller
@@ -105,8 +105,9 @@ class Following(Policy):
 
 
 def controller(name: str, env: Any) -> Policy:
-    """As `flexarm_env.control.make`, and PD control of a target that moves too."""
-    if name == "pd" and env.unwrapped.plan.task == "track":
+    """As `flexarm_env.control.make`, and PD control of a target that moves too, and on a base that floats."""
+    plan = env.unwrapped.plan
+    if name == "pd" and (plan.task == "track" or plan.arm.base is not None):
         return Following(control.make(name, control.Setup.of(env)))
     return control.make(name, env)
 
