@@ -22,7 +22,7 @@ from .physics.gauges import Spot, curvature_rows
 from .physics.integrator.work import unpack, work_size
 from .physics.joints.build import with_own_laws
 from .physics.layout import COUNTS, POSE, SPACE_POSE
-from .physics.model import OK, STIFFNESSES, TAU_D, System
+from .physics.model import OK, System
 from .physics.space.reading import read
 from .runtime import episode as environment
 from .runtime import starts
@@ -378,12 +378,6 @@ class Batch:
         self.reward[i] = state["reward"]
         self.terminated[i], self.truncated[i] = state["terminated"], state["truncated"]
         self.table[:, i] = self._mine(self.layout.info, self.layout.saved, i)
-
-    def check_stiffness(self, block: Array) -> None:
-        """An arm's `block` of `get_state` that is itself too stiff for double precision is a ValueError."""
-        own = block[self._work :][: len(self.system.par)]
-        factors = {name: own[k] for name, k in STIFFNESSES.items() if self.arm.spatial or name == "EI"}
-        precision.check_parameters(self.arm, self.settings, factors, own[TAU_D], 0.0, "state.arm")
 
     @property
     def counts(self) -> Array:

@@ -106,7 +106,7 @@ def shown(value: object) -> str:
     """A short text of a value for a message."""
     if isinstance(value, np.generic):
         value = value.item()
-    if isinstance(value, np.ndarray):
+    if isinstance(value, np.ndarray) and value.ndim:  # one without axes is no number, and not to be taken for one
         value = value.tolist()
     try:
         text = repr(value)

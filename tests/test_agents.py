@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("stable_baselines3")
 
 from flexarm_env import control
-from flexarm_env.training import config, episodes, export_policy, policies, progress
+from flexarm_env.training import config, episodes, export_policy, policies, progress, tune
 from flexarm_env.training import evaluate as judging
 from flexarm_env.training import train as train_ppo
 from flexarm_env.training.runs import read_run
@@ -195,15 +195,22 @@ def test_evaluate_prints_json(run: Path, tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("words", "sentence"),
+    ("program", "words", "sentence"),
     [
-        (["--policy", "nothing-there"], "no such run folder or file"),
-        (["--policy", "pd", "--episodes", "0"], "must be at least 1"),
-        (["--policy", "pd", "--env-kwargs", "{"], "not JSON"),
+        (judging, "--policy nothing-there", "no such run folder or file"),
+        (judging, "--policy pd --episodes 0", "must be at least 1"),
+        (judging, "--policy pd --env-kwargs {", "not JSON"),
+        (judging, "--policy pd --env Arm-v0", "Arm-v0: unknown environment; allowed: FlexibleArm-v0"),
+        (tune, "--env Arm-v0", "Arm-v0: unknown environment; allowed: FlexibleArm-v0"),
+        (tune, "--env FlexibleArm-v0 --samples 0", "--samples = 0: must be a whole number, at least 1"),
+        (tune, "--env FlexibleArm-v0 --margin nan", "--margin = nan: must be a number, zero or positive"),
+        (tune, "--env SpatialFlexArm-v0", "--env SpatialFlexArm-v0: must be an environment of the plane"),
+        (train_ppo, "--n-timesteps 0", "--n-timesteps = 0: must be a whole number, at least 1"),
+        (train_ppo, "--evaluate-every -1", "--evaluate-every = -1: must be a whole number, at least 1"),
     ],
 )
-def test_mistakes_are_told_in_a_sentence(words, sentence, monkeypatch, capsys):
-    assert sentence in told(judging.main, words, monkeypatch, capsys)
+def test_mistakes_are_told_in_a_sentence(program, words, sentence, monkeypatch, capsys):
+    assert sentence in told(program.main, words.split(), monkeypatch, capsys)
 
 
 def test_files_that_cannot_be_used_are_named(run: Path, tmp_path: Path):

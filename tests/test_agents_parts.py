@@ -31,6 +31,8 @@ def test_config_errors_name_the_key(tmp_path: Path):
     cases = [
         (SMALL | {"n_stepz": 3}, r"FlexibleArm-v0\.n_stepz: unknown key"),
         ({k: v for k, v in SMALL.items() if k != "n_timesteps"}, r"n_timesteps: missing"),
+        (SMALL | {"n_timesteps": "many"}, r"n_timesteps = 'many': must be a whole number, at least 1"),
+        (SMALL | {"n_envs": 0}, r"n_envs = 0: must be a whole number, at least 1"),
         (SMALL | {"learning_rate": "fast"}, r"learning_rate = 'fast'"),
         (SMALL | {"policy_kwargs": "__import__('os').getcwd()"}, r"policy_kwargs = .*must be made of"),
     ]

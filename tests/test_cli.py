@@ -242,6 +242,7 @@ def test_refusals_are_sentences(capsys: pytest.CaptureFixture[str], tmp_path: Pa
     assert "modes" in refused(capsys, *replay, "--modes", "2", "--elements", "2")
     assert "dt = -1.0: must be a positive number (s)" in refused(capsys, *replay, "--dt", "-1")
     assert "dt = nan" in refused(capsys, *replay, "--dt", "nan")
+    assert "dt = 1e-300: must be at least" in refused(capsys, *replay, "--dt", "1e-300")
     assert "invalid int value: 'x'" in refused(capsys, *replay, "--elements", "x")
     assert "unrecognized arguments: --segment" in refused(capsys, *replay, "--segment", "2")
     assert "unrecognized arguments: --reference" in refused(capsys, "simulate", "x.toml", "--reference", "y.csv")

@@ -179,6 +179,7 @@ def test_wrong_words_of_play(capsys: pytest.CaptureFixture[str], tmp_path: Path)
     assert "unknown environment; allowed: FlexibleArm-v0" in refused(capsys, "play", "Arm-v0", "--policy", "pd")
     assert "--episodes = 0" in refused(capsys, *SHORT, "--episodes", "0")
     assert "must be JSON" in refused(capsys, "play", "--policy", "pd", "--env-kwargs", "{duration: 2}")
+    assert "--record = 'a.txt': must end in .npz" in refused(capsys, *SHORT, "--record", "a.txt")
     assert "must end with one of" in refused(capsys, *SHORT, "--video", str(tmp_path / "a.txt"))
     for name in ("armm", "id", "render_mode"):
         text = refused(capsys, "play", "--policy", "pd", "--env-kwargs", f'{{"{name}": 1}}')

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from flexarm_env import arms
+from flexarm_env import validation as check
 from flexarm_env.envs.flexible_arm import FlexibleArmVectorEnv
 from tests.env_tools import IDS, MULTI, assert_same, rich
-from tests.refusals import refuses
+from tests.refusals import refuses, says
 
 ONE, TWO = IDS
 THREE = arms.named("three_strips")
@@ -150,6 +151,16 @@ def test_a_wrong_seed_changes_nothing(seed: Any) -> None:
     before = remembered(env)
     refuses("seed", lambda: env.reset(seed=seed))
     assert_same(before, remembered(env))
+
+
+def test_single_and_vector_take_the_same_seeds() -> None:
+    one, many = started(ONE, 0), started(ONE, 1)
+    assert np.array_equal(one.reset(seed=np.int64(5))[0], many.reset(seed=np.int64(5))[0][0])
+    for env in (one, many):
+        for seed in (1.5, True, -1, np.array(3)):
+            says(
+                f"seed = {check.shown(seed)}: must be a whole number, at least 0", lambda e=env, s=seed: e.reset(seed=s)
+            )
 
 
 @pytest.mark.parametrize(

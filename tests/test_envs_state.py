@@ -121,6 +121,28 @@ def test_a_state_of_another_kind_is_refused() -> None:
     assert_same(before["arm"], one.get_state()["arm"])
 
 
+@pytest.mark.parametrize(
+    ("name", "wrong", "words"),
+    [
+        ("block", np.nan, r"state\.arm\.block\[\d+\] = nan: must be one of 0, 1, 2, 3"),
+        ("block", "x", r"state\.arm\.block = \['x'.*: must be numbers"),
+        ("block", 1j, r"state\.arm\.block = .*: must be numbers"),
+        ("observation", None, r"state\.arm\.observation = .*: must be numbers"),
+        ("stream", -1, r"state\.arm\.stream = -1: must be a whole number"),
+        ("stream", 2**80, r"state\.arm\.stream = 1208925819614629174706176: must be"),
+        ("truncated", "no", r"state\.arm\.truncated = .*: must be True or False"),
+    ],
+)
+def test_a_damaged_state_is_named_and_changes_nothing(name: str, wrong: Any, words: str) -> None:
+    env: Any = gym.make("FlexibleArm-v0").unwrapped
+    env.reset(seed=0)
+    before = env.get_state()
+    shape = np.shape(before["arm"][name])
+    damaged = before | {"arm": before["arm"] | {name: np.full(shape, wrong) if shape else wrong}}
+    refuses(words, lambda: env.set_state(damaged))
+    assert_same(before["arm"], env.get_state()["arm"])
+
+
 def pickled(env: Any) -> Any:
     return pickle.loads(pickle.dumps(env))
 

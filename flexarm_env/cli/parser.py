@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from flexarm_env.cli.codes import BAD_INPUT, DONE, INTERRUPTED, Parser, sentence
 
 OVERVIEW = """\
-Planar flexible robot arms: replay scenes, compare with references, play, train, judge.
+Robot arms whose links bend, in the plane and in space: replay scenes, compare with references, play, train, judge.
 
   flexarm scenes                                   what there is to replay
   flexarm replay robot_arm_motion                  run it and compare with its reference
@@ -88,7 +88,7 @@ PLAY = """\
 An environment in a window. Keys: left and right turn the hub, up and down the elbow, shift is gentle, Esc ends.
 A controller (pd, zv, zvd, lqr, lqg, mpc, time_optimal), a policy.npz, a run folder or a policy that comes with the
 package plays by itself; each episode ends with a line of what came of it. A policy.npz holds numbers alone and names no
-other environment than FlexibleArm-v0 and TwoLinkFlexArm-v0, unless ENV names it too.
+other environment than this package's, unless ENV names it too.
 
   flexarm play
   flexarm play TwoLinkFlexArm-v0 --policy lqr --episodes 3
@@ -203,10 +203,10 @@ as it is, a row a period. MODULE:NAME is a Python function of observations, or a
 """
 
 COMPILE = """\
-Compile what environments (single and vector), simulate, replay and linearize need in their default settings, and keep
-it, for every process on this machine; says which of how many it is at, and what is there is not compiled again.
-Elements, nodes and modes of your own are compiled on their first use. What can be kept nowhere is an error:
-FLEXARM_CACHE_DIR says where.
+Compile what FlexibleArm-v0 and TwoLinkFlexArm-v0 (single and vector), simulate, replay and linearize need in their
+default settings, and keep it, for every process on this machine; says which of how many it is at, and what is there is
+not compiled again. Other environments, and elements, nodes and modes of your own, are compiled on their first use.
+What can be kept nowhere is an error: FLEXARM_CACHE_DIR says where.
 
   flexarm compile
   flexarm compile --all                            every formulation
@@ -215,7 +215,7 @@ FLEXARM_CACHE_DIR says where.
 
 DOCTOR = """\
 Versions, processors and threads, the folder of compiled code, and a self-test, which the first time compiles and says
-so: a scene, and a step of both environments and their vectors. The exit code is 1 where it fails.
+so: a scene, and a step of FlexibleArm-v0 and TwoLinkFlexArm-v0 and their vectors. The exit code is 1 where it fails.
 """
 
 
@@ -310,7 +310,7 @@ def build_parser() -> Parser:
     view.add_argument("--sample", type=float, metavar="DT", help="of scenes: s from instant to instant")
 
     play = add("play", "fly an arm, or watch a controller or a policy", PLAY, "play")
-    play.add_argument("env", nargs="?", metavar="ENV", help="FlexibleArm-v0 (default) or TwoLinkFlexArm-v0")
+    play.add_argument("env", nargs="?", metavar="ENV", help="its id, a task's of the suite too (FlexibleArm-v0)")
     play.add_argument("--policy", default="keyboard", metavar="WHO", help="keyboard (default), controller or policy")
     play.add_argument("--episodes", type=int, default=1, metavar="N", help="how many (1)")
     play.add_argument("--seed", type=int, default=0, metavar="S", help="of the first; the others follow (0)")

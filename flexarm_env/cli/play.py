@@ -16,8 +16,9 @@ from flexarm_env import control
 from flexarm_env import validation as check
 from flexarm_env.cli.codes import DONE
 from flexarm_env.cli.progress import show
+from flexarm_env.cli.replay import writable
 from flexarm_env.control import Setup, load_policy
-from flexarm_env.envs.ids import own_ids, permitted
+from flexarm_env.envs.ids import made, permitted
 from flexarm_env.envs.options import ARGUMENTS
 from flexarm_env.envs.video import film_path, write_film
 from flexarm_env.recording import EpisodeRecorder, save_episodes
@@ -71,6 +72,7 @@ def run(args: argparse.Namespace) -> int:
     if player.name == KEYBOARD and (args.headless or args.video is not None):
         raise check.InvalidValue("--policy", KEYBOARD, "must be a controller or a policy for --video and --headless")
     video = None if args.video is None else film_path(args.video)
+    record = None if args.record is None else writable("record", args.record, (".npz",))
     mode = "rgb_array" if video is not None else None if args.headless else "human"
     env = _environment(args, player, mode)
     outcomes: list[dict[str, Any]] = []
@@ -84,8 +86,8 @@ def run(args: argparse.Namespace) -> int:
             values["video"] = str(write_film(video, pictures, float(env.metadata["render_fps"])))
     finally:
         env.close()
-    if args.record is not None:
-        values["record"] = str(save_episodes(args.record, env.episodes))
+    if record is not None:
+        values["record"] = str(save_episodes(record, env.episodes))
     show(values | ({"episodes": outcomes} if args.json else {}), args.json)
     for outcome in () if args.json else outcomes:
         word = "success" if outcome["success"] else "no success"
@@ -155,12 +157,7 @@ def _environment(args: argparse.Namespace, player: Player, mode: str | None) -> 
     if player.env_id:
         env_id, own = permitted(player.name, player.env_id, player.env_kwargs, args.env)
     given = keywords(args.env_kwargs)
-    try:
-        return EpisodeRecorder(gym.make(env_id, render_mode=mode, **{**own, **given}))
-    except gym.error.DependencyNotInstalled:
-        raise
-    except gym.error.Error:  # not registered, or not the form of an id
-        raise check.UnknownKey(env_id, own_ids(), "environment") from None
+    return EpisodeRecorder(made(gym.make, env_id, render_mode=mode, **{**own, **given}))
 
 
 def _keyboard(env: Any) -> Keyboard:

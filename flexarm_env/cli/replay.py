@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     settings = scene.settings(args.formulation, **options)
     reference, origin = _reference(args)
     outputs = {"out": (args.out, TABLES), "plot": (args.plot, FIGURES), "video": (args.video, FILMS)}
-    paths = {name: _writable(name, path, endings) for name, (path, endings) in outputs.items() if path is not None}
+    paths = {name: writable(name, path, endings) for name, (path, endings) in outputs.items() if path is not None}
     if args.plots is not None:
         _needs("plots", "matplotlib", "plot")
     speed = check.number("--speed", args.speed, above=0.0)
@@ -116,7 +116,7 @@ def _trajectory(scene: Scene, settings: Settings, args: argparse.Namespace) -> t
     """The run, and the wall time (s) that compiling or loading compiled code took before it."""
     run = _through_env if args.through_env else _directly
     start = time.perf_counter()
-    first = min(scene.dt, settings.dt or scene.dt, args.duration or scene.duration)
+    first = max(1e-9, min(scene.dt, settings.dt or scene.dt, args.duration or scene.duration))
     run(scene, settings, argparse.Namespace(**vars(args) | {"duration": first, "sample": first}), None)
     compiling = time.perf_counter() - start
     with closing(ProgressBar(scene.name)) as bar:
@@ -159,7 +159,7 @@ def _needs(name: str, module: str, extra: str) -> None:
         raise ImportError(check.lacking(f"--{name}", {"pygame": "pygame-ce"}.get(module, module), extra))
 
 
-def _writable(name: str, path: str, endings: tuple[str, ...]) -> Path:
+def writable(name: str, path: str, endings: tuple[str, ...]) -> Path:
     """The path of an output, its folder made; known to be sound before a long run."""
     file = Path(path)
     if file.suffix.lower() not in endings:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from gymnasium.envs.registration import registry
+from gymnasium.error import DependencyNotInstalled, Error
 
 from .. import validation as check
 from .options import ARGUMENTS
@@ -15,6 +17,16 @@ PACKAGE = "flexarm_env"
 def own_ids() -> tuple[str, ...]:
     """Ids of the environments that this package has registered and that simulate."""
     return tuple(key for key, spec in registry.items() if str(spec.entry_point).startswith(f"{PACKAGE}.envs."))
+
+
+def made(make: Callable[..., Any], env_id: str, **keywords: Any) -> Any:
+    """What `gymnasium.make` or `make_vec` makes of an id. ValueError for one that is not registered, or is no id."""
+    try:
+        return make(env_id, **keywords)
+    except DependencyNotInstalled:
+        raise
+    except Error:
+        raise check.UnknownKey(env_id, own_ids(), "environment") from None
 
 
 def permitted(path: str, env_id: Any, env_kwargs: Any, named: str | None = None) -> tuple[str, dict[str, Any]]:

@@ -57,7 +57,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
         """
         asked = request_of(self.plan, options)
         own = guide_of(self.plan, asked)
-        super().reset(seed=seed)
+        super().reset(seed=None if seed is None else check.integer("seed", seed, minimum=0))
         self.guide = own
         key = int(self.np_random.bit_generator.random_raw())
         start_episode(self.batch, 0, key, self.plan, asked, own, RUNNING)

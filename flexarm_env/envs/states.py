@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import validation as check
-from ..batch import Batch, standing_scene
+from ..batch import FRESH, GUIDED, MODE, OVER, REASONS, RUNNING, Batch, standing_scene
+from ..physics import precision
 from ..physics.assembly import assemble
+from ..physics.model import STIFFNESSES, TAU_D
 from ..simulation import Simulation
 from .motion import Guide
 from .options import Plan
@@ -21,6 +23,9 @@ if TYPE_CHECKING:
 else:
     LinearModel = LinearModels = Linearizer = Any
 
+Array = np.ndarray[Any, np.dtype[np.float64]]
+
+MODES = (RUNNING, OVER, FRESH, GUIDED)
 KEYS = ("arm", "generator", "seed", "guide")
 
 
@@ -50,10 +55,28 @@ def check_state(batch: Batch, state: Any) -> None:
         if np.shape(given) != np.shape(value):
             what = f"must be the state of an environment made alike ({np.size(value)} numbers)"
             raise check.InvalidValue(f"state.arm.{name}", f"{np.size(given)} numbers", what)
-    batch.check_stiffness(table["arm"]["block"])
+        if np.asarray(given).dtype.kind not in ("b" if isinstance(value, bool) else "fiu"):
+            kind = "True or False" if isinstance(value, bool) else "numbers"
+            raise check.InvalidValue(f"state.arm.{name}", given, f"must be {kind}, as get_state gave")
+    check.integer("state.arm.stream", arm["stream"], minimum=0, maximum=2**64 - 1)
+    _check_block(batch, np.asarray(arm["block"], np.float64))
     check.instance("state.generator", table["generator"], np.random.Generator)
     if table["guide"] is not None:
         check.instance("state.guide", table["guide"], Guide)
+
+
+def _check_block(batch: Batch, block: Array) -> None:
+    """An arm's `block` whose mode or reason is no such word, or that is itself too stiff for double precision, is a
+    ValueError."""
+    at, lanes = batch.layout, len(batch.lane)
+    par = len(block) - (at.end - at.par) // lanes
+    for section, number, known in ((at.record, MODE, MODES), (at.info, batch.info_at.reason, tuple(REASONS))):
+        k = par + (section - at.par) // lanes + number
+        if block[k] not in known:
+            what = f"must be one of {', '.join(f'{code:g}' for code in known)}, as get_state gave"
+            raise check.InvalidValue(f"state.arm.block[{k}]", block[k], what)
+    factors = {name: block[par + k] for name, k in STIFFNESSES.items() if batch.arm.spatial or name == "EI"}
+    precision.check_parameters(batch.arm, batch.settings, factors, block[par + TAU_D], 0.0, "state.arm")
 
 
 def put_state(batch: Batch, i: int, state: dict[str, Any]) -> tuple[np.random.Generator, Any, Guide | None]:

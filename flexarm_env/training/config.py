@@ -128,6 +128,14 @@ def checked(config: Config, path: str, env_id: str, allowed: Collection[str]) ->
             raise ValueError(f"{path}: {env_id}.{key}: unknown key; {config.algorithm} takes {known}")
     if "n_timesteps" not in config.text:
         raise ValueError(f"{path}: {env_id}.n_timesteps: missing; a positive number of environment steps")
+    for key in ("n_envs", "n_timesteps"):
+        value = config.text.get(key, 1)
+        try:
+            good = float(value) >= 1.0 and float(value).is_integer()
+        except (TypeError, ValueError):
+            good = False
+        if not good:
+            raise ValueError(f"{path}: {env_id}.{key} = {value!r}: must be a whole number, at least 1")
     config.arguments()
     return config
 

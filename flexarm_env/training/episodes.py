@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexarm_env.control import Setup
+from flexarm_env.envs.ids import made
 
 Array = NDArray[np.float64]
 
@@ -67,7 +68,7 @@ class Episodes:
 
 def make_episodes(env_id: str, n: int, **arguments: Any) -> Any:
     """The vector environment in which `run` runs its episodes."""
-    return gym.make_vec(env_id, num_envs=n, vectorization_mode="vector_entry_point", **arguments)
+    return made(gym.make_vec, env_id, num_envs=n, vectorization_mode="vector_entry_point", **arguments)
 
 
 def run(env: Any, policy: Policy, first: int = TEST) -> Episodes:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
+from flexarm_env import validation as check
 from flexarm_env.files import read_json as read_json
 from flexarm_env.files import write_json as write_json
 from flexarm_env.files import write_text as write_text
@@ -145,6 +146,9 @@ class Training:
         if not 0 <= self.seed <= MOST_SEED:
             what = f"must be from 0 to {MOST_SEED}; those from {FIRST} on are for judging"
             raise ValueError(f"--seed {self.seed}: {what}")
+        for name in ("n_timesteps", "evaluate_every", "eval_episodes", "checkpoint_every", "threads"):
+            if getattr(self, name) is not None:
+                check.integer(f"--{name.replace('_', '-')}", getattr(self, name), minimum=1)
         if self.best_by not in ("settling", "return"):
             raise ValueError(f"--best-by {self.best_by}: must be settling or return")
         if self.resume:

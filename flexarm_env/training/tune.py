@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexarm_env import control
+from flexarm_env import validation as check
 from flexarm_env.control.arm_model import arm_model
 from flexarm_env.control.catalogue import gains_from
 from flexarm_env.training import episodes
@@ -193,13 +194,19 @@ def text_of(tables: dict[str, Any], arguments: Arguments) -> str:
 def search_all(arguments: Arguments) -> None:
     """Tune what is asked for, print and write it."""
     chosen = arguments.controllers.split(",")
+    for field, least in {"samples": 1, "refinements": 1, "episodes": 1, "seed": 0}.items():
+        check.integer(f"--{field}", getattr(arguments, field), minimum=least)
+    check.number("--margin", arguments.margin, minimum=0.0)
     for name in chosen:
         if name not in control.NAMES:
             raise ValueError(f"--controllers {name}: must be among {', '.join(control.NAMES)}")
     drawn = {"randomization": episodes.RANDOMIZED} if arguments.randomized else {}
     env = episodes.make_episodes(arguments.env, arguments.episodes, **drawn)
     measured = episodes.make_episodes(arguments.env, arguments.episodes, observation="measured", **drawn)
-    task = control.Setup.of(env).task
+    setup = control.Setup.of(env)
+    if setup.arm.spatial:
+        raise ValueError(f"--env {arguments.env}: must be an environment of the plane; gains in space are not searched")
+    task = setup.task
     path = place(task, arguments)
     tables = current(path)
     for name in chosen:
