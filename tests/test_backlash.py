@@ -3,14 +3,17 @@
 import dataclasses
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
 import flexarm_env  # noqa: F401  (registers the environments)
 from flexarm_env import arms
+from flexarm_env.envs.vibration import swing
 from flexarm_env.linear import modes, static_equilibrium
 from flexarm_env.parameters import Arm, Elbow, Joint, Link, Payload, Section
 from flexarm_env.scene import JointTorque, Motion, Scene
+from flexarm_env.settings import Settings
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import constant, sine
 from tests.env_tools import assert_pair_same, pair
@@ -120,6 +123,20 @@ def test_environments_and_files() -> None:
         dataclasses.replace(arms.named("strip_geared").joints[0], backlash=0.01),))  # fmt: skip
     assert arms.from_toml(arms.to_toml(arm)) == arm
     assert_pair_same(pair("FlexibleArm-v0", 3, arm=arm), 30)
+
+
+@pytest.mark.slow
+def test_initial_vibrations_are_those_of_gears_that_have_taken_hold() -> None:
+    """In the play nothing couples motor and link: twice as many of the lowest motions are no vibrations there."""
+    energies = []
+    for play in (0.0, 0.01):
+        arm = dataclasses.replace(arms.named("strip"), joints=(dataclasses.replace(GEAR, backlash=play),))
+        env = gym.make("FlexibleArm-v0", arm=arm, info_level="full", initial_vibration=0.05)
+        energies += [env.reset(seed=seed)[1]["energy_kinetic"] for seed in range(3)]
+    assert min(energies[:3]) > 0.0 and energies[3:] == pytest.approx(energies[:3], rel=1e-9)
+    spatial = dataclasses.replace(arms.named("turret_boom"), joints=(GEAR, GEAR))
+    found = swing(spatial, Settings.make("geometrically_exact", elements=2, dt=0.0025))
+    assert np.isfinite(found).all() and (found[-2] > 0.0).all()  # energies of bending both ways and of torsion
 
 
 def test_refusals() -> None:
