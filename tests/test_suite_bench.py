@@ -383,6 +383,9 @@ def test_the_page_is_made_of_all_files_in_a_folder(tmp_path: Path, monkeypatch: 
         ({"episodes": -1}, "must be a whole number"),
         ({"wall_s": "long"}, "wall_s = 'long'"),
         ({"policy": 3}, "must be a table"),
+        ({"policy": {"fingerprint": "a", "source": 3}}, "policy.source = 3: must be a text"),
+        ({"versions": 3}, "versions = 3: must be a table"),
+        ({"versions": {"numpy": 2}}, "versions.numpy = 2: must be a text"),
         ({"training": {"steps": 1}}, "training.wall_s"),
     ],
 )
@@ -390,7 +393,8 @@ def test_damaged_results_are_told_in_a_sentence(changes: dict, sentence: str, tm
     path = written(tmp_path, "ppo", 0, 1.0, **changes)
     told_ = refused(capsys, "bench", "page", str(tmp_path))
     assert sentence in told_ and path.name in told_
-    for text in ("{", "[]", "{}", '{"format": 9, "name": "a", "run": 0, "tasks": {}}'):
+    refusal = '{"format": 1, "name": "ppo", "run": 0, "tasks": {}, "refused": {"a": []}}'
+    for text in ("{", "[]", "{}", '{"format": 9, "name": "a", "run": 0, "tasks": {}}', refusal):
         path.write_text(text)
         assert path.name in refused(capsys, "bench", "page", str(tmp_path))
 

@@ -244,6 +244,8 @@ def read(path: Path, *, earlier: bool = False) -> Results:
         for name, entry in entries.items():
             _check_entry(f"tasks.{name}", entry, known.get(name), earlier)
         refused = check.table_of("refused", table.get("refused", {}))
+        for name, why in refused.items():
+            check.text(f"refused.{name}", why)
         return Results(named(table["name"]), check.integer("run", table["run"], minimum=0), entries, refused)
 
 
@@ -270,7 +272,11 @@ def _check_entry(path: str, entry: Any, task: Task | None, earlier: bool) -> Non
         _check_numbers(f"{path}.second", other, count, can)
     for key in ("wall_s", "cpu_s", "decision_us"):
         check.number(f"{path}.{key}", table[key], minimum=0.0)
-    check.text(f"{path}.policy.fingerprint", check.table_of(f"{path}.policy", table["policy"]).get("fingerprint"))
+    policy = check.table_of(f"{path}.policy", table["policy"])
+    check.text(f"{path}.policy.fingerprint", policy.get("fingerprint"))
+    check.text(f"{path}.policy.source", policy.get("source", ""))
+    for name, version in check.table_of(f"{path}.versions", table.get("versions", {})).items():
+        check.text(f"{path}.versions.{name}", version)
     if table["training"] is not None:
         training = check.table_of(f"{path}.training", table["training"])
         for key in ("steps", "wall_s", "cpu_s"):
