@@ -22,6 +22,7 @@ from .physics.integrator.start import restart
 from .physics.integrator.work import Work, unpack, work_size
 from .physics.layout import DISSIPATED, POSE, WORK_DONE
 from .physics.model import EI_Y_FACTOR, MESSAGE, OK, STATUS, STIFFNESS_FACTOR, TIMED_OUT, Drive, System
+from .physics.space.reading import read
 from .rest import rested
 from .runtime.fitted import APART, FITS, close_fit, end_run, open_fit, start_run
 from .runtime.keeping import keep
@@ -322,13 +323,11 @@ class Simulation:
         self._observe(_NO_POINTS)
         return self._poses.reshape(-1, POSE.end).copy(), self._energies.copy()
 
-    def _observe(self, points: Array) -> int:
-        w = self.work
-        return int(observe_arm(SINGLE, self.model, self.par, w.q, w.v, self._poses, self._energies, points))
+    def _observe(self, points: Array) -> None:
+        observe_arm(SINGLE, self.model, self.par, self.work.q, self.work.v, self._poses, self._energies, points)
 
     def gained(self, start: float) -> bool:
-        """Whether there is ENERGY_LIMIT times the energy that start (J), gross work (J), dissipation and gravity can
-        account for."""
+        """Whether there is ENERGY_LIMIT times the energy that start, gross work (J), losses and gravity account for."""
         lost = float(self.work.books[DISSIPATED])
         return bool(uncompiled(gained)(*self.observe()[1].tolist(), start, self.gross, lost, ENERGY_LIMIT))
 
@@ -344,13 +343,14 @@ class Simulation:
         """How many points there are along the chain."""
         if self._points is None:
             stretch, room = self._stretch(), assembly.room_for_points(self.settings, self.scene.arm.n_links)
-            points = np.empty((1, room, 2))
-            self._call(stretch, np.array([self.t]), np.empty((1, self._sample)), points)
+            self._call(stretch, np.array([self.t]), np.empty((1, self._sample)), np.empty((1, room, 2)))
             self._points = int(stretch[_AT.points])
         return self._points
 
     def shape_points(self) -> Array:
-        """Positions along the chain, root to tip, (n_points, 2) m."""
+        """Positions along the chain, root to tip, (n_points, 2) m; in space (n_points, 3)."""
+        if self.scene.spatial:
+            return np.asarray(read(self.scene.arm, self.settings, self.work.q[None], self.work.v[None])["shapes"][0])
         points = np.empty((self._count(), 2))
         self._observe(points)
         return points

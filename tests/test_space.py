@@ -19,6 +19,7 @@ from flexarm_env.compiler import SINGLE, kernel, uncompiled
 from flexarm_env.linear import linearize, modes, static_equilibrium
 from flexarm_env.linear.space import stability_of
 from flexarm_env.physics import assembly, protocol
+from flexarm_env.physics.gauges import curvatures
 from flexarm_env.physics.model import STIFFNESSES
 from flexarm_env.physics.protocol import RESIDUAL_ALONE, State, Weights
 from flexarm_env.physics.space.layout import FRAME, points_for
@@ -552,6 +553,12 @@ def test_holding_torques_carry_the_weight() -> None:
     assert found.joint_torques()[0] == pytest.approx(-9.81 * (0.5 * s.m + 0.5), rel=1e-4)
     assert found.stability.stable
     assert stability_of(found, [0]).smallest == pytest.approx(found.stability.smallest)
+    weight, n, points = 9.81 * s.m, found.settings.elements, found.shape_points()
+    assert n is not None and points.shape[1] == 3 and np.abs(points[0]).max() == 0.0
+    assert points[-1, 2] == pytest.approx(-(weight / 8.0 + 9.81 * 0.5 / 3.0) / s.EI, rel=0.01)  # of a cantilever
+    (read,) = curvatures(found.scene, found.settings, found.system.names, [(0, 0.0)], found.work.q[None])[0]
+    # docs/tutorials/sensors.md: its own weight is read 2/(3 n^2) too little at the root, the payload's as it is
+    assert read == pytest.approx((0.5 * weight * (1.0 - 2.0 / (3.0 * n * n)) + 9.81 * 0.5) / s.EI, rel=1e-3)
 
 
 # ------------------------------------------------------------------ files and refusals
