@@ -185,9 +185,24 @@ def test_what_is_observed_of_the_base() -> None:
     assert scales["base_offset_x"] == pytest.approx(0.5 * share * arm.total_length)
 
 
-@pytest.mark.parametrize("env_id", [ONE, TWO])
-def test_single_and_vector_give_the_same_bits(env_id: str) -> None:
-    assert_pair_same(pair(env_id, 9, threads=2, duration=0.6, **ON_BASE), 45)
+FEATURES: dict[str, Any] = {
+    "keep_out": [{"shape": "sphere", "center": [0.5, 0.5], "radius": 0.1}], "cost": {"deflection": 0.05}, "history": 2,
+    "sensors": {"encoders": {"counts": 4096}, "accelerometer": {}, "camera": {}, "noise": 0.01, "delay": 0.04},
+    "actuator": {"lag": 0.01, "delay": 0.02 / 3}, "reward": {"change": 0.1},
+    "randomization": {"payload": (0.5, 2.0), "EI": (0.8, 1.2), "torque_constant": (0.9, 1.1)},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("env_id", "more"), [(ONE, {}), (TWO, {}), (TWO, FEATURES)])
+def test_single_and_vector_give_the_same_bits(env_id: str, more: dict[str, Any]) -> None:
+    assert_pair_same(pair(env_id, 9, threads=2, duration=0.6, **ON_BASE, **more), 45)
+
+
+def test_encoders_read_the_hub_from_the_base() -> None:
+    """Ideal ones read what there is."""
+    both = episode(made(sensors={"encoders": {}}), 3, 20), episode(made(), 3, 20)
+    for one, other in zip(*both, strict=True):
+        assert np.abs(one[0][:4] - other[0][:4]).max() < 1e-6
 
 
 def test_the_multi_link_environment_is_the_same_to_the_last_bit() -> None:
