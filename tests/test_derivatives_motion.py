@@ -36,11 +36,9 @@ CASES = [
     case("two links", TWO),
     case("floating frame", ONE, **FLOATING),
     case("floating frame, two links", TWO, **FLOATING),
-    case("modes", ONE, **MODES),
     case("modes, two links", TWO, **MODES),
     case("exact beam", ONE, 1e-15, **EXACT),
     case("exact beam, two links", TWO, 1e-15, **EXACT),
-    case("multipliers", ONE, **MULTIPLIERS),
     case("multipliers, two links", TWO, elements=1, **MULTIPLIERS),
 ]
 
