@@ -72,10 +72,16 @@ class Draft:
     loads: list[Load] = field(default_factory=list)
     joint: dict[str, Any] = field(default_factory=dict)
     held: bool = False  # as in an environment: torques are held over control periods of SAMPLE, nothing else pushes
+    shared: bool = False  # links have rigid ends and a curvature of next to nothing, where they have no others
 
     def scene(self) -> Scene:
         """The scene: one link of 1 m, or two of 0.6 and 0.4 m, perhaps behind a pillar."""
         links = [self.link(length) for length in ((1.0,) if self.links == 1 else (0.6, 0.4))]
+        if self.shared:
+            links = [
+                dataclasses.replace(link, root_offset=link.root_offset or 1e-12, curvature=link.curvature or 1e-12)
+                for link in links
+            ]
         elbows = [self.elbow] * (self.links - 1)
         if self.pillar:
             links.insert(0, RigidLink(0.15, 0.5, (0.08, 0.01, 0.02), tensor(2e-3, 3e-3, 4e-3)))
@@ -239,6 +245,8 @@ FEATURES: dict[str, Callable[[Draft], None]] = {
 """In the order in which they are applied."""
 JOINTED = {*list(FEATURES)[list(FEATURES).index("elastic gear") : -2]}
 """Those of joints."""
+SHARED = {*JOINTED, "control periods", "pillar", "rigid ends", "curved", "tapered"}
+"""Cells with one of these share a compiled form (`Draft.shared`); the others are those of straight links alone."""
 
 SINGLE = [(name,) for name in FEATURES if name not in ("control periods", "gripped", "let go")]
 PAIRS = [
@@ -289,7 +297,7 @@ OWN = 5e-5
 
 def scene_of(features: tuple[str, ...]) -> Scene:
     """The scene with these features."""
-    draft = Draft()
+    draft = Draft(shared=bool(SHARED & {*features}))
     for name in FEATURES:
         if name in features:
             FEATURES[name](draft)
