@@ -50,14 +50,23 @@ class Draft:
     link: Callable[[float], Link] = field(default=lambda length: Link(length, STRIP))  # of a length
     motions: list[Motion] = field(default_factory=list)
     loads: list[Load] = field(default_factory=list)
+    shared: bool = False  # what `NOT_JOINED` has, by next to nothing where it is not asked for; joints stay ideal
 
     def scene(self) -> Scene:
         """The scene. One link of 1 m, or two of 0.6 and 0.4 m, of a strip that a fly could bend."""
         lengths = (1.0,) if self.links == 1 else (0.6, 0.4)
-        elbows = (self.elbow,) * (self.links - 1)
+        links, payload, joint = [self.link(length) for length in lengths], self.payload, self.joint
+        if self.shared:
+            links = [
+                dataclasses.replace(link, root_offset=link.root_offset or 1e-12, curvature=link.curvature or 1e-12)
+                for link in links
+            ]
+            payload = dataclasses.replace(payload, offset=payload.offset if any(payload.offset) else (0.0, 1e-12))
+            if joint != Joint():
+                joint = dataclasses.replace(joint, friction_coulomb=joint.friction_coulomb or 1e-12)
         arm = Arm(
-            "cell", tuple(self.link(length) for length in lengths), hub_inertia=0.02, elbows=elbows,
-            payload=self.payload, tau_d=self.tau_d, joints=(self.joint,) * len(lengths),
+            "cell", tuple(links), hub_inertia=0.02, elbows=(self.elbow,) * (self.links - 1), payload=payload,
+            tau_d=self.tau_d, joints=(joint,) * len(links),
         )  # fmt: skip
         held = {motion.joint for motion in self.motions}
         # with a kink at a sample, so that cells share one form
@@ -251,14 +260,14 @@ VARYING = ("tapered", "rigid ends", "prescribed elbow")
 """The same under one formulation: what an arm is made of has kernels of its own, which take long to compile."""
 JOINED = ("joined segments",)
 NOT_JOINED = {"elastic gears", "friction", "rigid ends", "eccentric payload", "curved"}
-"""Frames joined by multipliers take none of these."""
+"""Frames joined by multipliers take none of these. Cells with one of them share a compiled form: `Draft.shared`."""
 WHOLE = ("modes", "clamped modes")
 """Links reduced as a whole."""
 
 
 def scene_of(features: tuple[str, ...], scale: float = 1.0) -> Scene:
     """The scene with these features."""
-    draft = Draft(scale)
+    draft = Draft(scale, shared=bool(NOT_JOINED & {*features}))
     for name in features:
         FEATURES[name](draft)
     return draft.scene()
