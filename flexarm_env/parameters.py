@@ -10,7 +10,7 @@ and what is allowed.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from flexarm_env import bodies
@@ -367,6 +367,11 @@ class Arm:
     def jointed(self) -> bool:
         """Whether a joint is not ideal."""
         return any(joint.moves for joint in self.joints)
+
+    @property
+    def taut(self) -> Arm:
+        """The arm without the play of its gears: in the play a link turns freely, and no linear model has a spring."""
+        return replace(self, joints=tuple(replace(joint, backlash=0.0) for joint in self.joints))
 
     def joint(self, k: int) -> Joint:
         """What turns joint k (an ideal one where none is given)."""

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import flexarm_env  # noqa: F401  (registers the environments)
-from flexarm_env import arms
+from flexarm_env import arms, control
+from flexarm_env.control.arm_model import arm_model
 from flexarm_env.envs.vibration import swing
 from flexarm_env.linear import modes, static_equilibrium
 from flexarm_env.parameters import Arm, Elbow, Joint, Link, Payload, Section
@@ -123,6 +124,24 @@ def test_environments_and_files() -> None:
         dataclasses.replace(arms.named("strip_geared").joints[0], backlash=0.01),))  # fmt: skip
     assert arms.from_toml(arms.to_toml(arm)) == arm
     assert_pair_same(pair("FlexibleArm-v0", 3, arm=arm), 30)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["pd", "zv", "lqr"])
+def test_controllers_are_designed_as_if_gears_had_no_play(name: str) -> None:
+    """In it nothing couples motor and link, and no gain follows; slews end within a few times the play."""
+    arm = arms.named("strip_geared")
+    loose = dataclasses.replace(arm, joints=(dataclasses.replace(arm.joints[0], backlash=0.01),))
+    env = gym.make("FlexibleArm-v0", arm=loose)
+    controller = control.make(name, env)
+    observation, _ = env.reset(seed=1)
+    controller.reset(observation)
+    errors = []
+    for _ in range(200):
+        observation, *_ = env.step(controller.act(observation))
+        errors.append(observation[5])
+    assert np.abs(errors[-50:]).max() < 0.05
+    assert arm_model(loose).frequencies.tolist() == arm_model(arm).frequencies.tolist()
 
 
 @pytest.mark.slow

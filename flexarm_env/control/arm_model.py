@@ -90,11 +90,12 @@ class ArmModel:
 
 
 def linear_model(arm: Arm, posture: tuple[float, ...], **options: Any) -> LinearModel:
-    """The elastica's about rest with elbows at a posture, rad (() is straight); options: of `linear.linearize`."""
+    """The elastica's about rest with elbows at a posture, rad (() is straight), gears without play; options: of
+    `linear.linearize`."""
     from ..linear import linearize
 
     angles = (0.0, *np.cumsum(posture or np.zeros(arm.n_links - 1)).tolist())
-    scene = Scene("design", arm, angles=angles, duration=1.0, dt=1e-3)
+    scene = Scene("design", arm.taut, angles=angles, duration=1.0, dt=1e-3)
     return linearize(scene, "elastica", nodes=NODES, **options)
 
 

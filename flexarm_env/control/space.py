@@ -180,11 +180,11 @@ def rest(arm: Arm, gravity: Array, angles: Array) -> Equilibrium:
 def held_model(
     arm: Arm, gravity: Array, angles: Array, gauges: Sequence[Spot] = ()
 ) -> tuple[LinearModel, Array, Array]:
-    """The flexible arm about its rest with joints at angles (N,), let go; rows of its joint angles; its A where the
-    rigid arm's weight is held at every angle."""
+    """The flexible arm about its rest with joints at angles (N,), let go, gears without play; rows of its joint
+    angles; its A where the rigid arm's weight is held at every angle."""
     from ..linear import linearize
 
-    free = linearize(rest(arm, gravity, angles), gauges=list(gauges))
+    free = linearize(rest(arm.taut, gravity, angles), gauges=list(gauges))
     joints = free.C[[free.outputs.index(f"joint{k}") for k in range(arm.n_links)]]
     step = 1e-4 * np.eye(arm.n_links)
     ends = [holding(arm, gravity, angles + sign * step)[0] for sign in (1.0, -1.0)]

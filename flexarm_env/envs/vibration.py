@@ -5,7 +5,6 @@ whose gears have taken hold: in the play a link turns freely, against its motor 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +32,7 @@ def shake(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) -> Ar
     along axes that turn with it.
     """
     assert settings.dt is not None
-    arm, count = _taut(arm), arm.n_links
+    arm, count = arm.taut, arm.n_links
     simulation = Simulation(standing_scene(arm, settings.dt, gravity, (0.0,) * count), settings)
     rates, poses = _rates(simulation)
     names, pose = simulation.system.names, assembly.pose_table(arm, settings, gravity)
@@ -53,11 +52,6 @@ def shake(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) -> Ar
             turning = [1 + count + k, 1 + 2 * count + k]
             own[i, turning], own[j, turning] = (x, -y), (y, x)
     return own
-
-
-def _taut(arm: Arm) -> Arm:
-    """The arm without the play of its gears."""
-    return replace(arm, joints=tuple(replace(joint, backlash=0.0) for joint in arm.joints))
 
 
 def _rates(simulation: Simulation) -> tuple[Array, Array]:
@@ -96,7 +90,7 @@ def swing(arm: Arm, settings: Settings) -> Array:
     from ..linear.stability import undamped
 
     assert settings.dt is not None
-    arm = _taut(arm)
+    arm = arm.taut
     simulation = Simulation(standing_scene(arm, settings.dt, None), settings, False)
     motions = SmallMotions(simulation)
     M, K = (motions.slopes(simulation.work.q, which, motions.free) for which in (2, 0))
