@@ -8,7 +8,7 @@ batch, on any number of threads.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -63,7 +63,6 @@ from .tasks.program import (
     PayloadChange,
     Program,
     Pushes,
-    Ranges,
     Reference,
     Selection,
     Sensors,
@@ -71,6 +70,7 @@ from .tasks.program import (
 from .tasks.reach import Chain, Reach
 from .tasks.slew import Slew
 from .tasks.space import SpaceReach
+from .tasks.starts import ALWAYS, FACTOR_NAMES, Starts
 from .tasks.task import Task
 
 Array = NDArray[np.float64]
@@ -80,27 +80,6 @@ LANES_FROM = 3
 
 UNSEEN = holders([np.zeros(1)], 0)
 """Holders of an array that only its list knows."""
-
-
-@dataclass(frozen=True)
-class Starts:
-    """What fresh starts are drawn from, uniformly (see `tasks.program.Ranges`).
-
-    start: (low, high) of each joint angle, rad. target: two ranges: rad from the start (slew; the second unused), or
-    m and rad, polar (reach); in space those of the joint angles at the target, rad. straight: share of starts with all
-    joints at 0. vibration: largest initial vibration, as a tip deflection over L. factors, more, shake: those of
-    `Ranges`; None: none. laws: joints are drawn. hub: see `Ranges`.
-    """
-
-    start: Sequence[tuple[float, float]]
-    target: Sequence[tuple[float, float]]
-    straight: float = 0.0
-    vibration: float = 0.0
-    factors: Sequence[tuple[float, float]] = field(default_factory=lambda: ((1.0, 1.0),) * 4)
-    shake: Array | None = None
-    more: Sequence[tuple[float, float]] | None = None
-    laws: bool = False
-    hub: float = 0.0
 
 
 def info_places(task: Task) -> Any:
@@ -155,7 +134,8 @@ class Batch:
         assert settings.dt is not None
         self.arm, self.settings, self.n, self.task, self.starts = arm, settings, n, task, starts
         self.period, self.gravity, self.books, self.extras = period, gravity, books, extras or Extras()
-        self.tolerance = precision.of_torques(arm, settings, precision.largest(starts), starts.factors[2][1])
+        drawn = starts.drawn
+        self.tolerance = precision.of_torques(arm, settings, precision.largest(drawn), drawn["damping"][1])
         pushed = self.extras.pushes is not None
         self.systems = fitted_systems(standing_scene(arm, settings.dt, gravity, pushed=pushed), settings)
         self.systems = [with_own_laws(system, starts.hub) for system in self.systems] if starts.laws else self.systems
@@ -198,7 +178,8 @@ class Batch:
             lane=self.lane, model=model, scheme=assembly.scheme_of(settings, self.tolerance), task=task,
             models=Models(*(system.model for system in self.systems)) if fitted else None,
             allowed=(settings.step_tolerance or 0.0) * self.arm.total_length,
-            ranges=self._ranges(), **(vars(self.extras) | {"keep_out": shapes}), layout=self.layout,
+            ranges=self.starts.ranges(self.pose, self.system.par), layout=self.layout,
+            **(vars(self.extras) | {"keep_out": shapes}),
             entries=self.entries, books=(0,) if self.books else None, estimate=self.estimate,
             period=self.period, h=self.period / n_steps, n_steps=n_steps, n=count,
             block=self.block.reshape(-1), action=self.action.reshape(-1), queue=self.queue,
@@ -225,16 +206,6 @@ class Batch:
         links that whip round are beyond (docs: theory, section 5); infinite for others: not known. (Not nan, which no
         checker of an environment's determinism takes to be equal to itself.)"""
         return self.system.notes.get("stretch_and_shear", float("inf"))
-
-    def _ranges(self) -> Ranges:
-        starts, still = self.starts, None if self.pose is None else np.zeros(self.pose.size)
-        ranges = {name: np.array(getattr(starts, name), np.float64).ravel() for name in ("start", "target", "factors")}
-        return Ranges(
-            pose=None if self.pose is None else self.pose.ravel(), nominal=self.system.par.copy(),
-            shake=still if starts.shake is None else starts.shake.ravel(),
-            straight=float(starts.straight), vibration=float(starts.vibration), hub=float(starts.hub), **ranges,
-            more=None if starts.more is None else np.ravel(starts.more), laws=(0,) if starts.laws else None,
-        )  # fmt: skip
 
     # --- one arm's entries -----------------------------------------------------------------------
     def _mine(self, first: int, last: int, i: int) -> Array:
@@ -436,9 +407,9 @@ class Batch:
 
 
 __all__ = [
-    "ACTION_NOT_FINITE", "Actuator", "Amplifier", "Batch", "CLIP", "Chain", "Controller", "Cost", "Extras", "FRESH",
-    "FURTHER", "GOAL", "GUIDED", "INFO", "Instruments", "KeepOut", "LAW_SIZE", "MODE", "OVER", "OneAtATime", "PERIODS",
-    "PERIODS_ALLOWED", "PayloadChange", "Pushes", "REASONS", "RUNNING", "Reach", "Reference", "STATUS_WORDS", "SUCCESS",
-    "Selection", "Sensors", "Slew", "SpaceReach", "Starts", "TARGET", "Task", "View", "gauge_table", "info_places",
-    "law_of", "one_at_a_time", "packed", "room_of", "curvature_rows", "standing_scene",
+    "ACTION_NOT_FINITE", "ALWAYS", "Actuator", "Amplifier", "Batch", "CLIP", "Chain", "Controller", "Cost", "Extras",
+    "FACTOR_NAMES", "FRESH", "FURTHER", "GOAL", "GUIDED", "INFO", "Instruments", "KeepOut", "LAW_SIZE", "MODE", "OVER",
+    "OneAtATime", "PERIODS", "PERIODS_ALLOWED", "PayloadChange", "Pushes", "REASONS", "RUNNING", "Reach", "Reference",
+    "STATUS_WORDS", "SUCCESS", "Selection", "Sensors", "Slew", "SpaceReach", "Starts", "TARGET", "Task", "View",
+    "gauge_table", "info_places", "law_of", "one_at_a_time", "packed", "room_of", "curvature_rows", "standing_scene",
 ]  # fmt: skip

@@ -15,7 +15,7 @@ import numpy as np
 
 from .. import arms
 from .. import validation as check
-from ..batch import CLIP, FURTHER, Batch, Extras, Starts
+from ..batch import ALWAYS, CLIP, FACTOR_NAMES, FURTHER, Batch, Extras, Starts
 from ..parameters import Arm, Base
 from ..physics import precision
 from ..physics.gauges import Spot
@@ -47,14 +47,6 @@ OF_MODES: dict[str, Any] = {"dt": 0.005, "tolerance": 1e-6}
 """What the environments use where nothing is said; where links are reduced to modes, `OF_MODES`.
 
 benchmarks/choose_default.py is the reason."""
-
-FACTORS = ("payload", "EI", "damping", "torque_constant")
-MORE = ("payload_inertia", "friction", "backlash", "motor_inertia")
-"""Factors that are drawn only where they are asked for; those but the first are on what the arm's joints have."""
-OTHERS = ("hub_inertia", "EI_y", "GJ")
-"""Likewise; with these all are drawn. The last two are of what links have in space, where EI is on EI_y too."""
-"""Keys of `randomization`, each a range (low, high) of the factor on the nominal value."""
-
 
 MOST_PERIODS, MOST_STEPS = 10**9, 10**4
 """Control periods of an episode, and the solver's steps in one of them: a fraction of a second that Ctrl-C waits."""
@@ -119,7 +111,7 @@ class Plan:
     @cached_property
     def farthest(self) -> float:
         """Largest angle of a start, rad (`physics.precision`)."""
-        return precision.farthest(self.arm, self.settings, precision.largest(self.starts))
+        return precision.farthest(self.arm, self.settings, precision.largest(self.starts.drawn))
 
     @property
     def deflection_bound(self) -> float:
@@ -172,7 +164,7 @@ def plan(
     """Check the arguments of an environment (see its class); a ValueError names key, value and what is allowed."""
     own = with_friction(with_base(_arm(kind, arm, joint_limits), base, kind.space), actuator)
     kind = priced(afloat(kind, own), reward)
-    factors, more = _factors(randomization, own)
+    factors = _factors(randomization, own)
     own, hub = with_hub(own, (randomization or {}).get("hub_inertia"))
     own, amplifier = amplified(own, check.choice("action_mode", action_mode, ACTION_MODES))
     period = check.number("control_dt", kind.period if control_dt is None else control_dt, "s", above=0.0)
@@ -219,12 +211,12 @@ def plan(
     weights = reward_weights(kind, reward)
     vibration = check.number("initial_vibration", initial_vibration, minimum=0.0, maximum=0.5)
     begun, absolute = events.starts(kind, own, starts)
-    laws = any(one != (1.0, 1.0) for one in (more or ())[1:5])
-    begun = dataclasses.replace(begun, factors=factors, more=more, laws=laws, hub=hub, vibration=vibration)
+    laws = any(factors.get(name, (1.0, 1.0)) != (1.0, 1.0) for name in OF_JOINTS)
+    begun = dataclasses.replace(begun, drawn=factors, laws=laws, hub=hub, vibration=vibration)
     if vibration > 0.0:
         modes = swing(own, settings) if kind.space else shake(own, settings, frame.gravity)
         begun = dataclasses.replace(begun, shake=modes)
-    drawn = {name: k for k, name in enumerate((*FACTORS, *MORE, *OTHERS)) if name in (randomization or {})}
+    drawn = {name: k for k, name in enumerate(FACTOR_NAMES) if name in (randomization or {})}
     drawn |= _told(extras, carried.readings(own, kind.space))
     aims = events.aims(frame, extras, success, turns, absolute, max(drawn.values(), default=-1))
     built = kind.build(own, weights, period, aims)
@@ -328,10 +320,17 @@ def _gravity(kind: Kind, given: Any) -> tuple[float, ...] | None:
     return tuple(check.number(f"gravity[{k}]", value, "m/s^2") for k, value in enumerate(values))
 
 
-def _factors(given: Any, arm: Arm) -> tuple[tuple[events.Pair, ...], tuple[events.Pair, ...] | None]:
-    """Ranges of `FACTORS`, and of `MORE` (with `OTHERS` where one of those is given), or None."""
-    names = (*FACTORS, *MORE, *OTHERS[: 3 if arm.spatial else 1])
-    table, rows = table_of("randomization", given, names), []
+OF_JOINTS = ("friction", "backlash", "motor_inertia", "hub_inertia")
+OF_SPACE = ("EI_y", "GJ")
+LATER = FACTOR_NAMES[FACTOR_NAMES.index("hub_inertia") :]
+"""Factors on what joints have; on what links have in space alone; and those that come last where all are drawn."""
+
+
+def _factors(given: Any, arm: Arm) -> dict[str, events.Pair]:
+    """Ranges of the factors of `randomization`, in their order: of those that every arm draws; where any other is given
+    of all before `LATER`; and where one of these is of all that the arm has."""
+    names = [name for name in FACTOR_NAMES if arm.spatial or name not in OF_SPACE]
+    table, found = table_of("randomization", given, names), {}
     joints = [arm.joint(k) for k in range(arm.n_links)]
     there = {
         "friction": any(joint.friction_viscous > 0.0 or joint.friction_coulomb > 0.0 for joint in joints),
@@ -347,10 +346,11 @@ def _factors(given: Any, arm: Arm) -> tuple[tuple[events.Pair, ...], tuple[event
             raise check.InvalidValue(f"{path}[0]", low, "must be positive: behind a gear something must move")
         if name in table and not there.get(name, True):
             raise check.InvalidValue(path, table[name], f"must not be given: no joint of {arm.name} has any")
-        rows.append((low, high))
-    drawn, more = len(FACTORS) + len(MORE), names[len(FACTORS) :]
-    last = len(names) if any(name in table for name in OTHERS) else drawn
-    return tuple(rows[: len(FACTORS)]), tuple(rows[len(FACTORS) : last]) if any(k in table for k in more) else None
+        found[name] = low, high
+    count = ALWAYS
+    if any(name in table for name in names[ALWAYS:]):
+        count = len(names) if any(name in table for name in LATER) else names.index(LATER[0])
+    return {name: found[name] for name in names[:count]}
 
 
 ARGUMENTS = (

@@ -140,7 +140,7 @@ class Source:
 
     def _most(self) -> tuple[float, ...]:
         """The largest parameters that double precision carries; see `physics.precision`."""
-        batch, largest = self.batch, 10.0 * self.batch.arm.damping[0] * self.batch.starts.factors[2][1]
+        batch, largest = self.batch, 10.0 * self.batch.arm.damping[0] * self.batch.starts.drawn["damping"][1]
 
         def carried(factor: float, damping: float) -> bool:
             factors = dict.fromkeys(STIFFNESSES, factor)

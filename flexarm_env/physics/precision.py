@@ -13,7 +13,7 @@ tau_d / h) times the turn of a step: no more where a step resolves the motion.
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -101,10 +101,10 @@ def stiffnesses(
     return found
 
 
-def largest(starts: Any) -> dict[str, float]:
-    """Largest factors on EI, in space on EI_y and GJ, that a `batch.Starts` draws."""
-    bending, more = starts.factors[1][1], [high for _, high in starts.more or ()][5:] or [1.0, 1.0]
-    return {"EI": bending, "EI_y": bending * more[0], "GJ": more[1]}
+def largest(drawn: Mapping[str, tuple[float, float]]) -> dict[str, float]:
+    """Largest factors on EI, in space on EI_y and GJ, of ranges (low, high) by name (`batch.Starts`)."""
+    EI, EI_y, GJ = (drawn.get(name, (1.0, 1.0))[1] for name in ("EI", "EI_y", "GJ"))
+    return {"EI": EI, "EI_y": EI * EI_y, "GJ": GJ}
 
 
 def ratio(

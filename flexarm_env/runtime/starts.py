@@ -27,6 +27,7 @@ from ..tasks.program import (
     sections,
     start_at,
 )
+from ..tasks.starts import ALWAYS, FACTOR
 from ..tasks.stream import draw, uniform
 from ..tasks.task import aim, info_of, judge, target_from
 from ..tasks.track import start_path
@@ -38,7 +39,6 @@ from .sensors import draw_age, record_drawn, write_observation
 
 _MODES = 3
 """Of an initial vibration in space: bending along y, along z, torsion."""
-_FACTORS = FURTHER.clearance - FURTHER.drawn
 _ONE, _RECORD, _START = (0,), (0,) * GOAL, (0,) * START.offsets(0, 0).end
 
 
@@ -63,7 +63,7 @@ def _start(lane, p, arm, mode, block, w):
     for k in range(record.shape[0] // lanes):
         record[k * lanes + i] = 0.0
     record[PERIODS_ALLOWED * lanes + i], record[MODE * lanes + i] = limit, float(mode)
-    record[TORQUE_FACTOR * lanes + i] = own[at.factors + 3]
+    record[TORQUE_FACTOR * lanes + i] = own[at.factors + FACTOR.torque_constant]
     record[TARGET * lanes + i], record[(TARGET + 1) * lanes + i] = own[at.target], own[at.target + 1]
     for k in range(PARAMETERS):
         par[k * lanes + i] = own[at.parameters + k]
@@ -72,11 +72,11 @@ def _start(lane, p, arm, mode, block, w):
     if p.ranges.pose is not None:
         _place(lanes, i, p.ranges.pose, p.ranges.shake, n_joints, own, size(p.model.n), w.q, w.v, w.a, w.b)
     else:
-        par[EI_Y_FACTOR * lanes + i] = p.ranges.nominal[EI_Y_FACTOR] * own[at.factors + 1]
+        par[EI_Y_FACTOR * lanes + i] = p.ranges.nominal[EI_Y_FACTOR] * own[at.factors + FACTOR.EI]
         par[GJ_FACTOR * lanes + i] = p.ranges.nominal[GJ_FACTOR]
         _place_in_space(lane, p, arm, own, par, poses, record, action, w)
     if p.ranges.more is not None:
-        _draw_more(p, lanes, i, arm, own[at.factors + 4 : at.parameters], par)
+        _draw_more(p, lanes, i, arm, own[at.factors : at.parameters], par)
     if p.ranges.pose is None and p.ranges.shake is not None:
         _swing(lane, p, i, _only(lane, i), own, par, action, w)
     for k in range(n_joints):
@@ -99,7 +99,7 @@ def _start(lane, p, arm, mode, block, w):
     draw_events(lanes, p, arm, par, record, info)
     record_clearance(lane, p, arm // lanes, w.q, live, info)
     if size(task.further) > 0:
-        for k in range(_FACTORS):
+        for k in range(FACTOR.end):
             info[(info_of(task).further + FURTHER.drawn + k) * lanes + i] = own[at.factors + k]
     record_energies(lane, p, par, w, live, info)
     _first_observation(lane, p, arm, live, record, action, poses, seen, info)
@@ -131,26 +131,26 @@ def _draw(task, ranges, stream, request, arm, own):
     for k in range(1 if ranges.pose is not None or ranges.shake is None else _MODES):
         vibration = (2.0 * uniform(stream, arm) - 1.0) * ranges.vibration
         own[at.vibration + k] = _given(request[asked.vibration + k], vibration)
-    for k in range(4):
+    for k in range(ALWAYS):
         own[at.factors + k] = draw(stream, arm, ranges.factors, k)
-    for k in range(4, _FACTORS):
+    for k in range(ALWAYS, FACTOR.end):
         own[at.factors + k] = 1.0
-    own[at.parameters + PAYLOAD_MASS] = ranges.nominal[PAYLOAD_MASS] * own[at.factors]
-    own[at.parameters + PAYLOAD_INERTIA] = ranges.nominal[PAYLOAD_INERTIA] * own[at.factors]
-    own[at.parameters + STIFFNESS_FACTOR] = ranges.nominal[STIFFNESS_FACTOR] * own[at.factors + 1]
-    own[at.parameters + TAU_D] = ranges.nominal[TAU_D] * own[at.factors + 2]
+    own[at.parameters + PAYLOAD_MASS] = ranges.nominal[PAYLOAD_MASS] * own[at.factors + FACTOR.payload]
+    own[at.parameters + PAYLOAD_INERTIA] = ranges.nominal[PAYLOAD_INERTIA] * own[at.factors + FACTOR.payload]
+    own[at.parameters + STIFFNESS_FACTOR] = ranges.nominal[STIFFNESS_FACTOR] * own[at.factors + FACTOR.EI]
+    own[at.parameters + TAU_D] = ranges.nominal[TAU_D] * own[at.factors + FACTOR.damping]
 
 
 @kernel
 def _draw_more(p, lanes, i, arm, factors, par):
-    """What of an arm's own parameters is drawn only where it is asked for, by factors that are put there."""
+    """What of an arm's own parameters is drawn only where it is asked for, by the later ones of its `FACTORS`."""
     for k in range(p.ranges.more.shape[0] // 2):
-        factors[k] = draw(p.stream, arm, p.ranges.more, k)
-    par[PAYLOAD_INERTIA * lanes + i] = par[PAYLOAD_INERTIA * lanes + i] * factors[0]
-    friction, play, rotor = factors[1], factors[2], factors[3]
+        factors[ALWAYS + k] = draw(p.stream, arm, p.ranges.more, k)
+    par[PAYLOAD_INERTIA * lanes + i] = par[PAYLOAD_INERTIA * lanes + i] * factors[FACTOR.payload_inertia]
+    friction, play, rotor = factors[FACTOR.friction], factors[FACTOR.backlash], factors[FACTOR.motor_inertia]
     if p.ranges.pose is None:
-        par[EI_Y_FACTOR * lanes + i] = par[EI_Y_FACTOR * lanes + i] * factors[5]
-        par[GJ_FACTOR * lanes + i] = par[GJ_FACTOR * lanes + i] * factors[6]
+        par[EI_Y_FACTOR * lanes + i] = par[EI_Y_FACTOR * lanes + i] * factors[FACTOR.EI_y]
+        par[GJ_FACTOR * lanes + i] = par[GJ_FACTOR * lanes + i] * factors[FACTOR.GJ]
     if p.ranges.laws is not None:
         laws = par[size(p.model.own) * lanes :]
         for k in range(0, p.model.data.shape[0], LAWS.end):
@@ -163,7 +163,7 @@ def _draw_more(p, lanes, i, arm, factors, par):
         at = LAWS.rotor * lanes + i
         if p.model.hub is not None:
             at = LAWS.hub * lanes + i
-        laws[at] = laws[at] + p.ranges.hub * (factors[4] - 1.0)
+        laws[at] = laws[at] + p.ranges.hub * (factors[FACTOR.hub_inertia] - 1.0)
 
 
 @kernel

@@ -10,6 +10,7 @@ from ..layout import Field, Layout
 from ..physics.layout import BOOKS
 from ..physics.model import OWN, STATUS
 from ..physics.obstacles import KeepOut
+from .starts import FACTORS, Ranges
 
 PARAMETERS = len(OWN)
 """Numbers of an arm's own parameters `par` in the plane, see `physics.model.PAYLOAD_MASS`."""
@@ -123,7 +124,7 @@ START = Layout(
     "Start", "joints",
     Field("vibration", (3,), "", "initial tip deflection over L; in space of each mode, in the plane the first alone"),
     Field("target", (2,), "m or rad", "as in the record"),
-    Field("factors", (11,), "", "on the nominal values: payload, EI, damping, torque constant; `Ranges.more`"),
+    Field("factors", (FACTORS.length,), "", "a `FACTORS`"),
     Field("parameters", (PARAMETERS,), "", "payload mass, payload inertia, EI factor, tau_d"),
     Field("angles", ("joints",), "rad", "joint angles"),
 )  # fmt: skip
@@ -165,7 +166,7 @@ _FURTHER = Layout(
     Field("payload", (), "kg", "mass of the payload"),
     Field("push", (3,), "N", "force on the tip in the period"),
     Field("step_error", (), "", "of the period over L, as fitted steps have it"),
-    Field("drawn", (11,), "", "factors on the nominal values, as in a `START`"),
+    Field("drawn", (FACTORS.length,), "", "a `FACTORS`"),
     Field("clearance", (), "m", "from the shapes that it keeps out of; negative within one"),
     Field("penetration", (), "m", "how deep it is in one, or 0"),
     Field("base", (3,), "rad, m", "attitude of a base that floats, and where its hub is"),
@@ -259,24 +260,6 @@ def sections(layout, block):
         block[layout.action : layout.seen], block[layout.seen : layout.info], block[layout.info : layout.saved],
         block[layout.saved : layout.end], block[layout.end : layout.row],
     )  # fmt: skip
-
-
-class Ranges(NamedTuple):
-    """What a fresh start is drawn from, uniformly; tables by rows, ranges (low, high). N links, n rows of the state."""
-
-    pose: np.ndarray | None  # (n, 1 + 3 N): q = pose times a `BASIS`; None: `protocol.stand` says, in space
-    shake: np.ndarray | None  # (n, 1 + 3 N): v likewise, for a vibration of 1; in space `envs.vibration.swing`, or None
-    nominal: np.ndarray  # of par
-    start: np.ndarray  # (N, 2) rad, joint angles
-    target: np.ndarray  # (2, 2): rad (slew, from the start), or m and rad (reach, polar); in space (N, 2): joint angles
-    straight: float  # share of starts with all joints at 0
-    vibration: float  # largest initial vibration, as a tip deflection over L
-    factors: np.ndarray  # (4, 2): payload, EI, damping, torque constant
-    # (4, 2): payload inertia besides, friction, backlash, rotors; (5, 2): the hub's inertia; in space (7, 2): EI_y
-    # besides, GJ; None: not drawn
-    more: np.ndarray | None = None
-    laws: tuple[int, ...] | None = None  # a tag where the joints' laws are each arm's own, for rows 1 to 4
-    hub: float = 0.0  # kg m^2: of which what is drawn is more or less is the first joint's rotor's
 
 
 class Controller(NamedTuple):
