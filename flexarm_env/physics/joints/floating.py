@@ -27,7 +27,9 @@ def conserve(lane, model, par, before, h, q, v, u, r, S):
     """
     n, base, sums = size(model.n), model.base, stack(lane, _SUMS)
     a, still = stack(lane, base.room), stack(lane, base.room)
-    for k in range(2 if before is None else 3):  # forces at rest; with the momentum; with that of a turn
+    for k in range(_MOTIONS):
+        store(sums, k, splat(lane, 0.0))
+    for k in range(_first(model), 2 if before is None else 3):  # forces at rest; with the momentum; that of a turn
         for j in range(n):
             store(still, j, splat(lane, 0.0))
             store(a, j, splat(lane, 0.0) if k != 1 else load(lane, v, j))
@@ -56,6 +58,16 @@ def conserve(lane, model, par, before, h, q, v, u, r, S):
         add(lane, v, base.places[j], dx)
         add(lane, v, base.places[j + 1], dy)
     return wanted, push
+
+
+@kernel
+def _first(model):
+    """1 where nothing acts from outside: what then is at rest, torques and strains, has no part in rigid motions."""
+    if model.arm.loads is not None:
+        return 0
+    if model.arm.gravity is not None:
+        return 0
+    return 1
 
 
 @kernel
