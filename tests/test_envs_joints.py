@@ -93,6 +93,13 @@ def test_a_voltage_gives_the_rate_at_which_the_motor_makes_as_much() -> None:
     assert abs(np.mean([o[-1]["joint_torque"][0] for o in found[-100:]])) < 5e-3
     first = outcomes(env, np.full((1, 1), 1.0), start=0.0)[0][-1]
     assert first["joint_torque"][0] <= 1.8
+    strong = gym.make(ONE, arm=geared("strip", joint), action_mode="voltage", info_level="full",
+                      randomization={"torque_constant": (1.5, 1.5)})  # fmt: skip
+    for stronger, plain in ((1.0, 1.0), (0.1, 0.15)):  # that gain is on voltages, not on limits of currents
+        asked = (strong, stronger), (env, plain)
+        runs = [outcomes(one, np.full((3, 1), share), start=0.0) for one, share in asked]
+        one, other = ([o[-1]["joint_torque"][0] for o in run] for run in runs)
+        assert one == pytest.approx(other, rel=1e-6)
     with pytest.raises(ValueError, match=r"arm.joints\[0\].motor: missing; action_mode=\"voltage\" needs a motor"):
         gym.make(ONE, action_mode="voltage")
 

@@ -114,7 +114,7 @@ def amplified(arm: Arm, mode: Any) -> tuple[Arm, Amplifier | None]:
         rows.append((gain, emf, limit))
         joints.append(replace(joint, friction_viscous=joint.friction_viscous + emf))
     gain_, emf_, limits_ = (np.array(column) for column in zip(*rows, strict=True))
-    return replace(arm, joints=tuple(joints)), Amplifier(gain_, emf_, limits_)
+    return replace(arm, joints=tuple(joints)), Amplifier(gain_, emf_ if mode == "voltage" else None, limits_)
 
 
 # --- actuators ---------------------------------------------------------------------------------------

@@ -153,14 +153,17 @@ def record_period(lane, p, par, record, scratch, w, live, info):
 def record_torques(lane, p, par, record, w, live, info):
     """Torques of the joints into info; of motors under voltages less what the rate takes."""
     n, at = size(p.task.links), info_of(p.task).torque
+    emf = None
     if p.amplifier is not None:
+        emf = p.amplifier.emf
+    if emf is not None:
         ports(lane, p.model, par, w.v, w.y)
     for k in range(n):
         torque = load(lane, w.u, k)
         if p.actuator is not None:
             torque = load(lane, record, record_at(0, n, size(p.task.acted), 1, 0, 0, 0, 0).torque + k)
-        if p.amplifier is not None:
-            torque = torque - load(lane, w.y, k) * p.amplifier.emf[k]
+        if emf is not None:
+            torque = torque - load(lane, w.y, k) * emf[k]
         put_info(lane, live, info, at + k, torque)
 
 

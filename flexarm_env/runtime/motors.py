@@ -51,17 +51,23 @@ def _control(lane, task, controller, model, par, poses, record, w):
 
 
 @kernel
-def _amplify(lane, task, amplifier, model, par, action, w):
+def _amplify(lane, task, amplifier, model, par, action, factor, w):
     """w.u <- torques, N m, of what the amplifiers are asked for: shares of the largest currents or voltages.
 
-    A voltage makes u = gain a less emf times the rate, which is viscous friction to the equations of motion, so that it
-    holds throughout the period and for steps of any length; limits of current and torque are looked at at its start.
+    factor: on the torque of a current, or on a voltage. A voltage makes u = gain a less emf times the rate, which is
+    viscous friction to the equations of motion, so that it holds throughout the period and for steps of any length;
+    limits of current and torque are looked at at its start.
     """
-    ports(lane, model, par, w.v, w.y)
-    for k in range(size(task.links)):
-        held = load(lane, w.y, k) * amplifier.emf[k]
-        torque = clip(load(lane, action, k) * amplifier.gain[k] - held, amplifier.limits[k])
-        store(w.u, k, torque + held)
+    if amplifier.emf is None:
+        for k in range(size(task.links)):
+            torque = clip(load(lane, action, k) * amplifier.gain[k], amplifier.limits[k])
+            store(w.u, k, torque * factor)
+    else:
+        ports(lane, model, par, w.v, w.y)
+        for k in range(size(task.links)):
+            held = load(lane, w.y, k) * amplifier.emf[k]
+            asked = load(lane, action, k) * amplifier.gain[k] * factor
+            store(w.u, k, clip(asked - held, amplifier.limits[k]) + held)
 
 
 @kernel
@@ -69,14 +75,15 @@ def command(lane, task, controller, amplifier, model, par, action, poses, record
     """w.u <- torques asked for, N m: what the amplifiers make of the action, or its share of the limits, or what the
     controllers make of that."""
     factor = load(lane, record, TORQUE_FACTOR)
-    for k in range(size(task.links)):
-        store(w.u, k, load(lane, action, k) * task.torque_limits[k])
     if amplifier is not None:
-        _amplify(lane, task, amplifier, model, par, action, w)
-    if controller is not None:
-        _control(lane, task, controller, model, par, poses, record, w)
-    for k in range(size(task.links)):
-        store(w.u, k, load(lane, w.u, k) * factor)
+        _amplify(lane, task, amplifier, model, par, action, factor, w)
+    else:
+        for k in range(size(task.links)):
+            store(w.u, k, load(lane, action, k) * task.torque_limits[k])
+        if controller is not None:
+            _control(lane, task, controller, model, par, poses, record, w)
+        for k in range(size(task.links)):
+            store(w.u, k, load(lane, w.u, k) * factor)
 
 
 @kernel

@@ -275,7 +275,7 @@ class Amplifier(NamedTuple):
     """What turns an action into torques: currents, or voltages less what the motors make themselves."""
 
     gain: np.ndarray  # (N,) N m: torque of the largest current, or of the largest voltage at rest
-    emf: np.ndarray  # (N,) N m s/rad: what a rate takes of that
+    emf: np.ndarray | None  # (N,) N m s/rad: what a rate takes of that; of currents None
     limits: np.ndarray  # (N,) N m
 
 
