@@ -171,7 +171,8 @@ class Renderer:
             self._draw_links(sheet, chain)
         picture = sheet.picture()
         if attitude is not None and good:
-            u, turned = max(0.75, min(self.size) / 640.0), f"{math.degrees(attitude):+.1f}°".replace("-", "−")
+            u, angle = max(0.75, min(self.size) / 640.0), round(math.degrees(attitude), 1)
+            turned = f"{angle:+.1f}°".replace("-", "−") if angle else "0°"
             write(picture, f"base {turned}", (14 * u, 69.5 * u), 17 * u, FAINT, "midleft")
         return self._told(picture, time, torques, deflection, good)
 
