@@ -271,6 +271,7 @@ def test_outputs_are_checked_before_the_run(capsys: pytest.CaptureFixture[str], 
     assert "file" in refused(capsys, *SHORT, "--out", str(tmp_path / "file" / "run.csv"))
     (tmp_path / "folder.csv").mkdir()
     assert "this is a folder" in refused(capsys, *SHORT, "--out", str(tmp_path / "folder.csv"))
+    assert "this is a file" in refused(capsys, *SHORT, "--plots", str(tmp_path / "file"))
 
 
 def test_nothing_in_common_with_the_reference(capsys: pytest.CaptureFixture[str]) -> None:

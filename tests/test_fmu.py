@@ -278,7 +278,7 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
         ((*pd, "fmu", "--out", "pd.c"), "must end in .fmu"),
         ((*pd, "library", "--out", "pd"), "must be c or fmu for a controller"),
         ((*pd, "fmu", "--out", "pd.fmu", "--name", "1"), "must be a C identifier"),
-        (("mpc", *pd[1:], "fmu", "--out", "x.fmu"), "must be PD"),
+        (("mpc", *pd[1:], "fmu", "--out", "x.fmu"), "must be pd"),
     ):
         assert sentence in refused(capsys, "export", *words)
 

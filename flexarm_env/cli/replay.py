@@ -39,6 +39,8 @@ def run(args: argparse.Namespace) -> int:
     paths = {name: writable(name, path, endings) for name, (path, endings) in outputs.items() if path is not None}
     if args.plots is not None:
         _needs("plots", "matplotlib", "plot")
+        if Path(args.plots).is_file():
+            raise check.InvalidValue("--plots", args.plots, "must be a folder, and this is a file")
     speed = check.number("--speed", args.speed, above=0.0)
     if args.through_env and args.time_limit is not None:
         raise check.InvalidValue("--time-limit", args.time_limit, "must not be given together with --through-env")

@@ -62,8 +62,8 @@ def controller_source(
     """
     kind = type(controller)
     if kind not in _BODIES:
-        known = f"must be {', '.join(own.__name__ for own in _BODIES)}"
-        raise check.InvalidValue("controller", kind.__name__, known)
+        what = "must be pd, zv, zvd, lqr, lqg or time_optimal: others solve a programme in each period"
+        raise check.InvalidValue("controller", kind.__name__, what)
     setup, read = controller.setup, controller.read
     many, aimed = setup.n_joints > 1, read.aimed
     plain, space = kind in (PD, SpatialPD), isinstance(controller, AboutRest)
