@@ -154,10 +154,10 @@ def test_the_docstring_names_everything_there_is() -> None:
     from flexarm_env.envs.two_link import TwoLinkFlexArmEnv
 
     one, two = str(FlexibleArmEnv.__doc__), str(TwoLinkFlexArmEnv.__doc__)
-    names = {*options.ARGUMENTS, *resets.KEYS, *options.FACTORS, *features._SENSORS, *features._ACTUATOR}
+    names = {*options.ARGUMENTS, *resets.KEYS, *options.FACTOR_NAMES, *features._SENSORS, *features._ACTUATOR}
     names |= {"autoreset_mode", "threads", "reset_mask", *STANDARD, *ENERGIES}
     names |= {*options.plan(SLEW, **rich(IDS[0])).names} - {"strain_gauge_2"}
-    names -= {"interpolation"}
+    names -= {"interpolation", *options.OF_SPACE}
     assert not [name for name in sorted(names) if f"`{name}" not in one], "missing in FlexibleArm-v0's docstring"
     assert 'interpolation="linear"' in one
     assert all(f"| {term} |" in text for term in REWARDS for text in (one, two))

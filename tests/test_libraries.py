@@ -18,7 +18,7 @@ def test_an_unknown_keyword_is_a_type_error_too() -> None:
         with pytest.raises(TypeError, match="got an unexpected keyword argument 'frameskip'") as caught:
             make("FlexibleArm-v0", frameskip=1)
         assert isinstance(caught.value, check.UnknownArgument)
-        assert "allowed: arm, formulation" in str(caught.value)
+        assert "allowed: arm, base, formulation" in str(caught.value)
     again = pickle.loads(pickle.dumps(check.UnknownArgument("armm", ("arm",))))
     assert str(again) == (
         "armm: unknown argument (did you mean arm?); allowed: arm; got an unexpected keyword argument 'armm'"

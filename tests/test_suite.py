@@ -92,7 +92,7 @@ def test_single_and_vector_by_their_ids() -> None:
     task = suite.task("slew-unknown-v2")
     single, vector = gym.make(task.env_id), gym.make_vec(task.env_id, num_envs=3)
     assert single.unwrapped.plan.limit == 300 and single.spec.id == task.registered
-    assert vector.unwrapped.plan.starts.factors[0] == (0.25, 4.0)
+    assert vector.unwrapped.plan.starts.drawn["payload"] == (0.25, 4.0)
     assert suite.make(task.id).observation_space == single.observation_space == vector.single_observation_space
 
 

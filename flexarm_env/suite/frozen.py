@@ -58,7 +58,8 @@ def digest_of(one: Task) -> str:
     made = resolved(one)
     built = made.kind.build(made.arm, np.array(made.rewards), made.period, made.aims)
     arm = {key: value for key, value in arms.to_table(made.arm, made.arm.spatial).items() if key != "source"}
-    starts = {key: getattr(made.starts, key) for key in ("start", "target", "straight", "vibration", "factors")}
+    starts = {key: getattr(made.starts, key) for key in ("start", "target", "straight", "vibration")}
+    starts["factors"] = [made.starts.drawn[name] for name in ("payload", "EI", "damping", "torque_constant")]
     what = {
         "environment": one.environment,
         "keywords": one.keywords,
