@@ -15,7 +15,10 @@ from ..protocol import RESIDUAL_ALONE, State
 _X, _Y, _TURN, _MOTIONS = range(4)
 """Rigid motions of the whole: 1 m/s along x, along y, 1 rad/s about the origin."""
 
-_SUMS = (0,) * (3 * _MOTIONS)
+_REST, _MOVING, _TURNED, _CASES = range(4)
+"""What is summed up by them: forces at rest; these with the momentum; these with the momentum of a turn of 1 rad/s."""
+
+_SUMS = (0,) * (_CASES * _MOTIONS)
 
 
 @kernel
@@ -29,17 +32,17 @@ def conserve(lane, model, par, before, h, q, v, u, r, S):
     a, still = stack(lane, base.room), stack(lane, base.room)
     for k in range(_MOTIONS):
         store(sums, k, splat(lane, 0.0))
-    for k in range(_first(model), 2 if before is None else 3):  # forces at rest; with the momentum; that of a turn
+    for k in range(_first(model), _TURNED if before is None else _CASES):
         for j in range(n):
             store(still, j, splat(lane, 0.0))
-            store(a, j, splat(lane, 0.0) if k != 1 else load(lane, v, j))
-        if k == 2:
+            store(a, j, splat(lane, 0.0) if k != _MOVING else load(lane, v, j))
+        if k == _TURNED:
             _turn(lane, base, q, splat(lane, 1.0), a)
         protocol.assemble(lane, model, par, State(q, still, a), u, RESIDUAL_ALONE, r, S)
         _take_part(lane, base, q, r, sums[_MOTIONS * k * len(lane) :])
-    x, y, turn = load(lane, sums, _X), load(lane, sums, _Y), load(lane, sums, _TURN)
-    now = load(lane, sums, _MOTIONS + _X) - x, load(lane, sums, _MOTIONS + _Y) - y, load(lane, sums, 5) - turn
-    push = -x, -y, -turn
+    x, y, turn = _sums(lane, sums, _REST)
+    moving = _sums(lane, sums, _MOVING)
+    now, push = (moving[0] - x, moving[1] - y, moving[2] - turn), (-x, -y, -turn)
     if before is None:
         return now, push
     was, pushed = before
@@ -48,7 +51,8 @@ def conserve(lane, model, par, before, h, q, v, u, r, S):
         was[2] + (pushed[2] + push[2]) * (0.5 * h),
     )  # fmt: skip
     # of a turn of 1 rad/s: momentum (-m y, m x) of the centre, and the inertia about the origin
-    mx, my, inertia = load(lane, sums, 7) - y, x - load(lane, sums, 6), load(lane, sums, 8) - turn
+    turned = _sums(lane, sums, _TURNED)
+    mx, my, inertia = turned[1] - y, x - turned[0], turned[2] - turn
     mass = load(lane, par, PAYLOAD_MASS) + base.mass
     dx, dy = wanted[0] - now[0], wanted[1] - now[1]
     rate = (wanted[2] - now[2] - (mx * dy - my * dx) / mass) / (inertia - (mx * mx + my * my) / mass)
@@ -62,12 +66,19 @@ def conserve(lane, model, par, before, h, q, v, u, r, S):
 
 @kernel
 def _first(model):
-    """1 where nothing acts from outside: what then is at rest, torques and strains, has no part in rigid motions."""
+    """The first case to sum up: where nothing acts from outside, forces at rest (torques, strains) come to nothing."""
     if model.arm.loads is not None:
-        return 0
+        return _REST
     if model.arm.gravity is not None:
-        return 0
-    return 1
+        return _REST
+    return _MOVING
+
+
+@kernel
+def _sums(lane, sums, case):
+    """Those of a case, by the three rigid motions."""
+    at = _MOTIONS * case
+    return load(lane, sums, at + _X), load(lane, sums, at + _Y), load(lane, sums, at + _TURN)
 
 
 @kernel
