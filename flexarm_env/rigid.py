@@ -124,5 +124,5 @@ def centre_shift(arm: Arm) -> float:
         moment += link.mass * (along + link.root_offset) + link.moment(1)
         moment += sum(mass * (along + at) for mass, at, _ in link.ends)
         along += link.span
-    moment += arm.payload.mass * along
+    moment += arm.payload.mass * (along + math.hypot(*arm.payload.offset))
     return moment / (arm.mass + arm.base.mass)

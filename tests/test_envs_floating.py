@@ -122,6 +122,8 @@ def test_a_stiff_link_turns_its_base_by_the_closed_form(payload: float) -> None:
     first = own * length / 2.0 + payload * length
     inertia -= first**2 / (own + payload + BASE["mass"])
     assert abs(centre_shift(arm) * (own + payload + BASE["mass"]) - first) < 1e-12
+    aside = dataclasses.replace(arm, payload=Payload(payload, 0.0, (0.0, 0.03)))
+    assert abs((centre_shift(aside) - centre_shift(arm)) * (own + payload + BASE["mass"]) - 0.03 * payload) < 1e-12
     env = gym.make(ONE, arm=arm, base=BASE, dt=0.0005, tolerance=1e-9).unwrapped
     env.reset(seed=1, options={"start": 0.3, "target": 0.0})
     for k in range(60):
