@@ -87,7 +87,7 @@ class Limits:
     """low <= g(x) <= high by augmented Lagrangian; with low = high an equality.
 
     of: x (..., S) -> g (..., G) and its derivative (..., G, S). low, high: (T + 1, n, G), infinite where there is none.
-    alone: x -> g, where that costs much less: derivatives are then taken of states that are pushed back alone.
+    alone: x -> g, where that costs much less: only states that a limit pushes back are then differentiated.
     """
 
     of: Any

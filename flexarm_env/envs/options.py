@@ -321,9 +321,11 @@ def _gravity(kind: Kind, given: Any) -> tuple[float, ...] | None:
 
 
 OF_JOINTS = ("friction", "backlash", "motor_inertia", "hub_inertia")
+"""Factors on what joints have."""
 OF_SPACE = ("EI_y", "GJ")
+"""Factors on what links have in space alone."""
 LATER = FACTOR_NAMES[FACTOR_NAMES.index("hub_inertia") :]
-"""Factors on what joints have; on what links have in space alone; and those that come last where all are drawn."""
+"""Factors that are drawn only where one of them is given."""
 
 
 def _factors(given: Any, arm: Arm) -> dict[str, events.Pair]:
