@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import random
 import secrets
 import sys
 import time
@@ -21,21 +22,52 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
+_BEGUN = time.monotonic()
+
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_configure(config: pytest.Config) -> None:
     """What Hypothesis draws: on a developer's machine the same in every run, in CI by a new seed, which is printed.
 
-    Processes that share a run (xdist) have the first one's options, and so its seed. The first call of a compiled
-    function takes seconds, so no deadline.
+    Processes that share a run (xdist) have the first one's seed. The first call of a compiled function takes seconds,
+    so no deadline.
     """
     if os.environ.get("CI") and config.option.hypothesis_seed is None:
-        config.option.hypothesis_seed = secrets.randbits(32)
+        config.option.hypothesis_seed = getattr(config, "workerinput", {}).get("seed", secrets.randbits(32))
     settings.register_profile(
         "flexarm", deadline=None, derandomize=config.option.hypothesis_seed is None, database=None, print_blob=True,
         suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
     )  # fmt: skip
     settings.load_profile("flexarm")
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node: Any) -> None:
+    """Tell a process that shares the run its seed."""
+    node.workerinput["seed"] = node.config.option.hypothesis_seed
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """How long a run may take, on a machine of unknown speed."""
+    parser.addoption(
+        "--within", type=float, metavar="SECONDS",
+        help="files in an order that is drawn; tests that have not begun by then are left out, and counted",
+    )  # fmt: skip
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Which files are left out, where time is short, is not the same in every run."""
+    if config.option.within is not None:
+        draw = random.Random(str(config.option.hypothesis_seed))
+        ranks = {file: draw.random() for file in sorted({str(item.path) for item in items})}
+        items.sort(key=lambda item: ranks[str(item.path)])
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Leave a test out that comes too late."""
+    within = item.config.option.within
+    if within is not None and time.monotonic() - _BEGUN > within:
+        pytest.skip(f"left out: {within:g} s are over (--within)")
 
 
 def pytest_report_header(config: pytest.Config) -> str | None:

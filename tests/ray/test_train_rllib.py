@@ -149,11 +149,11 @@ def test_a_run_that_is_killed_goes_on_from_its_last_checkpoint(ray_folder: str, 
         cwd=ROOT, env=environment, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     folder = tmp_path / "run"
-    end = time.monotonic() + 120.0
-    while len(checkpoints(folder)) < 2 and time.monotonic() < end:
+    end = time.monotonic() + 600.0
+    while len(checkpoints(folder)) < 2 and process.poll() is None and time.monotonic() < end:
         time.sleep(0.05)
     process.send_signal(signal.SIGKILL)
-    process.wait()
+    assert process.wait() == -signal.SIGKILL, "it was killed, and has not ended before"
     found = checkpoints(folder)
     assert found
     last = int(found[-1].name)
