@@ -30,6 +30,7 @@ TWO, ONE = "TwoLinkFlexArm-v0", "FlexibleArm-v0"
 FORMULATIONS = {
     "elastica": {"nodes": 4}, "geometrically_exact": {"elements": 3}, "floating_frame": {"segments": 2},
 }  # fmt: skip
+FRAMES = ("geometrically_exact", "floating_frame")
 
 
 def made(env_id: str = TWO, **more: Any) -> Any:
@@ -85,23 +86,23 @@ def test_momentum_is_kept_over_an_episode_of_random_torques(formulation: str, ge
     assert abs(gained) < 0.02 * max(info["work"], info["energy_dissipated"])
 
 
-def test_a_push_is_all_that_changes_the_momentum_of_a_scene() -> None:
+@pytest.mark.parametrize("formulation", ["elastica", *(pytest.param(x, marks=pytest.mark.slow) for x in FRAMES)])
+def test_a_push_is_all_that_changes_the_momentum_of_a_scene(formulation: str) -> None:
     """Force times time, and its moment about the origin over time, summed by the trapezoidal rule over the samples."""
     arm = dataclasses.replace(arms.named("de_luca_siciliano"), base=fx.Base(**BASE))
     push = fx.PointLoad(1, "tip", force_y=pulse(2.0, 0.2))
     scene = fx.Scene("pushed", arm, root="free", duration=0.4, dt=0.005, angles=(0.4, 1.4), loads=(push,))
-    for formulation, options in FORMULATIONS.items():
-        run = fx.simulate(scene, formulation, estimate_error=False, **options)
-        sim = fx.Simulation(scene, run.settings)
-        had = np.array([momentum(sim.system, sim.par, q, v) for q, v in zip(run.q, run.v, strict=True)])
-        force = np.array([2.0 if t <= 0.2 + 1e-9 else 0.0 for t in run.t])
-        moment = force * run.tip[:, 0]
-        pushed = run.t <= 0.2 + 1e-9
-        brought = np.concatenate([[0.0], np.cumsum(0.5 * (moment[1:] + moment[:-1]) * np.diff(run.t))])
-        assert np.abs(had[:, 0]).max() < 1e-12
-        assert np.abs(had[-1, 1] - 0.4) < 1e-12
-        assert np.abs(had[pushed, 2] - brought[pushed]).max() < 1e-11
-        assert np.abs(np.diff(had[~pushed, 2])).max() < 1e-12
+    run = fx.simulate(scene, formulation, estimate_error=False, **FORMULATIONS[formulation])
+    sim = fx.Simulation(scene, run.settings)
+    had = np.array([momentum(sim.system, sim.par, q, v) for q, v in zip(run.q, run.v, strict=True)])
+    force = np.array([2.0 if t <= 0.2 + 1e-9 else 0.0 for t in run.t])
+    moment = force * run.tip[:, 0]
+    pushed = run.t <= 0.2 + 1e-9
+    brought = np.concatenate([[0.0], np.cumsum(0.5 * (moment[1:] + moment[:-1]) * np.diff(run.t))])
+    assert np.abs(had[:, 0]).max() < 1e-12
+    assert np.abs(had[-1, 1] - 0.4) < 1e-12
+    assert np.abs(had[pushed, 2] - brought[pushed]).max() < 1e-11
+    assert np.abs(np.diff(had[~pushed, 2])).max() < 1e-12
 
 
 @pytest.mark.parametrize("payload", [0.0, 0.2])
@@ -195,7 +196,9 @@ FEATURES: dict[str, Any] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("env_id", "more"), [(ONE, {}), (TWO, {}), (TWO, FEATURES)])
+@pytest.mark.parametrize(
+    ("env_id", "more"), [(ONE, {}), (TWO, {}), pytest.param(TWO, FEATURES, marks=pytest.mark.slow)]
+)
 def test_single_and_vector_give_the_same_bits(env_id: str, more: dict[str, Any]) -> None:
     assert_pair_same(pair(env_id, 9, threads=2, duration=0.6, **ON_BASE, **more), 45)
 

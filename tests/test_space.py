@@ -314,12 +314,17 @@ def test_a_moment_bends_a_rod_to_a_circle_in_any_plane(turn: float) -> None:
 
 
 def test_a_moment_bends_a_round_rod_to_a_helix() -> None:
-    """In fourth order; by strains errors fall with the points by which the tip is found, not by an order."""
+    """In fourth order."""
     errors = [answers.off_a_helix(1e9, elements=n) for n in (4, 8, 16)]
     assert errors[1] < 1e-4
     assert errors[0] / errors[1] > 14.0 and errors[1] / errors[2] > 14.0
-    for nodes, most in ((3, 2e-5), (5, 3e-9)):
-        assert answers.off_a_helix(1e6, STRAINS, nodes=nodes) < most
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("nodes", "most"), [(3, 2e-5), (5, 3e-9)])
+def test_a_moment_bends_a_round_rod_to_a_helix_by_strains(nodes: int, most: float) -> None:
+    """Errors fall with the points by which the tip is found, not by an order."""
+    assert answers.off_a_helix(1e6, STRAINS, nodes=nodes) < most
 
 
 def test_a_link_of_uneven_curvature_stands_on_its_curve() -> None:

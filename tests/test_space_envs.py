@@ -141,6 +141,7 @@ def test_initial_vibrations_have_their_energy_and_swing_no_joint(start: Any, set
     assert energies[:, 1].max() > 0.5 * energies[0, 0]
 
 
+@pytest.mark.slow
 def test_initial_vibrations_are_drawn_alike_in_lanes() -> None:
     options: dict[str, Any] = {**COARSE, "initial_vibration": 0.1, "info_level": "full"}
     many = gym.make_vec("SpatialFlexArm-v0", num_envs=5, **options)

@@ -19,6 +19,10 @@ from .symbols import DOUBLE
 DEEPEST = 20
 """How often a kernel is open at once, for different kinds of arguments."""
 
+LARGE = 80
+"""Instructions of a function that is called, not written into those that call it, of one arm in a program that is not
+`hot`: its bits and, within a few percent, its time stay, and making the program takes two thirds as long."""
+
 
 class Module:
     """A program's intermediate code: functions by what they are given. call: see `calls`. often: see `hot`."""
@@ -61,6 +65,8 @@ class Module:
                 del self.code.globals[name]
         for word in kernel.attributes:
             code.attributes.add(word)
+        if not self.often and not kernel.attributes and _is_large(code):
+            code.attributes.add("noinline")
         return code, result
 
     def mark_loop(self, back: Any) -> None:
@@ -83,6 +89,12 @@ class Module:
             made.global_constant, made.linkage = True, "internal"
             self._tables[key] = made
         return self._tables[key]
+
+
+def _is_large(code: Any) -> bool:
+    """Whether a function has many instructions, none of them on lanes, which would leave their registers for a call."""
+    types = [one.type for block in code.blocks for one in block.instructions]
+    return len(types) > LARGE and not any(isinstance(one, ir.VectorType) for one in types)
 
 
 def promise(arguments: Sequence[Any], items: Sequence[Any]) -> None:
