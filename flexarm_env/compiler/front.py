@@ -21,7 +21,7 @@ DEEPEST = 20
 
 LARGE = 80
 """Instructions of a function that is called, not written into those that call it, of one arm in a program that is not
-`hot`: its bits and, within a few percent, its time stay, and making the program takes two thirds as long."""
+`hot`: its bits stay, it takes up to 6 % longer, and making the program 20 to 35 % less."""
 
 
 class Module:
