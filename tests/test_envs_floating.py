@@ -17,9 +17,11 @@ from flexarm_env.derivatives import Arms
 from flexarm_env.linear import linearize
 from flexarm_env.parameters import Payload
 from flexarm_env.physics.protocol import energy
+from flexarm_env.recording import EpisodeRecorder
 from flexarm_env.remote.server import Session
 from flexarm_env.rigid import centre_shift
 from flexarm_env.time_functions import pulse, steps
+from flexarm_env.view import Player
 from tests.env_tools import assert_pair_same, assert_same, episode, pair, turned
 
 Array = NDArray[np.float64]
@@ -381,3 +383,20 @@ def test_a_picture_shows_where_the_base_points() -> None:
         slopes.append(np.linalg.eigh(centred.T @ centred)[1][:, 1])
     turned_by = math.acos(min(1.0, abs(float(slopes[0] @ slopes[1]))))
     assert abs(turned_by - abs(env.snapshot().q[-1])) < 0.03
+
+
+def test_a_player_shows_the_base() -> None:
+    env = EpisodeRecorder(gym.make(TWO, **ON_BASE))
+    env.reset(seed=1)
+    for _ in range(7):
+        attitude = env.step(np.array([1.0, -0.5], np.float32))[4]["base_attitude"]
+    env.close()
+    clip = env.episodes[0].clip()
+    assert clip.base is not None and clip.base[0] == 0.0 and clip.base[-1] == attitude
+    assert (clip.every(3).base == clip.base[[0, 3, 6, 7]]).all()
+    assert '"base":{' in Player([clip]).data and clip.charts[1].series["base"] is clip.base
+    arm = dataclasses.replace(arms.named("de_luca_siciliano"), base=fx.Base(**BASE))
+    loads = (fx.JointTorque(0, pulse(0.5, 0.2)),)
+    scenes = (fx.Scene("s", arm, root=root, duration=0.1, dt=0.01, loads=loads) for root in ("free", "pinned"))
+    runs = [fx.simulate(scene) for scene in scenes]
+    assert (runs[0].clip().base == runs[0].base_angle).all() and runs[1].clip().base is None

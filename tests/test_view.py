@@ -105,7 +105,7 @@ def test_the_sites_players_are_of_this_form() -> None:
     """`python docs/players/make.py` makes them anew."""
     now = set(json.loads(run().view().data)["clips"][0])
     space = simulate(named("three_dof_slew"), duration=0.01, elements=1, estimate_error=False)
-    forms = now, set(json.loads(space.view().data)["clips"][0])
+    forms = now, now | {"base"}, set(json.loads(space.view().data)["clips"][0])
     files = sorted((ROOT / "docs" / "players").glob("*.json"))
     pages = "".join(path.read_text("utf-8") for path in (ROOT / "docs").rglob("*.md"))
     assert files and not [f.stem for f in files if f"{{player}} {f.stem}\n" not in pages]

@@ -131,6 +131,7 @@ function drawPanel(pen, width, height, clips) {
   clips.forEach((clip) => { if (clip.target && shown("target")) drawTarget(pen, clip, at); });
   clips.forEach((clip, k) => {
     if (!shown(`run ${CLIPS.indexOf(clip)}`)) return;
+    if (clip.base) drawBase(pen, clip.base[last(clip.t, state.time)], at(...poses[k]));
     drawLinks(pen, clip, poses[k], at);
     for (const pull of clip.pulls) if (shown(pull.name)) drawPull(pen, clip, pull, poses[k], at, Math.min(width, height));
   });
@@ -204,9 +205,24 @@ function drawLinks(pen, clip, points, at) {
   }
   for (let k = 0; k < clip.links; k++) {
     const where = at(points[2 * clip.cuts[k]], points[2 * clip.cuts[k] + 1]);
-    if (k || clip.pinned) disc(pen, where, (k ? 6 : 9) * unit, COLORS.panel, COLORS.ink, 3 * unit);
+    if (k || clip.pinned || clip.base) disc(pen, where, (k ? 6 : 9) * unit, COLORS.panel, COLORS.ink, 3 * unit);
   }
   if (clip.payload) disc(pen, at(...points.subarray(-2)), 7 * unit, COLORS.payload, COLORS.panel, 1.5 * unit);
+}
+
+/** A body that floats, with panels to both sides, and a mark where it points to. */
+function drawBase(pen, attitude, [x, y]) {
+  const unit = em() / 15;
+  pen.save();
+  pen.translate(x, y);
+  pen.rotate(-attitude);
+  Object.assign(pen, { fillStyle: COLORS.grid, strokeStyle: COLORS.soft, lineWidth: 1.5 * unit });
+  for (const box of [[-6, -58, 12, 36], [-6, 22, 12, 36], [-17, -17, 34, 34]]) {
+    pen.fillRect(...box.map((v) => v * unit));
+    pen.strokeRect(...box.map((v) => v * unit));
+  }
+  line(pen, [0, 0, 17 * unit, 0], (a, b) => [a, b], COLORS.soft, 2 * unit, []);
+  pen.restore();
 }
 
 /** A finer line through knots: cubics with slopes from the neighbours. */

@@ -54,6 +54,7 @@ class Clip:
         target (n, 2): m, or None. polar: the target is an angle, and its distance means nothing.
         pulls: forces and torques. charts: what is drawn over time, in order.
         pinned: the root stands on a motor. payload: the tip carries something. walls: outlines of what it keeps out of.
+        base (n,): attitude of a base that floats with the motor on it, rad, or None.
     """
 
     label: str
@@ -73,11 +74,13 @@ class Clip:
     pinned: bool = True
     payload: bool = False
     walls: Sequence[Array] = ()
+    base: Array | None = None
     skipped: int = field(default=1)  # of so many instants one is left
 
     def every(self, step: int) -> Clip:
         """Every `step`-th instant and the last, which is what it ends with."""
-        names = ("t", "points", "angles", "rigid", "curvature", *(() if self.target is None else ("target",)))
+        optional = (name for name in ("target", "base") if getattr(self, name) is not None)
+        names = ("t", "points", "angles", "rigid", "curvature", *optional)
         thin: Clip = thinner(self, names, step)
         return thin
 

@@ -126,6 +126,7 @@ def _clip(clip: Clip | SpaceClip) -> dict[str, Any]:
         **{name: getattr(clip, name) for name in ("cuts", "surface", "polar", "pinned", "payload")},
         "curvature": _short(clip.curvature),
         "target": None if clip.target is None else _packed("f4", clip.target),
+        **({} if clip.base is None else {"base": _packed("f4", clip.base)}),
     } | ({"walls": [_packed("f4", wall) for wall in clip.walls]} if clip.walls else {})
 
 

@@ -37,7 +37,8 @@ def of_trajectory(run: Any, label: str | None, curvature: Any) -> Clip | SpaceCl
         return space.of_run(run, label, _note(run.settings, _ended(run)), charts)
     kept, cuts = thinned(cuts_of(run.shapes, run.hinges), MOST_POINTS)
     points = run.shapes[:, kept]
-    charts = _reference_error(run)
+    base = run.base_angle if arm.base is not None and scene.root == "free" else None
+    charts = [*_reference_error(run), *_attitude(base)]
     charts += _common(arm, run.tip_deflection, run.joint_torque, _energies(run), _moving)
     charts += _sensors(run)
     curved = curvature(_places(arm, points[0], cuts))
@@ -49,6 +50,7 @@ def of_trajectory(run: Any, label: str | None, curvature: Any) -> Clip | SpaceCl
         curvature=curved, surface=_surface(arm, curved),
         pulls=[*_torques(arm, cuts, run.joint_torque), *_loads(scene, cuts, run.t)],
         charts=[c for c in charts if c.series], pinned=scene.root == "pinned", payload=arm.payload.mass > 0.0,
+        base=base,
     )  # fmt: skip
 
 
@@ -232,16 +234,21 @@ def of_episode(
     polar = plan.kind.target.numbers == 1
     bend = np.array([view.deflection for view in views])
     table = rate(_places(arm, shapes[0][kept], cuts))
-    charts = [_miss(poses[:, -1], target, np.array([view.target for view in views]), polar)]
+    states = np.array([view.q for view in views])
+    base, curvature = None if arm.base is None else states[:, -1], states @ table.T
+    charts = [_miss(poses[:, -1], target, np.array([view.target for view in views]), polar), *_attitude(base)]
     charts += [*_common(arm, bend, torque, energies, dict), *others]
-    curvature = np.array([view.q for view in views]) @ table.T
     return Clip(
         label=label, note=_note(plan.settings, ""), t=t, points=shapes[:, kept], cuts=cuts, angles=angles,
         rigid=rigid_angles(joints, turns_of(arm)), rest=rest_of(arm, shapes[0][kept], cuts), curvature=curvature,
         surface=_surface(arm, curvature), target=target, polar=polar, pulls=_torques(arm, cuts, torque),
         charts=[c for c in charts if c.series], payload=arm.payload.mass > 0.0,
-        walls=[outline_of(x, np.zeros(2), 3.0 * arm.total_length) for x in plan.keep_out],
+        walls=[outline_of(x, np.zeros(2), 3.0 * arm.total_length) for x in plan.keep_out], base=base,
     )  # fmt: skip
+
+
+def _attitude(base: Array | None) -> list[Chart]:
+    return [] if base is None else [Chart("base: attitude (rad)", {"base": base})]
 
 
 def _miss(tip: Array, target: Array, angle: Array, polar: bool) -> Chart:
