@@ -24,10 +24,11 @@ def record(task: suite.Task, seed: int) -> dict[str, np.ndarray]:
         action = np.clip(0.9 * action + 0.4 * pull, -1.0, 1.0).astype(np.float32)
         _, reward, terminated, _, info = env.step(action)
         view = batch.view(0)
-        rows.append((view.poses, view.target, action.astype(float), reward, info["is_success"], terminated))
+        turned = 0.0 if env.unwrapped.plan.arm.base is None else view.q[-1]
+        rows.append((view.poses, view.target, action.astype(float), turned, reward, info["is_success"], terminated))
         if terminated:
             break
-    names = ("poses", "target", "action", "reward", "success", "failed")
+    names = ("poses", "target", "action", "turned", "reward", "success", "failed")
     return dict(zip(names, map(np.array, zip(*rows, strict=True)), strict=True))
 
 
@@ -53,7 +54,8 @@ def told(task: suite.Task, seen: dict[str, np.ndarray], first: np.ndarray) -> tu
     """Reward and success of each period. first: the target at the episode's start."""
     env: Any = suite.make(task.id).unwrapped
     arm, period, given = env.plan.arm, env.plan.period, task.keywords.get("success", {})
-    weight = {"accuracy": 0.5, "distance": 0.5, "vibration": 0.02, "change": 0.0} | task.keywords.get("reward", {})
+    weight = {"accuracy": 0.5, "distance": 0.5, "vibration": 0.02, "change": 0.0, "attitude": 0.5}
+    weight |= task.keywords.get("reward", {})
     paid = given.get("paid", False)
     lengths = np.array([link.span for link in arm.links])
     L, poses, action, space = lengths.sum(), seen["poses"], seen["action"], arm.spatial
@@ -78,11 +80,15 @@ def told(task: suite.Task, seen: dict[str, np.ndarray], first: np.ndarray) -> tu
         slip = np.linalg.norm(speed - moving, axis=1) / L
         good = (e < given.get("position", 0.01)) & (slip < given.get("speed", 0.05))
         settle = np.exp(-((e / 0.02) ** 2) - (slip / 0.1) ** 2)
+    turned, level = np.abs(seen["turned"]), given.get("attitude", math.inf)
+    good &= turned < level
     if paid:
-        settle = 1.0 / (1.0 + ((e / given["position"]) ** 2 + (slip / given["speed"]) ** 2) ** 2)
+        square = (e / given["position"]) ** 2 + (slip / given["speed"]) ** 2 + (turned / level) ** 2
+        settle = 1.0 / (1.0 + square**2)
     change = np.diff(action, axis=0, prepend=np.zeros((1, action.shape[1])))
     reward = weight["accuracy"] * np.exp(-((e / 0.1) ** 2)) + settle
     reward -= weight["distance"] * np.minimum(np.abs(e) / way, 1.0) + weight["change"] * (change**2).sum(axis=1)
+    reward -= weight["attitude"] * np.minimum(turned**2, 1.0)
     reward -= 0.01 * (action**2).sum(axis=1) + price * shaking + 5.0 * seen["failed"]
     return reward, held(good, period, given.get("hold", 0.5), given.get("once", False))
 

@@ -14,7 +14,7 @@ import numpy as np
 from .. import arms
 from ..envs.options import Plan, plan
 from ..envs.space import SPACE
-from ..envs.task import CHAIN, CHANGE, REACH, SLEW
+from ..envs.task import ATTITUDE, CHAIN, CHANGE, REACH, SLEW
 from .data import Task, task
 
 KINDS = {kind.id: kind for kind in (SLEW, REACH, CHAIN, SPACE)}
@@ -36,12 +36,12 @@ class Possible(NamedTuple):
 @cache
 def possible(task_id: str) -> Possible:
     """Of a task by its id, from the bounds of the reward's terms (docs/suite.md): accuracy and settle pay 1 at most,
-    distance and vibration take 1, effort 1 and change 4 a joint, each times its weight; a failure is once."""
+    distance, vibration and attitude take 1, effort 1 and change 4 a joint, each times its weight; a failure is once."""
     made = resolved(task(task_id))
     weight = dict(zip(made.kind.rewards, made.rewards, strict=True))
     paid = weight["accuracy"] + weight["settle"]
     joints = made.arm.n_links * (weight["effort"] + 4.0 * weight.get(CHANGE, 0.0))
-    taken = weight["distance"] + joints + weight["vibration"]
+    taken = weight["distance"] + joints + weight["vibration"] + weight.get(ATTITUDE, 0.0)
     return Possible(made.limit, -made.limit * taken - weight["failure"], made.limit * paid)
 
 
