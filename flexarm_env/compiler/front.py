@@ -19,9 +19,9 @@ from .symbols import DOUBLE
 DEEPEST = 20
 """How often a kernel is open at once, for different kinds of arguments."""
 
-LARGE = 80
-"""Instructions of a function that is called, not written into those that call it, of one arm in a program that is not
-`hot`: its bits stay, it takes up to 6 % longer, and making the program 20 to 35 % less."""
+LARGE, LARGE_HOT = 80, 350
+"""Instructions of a function that is called, not written into those that call it, of one arm; in a `hot` program. Bits
+stay, a run takes up to 6 % longer (a hot program 1 %), and making the program 20 to 35 % (up to 20 %) less."""
 
 
 class Module:
@@ -65,7 +65,7 @@ class Module:
                 del self.code.globals[name]
         for word in kernel.attributes:
             code.attributes.add(word)
-        if not self.often and not kernel.attributes and _is_large(code):
+        if not kernel.attributes and _is_large(code, LARGE_HOT if self.often else LARGE):
             code.attributes.add("noinline")
         return code, result
 
@@ -91,10 +91,10 @@ class Module:
         return self._tables[key]
 
 
-def _is_large(code: Any) -> bool:
+def _is_large(code: Any, most: int) -> bool:
     """Whether a function has many instructions, none of them on lanes, which would leave their registers for a call."""
     types = [one.type for block in code.blocks for one in block.instructions]
-    return len(types) > LARGE and not any(isinstance(one, ir.VectorType) for one in types)
+    return len(types) > most and not any(isinstance(one, ir.VectorType) for one in types)
 
 
 def promise(arguments: Sequence[Any], items: Sequence[Any]) -> None:
