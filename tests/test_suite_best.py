@@ -37,7 +37,7 @@ def test_a_record_is_played_again(name: str, capsys: pytest.CaptureFixture[str])
     assert main(["bench", "suite", "--best", name, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["records"][name]
     assert found["same"] == found["episodes"] == score.EPISODES
-    assert abs(found["value"] - best.record(suite.task(name)).values.mean()) < best.ROUNDING
+    assert abs(found["value"] - best.record(suite.task(name)).values.mean()) < best.rounding(name)
 
 
 @pytest.mark.slow

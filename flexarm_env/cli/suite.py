@@ -112,7 +112,7 @@ def _best(wanted: Sequence[Task], as_json: bool) -> int:
         found[task.id] = {
             "date": kept.date, "value": float(values.mean()), "success_rate": float(successes.mean()),
             "episodes": len(values), "equal": int((values == kept.values).sum()),
-            "same": int((np.abs(values - kept.values) <= best.ROUNDING).sum()),
+            "same": int((np.abs(values - kept.values) <= best.rounding(task.id)).sum()),
         }  # fmt: skip
     if as_json:
         show({"records": found}, True)
