@@ -327,7 +327,7 @@ class Arm:
     def check_planar(self) -> None:
         """Raise ValueError where the arm leaves the plane, or a link is rigid."""
         if self.spatial:
-            what = "must move in the x-y plane here; simulate, modes and static_equilibrium compute arms in space"
+            what = "must move in the x-y plane here; SpatialFlexArm-v0, simulate and modes compute arms in space"
             raise check.InvalidValue("arm", self.name, what)
 
     @property

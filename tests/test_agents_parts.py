@@ -20,6 +20,7 @@ from flexarm_env.envs.options import plan
 from flexarm_env.training import config, episodes
 from flexarm_env.training import train as train_ppo
 from flexarm_env.training.arguments import parse
+from flexarm_env.training.progress import Progress
 from flexarm_env.training.runs import read_json, write_whole
 from tests.agents_tools import ENV, SMALL, file_of, told
 from tests.processes import ROOT
@@ -74,6 +75,18 @@ def test_arguments_from_words():
     assert found.folder == Path("runs/ppo-X-v0-0")
     with pytest.raises(SystemExit):
         parse(train_ppo.Arguments, "train", None, ["--n-timesteps", "some"])
+
+
+def test_returns_decide_which_policy_is_kept_where_none_succeeds():
+    """The first one was kept, untrained."""
+    def judged(success: float, value: float):
+        none = np.full(3, success, bool), np.full(3, 1.0 if success else 4.0), np.full(3, value)
+        return SimpleNamespace(success=none[0], settling=none[1], returns=none[2], errors=np.zeros(201), dt=0.02)
+
+    progress = Progress()
+    rows = (0, -90.0), (0, -40.0), (0, -60.0), (1, -70.0)
+    better = [progress.add(judged(*row), k, 1.0) for k, row in enumerate(rows)]
+    assert better == [True, True, False, True] and progress.best_steps == 3 and progress.best == 1.0
 
 
 # ------------------------------------------------------------------ measuring

@@ -95,7 +95,8 @@ def test_formats(ending: str, start: bytes, runs: dict[str, Trajectory], tmp_pat
 
 
 def test_wrong_format_leaves_nothing(runs: dict[str, Trajectory], tmp_path: Path) -> None:
-    refuses("abc", lambda: plotting.plot_energies(runs["free"], tmp_path / "run.abc"))
+    for path in (tmp_path / "run.abc", tmp_path / "run"):
+        refuses(f"path = '{path}': must end in .png", lambda path=path: plotting.plot_energies(runs["free"], path))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -105,6 +106,7 @@ def test_comparison(runs: dict[str, Trajectory], drawn: list[Figure], tmp_path: 
     plotting.plot_comparison(both, tmp_path / "a.png", reference=reference("robot_arm_motion").columns, title="arm")
     plotting.plot_comparison(both, tmp_path / "b.png")
     assert "distance of the tip from the reference (m)" in texts(drawn[0])
+    assert "distance of the tip from 4 segments (m)" in texts(drawn[1])
     assert len(drawn[0].axes[2].lines) == 2
     assert len(drawn[1].axes[2].lines) == 1  # the first run stands for the reference
     refuses("at least one run", lambda: plotting.plot_comparison({}, tmp_path / "c.png"))

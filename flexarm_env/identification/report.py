@@ -142,14 +142,14 @@ def draw(row: Prediction, axes: Any) -> None:
     run = row.run
     for k, name in enumerate(row.readings):
         above, below = axes[2 * k], axes[2 * k + 1]
-        above.plot(run.t, run.outputs[name], lw=0.9, color="#222222", label="measured")
+        above.plot(run.t, run.outputs[name], lw=2.6, color="#9a9a9a", label="measured")  # wide: seen under a good fit
         above.plot(run.t, row.readings[name], lw=0.9, color="#d1591b", label="predicted")
         above.set_title(f"{run.stem}, {name}: {row.vaf[name]:.1f} % of the variance")
         below.plot(run.t, run.outputs[name] - row.readings[name], lw=0.8, color="#1f5fa8", label="residual")
         for axis in (above, below):
             axis.axvspan(0.0, run.t[~run.kept].max(initial=0.0), color="#eeeeee", lw=0)
             axis.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2, frameon=False)
-    axes[-1].set_xlabel("t, s")
+    axes[-1].set_xlabel("t (s)")
 
 
 def arm_text(result: Identification) -> str:

@@ -99,7 +99,7 @@ def plot_comparison(
         raise ValueError("trajectories = {}: must hold at least one run")
     labels = list(trajectories)
     table: Columns = trajectories[labels[0]].columns() if reference is None else reference
-    name = labels[0] if reference is None else "reference"
+    name = labels[0] if reference is None else "the reference"
     with styled_figure(path, 10.5, 5.0, title) as figure:
         grid = figure.add_gridspec(2, 2, width_ratios=[4.6, 5.4])
         paths = figure.add_subplot(grid[:, 0])
@@ -121,7 +121,7 @@ def plot_comparison(
         paths.legend(loc="best")
         deflection.set(title="tip deflection / link length")
         deflection.tick_params(labelbottom=False)
-        error.set(title=f"distance of the tip from the {name} (m)", xlabel="t (s)")
+        error.set(title=f"distance of the tip from {name} (m)", xlabel="t (s)")
         _floor(error)
     return Path(path)
 

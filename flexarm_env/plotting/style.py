@@ -14,6 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
+from flexarm_env import validation as check
 from flexarm_env.files import write_whole
 
 if TYPE_CHECKING:
@@ -51,10 +52,15 @@ _STYLE: Any = {
 
 @contextmanager
 def styled_figure(path: str | os.PathLike[str], width: float, height: float, title: str = "") -> Iterator[Figure]:
-    """A figure, width by height inches, in the house's style, for `with`; written whole to `path` at its end."""
+    """A figure, width by height inches, in the house's style, for `with`; written whole to `path` at its end.
+
+    Raises ValueError for a path whose ending is of no picture.
+    """
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(width, height), layout="constrained")
-        FigureCanvasAgg(figure)
+        canvas = FigureCanvasAgg(figure)
+        if Path(path).suffix.lower()[1:] not in canvas.get_supported_filetypes():
+            raise check.InvalidValue("path", os.fspath(path), "must end in .png, .pdf or .svg")
         if title:
             figure.suptitle(title, x=0.01, ha="left", fontsize=10.5, color=INK)
         yield figure

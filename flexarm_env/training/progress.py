@@ -26,12 +26,14 @@ COLUMNS = (
 class Progress:
     """What a run has come to; part of every checkpoint.
 
-    curve: rows of COLUMNS. best: least cost so far (see `cost`). solved: row at which it was solved, or None.
-    wall_s, cpu_s: spent so far, evaluation and checkpoints left out.
+    curve: rows of COLUMNS. best: least cost so far (see `cost`); where nothing succeeds yet all cost the same, and
+    best_return, the mean return, decides. solved: row at which it was solved, or None. wall_s, cpu_s: spent so far,
+    evaluation and checkpoints left out.
     """
 
     curve: list[dict[str, float]] = field(default_factory=list)
     best: float = float("inf")
+    best_return: float = -float("inf")
     best_steps: int = 0
     solved: dict[str, float] | None = None
     wall_s: float = 0.0
@@ -59,9 +61,9 @@ class Progress:
         if self.solved is None and row["success_rate"] >= solved_at:
             self.solved = dict(row)
         now = cost(result, best_by)
-        better = now < self.best
+        better = (now, -row["return_mean"]) < (self.best, -self.best_return)
         if better:
-            self.best, self.best_steps = now, steps
+            self.best, self.best_return, self.best_steps = now, row["return_mean"], steps
         return better
 
     def judged(self, steps: int) -> bool:
