@@ -57,6 +57,10 @@ class Unit:
         self.at = ctypes.c_void_p(make(*items))
         assert self.at.value
         assert not make(b"arm", *((b"x",) if form == "3.0" else (1, b"x")), *items[2 if form == "3.0" else 3 :])
+        assert "not that of this unit's modelDescription.xml" in self.said[-1]
+        unnamed = make(None, *items[1:])
+        assert unnamed
+        getattr(self.code, f"fmi{self.form}FreeInstance")(ctypes.c_void_p(unnamed))
 
     def __call__(self, word: str, *items: Any) -> int:
         return int(getattr(self.code, f"fmi{self.form}{word}")(self.at, *items))
@@ -137,16 +141,57 @@ def test_unit(form: str, tmp_path: Path) -> None:
     assert unit.step(0.0, 0.02) == 3 and "communication point" in unit.said[-1]
     at = unit.get("time")[0]
     assert unit.step(at, 0.013) == 3 and "whole number" in unit.said[-1]
-    assert unit.set(torque__0=np.nan) == 3 and "not finite" in unit.said[-1]
-    assert unit.set(EI_factor=0.0) == 3 and "not allowed" in unit.said[-1]
+    assert unit.set(torque__0=np.nan) == 3 and "torque[0] = nan: must be a number from" in unit.said[-1]
+    assert unit.set(EI_factor=0.0) == 3 and "EI_factor = 0: must be a number from 1e-30 to" in unit.said[-1]
     assert unit.set(start_angle__0=1.0) == 3 and "before it starts" in unit.said[-1]
     assert unit.set(payload_mass=0.3, torque_factor=0.5) == 0 and unit.get("payload_mass")[0] == 0.3
     assert unit.set(torque__0=0.3) == 0 and unit.step(at, 0.02) == 0
     assert unit.get("applied_torque[0]")[0] == 0.15
     assert unit("Reset") == 0 and unit.set(EI_factor=0.8) == 0 and unit.start(7.0) == 0
     assert unit.get("time")[0] == 7.0 and unit.step(7.0, 0.02) == 0 and unit.get("EI_factor")[0] == 0.8
+    assert unit("Reset") == 0
+    enemy(unit, {"target[0]": 1e300, "start_angle[0]": -1e7, "start_vibration": 0.1, "payload_mass": -1.0})
     getattr(unit.code, f"fmi{unit.form}FreeInstance")(unit.at)
     env.close()
+
+
+def enemy(unit: Unit, wrong: dict[str, float]) -> None:
+    """Calls out of order, values out of range, steps without end, damaged states: an error and a sentence, no more."""
+
+    def refuses(status: int, words: str) -> None:
+        assert status == 3 and words in unit.said[-1]
+
+    for name, value in wrong.items():
+        refuses(unit.set(**{name: value}), f"{name} = {value:g}: must be a number from")
+    for at in (np.nan, np.inf, 1e300):
+        with pytest.raises(AssertionError):
+            unit.start(at)
+        assert "start time" in unit.said[-1]
+    refuses(unit.step(0.0, 0.02), "DoStep is for between")
+    refuses(unit("ExitInitializationMode"), "after EnterInitializationMode")
+    refuses(unit("Terminate"), "after ExitInitializationMode")
+    assert unit.start() == 0
+    refuses(unit("ExitInitializationMode"), "after EnterInitializationMode")
+    for length in (np.inf, np.nan, 1e300, 1e9, 0.0, -0.02):
+        refuses(unit.step(0.0, length), "a million at most")
+    for at in (np.nan, np.inf):
+        refuses(unit.step(at, 0.02), "communication point")
+    states = "FMUState" if unit.form == "3" else "FMUstate"
+    kept, size, other = unit.state(), ctypes.c_size_t(), ctypes.c_void_p()
+    assert unit(f"Serialized{states}Size", kept, ctypes.byref(size)) == 0
+    held = (ctypes.c_ubyte * size.value)()
+    assert unit(f"Serialize{states}", kept, held, size) == 0
+    held[size.value // 2] ^= 1
+    read = "DeserializeFMUState" if unit.form == "3" else "DeSerializeFMUstate"
+    refuses(unit(read, held, size, ctypes.byref(other)), "a damaged one")
+    refuses(unit(f"Set{states}", None), "a damaged one")
+    refuses(unit("GetString", None, ctypes.c_size_t(0), None), "GetString is not there")
+    assert unit.step(0.0, 0.02) == 0 and unit("Terminate") == 0
+    refuses(unit.step(0.02, 0.02), "DoStep is for between")
+    refuses(unit.set(**dict.fromkeys(wrong, 0.0)), "after Terminate")
+    at, unit.at = unit.at, ctypes.c_void_p()
+    assert unit.step(0.0, 0.02) == unit("Reset") == unit(f"Set{states}", kept) == 3  # of no unit
+    unit.at = at
 
 
 def test_outputs_of_two_links_are_where_they_lie() -> None:
@@ -229,7 +274,7 @@ def test_an_arm_and_its_controller_are_two_units(form: str, tmp_path: Path) -> N
     assert controller("SetFMUState" if form == "3.0" else "SetFMUstate", kept) == 0
     assert controller.step(at, period) == 0 and controller.get("torque[0]", "time").tolist() == once
     assert controller.step(0.0, period) == 3 and "communication point" in controller.said[-1]
-    assert controller.set(**{"observation.hub_sin": np.inf}) == 3 and "not finite" in controller.said[-1]
+    assert controller.set(**{"observation.hub_sin": np.inf}) == 3 and "hub_sin = inf" in controller.said[-1]
     assert controller.set(torque__0=1.0) == 3 and "cannot be set" in controller.said[-1]
     env.close()
 

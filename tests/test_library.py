@@ -165,6 +165,9 @@ def test_everything(env_id: str, keywords: dict[str, Any], tmp_path: Path) -> No
         wrong[names.index(name)] = value
         assert arm("set_parameters", wrong) == -2
     assert arm("reset", ctypes.c_uint64(1), np.full(joints, np.inf), None, ctypes.c_double(0.0)) == -2
+    none, far = ctypes.c_double(np.nan), np.full(joints, 1e300)
+    assert arm("reset", ctypes.c_uint64(1), None, far, none) == arm.reset(1, 0.6) == -2
+    assert [arm(word, None) for word in ("step", "step_torques", "set_state", "set_parameters")] == [-2] * 4
     assert arm.reset(1) == 0 and arm("step", np.full(joints, np.nan)) == 100
     assert arm("step", zero) == -1
 

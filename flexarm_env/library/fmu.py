@@ -41,7 +41,7 @@ LEFT_OUT = ("target", "terms", "reason", "reward", "truncated", "further")
 
 
 class Variable(NamedTuple):
-    """A number of the unit. kind, at: as in `fmu.c`. start: None where it is computed."""
+    """A number of the unit. kind, at, least, most: as in `fmu.c`. start: None where it is computed."""
 
     name: str
     kind: str
@@ -49,6 +49,8 @@ class Variable(NamedTuple):
     unit: str
     meaning: str
     start: float | int | None = None
+    least: float = -check.LARGEST
+    most: float = check.LARGEST
 
     @property
     def causality(self) -> str:
@@ -139,7 +141,9 @@ def _pack(
     name, folder = about.name, files[0].parent
     token = hashlib.sha256(code.encode()).hexdigest()[:32]
     types, functions = part.split("/* --- */\n")
-    rows = "\n".join(f"    {{{one.kind}, {one.at}}}," for one in variables)
+    rows = "\n".join(
+        f'    {{{one.kind}, {one.at}, {number(one.least)}, {number(one.most)}, "{one.name}"}},' for one in variables
+    )
     text = fill("fmu.c", name, {
         "INSIDE": inside, "TYPES": types, "FUNCTIONS": functions, "TOKEN": token, "VARIABLES": rows,
         "PERIOD": repr(about.period),
@@ -164,14 +168,16 @@ def _variables(source: Any, plan: Any) -> Iterator[Variable]:
         what = "asked of the motor, through a period" if torque else f'action_mode "{plan.action_mode}", within +-1'
         yield Variable(f"{'torque' if torque else 'action'}[{k}]", "INPUT", k, "N m" if torque else "", what, 0.0)
     for k, one in enumerate(source.parameters):
-        yield Variable(one.name, "PARAMETER", k, one.unit, f"{one.meaning}, tunable", one.start)
+        yield Variable(one.name, "PARAMETER", k, one.unit, f"{one.meaning}, tunable", *one[3:6])
+    angle, target, vibration = source.farthest
     for k in joints:
-        yield Variable(f"start_angle[{k}]", "ANGLE", k, "rad", "of the joint, at the start", 0.0)
+        yield Variable(f"start_angle[{k}]", "ANGLE", k, "rad", "of the joint, at the start", 0.0, -angle, angle)
     length, point = plan.arm.total_length, not plan.arm.spatial and len(batch.task.targets) > 1
     what = "of the joint where the rigid arm's tip reaches the target" if plan.arm.spatial else "of the task"
     for k, value in enumerate((0.6 * length, 0.3 * length) if point else (0.5,) * len(joints)):
-        yield Variable(f"target[{k}]", "TARGET", k, "m" if point else "rad", what, value)
-    yield Variable("start_vibration", "VIBRATION", 0, "", "tip deflection over the arm's length, at the start", 0.0)
+        yield Variable(f"target[{k}]", "TARGET", k, "m" if point else "rad", what, value, -target, target)
+    what = "tip deflection over the arm's length, at the start"
+    yield Variable("start_vibration", "VIBRATION", 0, "", what, 0.0, 0.0 - vibration, vibration)
     yield Variable("seed", "SEED", 0, "", "that sensor noise follows from", 0)
     at = 0
     for field, shape in zip(INFO.fields, INFO.shapes(**source.sizes), strict=True):
@@ -255,6 +261,8 @@ def _description(about: _About, token: str, variables: list[Variable]) -> bytes:
         value = {} if one.start is None else {"start": str(one.start)}
         if one.unit:
             value["unit"] = one.unit
+        if one.start is not None and not whole:
+            value |= {"min": number(one.least), "max": number(one.most)}
         if new:
             ElementTree.SubElement(listed, "Int32" if whole else "Float64", told | value)
         else:

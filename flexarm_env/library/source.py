@@ -125,7 +125,8 @@ class Source:
             "STREAM": at["stream"], "QUEUE": at["queue"], "ALLOWED": PERIODS_ALLOWED,
             "MODE": MODE, "PERIODS": PERIODS, "TABLE": at["table"], "POSES": at["block"] + 8 * batch.layout.poses,
             "SEEN": at["observation"], "BLOCK": at["block"],
-            "ACTION_AT": at["action"], "FARTHEST": number(min(plan.farthest, 1e9)),
+            "ACTION_AT": at["action"],
+            **dict(zip(("FARTHEST", "FAR_TARGET", "FAR_VIBRATION"), map(number, self.farthest), strict=True)),
             "CPU": self.cpu, "PARAMETERS": len(self.parameters), **self._settable(at["block"]),
             "OBJECTS": " ".join(f"{symbol}.o" for symbol in self.symbols),
         }  # fmt: skip
@@ -137,6 +138,13 @@ class Source:
         task = self.batch.task
         counts = {"links": task.links, "targets": task.targets, "terms": task.terms, "further": task.further}
         return {key: len(value) for key, value in counts.items()}
+
+    @property
+    def farthest(self) -> tuple[float, float, float]:
+        """How large angles, numbers of a target and a vibration at the start may be, as `options` of a reset say."""
+        plan = self.plan
+        angle, point = min(plan.farthest, 1e6), not self.spatial and len(self.batch.task.targets) > 1
+        return angle, plan.arm.total_length if point else angle, 0.0 if plan.starts.shake is None else 0.5
 
     def _most(self) -> tuple[float, ...]:
         """The largest parameters that double precision carries; see `physics.precision`."""
@@ -238,6 +246,7 @@ class Source:
         return (
             f"\n{declared}\n{{\n    static const double limits[UPPER_JOINTS] = {{{limits}}};\n"
             "    double action[UPPER_JOINTS];\n"
+            "    if (torque == NULL) return UPPER_REFUSED;\n"
             "    for (int k = 0; k < UPPER_JOINTS; k++) action[k] = torque[k] / limits[k];\n"
             "    return NAME_step(arm, action);\n}\n"
         )

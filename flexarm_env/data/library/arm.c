@@ -67,22 +67,21 @@ static int64_t place(const NAME_arm *arm, int k) { return (int64_t)(uintptr_t)ar
 static double *numbers(const NAME_arm *arm, int k, size_t at) { return (double *)(void *)(arm->data[k] + at); }
 static int code(const NAME_arm *arm) { return (int)NAME_get_info(arm)->reason; }
 
-static int finite_all(const double *values, int count, int nan_too)
+/* What is not given is NULL or NAN. */
+static int within(const double *values, int count, double most)
 {
     for (int k = 0; values != NULL && k < count; k++)
-        if (isinf(values[k]) || (isnan(values[k]) && !nan_too)) return 0;
+        if (fabs(values[k]) > most) return 0;
     return 1;
 }
 
 int NAME_reset(NAME_arm *arm, uint64_t key, const double *angles, const double *target, double vibration)
 {
-    double *request = numbers(arm, 0, @REQUEST@), *record = numbers(arm, 0, @RECORD@);
-    if (!finite_all(angles, UPPER_JOINTS, 1) || !finite_all(target, UPPER_TARGET, 1) || isinf(vibration))
+    if (arm == NULL || !within(angles, UPPER_JOINTS, @FARTHEST@) || !within(target, UPPER_TARGET, @FAR_TARGET@)
+        || !within(&vibration, 1, @FAR_VIBRATION@))
         return UPPER_REFUSED;
-    for (int k = 0; k < UPPER_JOINTS; k++) {
-        if (angles != NULL && fabs(angles[k]) > @FARTHEST@) return UPPER_REFUSED;
-        request[@ANGLES@ + k] = angles == NULL ? NAN : angles[k];
-    }
+    double *request = numbers(arm, 0, @REQUEST@), *record = numbers(arm, 0, @RECORD@);
+    for (int k = 0; k < UPPER_JOINTS; k++) request[@ANGLES@ + k] = angles == NULL ? NAN : angles[k];
     for (int k = 0; k < UPPER_TARGET; k++) request[@TARGET_AT@ + k] = target == NULL ? NAN : target[k];
     for (int k = 0; k < 3; k++) request[@VIBRATION@ + k] = vibration; /* in space of each mode */
     *(uint64_t *)(void *)(arm->data[0] + @STREAM@) = key;
@@ -96,6 +95,7 @@ int NAME_reset(NAME_arm *arm, uint64_t key, const double *angles, const double *
 
 int NAME_step(NAME_arm *arm, const double action[UPPER_JOINTS])
 {
+    if (arm == NULL || action == NULL) return UPPER_REFUSED;
     if (numbers(arm, 0, @RECORD@)[@MODE@] != RUNNING || numbers(arm, 0, @RECORD@)[@ALLOWED@] == 0.0) return UPPER_OVER;
     memcpy(arm->data[0] + @ACTION_AT@, action, UPPER_JOINTS * sizeof(double));
     NAME_step_program(place(arm, 0), 0, 1);
@@ -112,6 +112,7 @@ void NAME_get_state(const NAME_arm *arm, void *state) { memcpy(state, arm->data[
 
 int NAME_set_state(NAME_arm *arm, const void *state)
 {
+    if (arm == NULL || state == NULL) return UPPER_REFUSED;
     memcpy(arm->data[0], state, UPPER_STATE_BYTES);
     return code(arm);
 }
@@ -123,6 +124,7 @@ void NAME_get_parameters(const NAME_arm *arm, double parameters[UPPER_PARAMETERS
 
 int NAME_set_parameters(NAME_arm *arm, const double parameters[UPPER_PARAMETERS])
 {
+    if (arm == NULL || parameters == NULL) return UPPER_REFUSED;
     for (int k = 0; k < UPPER_PARAMETERS; k++)
         if (!(parameters[k] >= known[k].least && parameters[k] <= known[k].most)) return UPPER_REFUSED;
     for (int k = 0; k < UPPER_PARAMETERS; k++) *numbers(arm, 0, known[k].at) = parameters[k];

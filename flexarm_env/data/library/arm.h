@@ -24,7 +24,7 @@ extern "C" {
 /* Statuses: what NAME_reset, NAME_step and their likes return. */
 @STATUSES@
 #define UPPER_OVER (-1) /* the episode has ended, or none has begun: reset first; nothing has moved */
-#define UPPER_REFUSED (-2) /* a number that is not allowed; nothing has moved */
+#define UPPER_REFUSED (-2) /* a number that is not allowed, NULL for what is needed; nothing has moved */
 
 /* A sentence for each of them. */
 const char *NAME_status(int status);
@@ -49,7 +49,7 @@ void NAME_destroy(NAME_arm *arm);
  * Start an episode. key: 64 random bits that all draws and noise follow from (in Python, of reset(seed=s):
  * numpy.random.Generator(numpy.random.PCG64(numpy.random.SeedSequence(s))).bit_generator.random_raw()).
  * angles (UPPER_JOINTS, rad), target (UPPER_TARGET numbers: @TARGET@), vibration (tip deflection over the arm's length,
- * in space of each mode): NULL or NAN: drawn.
+ * in space of each mode): NULL or NAN: drawn. At most @FARTHEST@, @FAR_TARGET@ and @FAR_VIBRATION@ in size.
  */
 int NAME_reset(NAME_arm *arm, uint64_t key, const double *angles, const double *target, double vibration);
 

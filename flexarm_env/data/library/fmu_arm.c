@@ -1,7 +1,7 @@
 /* What the environment sets lies together, so that a state is this and the arm's bytes. */
 typedef struct {
     double input[UPPER_JOINTS], parameters[UPPER_PARAMETERS], angles[UPPER_JOINTS], target[UPPER_TARGET], vibration, start, time;
-    int seed, begun, fresh;
+    int seed, phase, fresh;
 } outside;
 
 typedef NAME_arm *inner;
@@ -9,7 +9,7 @@ enum { INNER = UPPER_STATE_BYTES };
 /* --- */
 static void set_up(unit *u)
 {
-    static const outside first = {.parameters = {@PARAMETERS@}, .target = {@AIM@}};
+    static const outside first = {.phase = MADE, .parameters = {@PARAMETERS@}, .target = {@AIM@}};
     u->now = first;
 }
 
@@ -53,8 +53,6 @@ static int get(unit *u, uint32_t k, double *value)
 
 static int set(unit *u, uint32_t k, double value)
 {
-    if (k >= COUNT || variables[k].kind >= SEED) return say(u, ERROR, "a value reference that cannot be set");
-    if (!isfinite(value)) return say(u, ERROR, "a number that is not finite");
     const int at = variables[k].at;
     outside *now = &u->now;
     if (variables[k].kind == INPUT) {
@@ -64,15 +62,13 @@ static int set(unit *u, uint32_t k, double value)
     if (variables[k].kind == PARAMETER) {
         const double before = now->parameters[at];
         now->parameters[at] = value;
-        if (now->begun && NAME_set_parameters(u->own, now->parameters) == UPPER_REFUSED) {
+        if (now->phase == STEPPING && NAME_set_parameters(u->own, now->parameters) == UPPER_REFUSED) {
             now->parameters[at] = before;
             return say(u, ERROR, NAME_status(UPPER_REFUSED));
         }
-    } else {
-        if (now->begun) return say(u, ERROR, "where the arm starts is set before it starts");
+    } else
         *(variables[k].kind == ANGLE ? &now->angles[at] : variables[k].kind == TARGET ? &now->target[at] : &now->vibration) = value;
-    }
-    if (!now->begun) now->fresh = 0;
+    if (now->phase < STEPPING) now->fresh = 0;
     return OK;
 }
 

@@ -2,7 +2,7 @@
 typedef struct {
     float seen[UPPER_HISTORY * UPPER_ENTRIES];
     double torque[UPPER_JOINTS], start, time, periods;
-    int seed, begun, fresh;
+    int seed, phase, fresh;
 } outside;
 
 typedef NAME_memory inner;
@@ -10,7 +10,7 @@ enum { INNER = sizeof(inner) };
 /* --- */
 static void set_up(unit *u)
 {
-    static const outside first;
+    static const outside first = {.phase = MADE};
     u->now = first;
 }
 
@@ -40,8 +40,6 @@ static int get(unit *u, uint32_t k, double *value)
 
 static int set(unit *u, uint32_t k, double value)
 {
-    if (k >= COUNT || variables[k].kind != INPUT) return say(u, ERROR, "a value reference that cannot be set");
-    if (!isfinite(value)) return say(u, ERROR, "a number that is not finite");
     u->now.seen[variables[k].at] = (float)value;
     return OK;
 }
