@@ -6,8 +6,6 @@ Leaves the run folder, figures and report.md in the folder. What is there alread
 the first one stopped (--fresh begins anew). The exit code is 1 where the task is not solved.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from dataclasses import dataclass

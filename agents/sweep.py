@@ -11,8 +11,6 @@ those of `agents.train_rllib`, and results.csv, results.md and results.png: ever
 the environment's own reward. A sweep that was broken off goes on with --resume, each trial from its last checkpoint.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import json

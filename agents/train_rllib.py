@@ -11,8 +11,6 @@ run.json, learning_curve.csv and .png, tensorboard/; beside them module.pt (weig
 until the run has finished, checkpoints/ (each holds RLlib's own in algorithm/).
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os

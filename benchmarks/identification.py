@@ -10,8 +10,6 @@ A case in space draws a boom on a pillar that turns, by yaw and shoulder, under 
 both planes and to torsion, payload, tau_d and the shoulder's gear, from three gauges by the motors' angles.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import json

@@ -9,8 +9,6 @@ runners (`native`: those of agents/rllib/runner.py, `rllib`: RLlib's own) as pro
 learners likewise. They take turns; times are medians over iterations, the first two of each turn left out.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import os

@@ -1,7 +1,5 @@
 """How soon controllers settle `SpatialFlexArm-v0`, on 100 reaches: docs/environments/spatial.md."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -14,8 +14,6 @@ exact beam has not. Of the rest it is not known whether the tip is right, and th
 exit code is 1 where a run was silently wrong, returned a NaN, raised or took too long.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import json

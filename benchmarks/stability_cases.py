@@ -4,8 +4,6 @@ Every arm has length 1 m, mass 1 kg and EI = 1 N m^2 in all, so that a time is t
 clamped arm with its payload, a torque by the strip's limit in units of EI / L (0.286), a stiffness by EA L^2 / EI.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

@@ -1,7 +1,5 @@
 """The documentation site: `make docs` builds it, and a warning is an error."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import re

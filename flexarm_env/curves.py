@@ -1,7 +1,5 @@
 """Curvature that a link has by itself: one number, or linear between points along it."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 

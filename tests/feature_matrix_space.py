@@ -6,8 +6,6 @@ twisted by ten degrees and more, against an oracle of another derivation (`oracl
 anew, which takes minutes, into ``feature_matrix_space.npz``.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import sys

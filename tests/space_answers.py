@@ -1,7 +1,5 @@
 """Beams in space with known answers, for the tests of all formulations and for the page of results."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """Every feature in space on bent and twisted arms (`feature_matrix_space.py`): tip, its axes, torque, losses."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Arms in space identified: derivatives against differences of runs, planted parameters, a log, what is refused."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The oracle in space: d'Alembert's principle against Lagrange's equations of its energies, and what free arms keep."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

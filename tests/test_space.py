@@ -1,7 +1,5 @@
 """Arms in space against known answers, the energy they are derived from, and the planar kernels."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """LQR and LQG of arms in space: their model of the arm, and what they reach."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

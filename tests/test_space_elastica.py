@@ -1,8 +1,6 @@
 """The elastica in space: known answers, the planar elastica, momentum, order. Principles and matrices of it are in
 `test_space.py`, every feature against the oracle in `test_feature_matrix_space.py`."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

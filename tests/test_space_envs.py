@@ -1,7 +1,5 @@
 """Arms in space in batches and environments."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

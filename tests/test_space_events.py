@@ -1,7 +1,5 @@
 """What befalls an arm in space in an episode: payloads gripped and let go, drawn, and pushes; against balances."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from typing import Any

@@ -1,7 +1,5 @@
 """Floating frames in space: the planar ones in drawn planes, known answers, the exact beam."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """Linear models of arms in space: against what the solver does, the plane, modes; held and free roots."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from pathlib import Path

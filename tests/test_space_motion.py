@@ -1,7 +1,5 @@
 """Targets that move, and joints whose motion is prescribed, in space."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import math

@@ -1,8 +1,6 @@
 """Arms of scenes in space that stay in a plane: found where it is true, by the plane's kernels to the last bit, and
 where the spatial kernels have them."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """What arms in space have not is refused by its name: every line of the page that lists it, tried."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Ray found, started on this machine or joined; a lock that lets one process of a node compile while others wait."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import tempfile

@@ -1,7 +1,5 @@
 """RLlib's PPO from the same files of hyper-parameters that Stable-Baselines3 is trained with."""
 
-from __future__ import annotations
-
 import contextlib
 from pathlib import Path
 from typing import Any

@@ -3,8 +3,6 @@
 python docs/figures/architecture.py [FILE.svg]
 """
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

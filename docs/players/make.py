@@ -5,8 +5,6 @@
 A few minutes; of NAMEs alone where some are given. The suite's tasks have players by their ids.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Arms that follow prescribed motions, each a model of its own that its environment moves outside the batch."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

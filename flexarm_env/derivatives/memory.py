@@ -4,8 +4,6 @@ Then what was seen last is a part of the state, oldest first: `frames` observati
 are shown come first. A period drops the oldest and puts a new one last, so that derivatives are moved and not computed.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where a state's numbers are in an arm's memory, and what they are called."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Strokes, discs and words on a supersampled pygame surface: what pictures of arms are made of."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import Any

@@ -1,7 +1,5 @@
 """Costs, pushes, payloads that change, starts and what counts as success: from keyword arguments to records."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Sensors, actuators, controllers and moving targets: from the keyword arguments of an environment to its `Extras`."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

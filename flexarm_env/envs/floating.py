@@ -1,7 +1,5 @@
 """Arms on a base that floats freely: the keyword `base`, and what there is not for them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

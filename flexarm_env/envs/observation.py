@@ -1,7 +1,5 @@
 """What is observed: entries that there are to be seen, how sensors read them, which are chosen, how many in a row."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What `gymnasium.make` takes, checked, and made into a Batch."""
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import math

@@ -1,7 +1,5 @@
 """What environments in space take; their task as data."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

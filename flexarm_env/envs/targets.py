@@ -1,7 +1,5 @@
 """What a task's target is, an angle or a point: as an option of reset, where it moves, at rest, and in a picture."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """The tasks as data: arm, spaces, scales, rewards and starts; what single and vector environments share."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

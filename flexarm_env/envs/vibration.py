@@ -2,8 +2,6 @@
 the first ones of bending along y, of bending along z and of torsion. Behind gears with play they are modes of the arm
 whose gears have taken hold: in the play a link turns freely, against its motor too."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Least squares: parameters for which an arm's readings come closest to those of the logs."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence

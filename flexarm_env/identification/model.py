@@ -1,7 +1,5 @@
 """From numbers to readings: an arm and an experiment with parameters put in by key path, run through a log's inputs."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from collections.abc import Iterable, Mapping, Sequence

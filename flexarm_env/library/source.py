@@ -1,7 +1,5 @@
 """The texts of a library: templates of `data/library`, filled in from the declared layouts."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence

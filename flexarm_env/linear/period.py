@@ -4,8 +4,6 @@ What a step does is then differentiated as it is computed, with multipliers, wit
 rotations, which depend, in second order of what a step turns by, on Newton's way.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

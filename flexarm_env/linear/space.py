@@ -10,8 +10,6 @@ and M, C, K are the residual's differences by d'', d' and d there: rotations do 
 taken through `protocol.update`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

@@ -9,8 +9,6 @@ M, C, K being the residual's slopes at constant other quantities. What the solve
 in dual lanes: its rotations depend, in second order of what a step turns by, on Newton's way.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Figures of runs in space: shapes in perspective over a ground with shadows, deflections and twist, energies."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Scenes as TOML: reading with key paths in every error, parameter sets, and writing."""
 
-from __future__ import annotations
-
 import inspect
 import os
 from collections.abc import Callable, Mapping

@@ -4,8 +4,6 @@ The constants that scores are made from do not move with it (`flexarm_env.suite.
 and a run that beats the record in an episode is told of on the page of results. `agents.record` of a checkout makes it.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib import resources

@@ -1,7 +1,5 @@
 """One page of all results files of a folder: scores over tasks, and each task's table."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -10,8 +10,6 @@ are dealt anew to two hundreds, and p is the share of deals whose means differ b
 Holm (1979) has it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json

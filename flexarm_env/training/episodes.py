@@ -4,8 +4,6 @@ All episodes run together in one native vector environment; episode i is that of
 policy, so that policies are compared on the same starts, targets and arms.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol

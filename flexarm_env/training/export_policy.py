@@ -3,8 +3,6 @@
 python -m flexarm_env.training.export_policy --run runs/ppo-FlexibleArm-v0-0
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Mapping

@@ -7,8 +7,6 @@
 (--labels, separated by commas) stands over each picture.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field

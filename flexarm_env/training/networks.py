@@ -4,8 +4,6 @@ Of networks this small PyTorch's single operations cost more than their arithmet
 parameters of a PyTorch module all the time, which is saved, loaded and asked for actions as any other.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

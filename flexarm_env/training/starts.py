@@ -1,7 +1,5 @@
 """Starts of training environments: at times spread over an episode."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

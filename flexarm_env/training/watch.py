@@ -1,7 +1,5 @@
 """What watches a training run: evaluation on fixed episodes, the learning curve, checkpoints, the progress bar."""
 
-from __future__ import annotations
-
 import functools
 import io
 import os

@@ -1,7 +1,5 @@
 """What shapes look like: an outline in the plane, flat faces in space."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

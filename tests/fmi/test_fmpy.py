@@ -1,7 +1,5 @@
 """Functional mock-up units by another's hand: FMPy validates them, simulates them and comes to Python's numbers."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

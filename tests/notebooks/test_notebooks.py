@@ -1,7 +1,5 @@
 """Every notebook of docs/notebooks runs from start to end, as a notebook runs it, in under five minutes of a CPU."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A Ray of the tests' own, started once."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import tempfile

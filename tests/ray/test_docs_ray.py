@@ -1,7 +1,5 @@
 """docs/ray.md: its config trains, its commands are ones that there are."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from typing import Any

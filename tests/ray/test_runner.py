@@ -1,7 +1,5 @@
 """The environment runner: what it hands to RLlib is what the environments did."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections import defaultdict

@@ -1,7 +1,5 @@
 """Sweeps: what a choice stands for, and that a sweep which is killed goes on."""
 
-from __future__ import annotations
-
 import csv
 import os
 import signal

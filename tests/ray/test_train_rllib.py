@@ -1,7 +1,5 @@
 """Training runs on Ray: the run folder, resuming, workers and whole runs that are killed."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import os

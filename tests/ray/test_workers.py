@@ -1,7 +1,5 @@
 """Processes that Ray starts: registration, threads, the lock around compilation."""
 
-from __future__ import annotations
-
 import itertools
 import multiprocessing
 import time
