@@ -29,6 +29,27 @@ def section(EI: float, GJ: float, EI_y: float | None = None, stiff: float = 1e6,
     return fx.Section(EI=EI, EA=stiff, C=stiff, J=J, GJ=GJ, **own)
 
 
+@kernel
+def residual(lane, model, par, state, u, r, S):  # type: ignore[no-untyped-def]
+    """Of an arm in a state."""
+    protocol.assemble(lane, model, par, state, u, protocol.RESIDUAL_ALONE, r, S)
+
+
+@kernel
+def factored(lane, model, par, state, u, weights, r, S):  # type: ignore[no-untyped-def]
+    """The same, and Newton's matrix in S."""
+    protocol.assemble(lane, model, par, state, u, weights, r, S)
+    for i in range(model.fixed.shape[0]):
+        protocol.pin(lane, model, S, model.fixed[i])
+    protocol.factor(lane, model, S)
+
+
+@kernel
+def solved(lane, model, S, x):  # type: ignore[no-untyped-def]
+    """By that matrix, in place."""
+    protocol.solve(lane, model, S, x)
+
+
 def rest(arm: fx.Arm, *loads: fx.PointLoad, formulation: str | None = None, **mesh: int) -> Array:
     """Where the tip of a clamped arm is at rest."""
     scene = fx.Scene("rest", arm, duration=1.0, dt=1e-3, loads=loads, start="held", space=True)

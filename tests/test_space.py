@@ -14,12 +14,12 @@ from scipy.spatial.transform import Rotation
 import flexarm_env as fx
 from flexarm_env import arms, scenes
 from flexarm_env.compiler import SINGLE, kernel, uncompiled
-from flexarm_env.linear import linearize, modes, static_equilibrium
+from flexarm_env.linear import modes, static_equilibrium
 from flexarm_env.linear.space import stability_of
 from flexarm_env.physics import assembly, protocol
 from flexarm_env.physics.gauges import curvatures
 from flexarm_env.physics.model import STIFFNESSES
-from flexarm_env.physics.protocol import RESIDUAL_ALONE, State, Weights
+from flexarm_env.physics.protocol import State, Weights
 from flexarm_env.physics.space.layout import FRAME, points_for
 from flexarm_env.sections import torsion_constant
 from flexarm_env.simulation import Simulation
@@ -48,26 +48,8 @@ FORMULATIONS = pytest.mark.parametrize("how", [EXACT, FLOATING])
 
 # ------------------------------------------------------------------ principles
 @kernel
-def _residual(lane, model, par, state, u, r, S):  # type: ignore[no-untyped-def]
-    protocol.assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
-
-
-@kernel
 def _lost(lane, model, par, q, v):  # type: ignore[no-untyped-def]
     return protocol.damping_work(lane, model, par, q, v, v)
-
-
-@kernel
-def _factored(lane, model, par, state, u, weights, r, S):  # type: ignore[no-untyped-def]
-    protocol.assemble(lane, model, par, state, u, weights, r, S)
-    for i in range(model.fixed.shape[0]):
-        protocol.pin(lane, model, S, model.fixed[i])
-    protocol.factor(lane, model, S)
-
-
-@kernel
-def _solved(lane, model, S, x):  # type: ignore[no-untyped-def]
-    protocol.solve(lane, model, S, x)
 
 
 class Drawn:
@@ -119,7 +101,7 @@ class Drawn:
 
     def residual(self, q: Array, v: Array, a: Array) -> Array:
         r = np.zeros(self.n)
-        _residual(SINGLE, self.model, self.par, State(q, v, a), self.u, r, self.room.copy())
+        answers.residual(SINGLE, self.model, self.par, State(q, v, a), self.u, r, self.room.copy())
         return r
 
     def energy(self, q: Array, v: Array) -> Array:
@@ -207,9 +189,9 @@ def test_a_factor_is_that_on_the_sections(levers: bool, how: str, name: str, she
             there[:] = here
     found = []
     for arm in (own, other):
-        S, x = arm.room.copy(), np.sin(np.arange(arm.n))
-        _factored(SINGLE, arm.model, arm.par, State(own.q, own.v, own.a), arm.u, Weights(1e4, 1e2, 1.0), x.copy(), S)
-        _solved(SINGLE, arm.model, S, x)
+        S, x, state = arm.room.copy(), np.sin(np.arange(arm.n)), State(own.q, own.v, own.a)
+        answers.factored(SINGLE, arm.model, arm.par, state, arm.u, Weights(1e4, 1e2, 1.0), x.copy(), S)
+        answers.solved(SINGLE, arm.model, S, x)
         lost = float(_lost(SINGLE, arm.model, arm.par, own.q, own.v))
         found.append((arm.residual(own.q, own.v, own.a), arm.energy(own.q, own.v), lost, x))
     for one, two in zip(*found, strict=True):
@@ -240,7 +222,7 @@ def test_the_iteration_matrix_is_the_derivative(
     arm, weights = Drawn(levers, bent, moving, how=how, joints=joints), Weights(1e4, 1e2, 1.0)
     rows = np.array([k for k in arm.rows if k not in arm.model.fixed])
     S, columns = arm.room.copy(), np.zeros((arm.n, arm.n))
-    _factored(SINGLE, arm.model, arm.par, State(arm.q, arm.v, arm.a), arm.u, weights, np.zeros(arm.n), S)
+    answers.factored(SINGLE, arm.model, arm.par, State(arm.q, arm.v, arm.a), arm.u, weights, np.zeros(arm.n), S)
     for k in rows:
         d, total = np.zeros(arm.n), np.zeros(arm.n)
         d[k] = 1e-6
@@ -252,7 +234,7 @@ def test_the_iteration_matrix_is_the_derivative(
             )  # fmt: skip
             total += sum((sign * weight * arm.residual(*state) for weight, state in parts), np.zeros(arm.n)) / 2e-6
         total[[i for i in range(arm.n) if i not in rows]] = 0.0
-        _solved(SINGLE, arm.model, S, total)
+        answers.solved(SINGLE, arm.model, S, total)
         columns[:, k] = total
     apart = columns[np.ix_(rows, rows)] - np.eye(len(rows))
     assert np.abs(np.linalg.eigvals(apart)).max() < most
@@ -443,32 +425,18 @@ def test_space_comes_to_the_plane_with_the_mesh(what: str, ratio: float) -> None
 
 _STRIP = fx.Section.rectangle(0.05, 0.01, 70e9, 2700.0, 26e9)
 _TUBE = fx.Section.tube(0.02, 0.002, 70e9, 2700.0, 26e9)
-_CROSSED: dict[str, fx.Arm] = {
-    "taper": fx.Arm("a", (fx.Link(0.8, fx.Taper((0.05, 0.02), (0.012, 0.006), 70e9, 2700.0, 26e9)),)),
-    "a jump": fx.Arm("a", (fx.Link(0.8, ((0.0, _STRIP), (0.3, _STRIP), (0.3, _TUBE), (0.8, _TUBE))),)),
-    "rigid ends": fx.Arm("a", (
-        fx.Link(0.5, _STRIP, root_offset=0.06, tip_offset=0.04, root_mass=0.2, tip_mass=0.1, tip_inertia=1e-3),
-        fx.Link(0.4, _STRIP, root_offset=0.05),
-    ), elbows=(fx.Elbow(0.3, 2e-3, 1e-3),)),
-    "curved": fx.Arm("a", (fx.Link(0.8, _STRIP, curvature=1.5),), payload=fx.Payload(0.2, 1e-3)),
-    "eccentric": fx.Arm("a", (fx.Link(0.8, _STRIP),), payload=fx.Payload(0.3, 2e-3, (0.08, 0.05))),
-    "hub": fx.Arm("a", (fx.Link(0.8, _STRIP), fx.Link(0.5, _STRIP)), hub_inertia=0.02),
-}  # fmt: skip
 
 
-@pytest.mark.parametrize("name", _CROSSED)
-def test_features_of_planar_arms_are_the_same_in_space(name: str) -> None:
-    """Frequencies in the plane, joints free and held, by the planar kernels: among those of the spatial ones."""
-    arm = _CROSSED[name]
-    angles = (0.2, 0.9)[: arm.n_links]
-    scene = fx.Scene("s", arm, duration=1.0, dt=1e-3, angles=angles)
-    for held in ((), tuple(range(arm.n_links))):
+def test_a_jump_of_the_section_is_the_same_in_space() -> None:
+    """Frequencies in the plane, joint free and held, by the planar kernels: among those of the spatial ones."""
+    arm = fx.Arm("a", (fx.Link(0.8, ((0.0, _STRIP), (0.3, _STRIP), (0.3, _TUBE), (0.8, _TUBE))),))
+    scene = fx.Scene("s", arm, duration=1.0, dt=1e-3, angles=(0.2,))
+    for held in ((), (0,)):
         plane = modes(scene, 4, "geometrically_exact", elements=10, order=3, clamped=held).frequencies
         forced = everything(dataclasses.replace(scene, space=True))
         found = modes(forced, 14, elements=17, clamped=held).frequencies
         for omega in plane[plane > 1.0][:3]:
-            apart = float(np.abs(found / omega - 1.0).min())
-            assert apart < (2e-4 if name == "taper" else 1e-3), (held, omega)
+            assert float(np.abs(found / omega - 1.0).min()) < 1e-3, (held, omega)
 
 
 @pytest.mark.parametrize("how", [EXACT, pytest.param(FLOATING, marks=pytest.mark.slow)])
@@ -605,21 +573,16 @@ def _arm(**changes: Any) -> fx.Arm:
     return dataclasses.replace(fx.Arm("a", (fx.Link(0.5, s), fx.Link(0.5, s)), hub_axis=(0, 1, 0)), **changes)
 
 
-def _run(arm: fx.Arm, formulation: str | None = None, **options: Any) -> Any:
-    return fx.simulate(fx.Scene("s", arm, duration=0.01, dt=1e-3), formulation, **options)
+def _run(arm: fx.Arm) -> Any:
+    return fx.simulate(fx.Scene("s", arm, duration=0.01, dt=1e-3))
 
 
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: _run(_arm(), order=3), "order = 3"),
-        (lambda: _run(_arm(), period_correction=True), "period_correction = True"),
-        (lambda: _run(_arm(mass_damping=0.1)), "mass_damping = 0.1"),
-        (lambda: _run(_arm(), step_tolerance=1e-4), "step_tolerance = 0.0001: must not be given in space"),
         (lambda: _run(fx.Arm("a", (fx.RigidLink(1.0),))), "links[0].mass = 0.0"),
         (lambda: _run(fx.Arm("a", (fx.RigidLink(0.0, 1.0),))), "links[0].length = 0.0"),
         (lambda: fx.Elbow(axis=(1e300, 0, 0)), "must be a direction"),
-        (lambda: _run(_arm(links=(fx.Link(0.5, fx.Section(1.0, 1e5, 1e5, 1.0)),) * 2)), "links[0].section.EI_y = None"),
         (lambda: fx.Elbow(axis=(0, 0, 0)), "axis = (0, 0, 0): must be a direction"),
         (lambda: fx.Elbow(axis=(0, float("nan"), 1)), "axis[1]"),
         (lambda: fx.Elbow(mount=((1, 0, 0), (0, 1, 0), (0, 0, -1))), "mount = "),
@@ -631,7 +594,6 @@ def _run(arm: fx.Arm, formulation: str | None = None, **options: Any) -> Any:
         (lambda: gym.make("TwoLinkFlexArm-v0", arm=_arm(torque_limits=(1.0, 1.0))), "space"),
         (lambda: gym.make("MultiLinkFlexArm-v0", arm="three_dof"), "arm = 'three_dof': must move in the x-y plane"),
         (lambda: gym.make_vec("MultiLinkFlexArm-v0", 2, arm="three_dof", formulation="geometrically_exact"), "plane"),
-        (lambda: linearize(fx.Scene("s", _arm(), duration=1.0, dt=1e-3), motions=True), "motions = True"),
     ],
 )  # fmt: skip
 def test_what_is_not_there_is_refused_by_name(make: Any, words: str) -> None:

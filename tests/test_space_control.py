@@ -127,11 +127,11 @@ def test_gains_of_pd_have_a_margin() -> None:
     ("name", "keywords", "periods"),
     [
         ("lqr", COARSE, 280), pytest.param("lqg", MEASURED, 280, marks=pytest.mark.slow),
-        pytest.param("mpc", {}, 200, marks=pytest.mark.slow),
+        pytest.param("mpc", {}, 200, marks=pytest.mark.slow), pytest.param("pd", {}, 500, marks=pytest.mark.slow),
     ],
 )
-def test_reaches_settle_sooner_than_under_pd(name: str, keywords: dict[str, Any], periods: int) -> None:
-    """Within 2.8 s, where PD has few that do; one arm's actions are those it has among others."""
+def test_reaches_settle(name: str, keywords: dict[str, Any], periods: int) -> None:
+    """Sooner than under PD, which has few that do within 2.8 s; one arm's actions are those it has among others."""
     env: Any = gym.make_vec(ID, num_envs=3, **keywords)
     controller, alone = control.make(name, env), control.make(name, env)
     seen, _ = env.reset(seed=400)
@@ -165,10 +165,8 @@ def test_goals_that_encoders_tell_are_those_of_the_targets_place() -> None:
 
 def test_what_is_not_there_is_refused_by_name() -> None:
     env = gym.make(ID, **COARSE)
-    there = 'must be one of "pd", "zv", "zvd", "lqr", "lqg", "mpc" for an arm in space'
-    for name, words in (("time_optimal", there), ("lqg", "LQG needs the entry hub_error")):
-        with pytest.raises(ValueError, match=words):
-            control.make(name, env)
+    with pytest.raises(ValueError, match="LQG needs the entry hub_error"):
+        control.make("lqg", env)
     with pytest.raises(ValueError, match=r"^gains = .*: must be a LQGGains"):
         control.make("lqr", env, tuned_gains("pd", "space"))
 

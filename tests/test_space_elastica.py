@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 
 import flexarm_env as fx
 from flexarm_env import arms, scenes
-from flexarm_env.compiler import EIGHT, SINGLE, kernel
+from flexarm_env.compiler import SINGLE
 from flexarm_env.linear import linearize, static_equilibrium
-from flexarm_env.physics import assembly, protocol
-from flexarm_env.physics.protocol import State, Weights
+from flexarm_env.physics import assembly
+from flexarm_env.physics.protocol import State
 from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import constant, pulse
 from tests import space_answers as answers
@@ -100,40 +100,10 @@ def test_momentum_of_a_free_arm() -> None:
         assert simulation.advance_to(t)
         w, r, still = simulation.work, np.zeros(int(model.n)), np.zeros(int(model.n))
         room = np.zeros(int(model.n_factor))
-        _residual(SINGLE, model, simulation.par, State(w.q, still, w.v), np.zeros_like(w.u), r, room)
+        answers.residual(SINGLE, model, simulation.par, State(w.q, still, w.v), np.zeros_like(w.u), r, room)
         found.append(r[:3].copy())
     assert found[0] == pytest.approx([0.0, 0.3, 0.0], abs=1e-6)
     assert np.ptp(found, axis=0).max() < 1e-12
-
-
-@kernel
-def _residual(lane, model, par, state, u, r, S):  # type: ignore[no-untyped-def]
-    protocol.assemble(lane, model, par, state, u, protocol.RESIDUAL_ALONE, r, S)
-
-
-@kernel
-def _step(lane, model, par, state, u, weights, r, S):  # type: ignore[no-untyped-def]
-    protocol.assemble(lane, model, par, state, u, weights, r, S)
-    for i in range(model.fixed.shape[0]):
-        protocol.pin(lane, model, S, model.fixed[i])
-    protocol.factor(lane, model, S)
-    protocol.solve(lane, model, S, r)
-
-
-def test_lanes_have_the_bits_of_a_single_arm() -> None:
-    scene = scenes.named("three_dof_slew")
-    system = assembly.assemble(scene, scene.settings(STRAINS, nodes=4))
-    model, n = system.model, int(system.model.n)
-    rng = np.random.default_rng(3)
-    parts = [0.1 * rng.normal(size=(n, 8)), rng.normal(size=(n, 8)), 10.0 * rng.normal(size=(n, 8))]
-    weights, many = Weights(4e6, 2e3, 1.0), np.zeros(8 * n)
-    _step(EIGHT, model, np.repeat(system.par, 8), State(*(np.ascontiguousarray(x).ravel() for x in parts)),
-          np.zeros(8 * int(model.n_inputs)), weights, many, np.zeros(8 * int(model.n_factor)))  # fmt: skip
-    for k in range(8):
-        one = np.zeros(n)
-        _step(SINGLE, model, system.par, State(*(np.ascontiguousarray(x[:, k]) for x in parts)),
-              np.zeros(int(model.n_inputs)), weights, one, np.zeros(int(model.n_factor)))  # fmt: skip
-        assert np.array_equal(one, many.reshape(n, 8)[:, k])
 
 
 def test_it_is_linearised_about_a_sagging_rest() -> None:
@@ -146,17 +116,3 @@ def test_it_is_linearised_about_a_sagging_rest() -> None:
         for how in ({"formulation": STRAINS, "nodes": 5}, {"elements": 12})
     )
     assert ours[2:10] == pytest.approx(other[2:10], rel=3e-3)
-
-
-def test_what_it_does_not_know_is_refused_by_name() -> None:
-    s = answers.section(2.0, 1.0)
-    jump = fx.Arm("a", (fx.Link(1.0, ((0.0, s), (0.5, s), (0.5, answers.section(3.0, 1.0)), (1.0, s))),))
-    for arm, options, words in (
-        (jump, {}, "links[0].section = '1 jumps': must not jump"),
-        (fx.Arm("a", (fx.Link(1.0, s),)), {"period_correction": True}, "period_correction"),
-        (fx.Arm("a", (fx.Link(1.0, fx.Section(1.0, 1e5, 1e5, 1.0)),)), {}, "links[0].section.EI_y = None"),
-    ):
-        scene = fx.Scene("s", arm, duration=0.1, dt=1e-3, space=True)
-        with pytest.raises(ValueError) as caught:
-            fx.simulate(scene, STRAINS, **options)
-        assert words in str(caught.value)

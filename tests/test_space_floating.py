@@ -115,21 +115,6 @@ def test_a_run_tells_its_error() -> None:
     assert arms.named("three_dof").n_links == 3 and np.abs(run.balance).max() < 0.01 * run.turned_over
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"modes": 1}, "modes = 1: must be at least 2 in space"),
-        ({"multipliers": True}, "multipliers = True"), ({"frame": "root"}, "frame = 'root'"),
-        ({"coupling": "paper"}, "coupling = 'paper'"), ({"elements": 2}, "elements = 2"),
-        ({"step_tolerance": 1e-4}, "step_tolerance = 0.0001"),
-    ],
-)  # fmt: skip
-def test_what_is_not_there_is_refused_by_name(options: dict[str, Any], words: str) -> None:
-    with pytest.raises(ValueError) as caught:
-        fx.simulate(scenes.named("three_dof_slew"), FLOATING, **options)
-    assert str(caught.value).startswith(words)
-
-
 # ------------------------------------------------------------------ modes
 @pytest.mark.slow
 @pytest.mark.parametrize(

@@ -226,27 +226,6 @@ def geared(**changes: Any) -> fx.Arm:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("how", "side", "most"), [(EXACT, "motor", 1e-3), (EXACT, "link", 1e-3), (FLOATING, "motor", 2e-3)]
-)
-def test_gears_play_and_friction_are_those_of_the_plane(how: str, side: str, most: float) -> None:
-    """A planar scene in space beside the planar kernels: tip over L, motors, what is dissipated; the books close."""
-    loads = (fx.JointTorque(0, sine(2.2, 2.0 * math.pi)), fx.JointTorque(1, sine(1.0, 2.0 * math.pi)))
-    scene = fx.Scene(
-        "s", geared(friction_side=side), duration=1.0, dt=1e-3, sample=0.02, loads=loads, gravity=(0.0, -4.0)
-    )
-    plane = run(scene, EXACT, elements=8, order=2)
-    mesh: dict[str, Any] = {EXACT: {"elements": 8}, FLOATING: {"segments": 8}}[how]
-    space = run(dataclasses.replace(scene, space=True), how, **mesh)
-    assert np.abs(plane.tip_deflection).max() > 0.1
-    assert np.abs(plane.motor_angles - plane.joint_angles).max() > 0.02
-    assert np.linalg.norm(space.tip[:, :2] - plane.tip[:, :2], axis=1).max() < most
-    assert np.abs(space.motor_angles - plane.motor_angles).max() < 3.0 * most
-    assert space.dissipated[-1] == pytest.approx(plane.dissipated[-1], rel=0.01)
-    assert np.abs(space.balance).max() < 3e-3 * space.turned_over
-
-
-@pytest.mark.slow
 def test_modes_and_rest_on_a_gear_are_those_of_the_plane() -> None:
     """Frequencies with the motor free and held; the rest under gravity, the motor held."""
     arm = geared(backlash=0.0, friction_coulomb=0.0)

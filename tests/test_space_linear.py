@@ -162,7 +162,6 @@ def test_a_blade_has_flap_in_both_frames_and_lag_in_its_own(tmp_path: Path) -> N
 def test_what_a_spatial_linear_model_refuses() -> None:
     scene = bent()
     for make, words in (
-        (lambda: linearize(scene, elements=1, motions=True), "motions = True"),
         (lambda: linearize(scene, elements=1, gauges=[(1, 0.0, "yz")]), "gauges[0][2] = 'yz'"),
         (lambda: linearize(scene, elements=1, gauges=[(0, 0.0)]), "gauges[0][0] = 0: must be a link that bends"),
     ):

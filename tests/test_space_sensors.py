@@ -78,24 +78,6 @@ def test_strains_are_curvatures_times_distances() -> None:
     assert run(scene, elements=8).strain(0, 0.25)[0] == pytest.approx(float(wanted[0]), rel=most)
 
 
-@pytest.mark.slow
-def test_gauges_are_those_of_the_plane() -> None:
-    """A swinging strip forced into space, beside the planar kernels: gauge, accelerometer, camera, encoder."""
-    section = fx.Section(EI=20.0, EA=1e6, C=3e5, m=0.3, J=1e-5, EI_y=50.0, C_y=3e5, J_y=1e-5, GJ=10.0)
-    arm = fx.Arm("swung", (fx.Link(0.8, section),), hub_inertia=0.02, tau_d=0.01)
-    scene = fx.Scene(
-        "swung", arm, duration=0.3, dt=1e-3, sample=0.01, loads=(fx.JointTorque(0, sine(6.0, 9.0)),),
-        gravity=(0.0, -9.81),
-    )  # fmt: skip
-    sensors = {"strain_gauges": [0.0, 0.4], "accelerometer": {}, "camera": {}, "encoders": {}}
-    plane = run(scene, EXACT, elements=8, order=3).measured(sensors)
-    space = run(dataclasses.replace(scene, space=True), elements=16).measured(sensors)
-    for name, values in plane.items():
-        assert np.abs(space[name] - values).max() < 5e-3 * np.abs(values).max(), name
-    for name in ("tip_acceleration_z", "camera_z", "camera_rise_z"):
-        assert np.abs(space[name]).max() < 1e-9
-
-
 # ------------------------------------------------------------------ accelerometer, gyroscope, camera
 def specific_force(t: np.ndarray, r: Any, v: Any, A: Rotation, w: Any, gravity: Any) -> np.ndarray:
     """What an accelerometer reads at t (m,) of a tip at r with velocity v, axes A, angular velocity w in them."""
@@ -266,7 +248,6 @@ def test_an_arm_s_own_sensors_and_what_is_refused() -> None:
     for make, words in (
         (lambda: gym.make("FlexibleArm-v0", sensors={"gyroscope": {}}), "sensors.gyroscope"),
         (lambda: gym.make("FlexibleArm-v0", sensors={"strain_gauges": [{"measures": "xz"}]}), "measures = 'xz'"),
-        (lambda: gym.make("SpatialFlexArm-v0", sensors={"strain_gauges": [0.0]}), "link = 0: must be a link that"),
         (lambda: StrainGauge(unit="strain", measures="torsion"), "distance = None"),
         (lambda: StrainGauge(measures="yz"), "measures = 'yz'"),
     ):
