@@ -243,10 +243,10 @@ def test_joint_limits_end_an_episode() -> None:
 
 
 def test_energy_books_balance() -> None:
-    env = gym.make("FlexibleArm-v0", **rich("FlexibleArm-v0"))
+    env = gym.make("FlexibleArm-v0", **rich("FlexibleArm-v0", gravity=(0.0, -9.81)))
     _, info = env.reset(seed=3)
     rng, gross = np.random.default_rng(3), 0.0
-    start = info["energy_kinetic"] + info["energy_strain"]
+    start = info["energy_kinetic"] + info["energy_strain"] + info["energy_gravity"]
     for _ in range(200):
         before = info["work"]
         info = env.step(rng.uniform(-1, 1, 1).astype(np.float32))[-1]

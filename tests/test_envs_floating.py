@@ -23,6 +23,7 @@ from flexarm_env.rigid import centre_shift
 from flexarm_env.time_functions import pulse, steps
 from flexarm_env.view import Player
 from tests.env_tools import assert_pair_same, assert_same, episode, pair, turned
+from tests.refusals import refuses
 
 Array = NDArray[np.float64]
 
@@ -328,41 +329,36 @@ def test_bases_in_files() -> None:
     assert fx.Scene.from_toml(scene.to_toml()) == scene
 
 
-def refused(what: str, make: Any) -> None:
-    with pytest.raises(ValueError, match="^" + what):
-        make()
-
-
 def test_what_there_is_not_is_refused_by_name() -> None:
     arm = arms.named("de_luca_siciliano")
     afloat = dataclasses.replace(arm, base=fx.Base(**BASE))
-    refused(r"base.inertia = 0.0: must be a positive number", lambda: made(base={"mass": 1.0, "inertia": 0.0}))
-    refused(r"base.mass", lambda: made(base={"inertia": 1.0}))
-    refused(r"base = .*: must be left out in space", lambda: gym.make("SpatialFlexArm-v0", base=BASE))
-    refused(r"action_mode = 'residual_pd': must be another on a base", lambda: made(action_mode="residual_pd"))
-    refused(r"observation = 'measured': must be", lambda: made(observation="measured"))
-    refused(r"observation = 'hub_error': must be", lambda: made(observation=["hub_sin", "hub_error"]))
+    refuses(r"^base.inertia = 0.0: must be a positive number", lambda: made(base={"mass": 1.0, "inertia": 0.0}))
+    refuses(r"^base.mass", lambda: made(base={"inertia": 1.0}))
+    refuses(r"^base = .*: must be left out in space", lambda: gym.make("SpatialFlexArm-v0", base=BASE))
+    refuses(r"^action_mode = 'residual_pd': must be another on a base", lambda: made(action_mode="residual_pd"))
+    refuses(r"^observation = 'measured': must be", lambda: made(observation="measured"))
+    refuses(r"^observation = 'hub_error': must be", lambda: made(observation=["hub_sin", "hub_error"]))
     for name, value in (
         ("task", "track"), ("task", "replay"), ("gravity", (0.0, -9.81)), ("initial_vibration", 0.1),
         ("pushes", {"wait": (0.1, 0.2), "force": (1.0, 1.0)}),
         ("payload_change", {"time": (1.0, 2.0), "factor": (1.0, 2.0)}),
     ):  # fmt: skip
-        refused(f"{name} = ", lambda name=name, value=value: made(**{name: value}))
-    refused(r"arm.joints\[0\] = ", lambda: made(actuator={"viscous": 0.1}))
-    refused(r"arm.joints\[0\] = ", lambda: made(randomization={"hub_inertia": (0.5, 2.0)}))
-    refused(r"multipliers = True", lambda: made(formulation="floating_frame", multipliers=True))
-    refused(r"options.motion = ", lambda: made().reset(options={"motion": "two_link_motion"}))
-    refused(r"mass_damping = 0.1", lambda: made(arm=dataclasses.replace(arm, mass_damping=0.1)))
+        refuses(f"^{name} = ", lambda name=name, value=value: made(**{name: value}))
+    refuses(r"^arm.joints\[0\] = ", lambda: made(actuator={"viscous": 0.1}))
+    refuses(r"^arm.joints\[0\] = ", lambda: made(randomization={"hub_inertia": (0.5, 2.0)}))
+    refuses(r"^multipliers = True", lambda: made(formulation="floating_frame", multipliers=True))
+    refuses(r"^options.motion = ", lambda: made().reset(options={"motion": "two_link_motion"}))
+    refuses(r"^mass_damping = 0.1", lambda: made(arm=dataclasses.replace(arm, mass_damping=0.1)))
     ends = (dataclasses.replace(arm.links[0], root_offset=0.1), *arm.links[1:])
-    refused(r"links\[0\].root_offset = 0.1", lambda: made(arm=dataclasses.replace(arm, links=ends)))
-    refused(r"arm.base = ", lambda: control.make("pd", made()))
-    refused(r"env = ", lambda: Session(gym.make(TWO, base=BASE)))
+    refuses(r"^links\[0\].root_offset = 0.1", lambda: made(arm=dataclasses.replace(arm, links=ends)))
+    refuses(r"^arm.base = ", lambda: control.make("pd", made()))
+    refuses(r"^env = ", lambda: Session(gym.make(TWO, base=BASE)))
     scene = fx.Scene("s", afloat, root="free", duration=0.1, dt=0.01)
-    refused(r"base = .*: is not taken into account by", lambda: fx.simulate(dataclasses.replace(scene, space=True)))
-    refused(r"method = 'solver'", lambda: linearize(scene, discrete=0.02))
+    refuses(r"^base = .*: is not taken into account by", lambda: fx.simulate(dataclasses.replace(scene, space=True)))
+    refuses(r"^method = 'solver'", lambda: linearize(scene, discrete=0.02))
     turn, torque = fx.Motion("joint0", pulse(0.0, 1.0)), fx.JointTorque(0, pulse(1.0, 1.0))
-    refused(r"motions\[0\].coordinate", lambda: dataclasses.replace(scene, motions=(turn,)))
-    refused(r"loads\[0\].joint", lambda: dataclasses.replace(scene, arm=arm, loads=(torque,)))
+    refuses(r"^motions\[0\].coordinate", lambda: dataclasses.replace(scene, motions=(turn,)))
+    refuses(r"^loads\[0\].joint", lambda: dataclasses.replace(scene, arm=arm, loads=(torque,)))
     with pytest.raises(ValueError, match="must be a Base"):
         _ = fx.simulate(fx.Scene("s", arm, duration=0.1, dt=0.01), "elastica").base_angle
 

@@ -13,7 +13,6 @@ import pytest
 from flexarm_env import control
 from flexarm_env.envs.options import plan
 from flexarm_env.envs.task import SLEW
-from flexarm_env.recording import EpisodeRecorder, load_episodes, replay, save_episodes
 from flexarm_env.tasks.program import GOAL
 from tests.env_tools import IDS, MULTI, assert_goes_back, assert_pair_same, assert_same, episode, pair, successes
 from tests.refusals import refuses
@@ -155,15 +154,6 @@ def test_a_moving_target_is_shown_as_the_encoder_turns() -> None:
     observation, *_, info = env.step(np.zeros(1, np.float32))
     seen = values(env, observation)
     assert seen["hub_error"] == pytest.approx(info["target"] - angles_of(env)[0], abs=1e-6)
-
-
-def test_recorded_episodes_are_replayed(tmp_path: Any) -> None:
-    env = EpisodeRecorder(gym.make(ONE, **MEASURED))
-    episode(env, 3, 8)
-    env.close()
-    (kept,) = load_episodes(save_episodes(tmp_path / "e.npz", env.episodes))
-    assert kept.observations.shape == (9, 15)
-    assert replay(kept).equals(kept)
 
 
 def test_success_and_reward_are_the_true_tip_s() -> None:

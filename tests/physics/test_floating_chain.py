@@ -8,12 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from flexarm_env import simulate
-from flexarm_env.compiler.decorator import kernel
-from flexarm_env.compiler.lanes import EIGHT, SINGLE, store
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
-from flexarm_env.physics import protocol
-from flexarm_env.physics.model import FloatingChain
-from flexarm_env.physics.protocol import State, Weights
 from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene
 from flexarm_env.scenes import named
 from flexarm_env.simulation import Simulation
@@ -21,7 +16,7 @@ from flexarm_env.time_functions import constant, cycloid, sine
 from tests.physics.oracle_chain import STEP, Chain
 from tests.physics.uncompiled_chain import close
 from tests.processes import uncompiled_tests
-from tests.scene_tools import aligned, everything
+from tests.scene_tools import everything
 
 Array = NDArray[Any]
 FRAMES = ("root", "chord")
@@ -119,69 +114,6 @@ def test_oracle_frames_agree_where_nothing_bends() -> None:
     assert close(change.T @ root.mass_matrix(zero) @ change, chord.mass_matrix(zero), 1e-12)
     p = 1e-7 * np.random.default_rng(3).normal(size=root.n)
     assert root.strain(change @ p) == pytest.approx(float(chord.strain(p)), rel=1e-5)
-
-
-# ------------------------------------------------------------------------------ lanes
-@kernel
-def _scalars(lane, model, par, q, v, x, out):  # type: ignore[no-untyped-def]
-    kinetic, strain, gravity = protocol.energy(lane, model, par, q, v)
-    store(out, 0, kinetic)
-    store(out, 1, strain)
-    store(out, 2, gravity)
-    store(out, 3, protocol.damping_work(lane, model, par, q, v, x))
-    store(out, 4, protocol.out_of_range(lane, model, par, q))
-
-
-def laid(rows: Array) -> Array:
-    """One row an arm, as lanes have them."""
-    flat = aligned(rows.size)
-    flat[:] = rows.T.reshape(-1)
-    return flat
-
-
-@pytest.mark.parametrize(
-    "mesh",
-    [
-        {"segments": 2, "elements": 1, "frame": "chord"},
-        pytest.param({"segments": 1, "modes": 2, "frame": "root"}, marks=pytest.mark.slow),
-        pytest.param({"segments": 1, "elements": 3, "frame": "root"}, marks=pytest.mark.slow),
-        pytest.param({"segments": 2, "modes": 3, "frame": "chord"}, marks=pytest.mark.slow),
-    ],
-    ids=str,
-)
-def test_a_lane_is_an_arm_alone_bit_for_bit(mesh: dict[str, Any], rng: np.random.Generator) -> None:
-    """Everything that the protocol asks for, of eight unlike arms at once and one by one."""
-    links = (Link(1.0, Section(3.0, 40.0, 25.0, 0.7, 0.02)), Link(0.8, Section(2.0, 60.0, 1e3, 0.4, 0.01)))
-    elbows, payload = (Elbow(0.2, 0.01, 0.02),), Payload(0.3, 0.006)
-    arm = Arm("two", links, hub_inertia=0.03, elbows=elbows, payload=payload, tau_d=0.04)
-    loads = (PointLoad(0, "tip", constant(1.0)), PointLoad(1, "tip", constant(1.0)))
-    scene = Scene("two", arm, duration=1.0, dt=0.01, loads=loads, gravity=(0.0, -9.81), root="free")
-    simulation = Simulation(scene, scene.settings("floating_frame", **mesh))
-    m, functions = simulation.model, protocol.FORMULATIONS.members[FloatingChain]
-    q = simulation.system.q0 + 0.03 * rng.normal(size=(8, m.n))
-    v, a, b = rng.normal(size=(3, 8, m.n))
-    u = rng.normal(size=(8, m.n_inputs))
-    par = simulation.par * rng.uniform(0.5, 1.5, (8, 4))
-
-    def everything(lane: Any, arms: slice) -> list[Array]:
-        count = len(lane)
-        par_, q_, v_, a_, u_, x = (laid(item[arms]) for item in (par, q, v, a, u, b))
-        r, S = aligned(count * m.n), aligned(count * m.n_factor)
-        poses, y, scalars = aligned(24 * count), aligned(count * m.n_inputs), aligned(5 * count)
-        functions["assemble"](lane, m, par_, State(q_, v_, a_), u_, Weights(2.0, 0.7, 30.0), r, S)
-        functions["pin"](lane, m, S, 1)
-        functions["factor"](lane, m, S)
-        functions["solve"](lane, m, S, x)
-        functions["link_poses"](lane, m, par_, q_, v_, poses)
-        functions["ports"](lane, m, par_, q_, y)
-        _scalars(lane, m, par_, q_, v_, v_, scalars)
-        return [item.reshape(-1, count) for item in (r, x, poses, y, scalars)]
-
-    together = everything(EIGHT, slice(None))
-    assert all(np.isfinite(item).all() for item in together)
-    for k in range(8):
-        for one, all_ in zip(everything(SINGLE, slice(k, k + 1)), together, strict=True):
-            assert np.array_equal(one[:, 0], all_[:, k])
 
 
 # ------------------------------------------------------------------------------ scenes
