@@ -317,13 +317,6 @@ def along(arms: Arms, state: Array, periods: int, e: float, most: float) -> None
     assert abs(one - other) <= (1e-10 if floating else 1e-12) * size
 
 
-def test_states_are_those_of_the_environment() -> None:
-    """With the solver's own tolerance."""
-    arms = Arms(ONE, 5)
-    as_in_the_environment(arms)
-    arms.close()
-
-
 @pytest.mark.slow
 def test_whole_matrices_say_what_push_and_pull_do() -> None:
     """A, B, C, D, r_x and r_u of whole states; what does not move passes through; by the action beyond +-1 zeros."""

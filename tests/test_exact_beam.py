@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks import converged
+from benchmarks.formulation_runs import center_of_mass, long_run
 from flexarm_env import simulate
 from flexarm_env.arms import named as named_arm
 from flexarm_env.comparison import tip_error
@@ -66,41 +67,22 @@ def test_converged_solutions(name: str, elements: int, dt: float, bound: float, 
 
 def test_energy_of_free_flight_over_many_steps() -> None:
     """Undamped, after the loads, 1e5 steps of the scene's own size; then twice that size for the order."""
-    scene, wobbles = everything(named("flying_rod")), []
+    scene, rows = everything(named("flying_rod")), []
     assert scene.dt == 0.0025
     for dt in (scene.dt, 2 * scene.dt):
         simulation = Simulation(scene, scene.settings("geometrically_exact", dt=dt, rho_inf=1.0))
         assert simulation.advance_to(2.5, False)
         simulation.restart_at_kink()
-        energies = []
-        for k in range(5000):
-            assert simulation.advance_to(2.5 + 20 * (k + 1) * dt, False)
-            energies.append(simulation.observe()[1].sum())
+        rows.append(long_run(simulation))
         assert simulation.work.counts[2] == 0.0
-        values = np.array(energies) / energies[0]
-        wobbles.append(np.ptp(values))
-        if dt == scene.dt:
-            assert wobbles[0] <= 1e-5
-            assert abs(values[-500:].mean() - values[:500].mean()) <= 1e-6
-            assert np.ptp(values[-500:]) < 2.0 * np.ptp(values[:500])
-    assert np.log2(wobbles[1] / wobbles[0]) == pytest.approx(2.0, abs=0.3)
+    own, coarse = rows
+    assert own["wobble"] <= 1e-5 and own["drift"] <= 1e-6
+    assert own["wobble_of_tenths"][-1] < 2.0 * own["wobble_of_tenths"][0]
+    assert np.log2(coarse["wobble"] / own["wobble"]) == pytest.approx(2.0, abs=0.3)
 
 
 def test_centre_of_mass_of_the_flying_rod() -> None:
-    scene = named("flying_rod")
-    run = exact(scene, dt=0.005, sample=0.5, elements=5)
-    section = scene.arm.links[0].section
-    p = 3 * 2  # rows of an element
-    centre = []
-    for q in run.q:
-        total = np.zeros(2)
-        for e in range(5):
-            left, inner, right = q[p * e : p * e + 2], q[p * e + 3 : p * e + 5], q[p * e + 6 : p * e + 8]
-            total += (left + right) / 2 + inner / (2 * np.sqrt(3))  # mean of the interior function
-        centre.append(total / 5)
-    assert section.m * 10 == 10.0
-    x = np.where(run.t <= 2.5, 3 + 0.4 * run.t**2, 5.5 + 2 * (run.t - 2.5))
-    assert np.abs(np.array(centre) - np.column_stack([x, np.full_like(x, 4.0)])).max() < 1e-9
+    assert center_of_mass() < 1e-9
 
 
 def test_spin_up() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import flexarm_env
+from benchmarks.identification import turns
 from flexarm_env import Joint, Motor, Scene, StrainGauge, arms
 from flexarm_env.identification import BadLog, free_decay, identify, randomization, read_config, read_run, vaf
 from flexarm_env.identification.fit import Problem, Solver
@@ -57,10 +58,8 @@ def truth() -> flexarm_env.Arm:
 
 def swing(seed: int, T: float = 5.0) -> tuple[np.ndarray, np.ndarray]:
     """Instants, and hub angles of a smooth random motion from rest."""
-    rng, t = np.random.default_rng(seed), np.arange(round(T * 100) + 1) / 100
-    waves = zip(rng.normal(0, 1.0, 9), np.linspace(2, 65, 9) + rng.uniform(-2, 2, 9), rng.uniform(0, 6, 9), strict=True)
-    angle = sum(a * np.sin(w * t + p) / w for a, w, p in waves)
-    return t, np.asarray(np.minimum(t, 1.0) ** 3 * angle)
+    t = np.arange(round(T * 100) + 1) / 100
+    return t, turns(np.random.default_rng(seed), t, np.linspace(2, 65, 9))
 
 
 def log(folder: Path, seed: int = 0, noise: float = 0.01, name: str = "run") -> Path:

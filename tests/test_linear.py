@@ -174,13 +174,6 @@ def test_state_goes_there_and_back(rng: np.random.Generator) -> None:
 
 
 # ----------------------------------------------------------------------------- frequencies at rest
-@every(ALL)
-def test_clamped_free_frequencies(formulation: str, options: dict[str, Any]) -> None:
-    result = modes(at_rest(one_link()), 2, formulation, clamped=True, **options)
-    assert result.frequencies == pytest.approx([1.87510407**2, 4.69409113**2], rel=4e-3)
-    assert result.damping == pytest.approx([0.0, 0.0], abs=1e-9)
-
-
 def test_first_shape_of_a_cantilever() -> None:
     result = modes(at_rest(one_link()), 1, "elastica", clamped=True)
     x, w = result.points[:, 0], result.shapes[0]
