@@ -34,6 +34,7 @@ from flexarm_env import control
 from flexarm_env.control import optimal
 from flexarm_env.control.dynamics import Dynamics, dynamics
 from flexarm_env.control.mpc import MPC, MPCGains, regulator
+from flexarm_env.suite.best import Actions
 from flexarm_env.training import episodes as fixed
 from flexarm_env.training.evaluate import Arguments as Question
 from flexarm_env.training.evaluate import keywords as keywords_of
@@ -118,22 +119,6 @@ class Watched:
         self.note()
         action: NDArray[np.float32] = self.policy.act(observation)
         return action
-
-
-class Played:
-    """Actions (T, n, N), whatever is observed."""
-
-    def __init__(self, actions: Array) -> None:
-        self.actions, self.step = actions.astype(np.float32), 0
-
-    def reset(self, observation: NDArray[np.float32]) -> None:
-        """Begin."""
-        self.step = 0
-
-    def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The next of them."""
-        self.step += 1
-        return self.actions[self.step - 1]
 
 
 class OtherWay(MPC):
@@ -297,9 +282,9 @@ def solve_lot(case: Case, first: int, count: int) -> dict[str, Any]:
             plan = actions.copy()
             own = Guess(guess.actions[:, near], guess.goal[near], guess.periods[near])
             plan[:, near] = planned(part, case, own, limit)
-            settling = fixed.run(env, Played(plan), first).settling
+            settling = fixed.run(env, Actions(plan), first).settling
             if name == POLICY:
-                as_it_was = fixed.run(env, Played(guess.actions), first).settling
+                as_it_was = fixed.run(env, Actions(guess.actions), first).settling
                 better = np.isin(np.arange(count), near) & (as_it_was < settling)
                 plan[:, better], settling = guess.actions[:, better], np.where(better, as_it_was, settling)
             for i in near.tolist():
@@ -310,7 +295,7 @@ def solve_lot(case: Case, first: int, count: int) -> dict[str, Any]:
     outcomes = {}
     for name, keywords in {"environment": {}, "exact": {"formulation": "geometrically_exact", **EXACT}}.items():
         env = fixed.make_episodes(case.env, count, **keywords)
-        outcomes[name] = fixed.run(env, Played(actions), first)
+        outcomes[name] = fixed.run(env, Actions(actions), first)
         env.close()
     result = outcomes["environment"]
     return {

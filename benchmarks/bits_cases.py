@@ -278,10 +278,9 @@ def environment(env_id: str, keywords: dict[str, Any], n: int, threads: int = 1,
 def guided(env_id: str, keywords: dict[str, Any]) -> Parts:
     """Three arms that follow motions, in a vector, and the first of them alone."""
     motions = HUBS if env_id == ONE else JOINTS
-    if "multipliers" not in keywords:
-        parts = episode(gym.make_vec(env_id, num_envs=3, threads=1, **keywords), 20, motion=motions)
-    else:
-        parts = episode(gym.make_vec(env_id, num_envs=3, threads=1, **keywords), 20, motion=motions[0])
+    shared = "multipliers" in keywords
+    many = gym.make_vec(env_id, num_envs=3, threads=1, **keywords)
+    parts = episode(many, 20, motion=motions[0] if shared else motions)
     alone = episode(gym.make(env_id, **keywords), 20, motion=motions[0])
     return parts | {f"single, {name}": value for name, value in alone.items()}
 

@@ -73,6 +73,7 @@ def faults_of(wheel: Path, sdist: Path) -> list[str]:
     with zipfile.ZipFile(wheel) as archive:
         names, info = archive.namelist(), f"flexarm_env-{version}.dist-info"
         metadata = message_from_string(archive.read(f"{info}/METADATA").decode())
+        commands = archive.read(f"{info}/entry_points.txt").decode()
     with tarfile.open(sdist) as archive:
         source = {name.split("/", 1)[1] for name in archive.getnames() if "/" in name}
     texts = {name: (ROOT / name).read_text("utf-8") for name in ("CITATION.cff", "CHANGELOG.md")}
@@ -86,6 +87,7 @@ def faults_of(wheel: Path, sdist: Path) -> list[str]:
         "the player in the wheel, three.js with its licence":
             {f"flexarm_env/view/{name}" for name in ("player.js", "player.html", "three.min.js", "three.LICENSE.txt")}
             <= set(names),
+        "the command flexarm in the wheel": "flexarm = flexarm_env.cli:main" in commands,
         "licence, citation, changes in the source": {"LICENSE", "CITATION.cff", "CHANGELOG.md"} <= source,
         f"version {version} in flexarm_env/__init__.py": f'__version__ = "{version}"' in inside,
         f"version {version} in CITATION.cff": f"\nversion: {version}\n" in texts["CITATION.cff"],

@@ -57,12 +57,12 @@ HUGE = (200, 200_000_000)
 
 
 # --------------------------------------------------------------------------- good files, made without compiling
-def trajectory(n: int = 12, even: bool = False) -> Trajectory:
+def trajectory(n: int = 12) -> Trajectory:
     """A run of two links that is none: numbers of the right shapes."""
     rng, scene = np.random.default_rng(0), scenes.named("two_link_motion")
     settings = scene.settings()
     names = assemble(scene, settings).names
-    t = np.linspace(0.0, 1.0, n) ** (1 if even else 2)
+    t = np.linspace(0.0, 1.0, n)
     shapes = np.cumsum(rng.uniform(0.0, 0.1, (n, 9, 2)), axis=1)
     row, table, angles = rng.normal(size=(n,)), rng.normal(size=(n, 3)), rng.normal(size=(n, 2))
     q = rng.normal(size=(n, len(names)))
@@ -112,7 +112,7 @@ def good(folder: Path) -> dict[str, Path]:
     """A good file of each kind."""
     data = resources.files("flexarm_env") / "data"
     made = {name: folder / file for name, file in FILES.items()}
-    trajectory(24, even=True).to_npz(made["trajectory"])  # so that sensors' kernels read it
+    trajectory(24).to_npz(made["trajectory"])  # so that sensors' kernels read it
     trajectory_in_space().to_npz(made["run in space"])
     save_episodes(made["episodes"], episodes())
     shutil.copyfile(str(data / "policies" / "two_link" / "policy.npz"), made["policy"])
@@ -470,7 +470,7 @@ def test_all_of_them(kind: str, kept: dict[str, Path], tmp_path: Path) -> None:
     ],
 )
 def test_no_kernel_gets_a_trajectory_that_does_not_fit(name: str, value: Any, sentence: str) -> None:
-    run = trajectory(even=True)
+    run = trajectory()
     wrong = dataclasses.replace(run, **{name: value(getattr(run, name))})
     for use in (wrong.measured, wrong.clip):
         says(sentence, use)

@@ -56,19 +56,6 @@ def test_hinges_of_longer_chains_are_numbered() -> None:
     np.testing.assert_allclose(columns["hinge2_x"][0], 0.8)
 
 
-def test_npz_holds_everything_without_pickle(two_links: Trajectory, tmp_path: Path) -> None:
-    path = tmp_path / "run.npz"
-    two_links.to_npz(path)
-    with np.load(path, allow_pickle=False) as data:
-        for name, value in vars(two_links).items():
-            if isinstance(value, np.ndarray):
-                np.testing.assert_array_equal(data[name], value)
-        assert str(data["status"]) == "ok"
-        assert tuple(data["names"]) == two_links.names
-        again = Scene.from_toml(str(data["scene"]))
-    assert again == two_links.scene
-
-
 def test_shapes_and_fields_agree(run: Trajectory, two_links: Trajectory) -> None:
     for trajectory in (run, two_links):
         n, links = trajectory.t.size, trajectory.scene.arm.n_links
@@ -137,13 +124,6 @@ def test_a_run_that_fails_leaves_what_was_good(tmp_path: Path) -> None:
     assert np.isfinite(failed.q).all()
     failed.to_csv(tmp_path / "failed.csv")
     assert read_trajectory(tmp_path / "failed.csv")["t"][-1] == failed.t[-1]
-
-
-def test_writing_leaves_no_half_file(run: Trajectory, tmp_path: Path) -> None:
-    (tmp_path / "taken").mkdir()
-    with pytest.raises(OSError):
-        run.to_csv(tmp_path / "taken")
-    assert [p.name for p in tmp_path.iterdir()] == ["taken"]
 
 
 def test_fine_meshes_are_drawn_to_the_tip() -> None:

@@ -36,6 +36,13 @@ def numbers(packed: dict[str, Any]) -> np.ndarray[Any, Any]:
     return np.where(values == -32768, np.nan, packed["low"] + (values + 32767.0) * packed["step"])
 
 
+def data(text: str) -> Any:
+    """What a page holds."""
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)
+    assert found is not None
+    return json.loads(found.group(1))
+
+
 def long_clip(n: int, label: str) -> Clip:
     """n instants of two links with everything that can be shown."""
     rng = np.random.default_rng(1)
@@ -85,11 +92,10 @@ def test_the_page_holds_the_run_and_allows_nothing_else() -> None:
     own = run()
     text = own.view().html
     script = re.search(r"<script>(.*?)</script>", text, re.S)
-    data = re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)
-    assert script is not None and data is not None
+    assert script is not None
     digest = base64.b64encode(hashlib.sha256(script.group(1).encode()).digest()).decode()
     assert f"default-src 'none'; script-src 'sha256-{digest}'" in text and "unsafe" not in text
-    clip = json.loads(data.group(1))["clips"][0]
+    clip = data(text)["clips"][0]
     points = numbers(clip["points"]) + numbers(clip["root"])[:, None]
     assert np.abs(points[:, -1] - own.tip[:, :2]).max() < 1e-6 * own.scene.arm.total_length
     assert np.abs(numbers(clip["t"]) - own.t).max() == 0.0
@@ -200,9 +206,7 @@ def test_view_plays_a_policy_against_pd_and_their_recording(tmp_path: Path, caps
     assert main(["view", "two_link", "pd", "--seed", "3", "--out", str(page), "--json"]) == 0
     values = told(capsys)
     assert values["runs"] == ["two_link", "pd"] and page.is_file()
-    data = re.search(r'id="data">(.*?)</script>', page.read_text("utf-8"), re.S)
-    assert data is not None
-    first, second = json.loads(data.group(1))["clips"]
+    first, second = data(page.read_text("utf-8"))["clips"]
     assert np.array_equal(numbers(first["target"]), numbers(second["target"]))
     assert np.array_equal(numbers(first["points"])[0], numbers(second["points"])[0])
     titles = [chart["title"] for chart in first["charts"]]
@@ -222,9 +226,7 @@ def test_a_task_of_the_suite_shows_the_best_that_is_known(tmp_path: Path, capsys
     assert main(["view", "slew-measured-v2", "pd", "--seed", "10007", "--out", str(page), "--json"]) == 0
     (kept, beside), record = told(capsys)["runs"], best.record(task("slew-measured-v2"))
     assert kept == f"best known ({record.by[7]})" and beside == "pd"
-    data = re.search(r'id="data">(.*?)</script>', page.read_text("utf-8"), re.S)
-    assert data is not None
-    clips = json.loads(data.group(1))["clips"]
+    clips = data(page.read_text("utf-8"))["clips"]
     assert np.array_equal(numbers(clips[0]["target"]), numbers(clips[1]["target"]))
     rewards = next(chart for chart in clips[0]["charts"] if chart["title"].startswith("reward"))
     total = float(np.nansum(numbers(rewards["series"]["sum"])))

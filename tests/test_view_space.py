@@ -2,7 +2,6 @@
 
 import base64
 import hashlib
-import json
 import re
 from functools import cache
 from pathlib import Path
@@ -19,18 +18,12 @@ from flexarm_env.shapes import Cylinder, HalfSpace
 from flexarm_env.time_functions import constant
 from flexarm_env.view import Player, SpaceClip
 from flexarm_env.view.ribbons import ribbons
-from tests.test_view import numbers
+from tests.test_view import data, numbers
 
 
 @cache
 def run() -> Any:
     return simulate(named("three_dof_slew"), duration=0.2, estimate_error=False)
-
-
-def data(text: str) -> Any:
-    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)
-    assert found is not None
-    return json.loads(found.group(1))
 
 
 def test_the_page_holds_the_run_and_three_js_and_allows_nothing_else() -> None:
