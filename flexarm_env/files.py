@@ -136,13 +136,16 @@ def npz_names(path: str | os.PathLike[str], what: str) -> tuple[str, ...]:
         return tuple(name.removesuffix(".npy") for name in archive.namelist())
 
 
-def read_npz(path: str | os.PathLike[str], what: str) -> dict[str, Any]:
+def read_npz(path: str | os.PathLike[str], what: str, most: int | None = None) -> dict[str, Any]:
     """The arrays of an .npz file by name: numbers, bools or texts, each as long as its header says.
 
-    what: the file is to be, in a sentence: "trajectory". Raises OSError where the file cannot be read, ValueError that
-    names it for all else.
+    what: the file is to be, in a sentence: "trajectory". most: bytes that it may unpack to. Raises OSError where the
+    file cannot be read, ValueError that names it for all else.
     """
     with _archive(path, what) as archive:
+        size = sum(info.file_size for info in archive.infolist())
+        if most is not None and size > most:
+            raise ValueError(f"unpacks to {size} bytes, and no {what} has more than {most}")
         return {info.filename.removesuffix(".npy"): _array(archive, info) for info in archive.infolist()}
 
 

@@ -152,7 +152,7 @@ class Joint:
         motor_inertia: of the rotor about its own axis, kg m^2: its energy is 1/2 motor_inertia (gear_ratio rate)^2,
             rate being that of the motor's angle relative to the link before. An elastic gear needs one, unless a
             motion prescribes the motor's angle. In space its momentum along an axis that turns asks for a moment.
-        gear_ratio: turns of the rotor for one of the joint, positive.
+        gear_ratio: turns of the rotor for one of the joint, positive, at most 1e9.
         friction_viscous: N m s/rad. friction_coulomb: N m: the torque that the joint withstands before it moves, and
             that brakes it while it does.
         friction_side: "motor" or "link": which side of an elastic gear the friction acts on.
@@ -183,7 +183,7 @@ class Joint:
             self,
             damping=check.number("damping", self.damping, "N m s/rad", minimum=0.0),
             motor_inertia=check.number("motor_inertia", self.motor_inertia, "kg m^2", minimum=0.0),
-            gear_ratio=check.number("gear_ratio", self.gear_ratio, above=0.0),
+            gear_ratio=check.number("gear_ratio", self.gear_ratio, above=0.0, maximum=1e9),
             friction_viscous=check.number("friction_viscous", self.friction_viscous, "N m s/rad", minimum=0.0),
             friction_coulomb=check.number("friction_coulomb", self.friction_coulomb, "N m", minimum=0.0),
             backlash=check.number("backlash", self.backlash, "rad", minimum=0.0),

@@ -136,6 +136,16 @@ def in_file(path: str | os.PathLike[str] | None) -> contextlib.AbstractContextMa
     return under("" if path is None else f"{os.fspath(path)}: ")
 
 
+@contextmanager
+def solvable(arm: str) -> Iterator[None]:
+    """Around linear algebra with the matrices of an arm of this name: InvalidValue where rounding has undone them."""
+    try:
+        yield
+    except np.linalg.LinAlgError:
+        what = "masses, inertias, lengths and stiffnesses must lie nearer together for double precision"
+        raise InvalidValue("arm", arm, what) from None
+
+
 def store(item: object, **values: object) -> None:
     """Set fields of a frozen dataclass from within its ``__post_init__``."""
     for name, value in values.items():
@@ -184,7 +194,7 @@ def number(
         raise InvalidValue(path, value, allowed)
     small, large = SIZES.get(unit, (1.0 / LARGEST, LARGEST))
     if unit and (abs(result) > large or (above == 0.0 and result < small)):
-        least = f"at least {small:g} and " if above == 0.0 else ""
+        least = f"at least {small:g} and " if above == 0.0 < small else ""
         raise InvalidValue(path, value, f"must be {least}at most {large:g} in size ({unit}), or powers of it overflow")
     return result
 
@@ -192,8 +202,8 @@ def number(
 LARGEST = 1e30
 """Of numbers that have a unit, and of those in files, in size; one over it: the least of those that must be positive.
 Beyond, products of a few of them are no floats any more, nor they float32."""
-SIZES = {"m": (1e-9, 1e9), "s": (0.0, math.inf)}
-"""The same, least and largest: high powers are taken of lengths, and how long a run may be is told by its steps."""
+SIZES = {"m": (1e-9, 1e9), "s": (0.0, LARGEST)}
+"""The same, least and largest: high powers are taken of lengths; how short a time may be is told by a run's steps."""
 
 
 def limits(path: str, value: object, unit: str = "", **bounds: float) -> tuple[float, float]:

@@ -114,7 +114,7 @@ def test_a_state_of_another_kind_is_refused() -> None:
     other.reset(seed=0)
     before = one.get_state()
     wrongs: list[Any] = [other.get_state(), {"arm": 1}, None, before | {"arm": {}}, before | {"arm": {"block": 1}}]
-    wrongs += [before | {"generator": 5}, before | {"guide": 5}, before | {"more": 5}]
+    wrongs += [before | {"generator": 5}, before | {"guide": 5}, before | {"more": 5}, before | {"seed": "x"}]
     for wrong in wrongs:
         with pytest.raises(ValueError, match="state"):
             one.set_state(wrong)
@@ -128,6 +128,7 @@ def test_a_state_of_another_kind_is_refused() -> None:
         ("block", "x", r"state\.arm\.block = \['x'.*: must be numbers"),
         ("block", 1j, r"state\.arm\.block = .*: must be numbers"),
         ("observation", None, r"state\.arm\.observation = .*: must be numbers"),
+        ("observation", np.inf, r"state\.arm\.observation\[0\] = inf: must be a finite number"),
         ("stream", -1, r"state\.arm\.stream = -1: must be a whole number"),
         ("stream", 2**80, r"state\.arm\.stream = 1208925819614629174706176: must be"),
         ("truncated", "no", r"state\.arm\.truncated = .*: must be True or False"),

@@ -485,6 +485,12 @@ def test_a_header_that_claims_298_gib_is_refused_before_any_room_is_made(tmp_pat
         read_npz(path, "policy")
 
 
+def test_a_policy_that_unpacks_to_hundreds_of_megabytes_is_not_unpacked(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.npz"
+    path.write_bytes(archive({f"w{k}.npy": bytes(2**24) for k in range(17)}))
+    says("unpacks to 285212672 bytes, and no policy has more than 268435456", lambda: control.load_policy(path))
+
+
 def test_a_header_is_not_evaluated() -> None:
     """It may hold any expression: of those modules that read files none knows how."""
     root = Path(flexarm_env.__file__).parent

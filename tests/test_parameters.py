@@ -8,7 +8,7 @@ import pickle
 import numpy as np
 import pytest
 
-from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+from flexarm_env.parameters import Arm, Elbow, Joint, Link, Payload, Section
 from flexarm_env.settings import FORMULATIONS, Settings, default_options, options_of
 from flexarm_env.validation import InvalidValue, MissingKey, UnknownKey, number, under
 from tests.refusals import refuses, says
@@ -80,6 +80,7 @@ def test_a_stiffness_must_be_positive(bad: object) -> None:
             lambda: Link(1.0, "s"),
             "section = 's': must be a Section, a Taper or a sequence of two or more (s, Section)",
         ),
+        (lambda: Joint(gear_ratio=1e308), "gear_ratio = 1e+308: must be a finite number, above 0 and at most 1e+09"),
         (lambda: Elbow(mass=-2), "mass = -2: must be a number, zero or positive (kg)"),
         (lambda: Payload(inertia=math.nan), "payload.inertia = nan: must be a number, zero or positive (kg m^2)"),
         (lambda: Arm("a", ()), "links = (): must be a sequence of at least one Link"),

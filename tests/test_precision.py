@@ -114,3 +114,10 @@ def test_parameters_of_differentiated_arms() -> None:
     rows[1, k] = 1e12
     with pytest.raises(ValueError, match=r"state.EI_factor = 1\S+: must be at most 1\.\d+e\+10 under elastica"):
         own.step(rows, np.zeros((2, 1)))
+
+
+@pytest.mark.parametrize("changed", [{"mass": 1e18}, {"inertia": 1e18}])
+def test_masses_too_far_apart_are_refused(changed: dict[str, float]) -> None:
+    """They were a LinAlgError."""
+    arm = dataclasses.replace(STRIP, payload=dataclasses.replace(STRIP.payload, **changed))
+    refuses("arm = 'strip': masses, inertias, .* must lie nearer together", lambda: gym.make("FlexibleArm-v0", arm=arm))

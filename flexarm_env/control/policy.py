@@ -26,7 +26,7 @@ Array32 = NDArray[np.float32]
 
 FORMAT = 1
 ACTIVATIONS = ("tanh", "relu")
-MOST_LAYERS = 100
+MOST_LAYERS, MOST_BYTES = 100, 2**28
 HOME = resources.files("flexarm_env") / "data" / "policies"
 
 
@@ -137,7 +137,7 @@ def load_policy(source: str | os.PathLike[str]) -> NumpyPolicy:
     if path.suffix == ".zip":
         what = "a model of Stable-Baselines3 is a pickle, which is not read"
         raise ValueError(f"{path}: {what}; give its run folder or the policy.npz there, which flexarm train writes")
-    arrays = read_npz(path, "policy")
+    arrays = read_npz(path, "policy", MOST_BYTES)
     with check.in_file(path):
         check.needed("", arrays, "meta", "this is no policy of this package")
         text = str(check.arrays(arrays, {"meta": ("text", ())}, {})["meta"])

@@ -59,8 +59,11 @@ def check_state(batch: Batch, state: Any) -> None:
             kind = "True or False" if isinstance(value, bool) else "numbers"
             raise check.InvalidValue(f"state.arm.{name}", given, f"must be {kind}, as get_state gave")
     check.integer("state.arm.stream", arm["stream"], minimum=0, maximum=2**64 - 1)
+    check.array("state.arm.observation", arm["observation"], np.shape(own["observation"]))
     _check_block(batch, np.asarray(arm["block"], np.float64))
     check.instance("state.generator", table["generator"], np.random.Generator)
+    if table["seed"] is not None:
+        check.integer("state.seed", table["seed"], minimum=-1)  # Gymnasium's -1: not known
     if table["guide"] is not None:
         check.instance("state.guide", table["guide"], Guide)
 

@@ -19,6 +19,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from flexarm_env import validation as check
 from flexarm_env.parameters import Arm
 from flexarm_env.physics.elastica.chain import Chain, chain
 from flexarm_env.scene import JointTorque, Motion, Scene
@@ -157,7 +158,8 @@ class _Modes:
         M = self.M - np.outer(self.b, self.b) * cosines / self.mass if free_root else self.M
         held = {int(k.joint) for k in scene.motions if k.joint is not None} | set(scene.rigid_joints)
         self.basis = np.delete(coordinates(arm, n), [k * n for k in held], axis=1)
-        square, self.vectors = _eigh(self.basis.T @ K @ self.basis, self.basis.T @ M @ self.basis)
+        with check.solvable(arm.name):
+            square, self.vectors = _eigh(self.basis.T @ K @ self.basis, self.basis.T @ M @ self.basis)
         flexible = square > 1e-9 * square[-1]
         self.omega: Array = np.sqrt(square[flexible])
         self.shapes: Array = self.basis @ self.vectors[:, flexible]
