@@ -40,8 +40,7 @@ from flexarm_env.training.evaluate import Arguments as Question
 from flexarm_env.training.evaluate import keywords as keywords_of
 from flexarm_env.training.policies import choose
 from flexarm_env.training.runs import command, read_json, versions, write_json
-
-Array = NDArray[np.float64]
+from flexarm_env.validation import Array
 
 EXACT: dict[str, Any] = {"elements": 4, "order": 3, "dt": 0.001, "tolerance": 1e-8}
 """The converged exact beam, as in `agents.table`."""

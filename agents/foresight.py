@@ -17,15 +17,13 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 
 from flexarm_env import suite
 from flexarm_env.suite.best import Actions
 from flexarm_env.suite.policies import Chosen, choose
 from flexarm_env.suite.score import EPISODES, FIRST
 from flexarm_env.training.runs import read_json, write_json, write_whole
-
-Array = NDArray[np.float64]
+from flexarm_env.validation import Array
 
 SPACE = "SpatialFlexArm-v0"
 SENSED = ("observation", "history", "sensors")

@@ -22,6 +22,7 @@ import numpy as np
 
 from agents import families
 from agents.best_known import joined
+from agents.demo import say
 from agents.families import ROOT, TRAINED, Family
 from benchmarks.machine import table, told
 from benchmarks.pages import write_page
@@ -99,11 +100,6 @@ class Arguments:
     episodes: int | None = None
     only: str | None = None
     policies: str | None = None
-
-
-def say(text: str) -> None:
-    """A line of progress."""
-    print(text, flush=True)
 
 
 class Judge:

@@ -13,7 +13,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-import flexarm_env  # noqa: F401  (registers the environments)
 from flexarm_env import arms, control, scenes, suite
 from flexarm_env.derivatives import Arms
 from flexarm_env.derivatives.runs import Run

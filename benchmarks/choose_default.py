@@ -18,14 +18,11 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 
-import flexarm_env  # noqa: F401  (registers the environments)
 from benchmarks import pages
 from benchmarks.machine import table
 from flexarm_env.envs.options import plan
-
-Array = NDArray[np.float64]
+from flexarm_env.validation import Array
 
 IDS = ("FlexibleArm-v0", "TwoLinkFlexArm-v0")
 HORIZON = {"FlexibleArm-v0": 4.0, "TwoLinkFlexArm-v0": 2.0}

@@ -26,8 +26,7 @@ from flexarm_env import Joint, arms
 from flexarm_env.files import csv_lines, write_text
 from flexarm_env.identification import identify
 from flexarm_env.remote import Played, RemoteArmEnv, run_policy
-
-Array = NDArray[np.float64]
+from flexarm_env.validation import Array
 
 RATE, PERIOD = 200, 0.02
 """Hz, of the log; s, of the policies."""

@@ -22,6 +22,7 @@ import gymnasium as gym
 import numpy as np
 
 from benchmarks import pages
+from benchmarks.bits_cases import geared
 from benchmarks.machine import table
 from flexarm_env import arms as arms_by_name
 from flexarm_env.derivatives import Arms
@@ -31,41 +32,28 @@ MOST = 4.0
 """Rollouts that a gradient may cost."""
 
 
-def _geared(links: int, friction: bool) -> dict[str, Any]:
-    arm = arms_by_name.named("strip_geared" if links == 1 else "two_link_geared")
-    if not friction:
-        smooth = tuple(dataclasses.replace(joint, friction_coulomb=0.0) for joint in arm.joints)
-        arm = dataclasses.replace(arm, joints=smooth)
-    return {"arm": arm}
-
-
 KINDS: dict[str, Callable[[int], dict[str, Any]]] = {
     "elastica": lambda links: {},
     "elastica, randomised": lambda links: {"randomization": {"payload": (0.5, 1.5), "EI": (0.8, 1.2)}},
     "elastica, motors": lambda links: {"actuator": {"lag": 0.01, "delay": 0.02}},
-    "elastica, gears": lambda links: _geared(links, False),
-    "elastica, gears and friction": lambda links: _geared(links, True),
+    "elastica, gears": lambda links: {"arm": geared(links, friction_coulomb=0.0)},
+    "elastica, gears and friction": lambda links: {"arm": geared(links)},
     "exact beam": lambda links: {"formulation": "geometrically_exact"},
     "floating frame": lambda links: {"formulation": "floating_frame"},
     "floating frame, modes": lambda links: {"formulation": "floating_frame", "modes": 2, "segments": 1},
 }
 """Keywords of the environments, by the number of links."""
 
+GEAR = geared(2, friction_coulomb=0.0).joints[0]
 IDS = {1: "FlexibleArm-v0", 2: "TwoLinkFlexArm-v0", 3: "SpatialFlexArm-v0"}
 SPACE: dict[str, Callable[[int], dict[str, Any]]] = {
     "in space": lambda links: {},
     "in space, randomised": lambda links: {"randomization": {"payload": (0.5, 1.5), "EI": (0.8, 1.2)}},
     "in space, motors": lambda links: {"actuator": {"lag": 0.01, "delay": 0.02}},
-    "in space, gears": lambda links: {"arm": _on_gears()},
+    "in space, gears": lambda links: {"arm": dataclasses.replace(arms_by_name.named("three_dof"), joints=(GEAR,) * 3)},
 }
 CASES = [*itertools.product(KINDS, (1, 2)), *itertools.product(SPACE, (3,))]
 """Kinds and numbers of links that are measured."""
-
-
-def _on_gears() -> Any:
-    """`three_dof` behind gears that give."""
-    arm, own = arms_by_name.named("three_dof"), arms_by_name.named("two_link_geared").joints[0]
-    return dataclasses.replace(arm, joints=[dataclasses.replace(own, friction_coulomb=0.0)] * 3)
 
 
 def least(calls: dict[str, Callable[[], Any]]) -> dict[str, float]:

@@ -20,7 +20,6 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks import pages
 from benchmarks.machine import table
@@ -29,9 +28,8 @@ from flexarm_env import Joint, arms, control
 from flexarm_env.library import Built, write, write_controller_fmu, write_fmu
 from flexarm_env.remote import Kind, Limits, Packet, Session, pack, unpack
 from flexarm_env.remote.packet import ARM
+from flexarm_env.validation import Array
 from tests.c_arm import Arm
-
-Array = NDArray[np.float64]
 
 GEARED: dict[str, Any] = {"arm": "strip_geared"}
 GEAR = Joint(stiffness=2000.0, damping=2.0, motor_inertia=1e-5, gear_ratio=50.0, friction_coulomb=0.2)

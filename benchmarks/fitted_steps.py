@@ -17,7 +17,6 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks import pages
 from benchmarks.machine import table
@@ -25,8 +24,7 @@ from flexarm_env import arms
 from flexarm_env.batch import Batch, standing_scene
 from flexarm_env.envs.options import DEFAULT_OPTIONS
 from flexarm_env.simulation import Simulation
-
-Array = NDArray[np.float64]
+from flexarm_env.validation import Array
 
 PERIOD = 0.02
 FINE = 256

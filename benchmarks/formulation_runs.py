@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 import flexarm_env
@@ -18,8 +17,7 @@ from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import TimeFunction, constant
 from flexarm_env.time_functions import steps as stairs
 from flexarm_env.trajectory import Trajectory
-
-Array = NDArray[np.float64]
+from flexarm_env.validation import Array
 
 STRIP = Section(EI=7.0, EA=7.2e6, C=2.3e6, m=0.277, J=2.7e-7)
 SOFT = Section(EI=2.0, EA=2.0e6, C=1.0e6, m=0.5, J=1e-6)

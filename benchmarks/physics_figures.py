@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.ticker import NullFormatter
-from numpy.typing import NDArray
 
 from benchmarks import pages
 from benchmarks.formulation_runs import slope
@@ -21,8 +20,8 @@ from benchmarks.machine import table
 from flexarm_env.plotting import COLORS, FAINT, plot_trajectory, styled_figure
 from flexarm_env.scenes import named, names, reference, reference_names
 from flexarm_env.simulation import Trajectory, simulate
+from flexarm_env.validation import Array
 
-Array = NDArray[np.float64]
 FLIGHTS: dict[str, dict[str, Any]] = {
     "flying_rod": {"segments": 4, "steps": [0.0125 / 2**k for k in range(5)], "long": 0.003125},
     "two_link_free_flight": {"segments": 2, "steps": [0.00125 / 2**k for k in range(5)], "long": 0.000625},

@@ -10,7 +10,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-import flexarm_env  # noqa: F401  (registers the ids)
 from benchmarks.choose_default import WEAK
 from benchmarks.cost_model import arithmetic_numbers, chain
 from flexarm_env.envs.options import DEFAULT_FORMULATION, DEFAULT_OPTIONS, OF_MODES

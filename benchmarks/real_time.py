@@ -19,7 +19,6 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks import pages
 from benchmarks.machine import table
@@ -27,8 +26,6 @@ from benchmarks.pages import Found
 from flexarm_env import control
 from flexarm_env.remote import Kind, Limits, Packet, RemoteArmEnv, Server, Session, pack, unpack
 from flexarm_env.remote.packet import ARM
-
-Array = NDArray[np.float64]
 
 RATES = (100, 500, 1000)
 BESIDE: dict[str, tuple[bool, bool, tuple[int, ...]]] = {

@@ -17,17 +17,14 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 
-import flexarm_env  # noqa: F401  (registers the environments)
 from benchmarks import pages
 from benchmarks.machine import table
 from flexarm_env import arms, control
 from flexarm_env.control import load_policy
 from flexarm_env.plotting import COLORS, styled_figure
 from flexarm_env.training.train import Arguments, train
-
-Array = NDArray[np.float64]
+from flexarm_env.validation import Array
 
 ID, LIMITS, REACH = "SpatialFlexArm-v0", np.array([20.0, 10.0, 10.0]), 1.15
 ELEMENTS = (1, 3, 5, 10)

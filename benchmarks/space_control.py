@@ -8,7 +8,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-import flexarm_env  # noqa: F401  (registers the environments)
 from benchmarks import pages
 from benchmarks.machine import DOCS, table
 from flexarm_env import control, suite

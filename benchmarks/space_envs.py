@@ -11,7 +11,6 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-import flexarm_env  # noqa: F401  (registers the environments)
 from benchmarks import pages
 from benchmarks.machine import table
 from benchmarks.running import periods

@@ -15,7 +15,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-import flexarm_env  # noqa: F401  (registers the environments)
 from benchmarks.machine import table
 from flexarm_env import arms
 from flexarm_env.parameters import Arm

@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks import elastica_peer, exudyn_peer, pages
 from benchmarks.converged import FOLDER as CONVERGED
@@ -38,9 +37,9 @@ from flexarm_env.scene import JointTorque, Scene
 from flexarm_env.scenes import named, names, read_trajectory
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import steps as stairs
+from flexarm_env.validation import Array
 
 Case = dict[str, Any]
-Array = NDArray[np.float64]
 
 ROOT = Path(__file__).parents[1]
 STORE = ROOT / "runs" / "benchmarks"

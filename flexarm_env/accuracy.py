@@ -23,13 +23,11 @@ from dataclasses import dataclass, field, replace
 from functools import reduce
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .parameters import Arm
 from .scene import Scene
 from .settings import MOST_ELEMENTS, Settings
-
-Array = NDArray[np.float64]
+from .validation import Array
 
 INACCURATE = "inaccurate"
 """Status of a run that came to its end, its estimated error above the limit."""

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from . import physics  # noqa: F401  (registers the formulations)
 from .compiler import SINGLE, WIDEST, Crew, OneAtATime, Placed, entry, holders, native, one_at_a_time, uncompiled
@@ -72,8 +71,7 @@ from .tasks.slew import Slew
 from .tasks.space import SpaceReach
 from .tasks.starts import ALWAYS, FACTOR_NAMES, Starts
 from .tasks.task import Task
-
-Array = NDArray[np.float64]
+from .validation import Array
 
 LANES_FROM = 3
 """Batches of at least this many arms stand in lanes of eight; the others are advanced one by one."""

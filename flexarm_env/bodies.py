@@ -6,13 +6,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexarm_env import validation as check
 from flexarm_env.rotations import matrices
 from flexarm_env.sections import Link, Section
+from flexarm_env.validation import Array
 
-Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 Matrix = tuple[Vector, Vector, Vector]
 Inertia = Any

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexarm_env import validation as check
-
-Array = NDArray[np.float64]
+from flexarm_env.validation import Array
 
 Curvature = float | tuple[tuple[float, float], ...]
 """1/m, positive to the left; or (s, curvature) with s in m from the root, two points of one s a jump."""

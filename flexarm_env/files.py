@@ -24,8 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexarm_env import validation as check
-
-Array = NDArray[np.float64]
+from flexarm_env.validation import Array
 
 DEEPEST = 64
 """Tables and lists in each other, of TOML and JSON."""

@@ -37,6 +37,7 @@ from flexarm_env.parameters import Arm
 from flexarm_env.scene import Scene
 from flexarm_env.sensors import Sensors
 from flexarm_env.shapes import Shape
+from flexarm_env.validation import Array32
 from flexarm_env.view import Clip, Player, SpaceClip
 from flexarm_env.view.sources import of_episode
 
@@ -44,8 +45,6 @@ FORMAT = 1
 STEPS = ("actions", "rewards", "terminations", "truncations")
 TRANSPARENT = (PassiveEnvChecker, OrderEnforcing, TimeLimit)
 """Wrappers through which observations and actions pass unchanged."""
-
-Array32 = NDArray[np.float32]
 
 
 @dataclass(frozen=True, repr=False)

@@ -10,7 +10,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .compiler import SINGLE, uncompiled
 from .physics.protocol import difference
@@ -18,8 +17,7 @@ from .scene import JointTorque, Load, Motion, PointLoad, Scene
 from .scene.drives import FORCES
 from .settings import Settings
 from .time_functions import TimeFunction, constant
-
-Array = NDArray[np.float64]
+from .validation import Array
 
 AT_REST = 1e-12
 """Move of a long step, rad or lengths of the arm, below which the arm rests."""

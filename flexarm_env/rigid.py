@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from .bodies import about_z
 from .parameters import Arm, Link
+from .validation import Array
 
-Array = NDArray[np.float64]
 ComplexOrReal = NDArray[Any]
 
 

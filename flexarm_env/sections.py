@@ -8,13 +8,11 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexarm_env import curves
 from flexarm_env import validation as check
 from flexarm_env.curves import Curvature
-
-Array = NDArray[np.float64]
+from flexarm_env.validation import Array
 
 
 @dataclass(frozen=True)

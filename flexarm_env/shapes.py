@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from . import bodies
 from . import validation as check
+from .validation import Array
 
-Array = NDArray[np.float64]
 Point = tuple[float, ...]
 
 

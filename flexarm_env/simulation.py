@@ -12,7 +12,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from . import accuracy, physics  # noqa: F401  (importing physics registers the formulations)
 from . import validation as check
@@ -32,8 +31,7 @@ from .scene import Scene, computed
 from .settings import Settings
 from .spatial import placed
 from .trajectory import Trajectory, check_work, recorded, tips_of
-
-Array = NDArray[np.float64]
+from .validation import Array
 
 Start = tuple[float, float, bool]
 """Time, s, and gross work, J, that a stretch begins with, and whether it begins with a fresh restart."""

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from . import rotations
 from . import validation as check
@@ -16,8 +15,7 @@ from .physics.gauges import Spot, curvatures
 from .scene import Scene, in_plane
 from .sensors import MEASURES, Sensors
 from .trajectory import ARRAYS, Trajectory
-
-Array = NDArray[np.float64]
+from .validation import Array
 
 _QUATERNION = "wxyz"
 

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from . import validation as check
 from .files import from_json, read_npz, write_npz, write_text
@@ -27,10 +26,9 @@ from .scene import Scene, computed
 from .scenes import COLUMNS
 from .sensors import Sensors, StrainGauge, from_table
 from .settings import Settings
+from .validation import Array
 from .view import Clip, Player, SpaceClip
 from .view.sources import of_trajectory
-
-Array = NDArray[np.float64]
 
 MOST_STEPS, MOST_SAMPLES = 10**9, 10**6
 """Steps of a run (half an hour of the quickest), and its recorded instants (some GB)."""

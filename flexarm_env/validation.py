@@ -18,8 +18,12 @@ from importlib import metadata
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 T = TypeVar("T")
+Array = NDArray[np.float64]
+"""Numbers of double precision, in any shape; Array32: of single precision, as observations and actions are."""
+Array32 = NDArray[np.float32]
 
 
 class BadKey(ValueError):

@@ -13,6 +13,8 @@ from collections.abc import Iterator
 from importlib.util import resolve_name
 from pathlib import Path
 
+import pytest
+
 from tests.processes import ROOT, python
 
 PACKAGE = "flexarm_env"
@@ -35,7 +37,7 @@ ROOMS: dict[str, set[str]] = {
     "validation": set(),
     "curves": {"validation"},
     "sections": {"validation", "curves"},
-    "rotations": set(),
+    "rotations": {"validation"},
     "bodies": {"validation", "rotations", "sections"},
     "sensors": {"validation"},
     "shapes": {"validation", "bodies"},
@@ -57,7 +59,7 @@ ROOMS: dict[str, set[str]] = {
     "trajectory": {*_DESCRIPTION, "physics", "runtime", "view"},
     "spatial": {"validation", "rotations", "sensors", "scene", "physics", "trajectory"},
     "accuracy": {*_DESCRIPTION},
-    "rest": {"compiler", "physics", "scene", "settings", "time_functions"},
+    "rest": {"validation", "compiler", "physics", "scene", "settings", "time_functions"},
     "simulation": {*_DESCRIPTION, *_COMPILED, "trajectory", "spatial", "accuracy", "rest"},
     "batch": {*_DESCRIPTION, *_COMPILED, "layout", "trajectory", "simulation"},
     "linear": {*_DESCRIPTION, *_COMPILED, "trajectory", "simulation", "rest"},
@@ -323,3 +325,13 @@ def heavy_after(statement: str) -> set[str]:
 
 def test_importing_the_package_is_light() -> None:
     assert heavy_after(f"import {PACKAGE}") == set()
+
+
+@pytest.mark.slow
+def test_processes_of_a_run_draw_by_one_seed_and_leave_out_what_comes_too_late() -> None:
+    """Of the whole check: processes that ordered files by seeds of their own would be told that they differ."""
+    files = [f"tests/test_{name}.py" for name in ("parameters", "scene", "scene_toml", "shapes", "time_functions")]
+    words = ["-m", "pytest", "-n", "2", "--dist", "loadfile", "-q", "-p", "no:cacheprovider", *files]
+    late = python(*words, "--within", "0", CI="1").stdout.splitlines()[-1]
+    assert "skipped" in late and "passed" not in late
+    assert "skipped" not in python(*words[:-3], "--within", "600", CI="1").stdout

@@ -10,15 +10,13 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..parameters import Arm
 from ..scene import Scene
+from ..validation import Array
 
 if TYPE_CHECKING:
     from ..linear.state_space import LinearModel
-
-Array = NDArray[np.float64]
 
 NODES = 7
 """Tangent angles a link (elastica) from which the modes are taken; the frequencies kept are then converged."""

@@ -17,10 +17,8 @@ from ..parameters import Arm
 from ..rigid import rigid_inertia
 from ..sensors import Sensors
 from ..shapes import Shape
+from ..validation import Array
 from .kinematics import goal_angles, tip_in_hub_frame, wrapped
-
-Array = NDArray[np.float64]
-
 
 RESIDUAL_SHARE = 0.7
 """Share of the torque limit that the action adds in action_mode="residual_pd", where nothing is said."""

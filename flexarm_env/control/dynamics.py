@@ -23,11 +23,11 @@ from ..physics.elastica.chain import chain
 from ..physics.space.reading import links, read, shapes
 from ..rigid import rigid_inertia
 from ..settings import Settings
+from ..validation import Array
 from .arm_model import arm_model
 from .lqr import StateWeights, riccati
 from .space import held_model, holding
 
-Array = NDArray[np.float64]
 Vector = tuple[float, ...]
 
 POINTS = 4

@@ -20,7 +20,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from flexarm_env.validation import Array
 
 LENGTHS = np.array([1.0, 0.7, 0.45, 0.25, 0.12, 0.05, 0.02, 0.005])
 """Steps that are tried, over the whole one: as many as arms stand side by side in compiled code."""

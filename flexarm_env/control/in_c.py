@@ -14,12 +14,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import validation as check
 from ..bodies import vector
 from ..physics.space.build import axis_of, mount_of
 from ..rigid import link_inertia
+from ..validation import Array
 from .arm_model import GRID, postures
 from .base import Controller
 from .export import c_array, c_comment, c_named, c_part
@@ -32,7 +32,6 @@ from .shaping import Shaped, ShapedPD, Shaper, SpatialShapedPD, closed_loop_shap
 from .space import NEAR, AboutRest
 from .time_optimal import TimeOptimal, plan, rigid_time
 
-Array = NDArray[np.float64]
 Pairs = Sequence[tuple[float, float]]
 Points = Sequence[Sequence[float]]
 

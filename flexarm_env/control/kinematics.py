@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..parameters import Arm
-
-Array = NDArray[np.float64]
+from ..validation import Array
 
 
 def wrapped(angle: Array) -> Array:

@@ -22,12 +22,11 @@ from numpy.typing import NDArray
 from ..parameters import Arm
 from ..rigid import rigid_inertia
 from ..sensors import Encoder, Sensors, StrainGauge
+from ..validation import Array
 from .arm_model import held, linear_model, postures
 from .base import Controller, Setup, Signals
 from .lqr import SENSOR, StateWeights, riccati
 from .space import AboutRest, held_model, holding
-
-Array = NDArray[np.float64]
 
 FINEST_ANGLE = 1e-4
 """Least standard deviation of an angle that the filter takes an encoder for, rad."""

@@ -7,13 +7,11 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..parameters import Arm
+from ..validation import Array
 from .arm_model import ArmModel, arm_model, postures
 from .base import Controller, Setup, Signals
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from ..parameters import Arm
 from ..rigid import rigid_inertia
+from ..validation import Array
 from . import ilqr
 from .arm_model import GRID
 from .base import Controller, Setup, Signals
@@ -33,8 +34,6 @@ from .kinematics import rigid_times
 from .lqr import SENSOR, StateWeights, riccati
 from .optimal import Bounds, within
 from .space import AboutRest
-
-Array = NDArray[np.float64]
 
 LATEST = 2.0
 """Times the arrival first planned at which it is not put off any more: whatever an arm of a quarter of the stiffness,

@@ -19,11 +19,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import validation as check
 from ..shapes import Shape
+from ..validation import Array
 from . import ilqr
 from .dynamics import Dynamics
 from .kinematics import rigid_times
 
-Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 STATES = "a state an arm; of joint angles, those of `Dynamics.rest`"

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..parameters import Arm
+from ..validation import Array
 from .arm_model import arm_model
 from .base import Controller, Setup, Signals
 from .space import AboutRest, holding
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..files import from_json, read_npz
+from ..validation import Array32
 from .base import RESIDUAL_SHARE, Setup
-
-Array32 = NDArray[np.float32]
 
 FORMAT = 1
 ACTIVATIONS = ("tanh", "relu")

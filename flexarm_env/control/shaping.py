@@ -11,17 +11,15 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..parameters import Arm
 from ..rigid import coriolis, rigid_inertia
+from ..validation import Array
 from .arm_model import arm_model, postures
 from .base import Controller, Setup, Signals
 from .kinematics import rigid_times
 from .pd import PDGains, SpatialPD, SpatialPDGains
 from .space import held_model, holding
-
-Array = NDArray[np.float64]
 
 LIGHT = 0.5
 """Modes damped less than this are shaped for; the others die out by themselves."""

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..bodies import tensor
 from ..parameters import Arm, Link
@@ -18,13 +17,12 @@ from ..physics.space.build import Body, X, axis_of, far_body, mount_of, near_bod
 from ..physics.space.reading import frames, tips
 from ..scene import Scene
 from ..tasks.space_angles import JOINT
+from ..validation import Array
 from .base import Controller, Setup, Signals
 
 if TYPE_CHECKING:
     from ..linear import Equilibrium
     from ..linear.state_space import LinearModel
-
-Array = NDArray[np.float64]
 
 NEAR, MOST = 5e-4, 12
 """How far the tip may rest from its target, over the arm's length; rests that are looked at from one start."""

@@ -10,13 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..validation import Array
 from .arm_model import arm_model
 from .base import Setup, Signals
 from .lqr import LQR, LQRGains, times
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ import numpy as np
 from gymnasium.envs.registration import load_env_creator
 
 from .. import validation as check
-from .period import Array, Jacobians, Periods, checked
+from ..validation import Array
+from .period import Jacobians, Periods, checked
 from .rollouts import Rollout, rollout
 
 

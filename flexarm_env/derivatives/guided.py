@@ -3,13 +3,11 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..compiler import SINGLE, uncompiled
 from ..physics.integrator.work import unpack, work_size
 from ..runtime.guided import Guided
-
-Array = NDArray[np.float64]
+from ..validation import Array
 
 
 def program_of(program: Any, guide: Any) -> Any:

@@ -7,13 +7,11 @@ are shown come first. A period drops the oldest and puts a new one last, so that
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import validation as check
 from ..runtime.layout import record_sizes
 from ..tasks.program import RECORD
-
-Array = NDArray[np.float64]
+from ..validation import Array
 
 
 class Memory:

@@ -6,7 +6,6 @@ import warnings
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import validation as check
 from ..batch import Batch
@@ -18,12 +17,11 @@ from ..runtime import derivative
 from ..runtime.adjoint import adjoint, room_of
 from ..runtime.implicit import implicit
 from ..runtime.layout import aligned, layout_of
+from ..validation import Array
 from .guided import guided as guidance
 from .guided import program_of, state_of
 from .memory import Memory
 from .places import laws_of, places_of
-
-Array = NDArray[np.float64]
 
 MOST_AT_ONCE = 3
 """Columns that go side by side: more of them cost as much and take longer to compile."""

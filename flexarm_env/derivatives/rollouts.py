@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from .period import Array, Periods, checked
+from ..validation import Array
+from .period import Periods, checked
 
 
 class Outcome(NamedTuple):

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..compiler import SINGLE, dual, size, uncompiled
 from ..physics.integrator.work import unpack
@@ -17,9 +16,8 @@ from ..runtime import sensitivity
 from ..runtime.sensitivity import Neighbour, Steps
 from ..simulation import Simulation
 from ..trajectory import Trajectory, placed, recorded
+from ..validation import Array
 from .period import PASSES
-
-Array = NDArray[np.float64]
 
 MOST = 4_000_000
 """Numbers of factored matrices kept at once."""

@@ -9,8 +9,8 @@ from gymnasium.error import DependencyNotInstalled
 from numpy.typing import ArrayLike, NDArray
 
 from .. import validation as check
+from ..validation import Array
 
-Array = NDArray[np.float64]
 Color = tuple[int, int, int]
 
 SUPERSAMPLING = 3

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import validation as check
 from ..batch import FURTHER, Cost, Extras, KeepOut, PayloadChange, Pushes, Starts, gauge_table, packed
@@ -16,10 +15,10 @@ from ..physics.gauges import over
 from ..rigid import reach
 from ..sensors import surface
 from ..shapes import Shape, shape_of
+from ..validation import Array
 from .features import Frame, for_each, table_of
 from .task import Kind
 
-Array = NDArray[np.float64]
 Pair = tuple[float, float]
 
 STATIONS = (0.0, 0.25, 0.5, 0.75)

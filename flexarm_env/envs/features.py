@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import bodies
 from .. import sensors as description
@@ -17,10 +16,9 @@ from ..parameters import Arm
 from ..physics.gauges import over
 from ..physics.joints.build import NOTHING
 from ..settings import Settings
+from ..validation import Array
 from .targets import AHEAD
 from .task import Kind, controller_gains
-
-Array = NDArray[np.float64]
 
 ACTION_MODES = ("torque", "current", "voltage", "residual_pd")
 LONGEST = 1000

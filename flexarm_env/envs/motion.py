@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import scenes, time_functions
 from .. import validation as check
@@ -31,8 +30,7 @@ from ..settings import Settings
 from ..simulation import Simulation
 from ..time_functions import TimeFunction
 from ..trajectory import joint_angles, link_deflection, placed
-
-Array = NDArray[np.float64]
+from ..validation import Array
 
 WHAT = "must be a named motion, a table (n, 2 to 4), a .csv or .toml file, a TimeFunction or a Scene"
 

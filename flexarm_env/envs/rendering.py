@@ -21,13 +21,13 @@ from numpy.typing import ArrayLike, NDArray
 from ..physics.layout import POSE
 from ..shapes import Shape
 from ..trajectory import joint_angles
+from ..validation import Array
 from ..view.outlines import outline_of
 from .drawing import (
     FAINT,
     INK,
     PAPER,
     SHADE,
-    Array,
     Color,
     Sheet,
     array_of,

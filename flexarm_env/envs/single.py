@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..batch import MODE, OVER, REASONS, RUNNING, STATUS_WORDS, SUCCESS, View
+from ..validation import Array32
 from .motion import Guide
 from .resets import follow, guide_of, request_of, start_episode
 from .spec import Specified
 from .states import LinearModel, check_state, linear_model, put_state, state_of
 
-Array32 = NDArray[np.float32]
 F32 = np.dtype(np.float32)
 
 

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import validation as check
 from ..batch import SpaceReach, Starts, Task
@@ -15,10 +14,9 @@ from ..control.space import angles_at, beyond_reach, tip_at
 from ..parameters import Arm
 from ..rigid import rate_scale
 from ..time_functions import TimeFunction
+from ..validation import Array
 from .targets import POINT, Pair, Target, coordinates
 from .task import REACH, Kind
-
-Array = NDArray[np.float64]
 
 
 def check_arm(arm: Arm, kind: Kind) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..validation import Array
 from ..view.outlines import faces_of
 from .drawing import (
     AXIS,
@@ -21,7 +22,6 @@ from .drawing import (
     PAPER,
     SHADE,
     SUPERSAMPLING,
-    Array,
     Color,
     blend,
     pygame_module,

@@ -6,15 +6,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import validation as check
 from ..parameters import Arm
 from ..rigid import rate_scale, reach
 from ..time_functions import TimeFunction
+from ..validation import Array
 from .motion import ANGLE, function_of
 
-Array = NDArray[np.float64]
 Pair = tuple[float, float]
 
 AHEAD = (0.1, 0.3)

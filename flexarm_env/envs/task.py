@@ -6,16 +6,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import validation as check
 from ..batch import FURTHER, Chain, Extras, Reach, Slew, Starts, Task, info_places
 from ..parameters import Arm
 from ..physics.layout import BASE_POSE
 from ..rigid import centre_shift, inertia_beyond, rate_scale
+from ..validation import Array
 from .targets import ANGLE_OF_TIP, POINT, Target
-
-Array = NDArray[np.float64]
 
 HOLD_TIME = 0.5
 """Success: in the band throughout the trailing so many seconds."""

@@ -8,7 +8,8 @@ import gymnasium as gym
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-from .single import Array32, SingleArmEnv
+from ..validation import Array32
+from .single import SingleArmEnv
 from .task import REACH
 from .vector import VectorArmEnv
 

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..batch import FRESH, REASONS, RUNNING, STATUS_WORDS, SUCCESS, OneAtATime, View, one_at_a_time
+from ..validation import Array32
 from .motion import Guide, is_table
 from .resets import Request, follow, guide_of, request_of, start_episode
 from .single import F32, checked_action
 from .spec import Specified
 from .states import LinearModel, LinearModels, check_state, linear_model, linear_models, put_state, state_of
 
-Array32 = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
 ARMS_PER_THREAD = 128

@@ -5,7 +5,6 @@ whose gears have taken hold: in the play a link turns freely, against its motor 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..batch import standing_scene
 from ..parameters import Arm
@@ -17,8 +16,7 @@ from ..rotations import back
 from ..settings import Settings
 from ..simulation import Simulation
 from ..trajectory import link_deflection
-
-Array = NDArray[np.float64]
+from ..validation import Array
 
 
 def shake(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) -> Array:

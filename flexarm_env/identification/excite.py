@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexarm_env import arms
 from flexarm_env import validation as check
@@ -27,8 +26,7 @@ from flexarm_env.scene import JointTorque, Scene
 from flexarm_env.sections import Section, Taper
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import linear_table
-
-Array = NDArray[np.float64]
+from flexarm_env.validation import Array
 
 LINES = 12
 """Frequencies of a joint."""

@@ -8,14 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexarm_env.files import write_whole
 
+from ..validation import Array
 from .log import Run
 from .model import Experiment
-
-Array = NDArray[np.float64]
 
 FIRST = 8
 """Evaluations that each start gets before the best of them goes on alone."""

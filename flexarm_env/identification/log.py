@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from flexarm_env.files import csv_lines, listed
 from flexarm_env.validation import LARGEST, shown
 
+from ..validation import Array
 from .config import Channel, Config
-
-Array = NDArray[np.float64]
 
 UNEVEN = 0.02
 """Share of the sampling interval by which instants may be off."""

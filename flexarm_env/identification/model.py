@@ -7,7 +7,6 @@ from copy import deepcopy
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexarm_env import arms
 from flexarm_env import sensors as sensing
@@ -22,10 +21,9 @@ from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import TimeFunction, constant, linear_table, spline_table
 from flexarm_env.trajectory import Trajectory
 
+from ..validation import Array
 from .config import Channel, Config, Parameter
 from .log import Run
-
-Array = NDArray[np.float64]
 
 OFFSET = 1e-5
 """Of a parameter, in its sizes, between models whose equations are compared: see `runtime.sensitivity`."""

@@ -10,20 +10,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexarm_env import arms
 from flexarm_env.files import write_json, write_text
 from flexarm_env.parameters import Arm
 
+from ..validation import Array
 from .config import Config, Parameter
 from .fit import Fit
 from .log import Run
 from .model import Experiment
 from .signals import Ringing
 from .uncertainty import Direction, Uncertainty
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

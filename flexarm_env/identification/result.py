@@ -9,7 +9,6 @@ from itertools import permutations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexarm_env import arms
 from flexarm_env import validation as check
@@ -18,6 +17,7 @@ from flexarm_env.linear import modes
 from flexarm_env.parameters import Arm
 from flexarm_env.scene import Scene
 
+from ..validation import Array
 from .config import Config, Parameter, read_config
 from .fit import Fit, Problem, Solver
 from .log import BadLog, Run, read_run
@@ -25,8 +25,6 @@ from .model import Experiment
 from .report import Identification, Prediction
 from .signals import nrmse, oscillator, read_off, vaf
 from .uncertainty import Uncertainty, uncertainty
-
-Array = NDArray[np.float64]
 
 FAR_OFF = 100.0
 """A log whose readings or the arm's are so many times the other's is in another unit."""

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexarm_env import validation as check
 from flexarm_env.sensors import Law
 from flexarm_env.time_functions import spline_table
 
+from ..validation import Array
 from .log import Run
-
-Array = NDArray[np.float64]
 
 
 def vaf(measured: Array, predicted: Array) -> float:

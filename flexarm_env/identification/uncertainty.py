@@ -14,9 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..validation import Array
 from .fit import Problem
-
-Array = NDArray[np.float64]
 
 UNTOLD = 0.5
 """A parameter whose 95 % interval reaches further than so many of its sizes to either side is not told."""

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..scene import Scene
+from ..validation import Array
 from .vibration import modes
-
-Array = NDArray[np.float64]
 
 ROUND = 1e-3
 """How far a whirl may be from 1 or -1 to be taken for it."""

@@ -27,8 +27,8 @@ from ..physics.protocol import State
 from ..runtime.sampling import observe_arm
 from ..simulation import Simulation
 from ..trajectory import joint_angles
+from ..validation import Array
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 STEP = 5e-3

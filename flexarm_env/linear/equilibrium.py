@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import validation as check
 from ..physics.model import OK
@@ -26,11 +25,10 @@ from ..scene import JointTorque, Load, Motion, Scene
 from ..settings import Settings
 from ..simulation import Simulation
 from ..time_functions import constant
+from ..validation import Array
 from . import space
 from .equations import Equations, Point, exact_slopes, slopes
 from .stability import Stability, at_rest
-
-Array = NDArray[np.float64]
 
 AT_REST = 1e-6
 """Acceleration (rad/s^2, or lengths of the arm / s^2) below which an arm counts as at rest."""

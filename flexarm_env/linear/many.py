@@ -20,9 +20,8 @@ from ..runtime import linearized
 from ..runtime.layout import aligned
 from ..settings import Settings
 from ..tasks.program import PARAMETERS
+from ..validation import Array
 from .state_space import LinearModel
-
-Array = NDArray[np.float64]
 
 AT_ONCE = 3
 """Columns that go side by side."""

@@ -8,7 +8,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import validation as check
 from ..compiler import SINGLE, dual, uncompiled
@@ -17,9 +16,8 @@ from ..physics.integrator.work import Work, unpack, work_size
 from ..physics.layout import HALVINGS
 from ..physics.model import MESSAGE, OK, Scheme
 from ..simulation import Simulation
+from ..validation import Array
 from .equations import Equations, Point, Reduced, Rows
-
-Array = NDArray[np.float64]
 
 SHARP = 1e-12
 """Newton's tolerance where the period is corrected: a correction that comes an iteration sooner is another within the

@@ -15,7 +15,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import rotations
 from .. import validation as check
@@ -31,10 +30,9 @@ from ..physics.space.reading import read
 from ..rest import NoEquilibrium, resting
 from ..scene import Scene
 from ..simulation import Simulation
+from ..validation import Array
 from .equations import STEP, Reduced, Rows, exact_slopes, slopes
 from .stability import Stability, eigenpairs, stability
-
-Array = NDArray[np.float64]
 
 
 class SmallMotions:

@@ -12,7 +12,6 @@ in dual lanes: its rotations depend, in second order of what a step turns by, on
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import rotations
 from ..compiler import SINGLE, uncompiled
@@ -22,12 +21,11 @@ from ..physics.integrator.work import Work
 from ..physics.layout import SPACE_POSE, SPACE_POSES
 from ..physics.protocol import difference
 from ..simulation import Simulation
+from ..validation import Array
 from .equations import SECOND, Reduced, Rows, slopes
 from .period import period_tangents
 from .space import SmallMotions
 from .stability import eigenpairs, growing
-
-Array = NDArray[np.float64]
 
 SHOWN = {
     "": "angle", "_rate": "rate", "deflection_y": "deflection", "deflection_z": "deflection",

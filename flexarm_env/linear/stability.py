@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..validation import Array
 from .equations import Equations, Point, Reduced
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 ROUND_OFF = 1e-14

@@ -21,12 +21,11 @@ from ..scene import Scene
 from ..sensors import MEASURES
 from ..simulation import Simulation
 from ..trajectory import link_deflection
+from ..validation import Array
 from .equations import Equations, Point, Reduced, exact_slopes, slopes
 from .period import point_of, solved
 from .space_model import linear_parts
 from .stability import eigenpairs, growing
-
-Array = NDArray[np.float64]
 
 METHODS = ("solver", "zoh")
 

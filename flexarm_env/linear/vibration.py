@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..scene import Scene
 from ..simulation import Simulation
+from ..validation import Array
 from . import space
 from .equations import STEP, Equations, Point, slopes
 from .equilibrium import find_rest, still, warn_unstable
 from .period import point_of
 from .stability import at_rest, eigenpairs, growing, moving
 from .state_space import at_start, simulation_of
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,11 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import validation as check
 from ..files import csv_lines, listed, numbers
+from ..validation import Array, Array32
 from .packet import ARM, HELD, LAST, OVER, RESET, SET_POINTS, Kind, Packet, Refusal, checked, datagrams, pack, unpack
-
-Array = NDArray[np.float64]
-Array32 = NDArray[np.float32]
 
 PATIENCE = 3.0
 """s that an answer to a HELLO, or the first reading, is waited for."""

@@ -18,12 +18,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import validation as check
 from ..control import make as controller
 from ..control.base import Setup
 from ..control.pd import PD, SpatialPD
+from ..validation import Array
 from .packet import (
     ARM,
     HELD,
@@ -42,7 +42,6 @@ from .packet import (
     unpack,
 )
 
-Array = NDArray[np.float64]
 Address = tuple[str, int]
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 

@@ -9,7 +9,6 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexarm_env.bodies import tensor
 from flexarm_env.parameters import Arm, Elbow, Payload
@@ -17,8 +16,7 @@ from flexarm_env.scene.definition import Scene
 from flexarm_env.scene.drives import ROOT, JointTorque, Load, Motion, PointLoad
 from flexarm_env.sections import ACROSS, Link, Section, Taper
 from flexarm_env.time_functions import C0, OMEGA, PHASE, T0, TimeFunction
-
-Array = NDArray[np.float64]
+from flexarm_env.validation import Array
 
 EXACT = 1e-12
 """How far a direction may be off the plane, of its length: round-off."""

@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
+from ..validation import Array
 from .data import Task, tasks
 from .judge import Policy, judge
 from .score import FIRST
-
-Array = NDArray[np.float64]
 
 ROUNDING, UPRIGHT = 1e-6, {"swing-up-v1": 1e-3}
 """A record is played again to the bit where NumPy's linear algebra rounds as where it was made, which depends on the

@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from .. import control
 from .. import validation as check
 from ..files import read_json
+from ..validation import Array32
 from . import second
 from .data import Task
 from .judge import Policy
 
-Array32 = NDArray[np.float32]
 PLACE = "{task}"
 """In a word: the task's id, where each task has a policy of its own."""
 KINDS = {"tensor(float)": np.float32, "tensor(double)": np.float64}

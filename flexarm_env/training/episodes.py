@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from flexarm_env.control import Setup
 from flexarm_env.envs.ids import made
-
-Array = NDArray[np.float64]
+from flexarm_env.validation import Array
 
 TEST, VALIDATION, TUNING = 10_000, 20_000, 30_000
 """First seeds of the episodes that policies are judged on, that training chooses on, that controllers are tuned on."""

@@ -19,9 +19,8 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 
 from flexarm_env.derivatives import Arms
 from flexarm_env.training.networks import of_policy
+from flexarm_env.validation import Array, Array32
 
-Array = NDArray[np.float64]
-Array32 = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
 SEEDS = (10**6, 2**31)

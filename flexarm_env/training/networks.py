@@ -7,9 +7,8 @@ parameters of a PyTorch module all the time, which is saved, loaded and asked fo
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array32 = NDArray[np.float32]
+from flexarm_env.validation import Array32
 
 DECAY, SQUARES, FLOOR = 0.9, 0.999, 1e-5
 """Of Adam (Kingma & Ba 2015): shares kept of the gradient's mean and of its squares; what keeps from dividing by 0."""

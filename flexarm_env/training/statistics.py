@@ -6,11 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexarm_env.training.episodes import Episodes
-
-Array = NDArray[np.float64]
+from flexarm_env.validation import Array
 
 RESAMPLES = 4000
 LEVEL = 0.95

@@ -25,7 +25,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexarm_env import control
 from flexarm_env import validation as check
@@ -33,6 +32,7 @@ from flexarm_env.control.arm_model import arm_model
 from flexarm_env.control.catalogue import gains_from
 from flexarm_env.training import episodes
 from flexarm_env.training.runs import command, write_text
+from flexarm_env.validation import Array
 
 WEIGHTS = {"angle": (0.3, 300.0), "rate": (0.03, 100.0), "bend": (0.03, 300.0), "bend_rate": (0.03, 300.0)}
 PD = {"bandwidth": (0.05, 3.0), "ratio": (0.3, 3.0)}
@@ -57,8 +57,6 @@ MARGIN = 2.0
 
 POSTURES = (0.0, 0.8, 1.6, 2.4)
 """Elbow angles, rad, at which it is asked."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

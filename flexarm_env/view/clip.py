@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import validation as check
-
-Array = NDArray[np.float64]
+from ..validation import Array
 
 
 @dataclass(frozen=True)

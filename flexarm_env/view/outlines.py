@@ -3,11 +3,9 @@
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..shapes import Box, Cylinder, HalfSpace, Shape, Sphere
-
-Array = NDArray[np.float64]
+from ..validation import Array
 
 
 def _circle(count: int) -> Array:

@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..files import write_text
+from ..validation import Array
 from .clip import Chart, Clip
 from .space import SpaceClip, check_alike
-
-Array = NDArray[np.float64]
 
 MOST_BYTES = 2_900_000
 """Of a page; where all instants would need more, they are thinned evenly."""

@@ -7,7 +7,6 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..parameters import Arm
 from ..physics.space.reading import Frame, links
@@ -15,9 +14,8 @@ from ..rotations import matrices, turned, vectors
 from ..scene import in_plane
 from ..sections import Link
 from ..settings import Settings
+from ..validation import Array
 from .clip import cuts_of, thinned
-
-Array = NDArray[np.float64]
 
 
 class Ribbons(NamedTuple):

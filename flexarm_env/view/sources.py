@@ -8,7 +8,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import scenes
 from ..parameters import Arm
@@ -16,12 +15,11 @@ from ..physics.layout import POSE
 from ..scene import PointLoad, Scene
 from ..sensors import surface
 from ..settings import Settings
+from ..validation import Array
 from . import space
 from .clip import Chart, Clip, Pull, cuts_of, magnified, rigid_angles, thinned
 from .outlines import outline_of
 from .space import SpaceClip
-
-Array = NDArray[np.float64]
 
 MOST_POINTS = 21
 """Points that are kept of a link."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import validation as check
 from ..parameters import Arm
@@ -15,11 +14,10 @@ from ..physics.space.build import axis_of
 from ..physics.space.reading import links, straight
 from ..rotations import matrices, of_quaternions, turned
 from ..scene import PointLoad, Scene
+from ..validation import Array
 from .clip import Chart, Pull, thinner
 from .outlines import faces_of
 from .ribbons import Ribbons, ribbons, ribbons_of, sides
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
