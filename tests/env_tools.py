@@ -9,7 +9,7 @@ import numpy as np
 import flexarm_env  # noqa: F401  (registers the ids)
 
 MULTI = "MultiLinkFlexArm-v0"
-IDS = ("FlexibleArm-v0", "TwoLinkFlexArm-v0")
+IDS = ONE, TWO = ("FlexibleArm-v0", "TwoLinkFlexArm-v0")
 
 RANDOM = {"payload": (0.5, 2.0), "EI": (0.7, 1.3), "damping": (0.5, 2.0), "torque_constant": (0.9, 1.1)}
 

@@ -10,14 +10,12 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from flexarm_env.parameters import Arm
 from flexarm_env.scene import JointTorque, PointLoad, Scene
 from flexarm_env.time_functions import Side
-
-Array = NDArray[np.float64]
+from flexarm_env.validation import Array
 
 
 class StaggeredChain:

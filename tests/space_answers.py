@@ -5,7 +5,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -18,9 +17,8 @@ from flexarm_env.physics.layout import STEPS
 from flexarm_env.physics.space.reading import tips
 from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import constant, pulse
+from flexarm_env.validation import Array
 from tests.scene_tools import everything
-
-Array = NDArray[np.float64]
 
 
 def section(EI: float, GJ: float, EI_y: float | None = None, stiff: float = 1e6, J: float = 1e-6, **more: float) -> Any:

@@ -1,7 +1,6 @@
 """Training, resuming, exporting and judging: small runs from the command line and from Python."""
 
 import csv
-import dataclasses
 import json
 import pickle
 import shutil
@@ -241,13 +240,3 @@ def test_controllers_take_gains_from_a_file(tmp_path: Path):
     refuses(r"pd\.bandwith", lambda: policies.choose(f"pd@{file}", ENV))
     file.write_text("[pd")
     refuses("not TOML", lambda: policies.choose(f"pd@{file}", ENV))
-
-
-def test_another_arm_has_another_layout(run: Path, tmp_path: Path):
-    from flexarm_env import arms
-
-    strip = arms.named("strip")
-    arm = tmp_path / "arm.toml"
-    arm.write_text(arms.to_toml(dataclasses.replace(strip, torque_limits=(3.0,))))
-    with pytest.raises(ValueError, match="observation layout"):
-        judging.evaluate(judging.Arguments(policy=str(run), episodes=2, env_kwargs={"arm": str(arm)}))

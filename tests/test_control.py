@@ -9,7 +9,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import flexarm_env  # noqa: F401  (registers the environments)
 from flexarm_env import arms, control
 from flexarm_env.control import kinematics, lqr, shaping, time_optimal
 from flexarm_env.control.arm_model import arm_model

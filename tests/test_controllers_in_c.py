@@ -9,7 +9,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import flexarm_env  # noqa: F401
 from flexarm_env import control
 from flexarm_env.cli import main
 from flexarm_env.control.in_c import controller_source

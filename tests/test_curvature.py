@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-import flexarm_env  # noqa: F401  (registers the environments)
 from flexarm_env import arms, curves, rigid
 from flexarm_env.compiler import SINGLE, uncompiled
 from flexarm_env.linear import modes, static_equilibrium

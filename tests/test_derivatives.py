@@ -5,14 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from flexarm_env import arms as arms_by_name
 from flexarm_env.derivatives import Arms
 from flexarm_env.parameters import Payload
 from flexarm_env.physics.joints.layout import PLACE, PLACES
-
-Array = NDArray[np.float64]
+from flexarm_env.validation import Array
 
 
 def case(

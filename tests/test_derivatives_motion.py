@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from flexarm_env import time_functions
 from flexarm_env.derivatives import Arms
 from flexarm_env.envs.resets import follow
+from flexarm_env.validation import Array
 from tests.refusals import refuses
-
-Array = NDArray[np.float64]
 
 ONE, TWO = "FlexibleArm-v0", "TwoLinkFlexArm-v0"
 FLOATING, EXACT = {"formulation": "floating_frame"}, {"formulation": "geometrically_exact"}

@@ -14,7 +14,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import flexarm_env  # noqa: F401
 from flexarm_env.control import load_policy
 from flexarm_env.remote import Limits, Server, Session
 from tests.c_tools import needs_c

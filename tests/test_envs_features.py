@@ -11,10 +11,8 @@ import pytest
 from flexarm_env import arms
 from flexarm_env.physics.joints.layout import LAWS
 from flexarm_env.tasks.program import GOAL
-from tests.env_tools import assert_same, rich, turned
+from tests.env_tools import ONE, TWO, assert_same, rich, turned
 from tests.refusals import refuses
-
-ONE, TWO = "FlexibleArm-v0", "TwoLinkFlexArm-v0"
 
 
 def make(**changes: Any) -> Any:

@@ -1,7 +1,6 @@
 """MultiLinkFlexArm-v0 where it is not as the others are: spaces, goals, controllers, how exact it is."""
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -43,22 +42,6 @@ def test_with_two_links_it_is_the_two_link_arm(mode: str) -> None:
     for _ in range(50):
         action = rng.uniform(-1, 1, 2).astype(np.float32)
         assert_same(two.step(action), chain.step(action))
-
-
-@pytest.mark.slow
-def test_five_links_keep_their_energy() -> None:
-    link = THREE.links[2]
-    arm = replace(
-        THREE, links=(link,) * 5, elbows=(THREE.elbows[1],) * 4, torque_limits=(0.5, 0.3, 0.2, 0.1, 0.05),
-        joint_limits=None, tau_d=0.0,
-    )  # fmt: skip
-    env = gym.make(ID, arm=arm, info_level="full", dt=0.002).unwrapped
-    env.reset(seed=2, options={"start": [0.3, 0.4, -0.3, 0.2, 0.1]})
-    for _ in range(30):
-        info = env.step(np.array([0.4, -0.2, 0.1, 0.1, -0.1], np.float32))[4]
-    total = info["energy_kinetic"] + info["energy_strain"]
-    assert info["solver_status"] == "ok"
-    assert total == pytest.approx(info["work"], rel=5e-3)
 
 
 # ------------------------------------------------------------------ goal angles
@@ -185,26 +168,6 @@ def test_time_optimal_plans_are_for_one_link() -> None:
 
 
 # ------------------------------------------------------------------ features
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"formulation": "geometrically_exact"}, {"formulation": "floating_frame", "segments": 2, "dt": 0.002},
-        {"step_tolerance": 1e-4},
-    ],
-    ids=["exact", "floating", "fitted"],
-)  # fmt: skip
-def test_formulations_agree(options: dict[str, Any]) -> None:
-    usual, other = gym.make(ID).unwrapped, gym.make(ID, **options).unwrapped
-    start = {"start": [0.2, 0.5, -0.3], "target": [0.5, 0.3]}
-    usual.reset(seed=0, options=start), other.reset(seed=0, options=start)
-    for k in range(20):
-        action = np.array([0.5, -0.4, 0.3], np.float32) * (1.0 if k < 10 else -1.0)
-        here, there = usual.step(action)[4], other.step(action)[4]
-        assert there["tip_position"] == pytest.approx(here["tip_position"], abs=0.01)
-    assert there["solver_status"] == "ok"
-
-
 def test_a_prescribed_motion_is_followed() -> None:
     env = gym.make(ID, task="replay").unwrapped
     _, info = env.reset(seed=0)

@@ -12,10 +12,9 @@ import pytest
 from flexarm_env import arms
 from flexarm_env.rigid import inertia_beyond
 from flexarm_env.sensors import surface
-from tests.env_tools import assert_pair_same, assert_same, pair
+from tests.env_tools import ONE, TWO, assert_pair_same, assert_same, pair
 from tests.refusals import refuses
 
-ONE, TWO = "FlexibleArm-v0", "TwoLinkFlexArm-v0"
 STRIP = arms.named("strip")
 STRIP = dataclasses.replace(STRIP, payload=dataclasses.replace(STRIP.payload, inertia=2e-3))
 CALM = dataclasses.replace(STRIP, tau_d=0.05)

@@ -38,7 +38,7 @@ def exact(scene: Scene, **options: Any) -> Any:
 
 @pytest.mark.slow
 def test_uncompiled() -> None:
-    """Tangent, mass, energy, damping, statics and frequencies, for every order (`uncompiled_exact.py`)."""
+    """Tangent, mass, energy and damping, for every order (`uncompiled_exact.py`)."""
     uncompiled_tests("uncompiled_exact.py")
 
 

@@ -9,7 +9,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import flexarm_env  # noqa: F401
 from benchmarks.doors import GEARED_IN_SPACE
 from flexarm_env import arms
 from flexarm_env.cli import main

@@ -7,7 +7,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import flexarm_env  # noqa: F401  (registers the environments)
 from flexarm_env import Joint, arms, control
 from flexarm_env.control import lqg
 from flexarm_env.control.arm_model import NODES
@@ -15,10 +14,8 @@ from flexarm_env.control.catalogue import tuned_gains
 from flexarm_env.linear import set_state, state_of
 from flexarm_env.scene import Scene
 from flexarm_env.simulation import Simulation
-from tests.env_tools import successes
+from tests.env_tools import ONE, TWO, successes
 from tests.scene_tools import everything
-
-ONE, TWO = "FlexibleArm-v0", "TwoLinkFlexArm-v0"
 
 
 def make(env_id, n=20, **keywords):

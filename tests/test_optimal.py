@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-import flexarm_env  # noqa: F401  (registers the environments)
 from flexarm_env import Arm, Link, Section, arms, control, shapes
 from flexarm_env.control import ilqr, optimal, time_optimal
 from flexarm_env.control.arm_model import arm_model

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-import flexarm_env  # noqa: F401  (registers the environments)
 from flexarm_env import arms, rigid
 from flexarm_env.accuracy import slowest_rate
 from flexarm_env.linear import modes, static_equilibrium

@@ -3,7 +3,6 @@
 import gymnasium as gym
 import pytest
 
-import flexarm_env  # noqa: F401  (registers the environments)
 from flexarm_env import control
 
 NAMES = control.policy_names()

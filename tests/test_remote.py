@@ -16,7 +16,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import flexarm_env  # noqa: F401
 from benchmarks.doors import KEY, packets
 from flexarm_env.cli import main
 from flexarm_env.cli.remote import key_of

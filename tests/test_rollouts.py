@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from flexarm_env.derivatives import Arms, Rollout
+from flexarm_env.validation import Array
 from tests.refusals import refuses
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")

@@ -16,10 +16,9 @@ from flexarm_env.runtime.laws import law_of, memory_of, room_of
 from flexarm_env.runtime.readings import read_rows
 from flexarm_env.sensors import Accelerometer, Camera, Encoder, Law, LowPass, Sensors, StrainGauge
 from flexarm_env.time_functions import constant, ramp, sine
-from tests.env_tools import assert_goes_back, assert_pair_same, assert_same, episode, pair
+from tests.env_tools import ONE, assert_goes_back, assert_pair_same, assert_same, episode, pair
 from tests.scene_tools import everything
 
-ONE, TWO = "FlexibleArm-v0", "TwoLinkFlexArm-v0"
 T = 1e-3
 
 

@@ -8,7 +8,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import flexarm_env as fx
@@ -25,12 +24,10 @@ from flexarm_env.sections import torsion_constant
 from flexarm_env.simulation import Simulation
 from flexarm_env.spatial import SpatialTrajectory
 from flexarm_env.time_functions import constant, cycloid, pulse, sine
+from flexarm_env.validation import Array
 from tests import space_answers as answers
 from tests.refusals import says
 from tests.scene_tools import everything
-
-Array = NDArray[np.float64]
-
 
 EXACT, FLOATING = "geometrically_exact", "floating_frame"
 MODES = "floating_frame in modes"
@@ -494,7 +491,7 @@ def test_books_balance_as_the_step_shrinks() -> None:
 
 def test_slew_of_three_dof_leaves_the_plane_by_torsion() -> None:
     """20 N m for 0.1 s each way: the tip leaves the arm's plane by 0.38 m, while a model of pitch alone says 0."""
-    run = fx.simulate(scenes.named("three_dof_slew"), estimate_error=False)
+    run = fx.simulate(everything(scenes.named("three_dof_slew")), estimate_error=False)
     yaw = run.joint_angles[:, 0]
     out = np.abs(np.cos(yaw) * run.tip[:, 1] - np.sin(yaw) * run.tip[:, 0])
     assert yaw.max() == pytest.approx(1.496, abs=3e-3)
@@ -510,7 +507,7 @@ def test_right_angle_frame() -> None:
         4: (0.4419, -0.7062, 3.5088, 4.6417),
         8: (0.0232, -2.6446, 7.9604, 1.6333),
     }
-    run = fx.simulate(scenes.named("right_angle_frame"), estimate_error=False, duration=8.0)
+    run = fx.simulate(everything(scenes.named("right_angle_frame")), estimate_error=False, duration=8.0)
     for t, values in known.items():
         i = int(np.abs(run.t - t).argmin())
         found = [*(run.tip[i] - [10.0, 10.0, 0.0]), run.hinges[i, 0, 2]]
@@ -537,7 +534,7 @@ def test_holding_torques_carry_the_weight() -> None:
 def test_scenes_in_space_run_and_are_written(name: str, tmp_path: Any) -> None:
     scene = scenes.named(name)
     assert fx.Scene.from_toml(scene.to_toml()) == scene
-    run = fx.simulate(scene, estimate_error=False, duration=min(0.1, scene.duration))
+    run = fx.simulate(everything(scene), estimate_error=False, duration=min(0.1, scene.duration))
     assert isinstance(run, SpatialTrajectory) and run.finished
     run.to_npz(tmp_path / "run.npz")
     again = fx.Trajectory.from_npz(tmp_path / "run.npz")
@@ -552,7 +549,7 @@ def test_all_figures_of_a_run_in_space(tmp_path: Any) -> None:
     from flexarm_env.envs.video import pictures, write_film
     from flexarm_env.plotting import plot_all
 
-    run = fx.simulate(scenes.named("three_dof_slew"), estimate_error=False, duration=0.3)
+    run = fx.simulate(everything(scenes.named("three_dof_slew")), estimate_error=False, duration=0.3)
     assert all(path.stat().st_size > 10_000 for path in plot_all(run, tmp_path))
     film = write_film(tmp_path / "slew.gif", pictures(run, 20.0), 20.0)
     assert film.read_bytes()[:4] == b"GIF8"

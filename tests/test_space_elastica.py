@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import flexarm_env as fx
@@ -18,10 +17,10 @@ from flexarm_env.physics import assembly
 from flexarm_env.physics.protocol import State
 from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import constant, pulse
+from flexarm_env.validation import Array
 from tests import space_answers as answers
 from tests.scene_tools import everything
 
-Array = NDArray[np.float64]
 STRAINS = "elastica"
 
 

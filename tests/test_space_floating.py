@@ -6,17 +6,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import flexarm_env as fx
 from flexarm_env import arms, scenes
 from flexarm_env.linear import modes
 from flexarm_env.time_functions import constant, cycloid, pulse
+from flexarm_env.validation import Array
 from tests import space_answers as answers
 from tests.scene_tools import everything
 
-Array = NDArray[np.float64]
 FLOATING = "floating_frame"
 
 

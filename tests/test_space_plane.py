@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import flexarm_env as fx
@@ -16,7 +15,6 @@ from flexarm_env.sensors import Accelerometer, Encoder, Gyroscope, Sensors, Stra
 from flexarm_env.spatial import SpatialTrajectory
 from flexarm_env.time_functions import constant, cycloid, pulse, sine
 
-Array = NDArray[np.float64]
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 FLAT = fx.Section.rectangle(0.05, 0.006, 70e9, 2700.0, 26e9)
 TALL = fx.Section.rectangle(0.006, 0.05, 70e9, 2700.0, 26e9)

@@ -7,7 +7,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import flexarm_env  # noqa: F401  (registers the ids)
 from flexarm_env.compiler import UNCOMPILED
 from tests.processes import python, uncompiled_tests
 

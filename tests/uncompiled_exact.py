@@ -257,47 +257,6 @@ def test_first_guess_keeps_the_strains(order: int) -> None:
     assert np.isclose(before, after, rtol=1e-8)
 
 
-def statics(s: Any, u: Any, steps: int = 1) -> Any:
-    """Equilibrium under u, by Newton from the straight state with the root clamped."""
-    q, zero = s.q0.copy(), np.zeros(s.model.n)
-    for step in range(steps):
-        for _ in range(30):
-            r, S = np.full(s.model.n, np.nan), np.full(s.model.n_factor, np.nan)
-            load, stiff = u * (step + 1) / steps, Weights(1e-30, 0.0, 1.0)
-            kernels.assemble(SINGLE, s.model, s.par, State(q, zero, zero), load, stiff, r, S)
-            for k in range(3):
-                r[k] = 0.0
-                kernels.pin(SINGLE, s.model, S, k)
-            kernels.factor(SINGLE, s.model, S)
-            kernels.solve(SINGLE, s.model, S, r)
-            q -= r
-            if np.abs(r).max() < 1e-13:
-                break
-    return q
-
-
-@pytest.mark.parametrize(("order", "elements", "tolerance"), [(1, 64, 2e-4), (2, 2, 1e-9), (3, 2, 1e-9)])
-def test_cantilever_under_an_end_load(order: int, elements: int, tolerance: float) -> None:
-    section = Section(EI=7.0, EA=7.2e6, C=500.0, m=0.3, J=1e-6)
-    load = PointLoad(0, "tip", force_y=constant(1.0))
-    scene = Scene("s", Arm("a", (Link(1.2, section),)), duration=1.0, dt=0.01, loads=(load,))
-    s = build(scene, Settings.make("geometrically_exact", elements=elements, order=order, dt=0.01))
-    P = 1e-5
-    q = statics(s, np.array([0.0, 0.0, P, 0.0]))
-    assert np.isclose(q[-2], P * 1.2**3 / (3 * 7.0) + P * 1.2 / 500.0, rtol=tolerance)
-
-
-def test_rolled_up_by_an_end_moment() -> None:
-    """M = 2 pi EI / L bends a beam to a full circle: exact curvature at any size of rotation."""
-    section = Section(EI=7.0, EA=7.2e5, C=2.3e5, m=0.3)
-    load = PointLoad(0, "tip", torque=constant(1.0))
-    scene = Scene("s", Arm("a", (Link(1.0, section),)), duration=1.0, dt=0.01, loads=(load,))
-    s = build(scene, Settings.make("geometrically_exact", elements=8, order=3, dt=0.01))
-    q = statics(s, np.array([0.0, 0.0, 0.0, 2 * np.pi * 7.0]), steps=12)
-    assert np.isclose(q[-1], 2 * np.pi, rtol=1e-10)
-    assert np.hypot(q[-3], q[-2]) < 1e-4
-
-
 def test_shape_and_poses() -> None:
     s = system(2, damped=False, heavy=False)
     points, out = np.full((20, 2), np.nan), np.full(36, np.nan)

@@ -9,7 +9,6 @@ import pytest
 from fmpy import simulate_fmu
 from fmpy.validation import validate_fmu
 
-import flexarm_env  # noqa: F401
 from benchmarks.doors import unit
 from flexarm_env import control
 from flexarm_env.library import write_controller_fmu

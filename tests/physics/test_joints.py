@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 from scipy.optimize import brentq
 
@@ -18,10 +17,9 @@ from flexarm_env.scene import JointTorque, Motion, Scene
 from flexarm_env.simulation import Simulation, simulate
 from flexarm_env.time_functions import TimeFunction, constant, cycloid, linear_table, ramp, sine, steps
 from flexarm_env.trajectory import Trajectory
+from flexarm_env.validation import Array
 from tests.refusals import refuses
 from tests.scene_tools import everything
-
-Array = NDArray[np.float64]
 
 METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "elastica": ("elastica", {"nodes": 10}),

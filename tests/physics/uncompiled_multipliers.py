@@ -7,20 +7,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from flexarm_env.compiler import UNCOMPILED
 from flexarm_env.compiler.lanes import SINGLE
 from flexarm_env.parameters import Link, Section
 from flexarm_env.physics.floating.beam_element import Element, coupling_matrix, geometric_matrix, linear_stiffness
 from flexarm_env.physics.protocol import State, Weights
+from flexarm_env.validation import Array
 from tests.physics.oracle_bodies import element_fields
 from tests.physics.oracle_chain import STEP, Chain
 from tests.physics.uncompiled_chain import JOINED, Case, close, joined, named
 
 pytestmark = pytest.mark.skipif(not UNCOMPILED, reason="runs uncompiled only")
-
-Array = NDArray[np.float64]
 
 
 class Joined(Case):
