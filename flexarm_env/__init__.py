@@ -4,8 +4,6 @@ Importing registers FlexibleArm-v0, TwoLinkFlexArm-v0, MultiLinkFlexArm-v0, Spat
 `flexarm_env.suite`; the public names below are loaded when they are first used.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

@@ -15,8 +15,6 @@ The error has these parts, each a fraction of the arm's length:
 Time step, mesh and notes add up; the estimate is that sum, or the energy's part where that is larger.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Named arms (``flexarm_env/data/arms``) and arms from TOML files of the user's own."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """What arms in space have beside those in the plane: axes and mounts of joints, tensors of inertia, rigid links."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

@@ -1,7 +1,5 @@
 """How far a run's tip is from a reference: errors at the instants that both have."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping

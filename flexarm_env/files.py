@@ -4,8 +4,6 @@ Nothing in a file is run. Whatever is wrong with one is a ValueError that names 
 an OSError with its name.
 """
 
-from __future__ import annotations
-
 import csv
 import gzip
 import io

@@ -4,8 +4,6 @@ Each step of the integrator begins without velocity, M c (q - q_before) + f(q) =
 first short steps downhill, at last long ones, which are Newton's iteration for f = 0.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The arm with rigid links: reach, inertia, the torques that its rates ask for, and the scales that follow."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

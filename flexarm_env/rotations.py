@@ -3,8 +3,6 @@
 A matrix turns body axes to those that stand still. exp(psi^) is the matrix of the rotation vector psi.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

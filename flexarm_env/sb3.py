@@ -5,8 +5,6 @@ env = make_sb3_vec("FlexibleArm-v0", n_envs=64, seed=0, normalize=True)
 PPO("MlpPolicy", env).learn(1_000_000)
 """
 
-from __future__ import annotations
-
 import inspect
 import warnings
 from collections.abc import Iterable, Mapping, Sequence

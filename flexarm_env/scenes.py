@@ -1,7 +1,5 @@
 """The named validation scenes (``flexarm_env/data/scenes``), scenes from TOML files, and reference trajectories."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -4,8 +4,6 @@ A distance is that from the nearest point of the surface, in m: negative inside.
 the surface are nearest, the slope is that of one of them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A scene in motion: one arm, advanced exactly from kink to kink, and its recorded Trajectory."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import time

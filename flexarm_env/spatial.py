@@ -1,7 +1,5 @@
 """What a run in space leaves behind: a `Trajectory` of places with three components and rotations."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass, field

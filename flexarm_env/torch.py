@@ -9,8 +9,6 @@
 A period's derivative is computed on the way back, from the state that it began in: memory is that of the states.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

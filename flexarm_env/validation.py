@@ -4,8 +4,6 @@ Every message reads ``key.path = value: what is allowed``, e.g.
 ``links[0].section.EI = -1.0: must be a positive number (N m^2)``.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import difflib

@@ -1,7 +1,5 @@
 """Controllers by name, with the tuned gains that come with the package (`data/control/*.toml`)."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable, Mapping
 from functools import cache, partial

@@ -4,8 +4,6 @@ The arm is the elastica with ideal joints, as the environments compute it: torqu
 are solved afresh where they change, so that angles and rates of the nodes are the whole state.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import os

@@ -11,8 +11,6 @@ with controls kept within limits, and tries steps of several lengths at once. Li
 multipliers (`Limits`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol

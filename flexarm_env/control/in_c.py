@@ -5,8 +5,6 @@ it, and does in a control period what `Controller.act` does: the parts of it are
 an arm's posture are held for all postures that are asked for, `arm_model.GRID` apart.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import re

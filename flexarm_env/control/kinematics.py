@@ -1,7 +1,5 @@
 """Where an arm's joints are to go, for many arms at once."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..parameters import Arm

@@ -10,8 +10,6 @@ an encoder cannot be told from a turn of the arm. Filtered rates are made of the
 and tell it nothing more. Delays and low-passes of sensors, and lags of motors, are not in the model.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Linear-quadratic control with an observer: joints and bending modes together, in discrete time."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple

@@ -14,8 +14,6 @@ wrong on another.
 Joint limits, and shapes that the arm is to stay out of, cost what plans miss them by.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple

@@ -9,8 +9,6 @@ deflections, and where an arm is to be when, are kept by multipliers. Times are 
 bisection for all arms together. What is found is a local optimum: nothing says that there is none better.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """PD control of the joints: in the plane, and in space about the arm's rest at its target under gravity."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ which torques within the limit bring rigid motion and bending modes to rest at t
 linear programmes (HiGHS, through SciPy).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Exact derivatives of control periods, of many arms at once."""
 
-from __future__ import annotations
-
 from .arms import Arms
 from .period import Jacobians, Periods
 from .rollouts import Gradient, Outcome, Rollout, rollout

@@ -1,7 +1,5 @@
 """Arms of an environment whose control periods are differentiated."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

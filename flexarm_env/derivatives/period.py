@@ -1,7 +1,5 @@
 """Control periods of arms, differentiated: rows of numbers, no episodes, exact Jacobians."""
 
-from __future__ import annotations
-
 import warnings
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Control periods in a row, and derivatives through all of them: forwards (`jvp`) and backwards (`vjp`)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 

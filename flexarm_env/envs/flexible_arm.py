@@ -1,7 +1,5 @@
 """FlexibleArm-v0: one flexible link slews its tip to an angle and settles there."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

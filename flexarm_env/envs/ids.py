@@ -1,7 +1,5 @@
 """Which environments a file may name: a policy or a recording does not choose what is imported and made."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -4,8 +4,6 @@ Such an arm does not run in the batch but as a `Simulation` of its own, which la
 `simulate`, so that the numbers are the same.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import os

@@ -1,7 +1,5 @@
 """MultiLinkFlexArm-v0: a chain of flexible links brings its tip to a point and settles there."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

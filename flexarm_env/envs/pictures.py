@@ -1,7 +1,5 @@
 """From a batch to a picture: where the points are that `rendering.Renderer` draws."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from itertools import pairwise

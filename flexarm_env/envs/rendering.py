@@ -5,8 +5,6 @@ the payload, hub and elbows, a trace of the tip, the tip deflections, the joint 
 pygame is imported when the first `Renderer` is made; an array of pixels needs no display.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 import os

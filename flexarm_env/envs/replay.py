@@ -1,7 +1,5 @@
 """A scene replayed through an environment's `step`: the same numbers as `simulate`, by the road that agents take."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from typing import Any

@@ -1,7 +1,5 @@
 """Options of `reset`, checked before anything changes."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence

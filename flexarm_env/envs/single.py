@@ -1,7 +1,5 @@
 """One arm as a `gymnasium.Env`: a batch of one."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

@@ -1,8 +1,6 @@
 """Pictures of arms in space, drawn with pygame: in perspective over a ground, links as lit ribbons that show how they
 bend and twist, with shadows and plumb lines that say where things are."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """SpatialFlexArm-v0: an arm with yaw, shoulder and elbow brings its tip to a point in space and settles there."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

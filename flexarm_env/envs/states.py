@@ -1,7 +1,5 @@
 """States of environments, to be kept and gone back to; and their linear models."""
 
-from __future__ import annotations
-
 import copy
 from typing import TYPE_CHECKING, Any
 

@@ -1,7 +1,5 @@
 """TwoLinkFlexArm-v0: two flexible links bring their tip to a point and settle there."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

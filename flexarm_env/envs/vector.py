@@ -1,7 +1,5 @@
 """Many arms as a `gymnasium.vector.VectorEnv`, each the very environment that `single` is, bit for bit."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from typing import Any, overload

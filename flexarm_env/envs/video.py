@@ -1,7 +1,5 @@
 """Films: the pictures of a recorded run, and their files."""
 
-from __future__ import annotations
-
 import errno
 import importlib
 import os

@@ -1,7 +1,5 @@
 """What a log holds and what is to be fitted: the tables of a small TOML file, checked (docs/identification.md)."""
 
-from __future__ import annotations
-
 import math
 import os
 import re

@@ -6,8 +6,6 @@ between the arm and a rigid one alone. The torques are those of the rigid arm; h
 some that differ from it, is simulated, and all is made smaller until it is within the bounds.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import os
 from dataclasses import dataclass

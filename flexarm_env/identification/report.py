@@ -1,7 +1,5 @@
 """What comes of an identification, and what it leaves behind: lines, a page, an arm's file, figures."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The whole of it: logs in, a fit, what it is worth, and how well it predicts (`report.Identification`)."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Numbers about signals: how much of one another explains, ringing, decay by amplitude; the simplest of models."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ the bandwidth of Andrews (1991) and quantiles of Student's t with as many degree
 Vogelsang 2005: 1.5 n over the bandwidth of Bartlett's kernel); it is never less than that of independent residuals.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """From an environment to a folder with a shared object, a header, an example, a CMake file and a pkg-config file."""
 
-from __future__ import annotations
-
 import platform
 import re
 import shutil

@@ -1,7 +1,5 @@
 """An arm as a functional mock-up unit: co-simulation by FMI 2.0 or 3.0, around the library."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import tempfile

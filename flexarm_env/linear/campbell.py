@@ -1,7 +1,5 @@
 """Natural frequencies of a spinning arm against its spin: Campbell's diagram."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -9,8 +9,6 @@ by Newton; s falls as the steps succeed, so that the last ones are Newton's own.
 start on a ridge, which is kept.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

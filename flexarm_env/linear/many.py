@@ -1,7 +1,5 @@
 """Linear models of many arms alike in one compiled call: of elasticas with ideal joints."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field

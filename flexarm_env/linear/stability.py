@@ -4,8 +4,6 @@ At rest loads, gravity and held joints have a potential, so that a point is stab
 has no negative eigenvalue (Lagrange and Dirichlet); one that is negative grows as exp(sqrt(-mu) t).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """State space of an arm about a point of its motion, continuous, or over one period with the torques held."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace

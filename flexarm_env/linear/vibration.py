@@ -1,7 +1,5 @@
 """Natural frequencies and shapes about a point of the motion, steady rotation included."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any

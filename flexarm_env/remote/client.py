@@ -1,7 +1,5 @@
 """The other end: a wire to an arm that answers packets, an environment of it, and policies that drive it."""
 
-from __future__ import annotations
-
 import math
 import os
 import secrets

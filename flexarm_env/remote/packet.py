@@ -18,8 +18,6 @@ the sensors read, in SI units. Of a WELCOME: period (s), joints, readings, perio
 (N m) and the scale of each reading. A HELLO and a BYE have none.
 """
 
-from __future__ import annotations
-
 import hashlib
 import hmac
 import socket

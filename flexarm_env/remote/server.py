@@ -3,8 +3,6 @@
 It is no safety system.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 import secrets

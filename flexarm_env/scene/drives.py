@@ -1,7 +1,5 @@
 """What moves and loads the arm of a scene: prescribed coordinates, joint torques, point loads."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 

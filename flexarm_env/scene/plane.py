@@ -1,7 +1,5 @@
 """The plane that an arm of a scene in space stays in, where there is one, and the scene of the plane that this is."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence

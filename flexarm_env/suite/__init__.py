@@ -7,8 +7,6 @@
 `gymnasium.make("flexarm_env:flexarm/slew-measured-v2")` and `gymnasium.make_vec` make the same environments.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from .data import Task, task, tasks

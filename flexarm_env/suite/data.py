@@ -1,7 +1,5 @@
 """The suite's tasks as data: one TOML file each in `flexarm_env/data/suite`, read and checked."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What a task comes to, as one canonical text, and its hash."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json

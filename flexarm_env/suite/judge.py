@@ -1,7 +1,5 @@
 """A policy on a task's episodes: returns, successes, costs, and what it took."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass
 from typing import Any, Protocol

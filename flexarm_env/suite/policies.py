@@ -1,7 +1,5 @@
 """Policies by the words that a command line takes: controllers, files, ONNX models, the caller's functions."""
 
-from __future__ import annotations
-
 import hashlib
 import importlib
 import inspect

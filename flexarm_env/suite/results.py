@@ -1,7 +1,5 @@
 """Results files: what a run of a method came to on the tasks it was judged on, one JSON file each."""
 
-from __future__ import annotations
-
 import json
 import os
 import platform

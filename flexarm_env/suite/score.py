@@ -6,8 +6,6 @@ middle half of all scores), with a percentile interval by a bootstrap that draws
 (Agarwal et al. 2021).
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

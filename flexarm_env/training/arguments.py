@@ -1,7 +1,5 @@
 """Command lines from documented dataclasses: one flag a field, its help from the class's docstring."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import json

@@ -16,8 +16,6 @@ A policy.npz holds numbers alone; a run folder without one is judged from its mo
 pickles and can run any code.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

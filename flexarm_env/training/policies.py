@@ -1,7 +1,5 @@
 """Policies by the words that a command line takes: controllers, controllers with gains of one's own, runs, files."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What a training run has come to: rows of the learning curve, the best so far, when it was solved."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field

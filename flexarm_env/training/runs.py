@@ -1,7 +1,5 @@
 """Files that runs leave behind: written whole or not at all; and errors told in a sentence."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import dataclasses

@@ -1,7 +1,5 @@
 """Medians, means and rates with bootstrap intervals; tables of them in Markdown."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 

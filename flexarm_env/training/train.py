@@ -11,8 +11,6 @@ and the checkpoints are pickles, which can run any code when they are read: resu
 policy.npz to others.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -15,8 +15,6 @@ control period, is stable with all gains that many times as large. Without the r
 that are unstable, and settle in a limit cycle that flips the elbow's torque in every period.
 """
 
-from __future__ import annotations
-
 import time
 import tomllib
 from collections.abc import Callable, Sequence

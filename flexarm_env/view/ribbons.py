@@ -1,7 +1,5 @@
 """Links in space as ribbons: smooth lines with the direction of their width, read off coordinates."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Clips of what the package has recorded: trajectories, and episodes that are played again."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
