@@ -55,7 +55,8 @@ class UnknownKey(BadKey):
         near = difflib.get_close_matches(last, self.allowed, n=1, cutoff=0.7)
         hint = self.hint or (f"did you mean {near[0]}?" if near else "")
         hint = hint and f" ({hint})"
-        return f"{self.path}: unknown {self.what}{hint}; allowed: {', '.join(self.allowed) or 'none'}"
+        path = self.path if len(self.path) <= 200 else f"{self.path[:197]}..."
+        return f"{path}: unknown {self.what}{hint}; allowed: {', '.join(self.allowed) or 'none'}"
 
 
 class UnknownArgument(UnknownKey, TypeError):

@@ -41,6 +41,7 @@ WRONG: dict[str, list[tuple[dict[str, Any], tuple[str, ...]]]] = {
         ({"sensors": {"delay": 1e9}}, ("sensors.delay", "at most 1000")),
         ({"task": "track", "reference": "nope.csv"}, ("reference = 'nope.csv'", "exists")),
         ({"task": "track", "reference": 5}, ("reference = 5", "TimeFunction")),
+        ({"task": "track", "reference": [[0.0, 0.0], [4.0, 1e7]]}, ("reference = 1", "at most 1e+06 (rad)")),
         ({"task": "replay", "motion": "nope.csv"}, ("motion = 'nope.csv'", "exists")),
         ({"task": "replay", "motion": "nope.toml"}, ("motion = 'nope.toml'", "exists")),
         ({"task": "replay", "motion": {"t": [0, 1]}}, ("motion.psi", "missing")),

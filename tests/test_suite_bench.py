@@ -112,6 +112,11 @@ def quick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
         "def faulty(seen):\n    return undefined @ seen if seen.ndim == 2 else seen[9]\n"
         "def wrong(seen):\n    wrong.k += 1\n    return np.zeros((len(seen), 1) if wrong.k == 1 else (2, 1))\n"
         "wrong.k = 0\n"
+        "class Taped:\n"
+        "    shape = (100, 1)\n"
+        "    def __array__(self, *words, **more):\n        raise RuntimeError('Use tensor.detach()')\n"
+        "def taped(seen):\n    return Taped()\n"
+        "def imaginary(seen):\n    return np.full((len(seen), 1), 1j)\n"
         "def leaving(seen):\n    raise SystemExit(7)\n"
         "word = 'no function'\n"
     )
@@ -170,6 +175,8 @@ def test_a_function_is_begun_anew_after_it_was_tried_with_all_rows():
         ("mine:wide", "must give (100, 1) for all observations, or (1,) for one"),
         ("mine:lost", "--policy mine:lost: action = [nan]: must be finite numbers"),
         ("mine:angry", "it raised RuntimeError: no such luck"),
+        ("mine:taped", "Use tensor.detach()"),
+        ("mine:imaginary", "must be numbers of shape (100, 1)"),
         ("mine:faulty", "at once it raised NameError: name 'undefined' is not defined; of one alone it raised Ind"),
         ("mine:leaving", "it raised SystemExit: 7"),
         ("mine:Needy", "cannot be made without arguments (TypeError"),

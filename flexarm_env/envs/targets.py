@@ -101,7 +101,9 @@ class Angle(Target):
         return [(0.3, math.pi / 2), (10.0 / rate, 20.0 / rate), (0.0, 0.0), (0.0, 0.0)]
 
     def path(self, given: Any, arm: Arm, t: Array) -> list[TimeFunction]:
-        return [function_of("reference", given)]
+        angle = function_of("reference", given)
+        check.number("reference", max(angle(t).min(), angle(t).max(), key=abs), "rad", **ANGLE)
+        return [angle]
 
 
 class Point(Target):

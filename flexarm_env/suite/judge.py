@@ -81,11 +81,13 @@ def judge(env: Any, policy: Policy, first: int = FIRST) -> Judged:
 def checked(action: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
     """Actions as the environment takes them, cut to [-1, 1]. ValueError for others."""
     try:
-        values = np.asarray(action, np.float32)
-    except (TypeError, ValueError):
-        raise check.InvalidValue("action", action, f"must be numbers of shape {shape}") from None
+        values = np.asarray(action)
+    except (TypeError, ValueError, RuntimeError) as error:  # the last: PyTorch's, of what it still differentiates
+        raise check.InvalidValue("action", action, f"must be numbers of shape {shape} ({error})") from None
+    if values.dtype.kind not in "fiub":
+        raise check.InvalidValue("action", action, f"must be numbers of shape {shape}")
     if values.shape != shape:
         raise check.InvalidValue("action's shape", values.shape, f"must be {shape}: a row an observation")
     if not np.isfinite(values).all():
         raise check.InvalidValue("action", values[~np.isfinite(values).all(axis=1)][0], "must be finite numbers")
-    return np.clip(values, np.float32(-1.0), np.float32(1.0))
+    return np.clip(values, -1.0, 1.0).astype(np.float32)
