@@ -106,7 +106,7 @@ class Settings:
         newmark: (beta, gamma) of plain Newmark, in place of rho_inf.
         tolerance: of the Newton iteration, default 1e-10.
         newton: "full" (default) or "modified".
-        max_iterations: of Newton in one step, default 20.
+        max_iterations: of Newton in one step, at most 10,000, default 20.
         max_halvings: of a step whose Newton fails, default 8.
         step_tolerance: error of the tip, a fraction of the arm's length, that a control period of an environment, or of
             a scene the time between two samples or kinks, may add: dt is then the longest step, and is halved, up to
@@ -158,7 +158,7 @@ class Settings:
         check.store(
             self,
             tolerance=check.number("tolerance", self.tolerance, above=0.0, maximum=1.0),
-            max_iterations=check.integer("max_iterations", self.max_iterations, minimum=1),
+            max_iterations=check.integer("max_iterations", self.max_iterations, minimum=1, maximum=10_000),
             max_halvings=check.integer("max_halvings", self.max_halvings, minimum=0, maximum=30),
         )
         if self.step_tolerance is not None:

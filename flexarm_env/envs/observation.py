@@ -47,9 +47,9 @@ class Sight:
 def asked(observation: Any, history: Any) -> tuple[str | tuple[str, ...], int]:
     """The arguments, checked as far as they can be alone."""
     count = check.integer("history", history, minimum=1, maximum=LONGEST_HISTORY)
-    if observation in (FULL, MEASURED):
-        return observation, count
     if isinstance(observation, str):
+        if observation in (FULL, MEASURED):
+            return observation, count
         raise check.InvalidValue("observation", observation, f'must be "{FULL}", "{MEASURED}" or names of entries')
     names = check.sequence("observation", observation, "names of entries")
     for i, name in enumerate(names):

@@ -278,7 +278,8 @@ def _arm(kind: Kind, given: Any, joint_limits: Any) -> Arm:
 
 
 def _settings(kind: Kind, formulation: str | None, period: float, options: dict[str, Any]) -> Settings:
-    chosen = formulation or (DEFAULT_FORMULATION if kind.settings is None else "geometrically_exact")
+    default = DEFAULT_FORMULATION if kind.settings is None else "geometrically_exact"
+    chosen = default if formulation is None else formulation
     if kind.space and chosen == "elastica":
         what = "must be 'geometrically_exact' or 'floating_frame' in space"
         raise check.InvalidValue("formulation", chosen, what)
