@@ -48,6 +48,9 @@ MODAL_BOUND = 0.25
 MOST_ELEMENTS = 1000
 """Elements of a link: its dense or banded matrices are then as large as a step can do with."""
 
+MOST_STEPS = 10**5
+"""Steps of a period that is differentiated."""
+
 MOST_IN_SEGMENT = 32
 """Elements of a segment of the floating frame, whose matrices are full."""
 
@@ -228,6 +231,8 @@ class Settings:
         if period is None:
             return self
         assert self.dt is not None
+        if check.number("discrete", period, "s", above=0.0) / self.dt > MOST_STEPS:
+            raise check.InvalidValue("discrete", period, f"must be at most {MOST_STEPS} steps of dt = {self.dt:g} s")
         dt = period / max(1, math.ceil(period / self.dt * (1.0 - 1e-9)))
         return self if abs(dt - self.dt) <= 1e-9 * dt else dataclasses.replace(self, dt=dt)
 

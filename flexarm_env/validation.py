@@ -288,12 +288,19 @@ Shape = tuple[int | str, ...]
 """Lengths; a word: any from 1 on, the same wherever the word stands."""
 
 
+def floats(path: str, values: Any, what: str = "numbers") -> Array:
+    """``values`` as float64, finite or not, of any shape."""
+    try:
+        if np.iscomplexobj(values):
+            raise TypeError
+        return np.asarray(values, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidValue(path, values, f"must be {what}") from None
+
+
 def array(path: str, values: object, shape: Shape, what: str = "") -> np.ndarray[Any, np.dtype[np.float64]]:
     """``values`` as a float64 array of finite numbers; a word in ``shape``: any length from 1 on."""
-    try:
-        result = np.asarray(values, np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise InvalidValue(path, values, f"must be numbers of shape {_words(shape, {})}{what and ', '}{what}") from None
+    result = floats(path, values, f"numbers of shape {_words(shape, {})}{what and ', '}{what}")
     _fits(path, result, "finite", shape, {}, what)
     return result
 

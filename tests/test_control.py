@@ -230,9 +230,10 @@ def test_what_controllers_cannot_read_is_told(name):
     observation = np.full(size, 0.1, np.float32)
     refuses(r"call the controller's reset\(observation\) first", lambda: controller.act(observation), RuntimeError)
     refuses(rf"^shape of observation = \(3,\): must be \(n, {size}\)", lambda: controller.reset(observation[:3]))
-    for value in (np.nan, np.inf):
+    refuses("^observation = 'x': must be numbers", lambda: controller.reset("x"))
+    for value in (np.nan, np.inf, 1e300):
         with pytest.raises(ValueError, match=r"^observation\[0\] = .*must be finite numbers"):
-            controller.reset(np.where(np.arange(size) == size - 1, value, observation))
+            controller.reset(np.where(np.arange(size) == size - 1, value, observation.astype(float)))
     controller.reset(observation)
     again.reset(observation)
     for wrong in (observation * np.nan, observation[None, None], np.tile(observation, (2, 1))):

@@ -351,6 +351,7 @@ def test_bad_input_names_itself() -> None:
     with pytest.raises(ValueError, match=r"discrete = 3\.0: must not reach past the scene's kink at t = 2\.5 s"):
         linearize(simulation, discrete=3.0)
     refuses("discrete = -1", lambda: linearize(simulation, discrete=-1))
+    refuses(r"discrete = 1000000000\.0: must be at most 100000 steps", lambda: linearize(scene, discrete=1e9))
     refuses("segments = 3: must not be given with a Simulation", lambda: linearize(simulation, segments=3))
     refuses(r"spin = 1\.0: must be given with a Scene", lambda: modes(simulation, spin=1.0))
     refuses(r"spin = 1\.0: needs a pinned root", lambda: modes(scenes.named("flying_rod"), spin=1.0))

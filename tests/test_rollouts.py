@@ -90,6 +90,7 @@ def test_what_an_arm_s_solver_left_is_asked_of_nobody_else(arms: Arms) -> None:
 
 def test_wrong_shapes_are_told(arms: Arms) -> None:
     run = gone(arms, 3)
+    refuses("actions = .*: must be numbers", lambda: arms.rollout(run.states[0], 1j * run.actions))
     refuses(r"actions.shape = \(9, 1\): must be \(T, 9, 1\)", lambda: arms.rollout(run.states[0], run.actions[0]))
     for value in (np.nan, np.inf):
         actions = run.actions.copy()

@@ -59,7 +59,7 @@ class Setup:
         plain = getattr(env, "unwrapped", None)
         plan = getattr(plain, "plan", None)
         if plan is None:
-            raise ValueError(f"env = {env}: must be an environment of flexarm_env, single or vector")
+            raise check.InvalidValue("env", env, "must be an environment of flexarm_env, single or vector")
         scales = tuple(float(s) for s in plan.scales)
         limits = plan.arm.torque_limits
         names, noise, extras = tuple(plan.names), (), plan.extras
@@ -161,13 +161,13 @@ class Reader:
         self._gauges = [place[name] for name in setup.names if name.startswith("strain_gauge_")]
 
     def __call__(self, observation: NDArray[np.floating]) -> Signals:
-        seen = np.atleast_2d(np.asarray(observation, dtype=np.float64))
+        seen = np.atleast_2d(check.floats("observation", observation))
         if seen.ndim != 2 or seen.shape[1] != self.size:
             raise check.InvalidValue("shape of observation", np.shape(observation), f"must be (n, {self.size})")
         values = seen[:, -len(self.scales) :] * self.scales
         if not math.isfinite(np.vdot(values, values)):  # quicker than to look at each
-            row = np.flatnonzero(~np.isfinite(values).all(axis=1))[0]
-            raise check.InvalidValue(f"observation[{row}]", seen[row], "must be finite numbers")
+            row = np.flatnonzero(~(np.abs(values) < 1e100).all(axis=1))[0]
+            raise check.InvalidValue(f"observation[{row}]", seen[row], "must be finite numbers, below 1e100 in size")
         angles = np.arctan2(values[:, self._sin], values[:, self._cos])
         return Signals(
             angles, values[:, self._rates], values[:, self._bends], values[:, self._bend_rates], values[:, self._error],

@@ -123,7 +123,7 @@ class Dynamics:
 
     def _turned(self, angles: ArrayLike) -> tuple[Array, Array]:
         """Joint angles (m, N), checked, and states (m, S) of zeros."""
-        angles = np.asarray(angles, np.float64)
+        angles = check.floats("joint angles", angles)
         if angles.ndim != 2 or angles.shape[1] != self.n_inputs:
             what = f"must be (m, {self.n_inputs}), a row an arm"
             raise check.InvalidValue("shape of joint angles", angles.shape, what)

@@ -55,7 +55,7 @@ class NumpyPolicy:
         Worked out in float64, so that an action does not depend on how many are asked for together. ValueError for
         observations of another size.
         """
-        x = np.asarray(observation, np.float64)
+        x = check.floats("observation", observation)
         taken = len(self._layers[0][0])
         if x.shape[-1:] != (taken,):
             raise check.InvalidValue("shape of observation", x.shape, f"must be (n, {taken})")

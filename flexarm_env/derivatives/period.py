@@ -357,7 +357,7 @@ class Periods:
 
 def checked(name: str, value: Any, shape: tuple[int, ...]) -> Array:
     """Numbers of this shape, or a ValueError."""
-    rows = np.asarray(value, np.float64)
+    rows = check.floats(name, value)
     if rows.shape != shape:
         raise check.InvalidValue(f"{name}.shape", rows.shape, f"must be {shape}")
     return rows

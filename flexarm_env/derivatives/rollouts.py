@@ -80,7 +80,7 @@ class Rollout:
 def rollout(arms: Periods, state: Any, actions: Any) -> Rollout:
     """Where arms go from states (n, S) under actions (T, n, A), clipped to +-1; see `Rollout`."""
     start = _given("state", state, (arms.n, arms.state_size))
-    given = np.asarray(actions, np.float64)
+    given = check.floats("actions", actions)
     if given.ndim != 3 or given.shape[1:] != (arms.n, arms.action_size):
         raise check.InvalidValue("actions.shape", given.shape, f"must be (T, {arms.n}, {arms.action_size})")
     wrong = np.argwhere(~np.isfinite(given))

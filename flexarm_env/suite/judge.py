@@ -90,4 +90,4 @@ def checked(action: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
         raise check.InvalidValue("action's shape", values.shape, f"must be {shape}: a row an observation")
     if not np.isfinite(values).all():
         raise check.InvalidValue("action", values[~np.isfinite(values).all(axis=1)][0], "must be finite numbers")
-    return np.clip(values, -1.0, 1.0).astype(np.float32)
+    return np.asarray(np.clip(values, -1.0, 1.0), np.float32)
