@@ -104,14 +104,17 @@ def search(
     lifting: bool = False,
     stages: Sequence[Array] = (),
     only: Sequence[int] = range(EPISODES),
+    steadied: bool = False,
+    grid: float = 0.0,
 ) -> tuple[Array, Array]:
     """Actions (T, n, N) of the episodes and their returns (n,).
 
-    trained: run folders to begin with, beside controllers. steps: see `climb`. In space each arm is steadied by that of
-    `trained` which sees all there is and does it best. kept: a file in which actions are kept on the way, and from
-    which a search that was broken off goes on. start: actions and their returns to begin with, in place of all that.
-    lifting: see `Fine`. stages: weights (T,) of the periods' rewards in searches before, of `STAGE` steps each, whose
-    last actions the search begins with, better or not (see `growing`). only: of which episodes, the n of them.
+    trained: run folders to begin with, beside controllers. steps: see `climb`. In space, or if `steadied`, an arm is
+    steadied by that of `trained` which sees all there is and does it best. kept: a file in which actions are kept on
+    the way, and from which a search that was broken off goes on. start: actions and their returns to begin with, in
+    place of all that. lifting: see `Fine`. stages: weights (T,) of the periods' rewards in searches before, of `STAGE`
+    steps each, whose last actions the search begins with, better or not (see `growing`). only: of which episodes, the n
+    of them. grid: actions are handed on in parts of it, where it is not 0.
     ValueError where the task's environment has no derivatives, or does not give these returns.
     """
     from flexarm_env.derivatives import Arms
@@ -129,14 +132,15 @@ def search(
 
     def value(x: Array, weight: Array | None = None) -> tuple[Array, Array, Array]:
         wanted = x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2)
-        total, slopes, played = returned(moved, first, wanted, fine, steady, weight)
+        total, slopes, played = returned(moved, first, wanted, fine, steady, weight, grid)
         return total, np.nan_to_num(slopes.transpose(1, 0, 2).reshape(arms.n, -1)), played
 
-    if task.environment == SPACE and trained:
-        steady = steadiest(arms, first, _exact(best), steadiers(task, arms.environment, trained))
+    policies = steadiers(task, arms.environment, trained) if steadied or task.environment == SPACE else []
+    if policies:
+        steady = steadiest(moved, first, _exact(best), policies)
     x = _exact(best.transpose(1, 0, 2).reshape(arms.n, -1))
     found = value(x)
-    if not fine.shapes and np.nanmax(np.abs(found[0] - reached) / (1.0 + np.abs(reached))) > ALIKE:
+    if not grid and not fine.shapes and np.nanmax(np.abs(found[0] - reached) / (1.0 + np.abs(reached))) > ALIKE:
         raise ValueError(f"{task.id}: the search's episodes are not the task's: {found[0][:3]} for {reached[:3]}")
     found = np.where(np.isnan(found[0]), reached, found[0]), *found[1:]
     for weight in stages:
@@ -198,12 +202,12 @@ def growing(periods: int, end: int) -> list[Array]:
 
 
 def steadiers(task: suite.Task, env: Any, trained: Sequence[Path]) -> list[Any]:
-    """Those of the policies (run folders) that see what an environment shows. ValueError where none does."""
+    """Those of the policies (run folders) that see what an environment shows. ValueError where in space none does."""
     found = []
     for folder in trained:
         with suppress(ValueError):
             found.append(choose(str(folder), task).make(env))
-    if not found:
+    if trained and not found and task.environment == SPACE:
         raise ValueError(f"{task.id}: no policy that sees all there is and steadies arms in space")
     return found
 
@@ -340,7 +344,7 @@ class InTask:
     differentiated at the very states that they are in there. `step` and `vjp` are as those of `derivatives.Arms`."""
 
     def __init__(self, arms: Any, seeds: Sequence[int]) -> None:
-        self.arms, self.n, self.vjp, self.seeds = arms, arms.n, arms.vjp, seeds
+        self.arms, self.n, self.vjp, self.observe, self.seeds = arms, arms.n, arms.vjp, arms.observe, seeds
         self.first, self.failed = arms.names.index("periods"), np.zeros(arms.n, bool)
 
     def step(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
@@ -349,9 +353,9 @@ class InTask:
         if state[0, self.first] == 0.0:
             env.reset(seed=self.seeds)
             self.past = np.zeros(self.n, bool)
-        _, reward, terminated, _, _ = env.step(action.astype(np.float32))
+        seen, reward, terminated, _, _ = env.step(action.astype(np.float32))
         self.past |= terminated
-        return self.arms.states(), np.zeros((self.n, self.arms.observation_size)), reward.copy()
+        return self.arms.states(), seen.astype(float), reward.copy()
 
 
 class Steady:
@@ -380,16 +384,20 @@ class Steady:
 
 
 def returned(
-    arms: Any, start: Array, wanted: Array, fine: Fine, steady: Steady | None = None, weight: Array | None = None
-) -> tuple[Array, Array, Array]:
-    """J (n,) of actions (T, n, N), NaN where an episode would have ended; its slope by them; what was played. weight:
-    (T,), of the periods' rewards and costs; what comes after the last one that counts is not looked at."""
+    arms: Any, start: Array, wanted: Array, fine: Fine, steady: Steady | None = None, weight: Array | None = None,
+    grid: float = 0.0,
+) -> tuple[Array, Array, Array]:  # fmt: skip
+    """J (n,) of actions (T, n, N), NaN where an episode would have ended; its slope by them; what was played, in parts
+    of `grid` if there is one. weight: (T,), of the periods' rewards and costs; what comes after the last one that
+    counts is not looked at."""
     counts = np.ones(len(wanted)) if weight is None else np.trim_zeros(weight, "b")
     states, taken, total, over = [start], [], np.zeros(arms.n), np.zeros(arms.n, bool)
     actions, seen = wanted.copy(), None if steady is None else arms.observe(start)
     for k, (action, count) in enumerate(zip(wanted, counts, strict=False)):
         if steady is not None:
             actions[k] = _exact(np.clip(action + steady(k, seen), -1.0, 1.0))
+        if grid:
+            actions[k] = np.round(actions[k] * grid) / grid
         state, seen, reward = arms.step(states[-1], actions[k])
         cost, *slope = fine(seen, state)
         states.append(state)

@@ -3,9 +3,10 @@
     python -m agents.record [--task IDS] [--home runs/suite]
 
 Of each task: controllers that see what it shows and what there is, the policies of all run folders, what foresight has
-found, and the record so far. The search of `agents.foresight` goes on from the best of each episode until `PATIENCE`
-of its steps bring less than `ENOUGH` of the mean return. With --grow a second one finds ways from their beginnings on:
-of the episodes that do not succeed (failed), or of all.
+found, and the record so far. The search of `agents.foresight` goes on from the best of each episode, steadied by the
+policies that see all there is, until `PATIENCE` of its steps bring less than `ENOUGH` of the mean return, and begins
+anew from there for the episodes that gained `GAIN`. With --grow a second one finds ways from their beginnings on: of
+the episodes that do not succeed (failed), or of all.
 """
 
 import sys
@@ -23,17 +24,20 @@ from agents import foresight
 from agents.suite import ROOT, of_run
 from flexarm_env import control, suite
 from flexarm_env import validation as check
-from flexarm_env.suite import best
+from flexarm_env.suite import best, results
 from flexarm_env.suite.frozen import instants
 from flexarm_env.suite.policies import choose
 from flexarm_env.suite.results import chosen_tasks, frozen
 from flexarm_env.suite.score import EPISODES
 from flexarm_env.training.runs import command, read_json, write_whole
 
-HOME = ROOT / "flexarm_env" / "data" / "suite" / "best"
+HOME, RESULTS = ROOT / "flexarm_env" / "data" / "suite" / "best", ROOT / "docs" / "results" / "suite"
 SEARCH, GROWS = "search from ", ("none", "failed", "all")
-GRID, LOST = 8192.0, 1e-3
-"""Actions are rounded to parts of GRID where that costs a value that a search has found no more than LOST."""
+GAIN = 0.02
+"""An episode whose value a search raised by less is not searched again."""
+GRIDS, LOST = (128.0, 256.0, 512.0, 1024.0, 8192.0), 0.02
+"""Actions are rounded, as they are played, to parts of the first of GRIDS that costs no more than LOST of the value,
+and leaves no less than a published run has."""
 
 
 @dataclass(frozen=True)
@@ -115,6 +119,13 @@ def gathered(task: suite.Task, home: Path) -> tuple[Any, Any, list[str]]:
     return kept, reached, by
 
 
+def published(task: suite.Task) -> Any:
+    """The most that published runs have in each episode; -inf where there is none."""
+    entries = [one.tasks.get(task.id) for one in results.folder_of(RESULTS, earlier=True)]
+    rows = [results.values(task, one) for one in entries if one is not None and results.of_the_protocol(task, one)]
+    return np.max([np.full(EPISODES, -np.inf), *rows], axis=0)
+
+
 def made(task: suite.Task, arguments: Arguments) -> str:
     """Write a task's record; a line of it. ValueError where what was played is not what the task gives."""
     kept, judged, by = gathered(task, arguments.home)
@@ -127,21 +138,29 @@ def made(task: suite.Task, arguments: Arguments) -> str:
         only = np.arange(EPISODES)
         if stages:
             only = only[{"none": only < 0, "failed": ~successes, "all": only >= 0}[arguments.grow]]
-        if not arguments.steps or not len(only):
+        if not arguments.steps:
             continue
-        begun = (kept.astype(float), values)
-        more, _ = foresight.search(task, trained, steps=arguments.steps, start=begun, stages=stages, only=only)
-        tried = kept.copy()
-        tried[:, only] = more
-        found, good = best.played(task, env, best.Actions(tried))
-        better = found > values
-        kept[:, better], values = tried[:, better], np.maximum(values, found)
-        successes = np.where(better, good, successes)
-        by = [SEARCH + name.removeprefix(SEARCH) if gain else name for name, gain in zip(by, better, strict=True)]
-    rounded = (np.round(kept * GRID) / GRID).astype(np.float32)
-    found, _ = best.played(task, env, best.Actions(rounded))
-    fine = (found >= judged) & (found >= values - LOST)
-    kept[:, fine] = rounded[:, fine]
+        while len(only):
+            begun = (kept.astype(float), values)
+            more, _ = foresight.search(
+                task, trained, steps=arguments.steps, start=begun, stages=stages, only=only, steadied=True
+            )
+            tried = kept.copy()
+            tried[:, only] = more
+            found, good = best.played(task, env, best.Actions(tried))
+            gain, stages = found - values, []
+            kept[:, gain > 0.0], values = tried[:, gain > 0.0], np.maximum(values, found)
+            successes = np.where(gain > 0.0, good, successes)
+            by = [SEARCH + name.removeprefix(SEARCH) if up > 0.0 else name for name, up in zip(by, gain, strict=True)]
+            only = np.flatnonzero(gain > GAIN)
+    begun, whole = (kept.astype(float), values), np.ones(EPISODES, bool)
+    least = np.maximum(values - LOST, np.minimum(published(task), values))
+    for grid in GRIDS:
+        rounded = foresight.search(task, trained, steps=0, start=begun, steadied=True, grid=grid)[0].astype(np.float32)
+        found, _ = best.played(task, env, best.Actions(rounded))
+        fine = whole & (found >= least)
+        kept[:, fine] = rounded[:, fine]
+        whole &= ~fine
     values, successes = best.played(task, env, best.Actions(kept))
     env.close()
     what = {"actions": best.packed(kept), "values": values, "by": np.array(by), "digest": np.array(task.digest)}

@@ -102,7 +102,7 @@ class Hills:
     best = np.array([[[0.3], [0.9]], [[-0.5], [1.7]], [[0.2], [0.1]]])
     steep = np.array([100.0, 1.0, 0.01])[:, None, None]
 
-    def returned(self, arms, start, actions, fine, steady=None, weight=None):
+    def returned(self, arms, start, actions, fine, steady=None, weight=None, grid=0.0):
         off = actions - self.best
         return -(self.steep * off**2).sum(axis=(0, 2)), -2.0 * self.steep * off, actions
 
@@ -116,9 +116,11 @@ def test_slopes_of_a_return_on_a_steadied_way(monkeypatch: pytest.MonkeyPatch):
     gain, way = 0.3 * rng.normal(size=(arms.observation_size, 1)), rng.normal(size=actions.shape)
     steady = foresight.Steady(arms, start, actions, SimpleNamespace(act=lambda seen: seen @ gain))
 
-    def value(x, pulled=steady):
-        return foresight.returned(arms, start, x, lambda seen, state: (0.0, np.zeros_like(seen), 0.0), pulled)
+    def value(x, pulled=steady, **more):
+        return foresight.returned(arms, start, x, lambda seen, state: (0.0, np.zeros_like(seen), 0.0), pulled, **more)
 
+    rounded = value(actions, grid=64.0)[2]
+    assert np.array_equal(64.0 * rounded, np.round(64.0 * rounded)) and 0.0 < np.abs(rounded - actions).max() < 0.05
     total, slopes, played = value(actions)
     assert np.array_equal(played, actions) and np.array_equal(total, value(actions, None)[0])
     wanted = (value(actions + 1e-4 * way)[0] - value(actions - 1e-4 * way)[0]) / 2e-4

@@ -10,6 +10,7 @@ from ..batch import standing_scene
 from ..parameters import Arm
 from ..physics import assembly
 from ..physics.layout import ROOT, ROOT_RATES, TIP, TIP_RATES
+from ..physics.linalg import product, solve
 from ..physics.space.layout import AXES, E
 from ..physics.space.reading import Frame, LinkMotion, links
 from ..rotations import back
@@ -59,10 +60,16 @@ def _rates(simulation: Simulation) -> tuple[Array, Array]:
 
     arm, equations = simulation.scene.arm, Equations(simulation)
     reduced = equations.reduced(point_of(simulation.work))
-    squares, vectors = eigh(0.5 * (reduced.K + reduced.K.T), 0.5 * (reduced.M + reduced.M.T))
+    K, M = 0.5 * (reduced.K + reduced.K.T), 0.5 * (reduced.M + reduced.M.T)
+    squares, vectors = eigh(K, M)
     first = arm.n_links  # after the rigid turns of the joints
+    square, mode = float(f"{squares[first]:.9g}"), vectors[:, first].round(7)
+    for _ in range(3):  # inverse iteration from where all processors' libraries agree
+        mode = solve(K - square * M, product(M, mode))
+        mode /= math.sqrt(product(mode, product(M, mode)))
+    square = float(product(mode, product(K, mode)))
     rates = np.zeros(equations.n)
-    rates[equations.free] = reduced.lift @ vectors[:, first]
+    rates[equations.free] = product(reduced.lift, mode)
     simulation.work.v[:] = rates
     poses, _ = simulation.observe()
     moved = poses.copy()
@@ -70,7 +77,7 @@ def _rates(simulation: Simulation) -> tuple[Array, Array]:
     for where, rates_of in ((ROOT, ROOT_RATES), (TIP, TIP_RATES)):
         moved[:, where] = poses[:, where] + step * poses[:, rates_of]
     deflection = (link_deflection(moved)[0] - link_deflection(poses)[0]) / step
-    simulation.work.v[:] = rates / deflection * arm.links[0].span * math.sqrt(squares[first])
+    simulation.work.v[:] = rates / deflection * arm.links[0].span * math.sqrt(square)
     return simulation.work.v.copy(), simulation.observe()[0]
 
 

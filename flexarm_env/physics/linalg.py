@@ -1,10 +1,41 @@
-"""Band LU with partial pivoting, rows stored contiguously.
+"""Linear algebra: small matrices of a model that is built, and, for kernels, band LU with partial pivoting.
 
-Entry (i, j) of an n x n matrix with half widths `below` and `above` lies at `A[i*width + j - i + below]`,
-with `width = 2*below + above + 1`: the extra `below` columns take the fill that row exchanges cause.
+A model is made by `product` and `solve`, whose operations have one order: NumPy's own call a library (BLAS) that adds
+up in another order on another processor, and an arm that stands upright goes another way by the last bit.
+
+Of a band matrix, rows stored contiguously, entry (i, j) of n x n with half widths `below` and `above` lies at
+`A[i*width + j - i + below]`, with `width = 2*below + above + 1`: the extra `below` columns take the fill that row
+exchanges cause.
 """
 
+from functools import reduce
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from ..compiler import absolute, kernel, largest, load, store
+
+
+def product(a: ArrayLike, b: ArrayLike) -> NDArray[Any]:
+    """a @ b of vectors and matrices, the same bits on every processor."""
+    columns, rows = np.moveaxis(np.asarray(a), -1, 0), np.asarray(b)
+    return np.asarray(reduce(np.add, map(np.multiply.outer, columns, rows)))
+
+
+def solve(a: ArrayLike, b: ArrayLike) -> NDArray[Any]:
+    """x of a x = b, a (n, n), b (n,) or (n, p), by elimination, rows exchanged; the same bits on every processor."""
+    a, x = np.array(a, np.float64), np.array(b, np.float64)
+    for k in range(len(a)):
+        best = k + int(np.argmax(abs(a[k:, k])))
+        for rows in (a, x):
+            rows[[k, best]] = rows[[best, k]]
+        others = np.arange(len(a)) != k
+        x[k] /= a[k, k]
+        a[k] /= a[k, k]
+        x[others] -= np.multiply.outer(a[others, k], x[k])
+        a[others] -= np.multiply.outer(a[others, k], a[k])
+    return x
 
 
 @kernel

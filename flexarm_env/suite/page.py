@@ -172,7 +172,8 @@ def _behind(task: Task, line: Line, first: Line) -> str:
 def _record(task: Task, lines: Sequence[Line]) -> str:
     """The record, and who beats it."""
     kept = best.record(task)
-    above = {line.method: max(int((values(task, e) > kept.values).sum()) for e in line.entries) for line in lines}
+    bar = kept.values + best.rounding(task.id)
+    above = {line.method: max(int((values(task, e) > bar).sum()) for e in line.entries) for line in lines}
     beaten = ", ".join(f"{name} in {count} episodes" for name, count in above.items() if count)
     more = f" Above it: **{beaten}**; how to hand that in: docs/tutorials/suite.md." if beaten else ""
     return f"The record, of {kept.date}: J = {kept.values.mean():.1f} (`flexarm bench suite --best {task.id}`).{more}"

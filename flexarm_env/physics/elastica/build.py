@@ -10,6 +10,7 @@ from flexarm_env.physics.elastica.chain import Chain, Line, chain
 from flexarm_env.physics.elastica.layout import BENDS, DATA, ECCENTRIC, LOAD
 from flexarm_env.physics.elastica.slenderness import Notes
 from flexarm_env.physics.layout import OF_LOAD
+from flexarm_env.physics.linalg import product, solve
 from flexarm_env.physics.materials import BENDING, bending
 from flexarm_env.physics.model import BEAM, Elastica, System, damped
 from flexarm_env.scene import PointLoad, Scene
@@ -77,13 +78,13 @@ def phase_correction(
             P, to = P * np.cos(rest[own][:, None] - rest[own]), to * np.exp(1j * rest[own])
         M = P + parts.R[k] + payload * np.outer(to.conj(), to).real
         K = parts.K[k]
-        heavier = share * K @ np.linalg.solve(M, K)
-        C[k] = (lengthening * K - heavier) @ np.linalg.solve(M + lengthening * K, M)
+        heavier = share * product(K, solve(M, K))
+        C[k] = product(lengthening * K - heavier, solve(M + lengthening * K, M))
         if not abs(C[k].sum(axis=0)).max() <= NO_PART * M.sum():
             D, ratio = np.eye(n)[1:] - np.eye(n)[0], share / lengthening
-            F = D @ np.linalg.solve(M, D.T)
-            slow = np.linalg.inv(np.linalg.inv(K[1:, 1:]) + lengthening * F)
-            C[k] = D.T @ ((lengthening + ratio) * slow - ratio * K[1:, 1:]) @ D
+            F, one = product(D, solve(M, D.T)), np.eye(n - 1)
+            slow = solve(solve(K[1:, 1:], one) + lengthening * F, one)
+            C[k] = product(product(D.T, (lengthening + ratio) * slow - ratio * K[1:, 1:]), D)
     return np.asarray(0.5 * (C + C.transpose(0, 2, 1)))
 
 
@@ -175,9 +176,9 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     )
     names, coordinates = _names(count, n, has_root, "centre" if scene.root == "free" else "root")
     angles = np.repeat(scene.angles, n) if rest is None else np.repeat(scene.angles, n) + rest
-    centre = scene.position + np.array([np.cos(angles), np.sin(angles)]) @ beta.real
+    centre = scene.position + product([np.cos(angles), np.sin(angles)], beta.real)
     if arm.payload.eccentric:
-        centre = centre + np.array([-np.sin(angles), np.cos(angles)]) @ beta.imag
+        centre = centre + product([-np.sin(angles), np.cos(angles)], beta.imag)
     q0 = np.concatenate([angles, centre if has_root else ()]).astype(np.float64)
     for k in range(1, count):
         q0[k * n] = scene.initial_value(f"joint{k}")

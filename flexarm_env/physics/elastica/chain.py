@@ -27,6 +27,8 @@ from flexarm_env import curves
 from flexarm_env import validation as check
 from flexarm_env.parameters import Arm, Link
 
+from ..linalg import product, solve
+
 Array = NDArray[np.float64]
 
 
@@ -35,12 +37,17 @@ def nodes(n: int, tip: bool) -> Array:
     basis = np.zeros(n + 1)
     if tip:
         basis[n - 1] = 1.0
-        inner = legendre.legroots(legendre.legder(basis[:n]))
-        return np.concatenate([[-1.0], np.sort(inner.real), [1.0]])
+        return np.concatenate([[-1.0], _roots(np.asarray(legendre.legder(basis[:n]))), [1.0]])
     basis[n - 1 :] = 1.0
-    roots: Array = np.sort(legendre.legroots(basis).real)
-    roots[0] = -1.0
-    return roots
+    return np.concatenate([[-1.0], _roots(basis)[1:]])
+
+
+def _roots(series: Array) -> Array:
+    """Real roots, rising. Newton's steps begin where all processors' libraries agree."""
+    roots = np.sort(legendre.legroots(series).real).round(7)
+    for _ in range(3):
+        roots -= legendre.legval(roots, series) / legendre.legval(roots, legendre.legder(series))
+    return np.asarray(roots)
 
 
 class Basis(NamedTuple):
@@ -55,7 +62,7 @@ class Basis(NamedTuple):
 @lru_cache(64)
 def basis(n: int, tip: bool) -> Basis:
     """That of `nodes`; kept."""
-    own = np.asarray(np.linalg.inv(legendre.legvander(nodes(n, tip), n - 1)))
+    own = solve(legendre.legvander(nodes(n, tip), n - 1), np.eye(n))
     rate, primitive = legendre.legder(own, axis=0), legendre.legint(own, lbnd=-1.0, axis=0)
     return Basis(own, np.asarray(rate, np.float64), np.asarray(primitive, np.float64))
 
@@ -108,13 +115,13 @@ class Line:
 
     def lagrange(self, s: Array) -> Array:
         """l_l(s), shape (len(s), n), s in m from the root."""
-        return self._table(s, lambda x, of, length: legendre.legvander(x, len(of.own) - 1) @ of.own)
+        return self._table(s, lambda x, of, length: product(legendre.legvander(x, len(of.own) - 1), of.own))
 
     def slope(self, s: Array) -> Array:
         """l_l'(s), 1/m, shape (len(s), n)."""
 
         def of_piece(x: Array, of: Basis, length: float) -> Array:
-            return np.asarray(legendre.legvander(x, max(len(of.own) - 2, 0)) @ of.rate * (2.0 / length))
+            return product(legendre.legvander(x, max(len(of.own) - 2, 0)), of.rate) * (2.0 / length)
 
         return self._table(s, of_piece)
 
@@ -134,7 +141,7 @@ class Line:
         """S_l(s) = int_0^s l_l, m, shape (len(s), n)."""
 
         def of_piece(x: Array, of: Basis, length: float) -> Array:
-            return np.asarray(legendre.legvander(x, len(of.own)) @ of.primitive * (0.5 * length))
+            return product(legendre.legvander(x, len(of.own)), of.primitive) * (0.5 * length)
 
         table = self._table(s, of_piece)
         for a, b, first, of in self.pieces[:-1]:  # what lies wholly before s
@@ -152,24 +159,24 @@ class Line:
         """int (section's `what`) table table' ds for a table at the quadrature's points."""
         s, weights = self.quadrature()
         if self.link.uniform is not None:
-            return np.asarray(getattr(self.link.uniform, what) * ((table.T * weights) @ table))
-        return np.asarray((table.T * (weights * getattr(self.link.along(s), what))) @ table)
+            return np.asarray(getattr(self.link.uniform, what) * product(table.T * weights, table))
+        return product(table.T * (weights * getattr(self.link.along(s), what)), table)
 
     def total(self, table: Array, what: str) -> Array:
         """int (section's `what`) table ds."""
         s, weights = self.quadrature()
         if self.link.uniform is not None:
-            return np.asarray(getattr(self.link.uniform, what) * (weights @ table))
-        return np.asarray((weights * getattr(self.link.along(s), what)) @ table)
+            return np.asarray(getattr(self.link.uniform, what) * product(weights, table))
+        return product(weights * getattr(self.link.along(s), what), table)
 
     @property
     def rest(self) -> Array:
         """The nodes' angles without stress from that of the root, rad: those of least strain energy."""
         s, weights = self.quadrature()
         slope = self.slope(s)
-        pull = (weights * self.link.along(s).EI * curves.along(self.link.curvature, s)) @ slope
+        pull = product(weights * self.link.along(s).EI * curves.along(self.link.curvature, s), slope)
         angles = np.zeros(self.n)
-        angles[1:] = np.linalg.solve(self.matrix(slope, "EI")[1:, 1:], pull[1:])
+        angles[1:] = solve(self.matrix(slope, "EI")[1:, 1:], pull[1:])
         return angles
 
     @property

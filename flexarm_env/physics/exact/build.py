@@ -28,6 +28,7 @@ from flexarm_env.physics.exact.layout import (
 )
 from flexarm_env.physics.exact.tables import functions, tables
 from flexarm_env.physics.layout import OF_LOAD
+from flexarm_env.physics.linalg import product, solve
 from flexarm_env.physics.materials import BENDING, NORMAL_AND_SHEAR
 from flexarm_env.physics.model import BEAM, ExactBeam, System, damped, fixed_rows, levers
 from flexarm_env.scene import PointLoad, Scene
@@ -74,8 +75,8 @@ def _varying(part: Link, order: int) -> Array:
     J = np.maximum(fine.J, LEAST_ROTARY * fine.m * l**2)
     return VARYING.pack(
         {"order": order}, length=l, stretch=0.5 * points.EA / l, shear=0.5 * points.C / l,
-        bend=(slope * (fine.EI * weights)) @ slope.T / l**2, mass=(value * (fine.m * weights)) @ value.T,
-        rotary=(value * (J * weights)) @ value.T, bending=0.5 * points.EI / l, own=_own(points),
+        bend=product(slope * (fine.EI * weights), slope.T) / l**2, mass=product(value * (fine.m * weights), value.T),
+        rotary=product(value * (J * weights), value.T), bending=0.5 * points.EI / l, own=_own(points),
     )  # fmt: skip
 
 
@@ -99,7 +100,8 @@ def rest(arm: Arm, elements: int, order: int) -> list[Array]:
             s, weights = part.quadrature()
             slope = functions(order, 2.0 * s / part.length - 1.0)[1] / part.length
             EI = weights * part.along(s).EI
-            rows.append(np.linalg.solve((slope * EI) @ slope.T, slope @ (EI * curves.along(link.curvature, start + s))))
+            pull = product(slope, EI * curves.along(link.curvature, start + s))
+            rows.append(solve(product(slope * EI, slope.T), pull))
         found.append(np.array(rows))
     return found
 
@@ -146,8 +148,8 @@ def curved(scene: Scene, elements: int, order: int) -> Array:
         z += link.root_offset * np.exp(1j * psi)
         for (_, part), bend in zip(_placed(link, elements), bends, strict=True):
             nodes = np.array([psi, psi + bend[0], *bend[1:]])
-            pull = part.length * np.exp(1j * (nodes @ t.value))
-            parts = (t.slope * t.weights) @ pull / t.norm
+            pull = part.length * np.exp(1j * product(nodes, t.value))
+            parts = product(t.slope * t.weights, pull) / t.norm
             inner = q[row + AXES : row + AXES * order].reshape(order - 1, AXES)
             inner[:, X], inner[:, Y], inner[:, T] = parts[1:].real, parts[1:].imag, bend[1:]
             row += AXES * order

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import legendre
 
+from ..linalg import product
+
 
 @dataclass(frozen=True)
 class Tables:
@@ -58,7 +60,7 @@ def tables(order: int) -> Tables:
     slopes = np.array([_tidy(row) for row in slopes])
     fine, fine_weights = legendre.leggauss(order + 1)
     at = functions(order, fine)[0]
-    mass = _tidy((at * fine_weights) @ at.T)
+    mass = _tidy(product(at * fine_weights, at.T))
     return Tables(_tidy(weights), value, slopes, mass, (weights * slopes**2).sum(1))
 
 
