@@ -5,9 +5,9 @@
 
 PYTHON ?= python3
 PYTEST_ARGS ?=
-# processes that share the tests of a run, file by file: one for each core
+# processes that share the tests of a run, one for each core: half of them each, and who is done takes from the other
 WORKERS ?= auto
-PARALLEL := -n $(WORKERS) --dist loadfile
+PARALLEL := -n $(WORKERS) --dist worksteal
 
 SHELL := /bin/bash
 VENV  := .venv
