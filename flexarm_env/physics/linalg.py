@@ -24,12 +24,15 @@ def product(a: ArrayLike, b: ArrayLike) -> NDArray[Any]:
 
 
 def solve(a: ArrayLike, b: ArrayLike) -> NDArray[Any]:
-    """x of a x = b, a (n, n), b (n,) or (n, p), by elimination, rows exchanged; the same bits on every processor."""
+    """x of a x = b, a (n, n), b (n,) or (n, p), by elimination, rows exchanged; the same bits on every processor.
+    LinAlgError where a row is left without a pivot."""
     a, x = np.array(a, np.float64), np.array(b, np.float64)
     for k in range(len(a)):
         best = k + int(np.argmax(abs(a[k:, k])))
         for rows in (a, x):
             rows[[k, best]] = rows[[best, k]]
+        if not abs(a[k, k]) > 0.0:
+            raise np.linalg.LinAlgError("singular matrix")
         others = np.arange(len(a)) != k
         x[k] /= a[k, k]
         a[k] /= a[k, k]

@@ -40,6 +40,8 @@ def test_they_are_those_of_numpy(n: int, columns: int, seed: int):
     for right in (b, vector):
         assert a @ solve(a, right) == pytest.approx(right, abs=1e-9 * np.linalg.cond(a))
     assert solve(np.eye(n)[::-1], vector) == pytest.approx(vector[::-1])
+    with pytest.raises(np.linalg.LinAlgError):
+        solve(np.outer(vector, np.zeros(n)), vector)
 
 
 def test_models_have_the_same_bits_where_blas_rounds_otherwise():
