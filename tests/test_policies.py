@@ -46,7 +46,7 @@ def test_packaged_policies_equal_their_models(name):
 @pytest.mark.parametrize(
     ("name", "keywords", "says"),
     [
-        ("two_link_robust", {"action_mode": "residual_pd"}, r"residual_share = 1\.5; .* is 0\.7"),
+        ("two_link_robust", {"action_mode": "residual_pd"}, r"residual_share = 3\.0; .* is 0\.7"),
         ("two_link_robust", {}, "action_mode = 'residual_pd'; .* is 'torque'"),
         ("two_link_torque", {"action_mode": "residual_pd"}, "action_mode = 'torque'; .* is 'residual_pd'"),
     ],
@@ -54,7 +54,8 @@ def test_packaged_policies_equal_their_models(name):
 def test_a_policy_whose_actions_mean_other_torques_is_refused(name, keywords, says):
     """Observations are the same in all of these."""
     policy = control.load_policy(name)
-    setup = control.Setup.of(gym.make("TwoLinkFlexArm-v0", **keywords))
+    seen = {key: policy.meta["env_kwargs"][key] for key in ("observation",) if key in policy.meta["env_kwargs"]}
+    setup = control.Setup.of(gym.make("TwoLinkFlexArm-v0", **seen, **keywords))
     with pytest.raises(ValueError, match=says):
         policy.check(setup)
 
@@ -62,6 +63,7 @@ def test_a_policy_whose_actions_mean_other_torques_is_refused(name, keywords, sa
 def test_a_policy_that_names_no_share_was_trained_with_the_usual_one():
     policy = control.load_policy("two_link_robust")
     del policy.meta["env_kwargs"]["residual_share"]
-    policy.check(control.Setup.of(gym.make("TwoLinkFlexArm-v0", action_mode="residual_pd")))
+    keywords = {"action_mode": "residual_pd", "observation": policy.meta["env_kwargs"]["observation"]}
+    policy.check(control.Setup.of(gym.make("TwoLinkFlexArm-v0", **keywords)))
     with pytest.raises(ValueError, match=r"residual_share = 0\.7; .* is 1\.5"):
-        policy.check(control.Setup.of(gym.make("TwoLinkFlexArm-v0", action_mode="residual_pd", residual_share=1.5)))
+        policy.check(control.Setup.of(gym.make("TwoLinkFlexArm-v0", **keywords, residual_share=1.5)))
