@@ -234,6 +234,8 @@ def spoil(columns: dict[str, Any], how: str) -> dict[str, Any]:
         return {**columns, "hub": [*hub[:100], math.nan, *hub[101:]]}
     if how == "empty":
         return {**columns, "strain": [*strain[:100], "", *strain[101:]]}
+    if how == "decimal comma":
+        return {**columns, "hub": [*map(str, hub[:100]), "0,5", *map(str, hub[101:])]}
     if how == "saturated":
         return {**columns, "strain": np.clip(strain, -1.0 * strain.std(), None)}
     if how == "strain in thousands":
@@ -256,6 +258,7 @@ def spoil(columns: dict[str, Any], how: str) -> dict[str, Any]:
         ("repeated", "column 't', row 202: the time 1.99 s repeats"),
         ("nan", "column 'hub', row 102: 'nan' is no finite number"),
         ("empty", "column 'strain', row 102: '' is no finite number"),
+        ("decimal comma", "row 102 has 4 cells, and the header 3: are there commas in numbers?"),
         ("saturated", "the sensor is at the end of its range"),
         ("strain in thousands", "column 'strain' moves"),
         ("angle in thousands", "joint0 reaches"),

@@ -142,7 +142,7 @@ def _config(table: dict[str, Any], arm: Arm) -> Config:
         fit=check.sequence("fit", table.get("fit", [p.name for p in parameters]), "names of parameters"),
         skip=check.number("skip", table.get("skip", 0.0), "s", minimum=0.0),
         sensors=carried, experiment=experiment, space=space, solver=solver,
-        starts=check.integer("starts", table.get("starts", 4), minimum=1),
+        starts=check.integer("starts", table.get("starts", 4), minimum=1, maximum=1000),
         evaluations=check.integer("evaluations", table.get("evaluations", 60), minimum=1), good=good,
         seed=check.integer("seed", table.get("seed", 0), minimum=0),
     )  # fmt: skip

@@ -63,6 +63,10 @@ def read_run(path: str | os.PathLike[str], config: Config) -> Run:
             raise BadLog(f"{where}: column {channel.column!r} ({channel.name}) must be there once; columns: {have}")
     if len(lines) < 20:
         raise BadLog(f"{where}: {len(lines)} rows of numbers are too few (at least 20)")
+    for i, line in enumerate(lines):
+        if any(cell.strip() for cell in line[len(header) :]):
+            what = f"row {i + 2} has {len(line)} cells, and the header {len(header)}: are there commas in numbers?"
+            raise BadLog(f"{where}: {what}")
     columns = {c.name: _numbers(where, header.index(c.column), c, lines) for c in channels}
     t = columns[config.time.name] * config.time.factor
     period = _even(where, config.time.column, t)
