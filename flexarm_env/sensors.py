@@ -27,6 +27,8 @@ MEASURES = ("xy", "xz", "torsion")
 SIDES = ("link", "motor")
 RATE_FREQUENCY = 20.0
 """Hz, of the first-order low-pass on an encoder's differences, where nothing is said."""
+LARGEST, FINEST = 1e15, 1e-12
+"""Of gains, biases, noise, quanta and a filter's damping: angles and multiples beyond are lost to rounding."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class LowPass:
             self,
             frequency=check.number("low_pass.frequency", self.frequency, "Hz", above=0.0),
             order=check.integer("low_pass.order", self.order, minimum=1, maximum=2),
-            damping=check.number("low_pass.damping", self.damping, above=0.0),
+            damping=check.number("low_pass.damping", self.damping, above=0.0, maximum=LARGEST),
         )
 
 
@@ -74,10 +76,12 @@ class Law:
         check.store(
             self,
             **{name: _constant_or_range(name, getattr(self, name)) for name in ("gain", "bias")},
-            noise=check.number("noise", self.noise, minimum=0.0),
-            quantum=check.number("quantum", self.quantum, minimum=0.0),
+            noise=check.number("noise", self.noise, minimum=0.0, maximum=LARGEST),
+            quantum=check.number("quantum", self.quantum, minimum=0.0, maximum=LARGEST),
             delay=check.number("delay", self.delay, "s", minimum=0.0),
         )
+        if 0.0 < self.quantum < FINEST:
+            raise check.InvalidValue("quantum", self.quantum, f"must be 0, or at least {FINEST:g}")
         if self.low_pass is not None:
             check.instance("low_pass", self.low_pass, LowPass)
 
@@ -131,7 +135,7 @@ class Encoder(Law):
         check.choice("side", self.side, SIDES)
         check.store(self, rate_frequency=check.number("rate_frequency", self.rate_frequency, "Hz", above=0.0))
         if self.counts is not None:
-            check.store(self, counts=check.integer("counts", self.counts, minimum=1))
+            check.store(self, counts=check.integer("counts", self.counts, minimum=1, maximum=10**9))
             if self.quantum > 0.0:
                 raise check.InvalidValue("quantum", self.quantum, "must not be given together with counts")
 
@@ -368,8 +372,9 @@ S = TypeVar("S", bound=Law)
 
 def _constant_or_range(path: str, value: Any) -> float | Range:
     if not isinstance(value, list | tuple):
-        return check.number(path, value)
-    return check.limits(path, check.sequence(path, value, "a number, or two: (low, high)", 2))
+        return check.number(path, value, minimum=-LARGEST, maximum=LARGEST)
+    both = check.sequence(path, value, "a number, or two: (low, high)", 2)
+    return check.limits(path, both, minimum=-LARGEST, maximum=LARGEST)
 
 
 def _gauge(path: str, entry: Any) -> StrainGauge:
