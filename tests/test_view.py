@@ -256,6 +256,7 @@ def test_an_episode_that_follows_a_motion_is_shown_too() -> None:
         (["two_link", "--env", "FlexibleArm-v0"], "RUN = 'two_link'"),
         (["robot_arm_motion", "--duration", "1e9"], "--duration = 1000000000.0: must be a finite number, above 0 and"),
         (["pd", "--episode", "5"], "--episode = 5: must not be given where no run is a file of recorded episodes"),
+        (["spin_up", "--seed", "3"], "--seed = 3: must not be given where no run is a controller, a policy or"),
         (["pd", "two_link", "--sample", "0.1"], "--sample = 0.1: must not be given where no run is a scene"),
     ],
 )

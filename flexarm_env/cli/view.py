@@ -28,8 +28,10 @@ from flexarm_env.view import Player as Page
 
 OF_THE_POLICY = ("action_mode", "residual_share", "observation", "history", "sensors")
 """Keywords of a policy's environment that say what it sees and sets: a controller beside it has its own."""
-KINDS = {"episodes": "a file of recorded episodes", "scene": "a scene"}
-FLAGS = {"episode": "episodes", "formulation": "scene", "duration": "scene", "sample": "scene"}
+KINDS = {
+    "episodes": "a file of recorded episodes", "scene": "a scene", "player": "a controller, a policy or a record",
+}  # fmt: skip
+FLAGS = {"episode": "episodes", "formulation": "scene", "duration": "scene", "sample": "scene", "seed": "player"}
 """Flags that one kind of run alone takes."""
 PICTURES = 300
 """Instants of a scene that is run for the page, at least, where its steps are as many."""
