@@ -21,7 +21,7 @@ import gymnasium as gym
 import numpy as np
 
 from agents import foresight
-from agents.suite import ROOT, of_run
+from agents.suite import RESULTS, ROOT, of_run
 from flexarm_env import control, suite
 from flexarm_env import validation as check
 from flexarm_env.suite import best, results
@@ -31,7 +31,7 @@ from flexarm_env.suite.results import chosen_tasks, frozen
 from flexarm_env.suite.score import EPISODES
 from flexarm_env.training.runs import command, read_json, write_whole
 
-HOME, RESULTS = ROOT / "flexarm_env" / "data" / "suite" / "best", ROOT / "docs" / "results" / "suite"
+HOME = ROOT / "flexarm_env" / "data" / "suite" / "best"
 SEARCH, GROWS = "search from ", ("none", "failed", "all")
 GAIN = 0.02
 """An episode whose value a search raised by less is not searched again."""
@@ -126,6 +126,14 @@ def published(task: suite.Task) -> Any:
     return np.max([np.full(EPISODES, -np.inf), *rows], axis=0)
 
 
+def write(task: suite.Task, home: Path, actions: Any, values: Any, by: list[str]) -> None:
+    """Write what there is by now: the next run goes on from it, as from a record."""
+    what = {"actions": best.packed(actions), "values": values, "by": np.array(by), "digest": np.array(task.digest)}
+    what |= {"date": np.array(date.today().isoformat())}
+    home.mkdir(parents=True, exist_ok=True)
+    write_whole(home / f"{task.id}.npz", lambda part: np.savez_compressed(part, **what))
+
+
 def made(task: suite.Task, arguments: Arguments) -> str:
     """Write a task's record; a line of it. ValueError where what was played is not what the task gives."""
     kept, judged, by = gathered(task, arguments.home)
@@ -153,6 +161,7 @@ def made(task: suite.Task, arguments: Arguments) -> str:
             successes = np.where(gain > 0.0, good, successes)
             by = [SEARCH + name.removeprefix(SEARCH) if up > 0.0 else name for name, up in zip(by, gain, strict=True)]
             only = np.flatnonzero(gain > GAIN)
+            write(task, arguments.out, kept, values, by)
     begun, whole = (kept.astype(float), values), np.ones(EPISODES, bool)
     least = np.maximum(values - LOST, np.minimum(published(task), values))
     for grid in GRIDS:
@@ -163,10 +172,7 @@ def made(task: suite.Task, arguments: Arguments) -> str:
         whole &= ~fine
     values, successes = best.played(task, env, best.Actions(kept))
     env.close()
-    what = {"actions": best.packed(kept), "values": values, "by": np.array(by), "digest": np.array(task.digest)}
-    what |= {"date": np.array(date.today().isoformat())}
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    write_whole(arguments.out / f"{task.id}.npz", lambda part: np.savez_compressed(part, **what))
+    write(task, arguments.out, kept, values, by)
     return f"{task.id}: J {values.mean():.3f} ({judged.mean():.3f} before the search), success {successes.mean():.0%}"
 
 

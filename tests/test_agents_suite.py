@@ -14,7 +14,7 @@ pytest.importorskip("stable_baselines3")
 from agents import foresight, record
 from agents import suite as reference
 from flexarm_env import derivatives, suite
-from flexarm_env.suite import results
+from flexarm_env.suite import best, results
 from flexarm_env.suite.score import FIRST
 from flexarm_env.training import config
 from flexarm_env.training.train import Arguments as Training
@@ -105,6 +105,25 @@ class Hills:
     def returned(self, arms, start, actions, fine, steady=None, weight=None, grid=0.0):
         off = actions - self.best
         return -(self.steep * off**2).sum(axis=(0, 2)), -2.0 * self.steep * off, actions
+
+
+def test_a_record_that_is_broken_off_keeps_what_was_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """After the first search, in a file that can be gone on from; a worse way is not taken."""
+    task = suite.task("slew-limited-v2")
+    known = best.record(task)
+
+    def search(task, trained, *, start, grid=0.0, **more):
+        if grid:
+            raise KeyboardInterrupt
+        return np.where(np.arange(100)[:, None] < 50, start[0], 0.0), start[1]
+
+    monkeypatch.setattr(record, "gathered", lambda task, home: (known.actions.copy(), known.values, list(known.by)))
+    monkeypatch.setattr(foresight, "search", search)
+    with pytest.raises(KeyboardInterrupt):
+        record.made(task, record.Arguments(home=tmp_path, out=tmp_path))
+    with np.load(tmp_path / "slew-limited-v2.npz") as found:
+        assert np.array_equal(best.unpacked(found["actions"]), known.actions)
+        assert np.array_equal(found["values"], known.values)
 
 
 def test_slopes_of_a_return_on_a_steadied_way(monkeypatch: pytest.MonkeyPatch):
