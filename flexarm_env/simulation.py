@@ -50,9 +50,10 @@ ENERGY_LIMIT = 1e3
 
 def fitted_systems(scene: Scene, settings: Settings) -> list[System]:
     """The scene assembled for steps of dt; where steps are fitted to a tolerance, for dt, dt/2, ... dt/32."""
-    halvings = range(1 if settings.step_tolerance is None else FITS)
+    assert settings.dt is not None
+    steps = [settings.dt * 0.5**k for k in range(1 if settings.step_tolerance is None else FITS)]
     with check.solvable(scene.arm.name):
-        return [assembly.assemble(scene, settings.replace(dt=(settings.dt or 0.0) * 0.5**k)) for k in halvings]
+        return [assembly.assemble(scene, settings.replace(dt=h)) for h in steps]
 
 
 class Simulation:
