@@ -19,9 +19,9 @@ from .judge import Policy, judge
 from .score import FIRST
 
 ROUNDING, UPRIGHT = 1e-6, {"swing-up-v1": 1e-3}
-"""A record is played again to the bit on any x86-64. Where sines round otherwise, as another architecture's may, values
-differ by less than this: a last bit of the models' matrices made 2e-8 at most, and 3e-4 (of J 298) of arms that stand
-upright under torques alone for seconds."""
+"""A record is played again to the bit on every x86-64 that was tried. Where sines round otherwise, as another
+architecture's may, values differ by less than this: a last bit of the models' matrices made 2e-8 at most, and 3e-4 (of
+J 298) of arms that stand upright under torques alone for seconds."""
 
 
 @dataclass(frozen=True)
