@@ -7,6 +7,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
@@ -141,6 +142,20 @@ def test_a_damaged_state_is_named_and_changes_nothing(name: str, wrong: Any, wor
     shape = np.shape(before["arm"][name])
     damaged = before | {"arm": before["arm"] | {name: np.full(shape, wrong) if shape else wrong}}
     refuses(words, lambda: env.set_state(damaged))
+    assert_same(before["arm"], env.get_state()["arm"])
+
+
+def test_what_sensors_remember_is_finite() -> None:
+    """An observation was shown that was NaN, or infinite."""
+    env: Any = gym.make("FlexibleArm-v0", **rich("FlexibleArm-v0", **LIVELY)).unwrapped
+    env.reset(seed=0)
+    before, layout = env.get_state(), env.batch.layout
+    last = len(before["arm"]["block"]) - (layout.end - layout.action) - 1  # of the record: a sensor's
+    for value in (np.nan, np.inf, 1e300):
+        block = before["arm"]["block"].copy()
+        block[last] = value
+        damaged = before | {"arm": before["arm"] | {"block": block}}
+        refuses(rf"state\.arm\.block\[{last}\] = .*: must be a finite number", partial(env.set_state, damaged))
     assert_same(before["arm"], env.get_state()["arm"])
 
 

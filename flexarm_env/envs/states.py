@@ -67,8 +67,8 @@ def check_state(batch: Batch, state: Any) -> None:
 
 
 def _check_block(batch: Batch, block: Array) -> None:
-    """An arm's `block` whose mode or reason is no such word, or that is itself too stiff for double precision, is a
-    ValueError."""
+    """An arm's `block` whose mode or reason is no such word, whose record (what sensors and motors remember) is not
+    finite, or that is itself too stiff for double precision, is a ValueError."""
     at, lanes = batch.layout, len(batch.lane)
     par = len(block) - (at.end - at.par) // lanes
     for section, number, known in ((at.record, MODE, MODES), (at.info, batch.info_at.reason, tuple(REASONS))):
@@ -76,6 +76,9 @@ def _check_block(batch: Batch, block: Array) -> None:
         if block[k] not in known:
             what = f"must be one of {', '.join(f'{code:g}' for code in known)}, as get_state gave"
             raise check.InvalidValue(f"state.arm.block[{k}]", block[k], what)
+    first, last = (par + (section - at.par) // lanes for section in (at.record, at.action))
+    for k in first + np.flatnonzero(~(np.abs(block[first:last]) <= check.LARGEST)):
+        raise check.InvalidValue(f"state.arm.block[{k}]", block[k], "must be a finite number, as get_state gave")
     factors = {name: block[par + k] for name, k in STIFFNESSES.items() if batch.arm.spatial or name == "EI"}
     precision.check_parameters(batch.arm, batch.settings, factors, block[par + TAU_D], 0.0, "state.arm")
 

@@ -142,7 +142,7 @@ def _through(run: Run, frequency: float, damping: float, law: Law) -> Array:
     from scipy.signal import cont2discrete, lfilter, ss2tf
 
     def second(w: float, damping: float, gain: float) -> tuple[Array, Array]:
-        return np.array([[0.0, 1.0], [-w * w, -2.0 * damping * w]]), np.array([[0.0], [gain]])
+        return np.array([[0.0, w], [-w, -2.0 * damping * w]]), np.array([[0.0], [gain / w]])
 
     filters = [second(2.0 * np.pi * frequency, damping, 1.0)]
     if law.low_pass is not None:
