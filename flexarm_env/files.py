@@ -188,19 +188,22 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
 def write_whole(path: Path, content: bytes | Callable[[Path], Any]) -> None:
     """Write `content`, or what it makes of a file of the same suffix, to `path`, completely or not at all.
 
-    The folder is made. OSError with the path where that cannot be done.
+    The folder is made. A device or a pipe is written to as it is. OSError with the path where that cannot be done.
     """
-    part = path.with_name(f".part-{os.getpid()}-{path.name}")  # of this process alone
+    apart = path.is_dir() or path.is_file() or not path.exists()
+    part = path.with_name(f".part-{os.getpid()}-{path.name}") if apart else path  # of this process alone
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write = content if callable(content) else lambda part: part.write_bytes(content)
         write(part)
-        part.replace(path)
+        if apart:
+            part.replace(path)
     except OSError as error:
         raise OSError(error.errno, error.strerror or str(error), os.fspath(path)) from error
     finally:
         with suppress(OSError):
-            part.unlink(missing_ok=True)
+            if apart:
+                part.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:

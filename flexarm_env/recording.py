@@ -16,6 +16,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -25,6 +26,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.error import ResetNeeded
 from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
 from numpy.typing import NDArray
 
@@ -32,6 +34,7 @@ from flexarm_env import arms, sensors
 from flexarm_env import validation as check
 from flexarm_env.batch import curvature_rows, gauge_table
 from flexarm_env.envs.ids import permitted
+from flexarm_env.envs.single import checked_action
 from flexarm_env.files import from_json, read_npz, write_npz
 from flexarm_env.parameters import Arm
 from flexarm_env.scene import Scene
@@ -86,7 +89,7 @@ class Episode:
     def equals(self, other: Episode) -> bool:
         """Whether the other's observations, actions, rewards and ends are the same, to the last bit."""
         names = ("observations", *STEPS)
-        return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
+        return all(np.array_equal(getattr(self, name), getattr(other, name), equal_nan=True) for name in names)
 
     def clip(self, label: str | None = None, env_id: str | None = None) -> Clip | SpaceClip:
         """What a player shows of the episode, which is played again for it.
@@ -156,15 +159,19 @@ class EpisodeRecorder(gym.Wrapper[Array32, Array32, Array32, Array32]):
         kept = None if options is None else _plain("options", options)
         generator = None if seed is not None else _plain("generator", self.np_random.bit_generator.state)
         observation, info = self.env.reset(seed=seed, options=options)
-        self._start = {"seed": seed, "generator": generator, "options": kept}
+        self._start = {"seed": _plain("seed", seed), "generator": generator, "options": kept}
         self._rows = {name: [] for name in STEPS} | {"observations": [observation], "infos": [info]}
         return observation, info
 
     def step(self, action: Array32) -> tuple[Array32, Any, bool, bool, dict[str, Any]]:
         """One control period, as the environment's."""
+        if not self._rows:
+            raise ResetNeeded("The episode has ended (or none has begun): call reset() first")
+        if getattr(action, "dtype", None) != np.float32:  # what the environment makes of it is what is kept
+            action = checked_action(action, self.env.unwrapped.action_space.shape or ())
         outcome = self.env.step(action)
         observation, reward, terminated, truncated, info = outcome
-        row = (np.array(action, np.float32), float(reward), terminated, truncated)
+        row = (action.copy(), float(reward), terminated, truncated)
         for name, value in zip(STEPS, row, strict=True):
             self._rows[name].append(value)
         self._rows["observations"].append(observation)
@@ -206,7 +213,7 @@ def replay(episode: Episode, env_id: str | None = None) -> Episode:
         env_id: the episode's, to be named where it is none of this package's environments: a file does not choose what
             is imported.
     Raises:
-        ValueError: an episode of another environment that is not named.
+        ValueError: an episode of another environment that is not named, or that ends before its actions do.
     """
     env = EpisodeRecorder(_made(episode, env_id))
     for _ in _played(env, episode):
@@ -236,8 +243,12 @@ def _played(env: Any, episode: Episode) -> Iterator[tuple[Array32, dict[str, Any
     if episode.generator is not None:
         env.unwrapped.np_random.bit_generator.state = dict(episode.generator)
     yield env.reset(seed=episode.seed, options=options)
-    for action in episode.actions:
-        observation, _, _, _, info = env.step(action)
+    over = False
+    for k, action in enumerate(episode.actions):
+        if over:
+            raise check.InvalidValue("actions", f"{len(episode)} of them", f"must be {k}: played again, it ends there")
+        observation, _, terminated, truncated, info = env.step(action)
+        over = terminated or truncated
         yield observation, info
 
 
@@ -248,22 +259,40 @@ def save_episodes(path: str | os.PathLike[str], episodes: Sequence[Episode]) -> 
     Args:
         path: of the file; its folder is made. episodes: at least one, with observations and infos of the same shapes.
     Raises:
-        ValueError: no episode, or episodes whose observations or infos differ in shape.
+        ValueError: no episode, episodes whose observations or infos differ in shape, or that `load_episodes` refuses.
     """
-    if not episodes:
-        raise ValueError("episodes = []: must hold at least one")
-    meta = {
+    episodes = _alike(episodes)
+    meta: dict[str, Any] = {
         "format": FORMAT,
         "flexarm_env": check.installed("flexarm_env") or "unknown",  # a checkout that is not installed
-        "episodes": [{key: getattr(episode, key) for key in ABOUT} for episode in episodes],
+        "episodes": [_plain(f"episodes[{k}]", {key: getattr(e, key) for key in ABOUT}) for k, e in enumerate(episodes)],
     }
     arrays: dict[str, Any] = {"meta": json.dumps(meta), "lengths": np.array([len(e) for e in episodes])}
     for name in ("observations", *STEPS):
         arrays[name] = np.concatenate([getattr(e, name) for e in episodes])
     for name in episodes[0].infos:
         arrays[f"info_{name}"] = np.concatenate([e.infos[name] for e in episodes])
+    list(_cut(arrays, meta["episodes"]))  # nothing is written that cannot be read
     write_npz(Path(path), arrays)
     return Path(path)
+
+
+def _alike(episodes: object) -> tuple[Episode, ...]:
+    """Episodes that one file can hold: at least one, each of a step or more, entries and infos of the same shapes."""
+    found = check.sequence("episodes", episodes, "Episodes")
+    if not found:
+        raise ValueError("episodes = []: must hold at least one")
+    for k, episode in enumerate(found):
+        if not len(check.instance(f"episodes[{k}]", episode, Episode)):
+            raise check.InvalidValue(f"episodes[{k}]", episode, "must have at least one step")
+        shapes, first = (
+            {n: v.shape[1:] for n, v in {"observations": e.observations, "actions": e.actions, **e.infos}.items()}
+            for e in (episode, found[0])
+        )
+        if other := sorted(n for n in {*shapes, *first} if shapes.get(n) != first.get(n)):
+            what = f"must be as in episodes[0], {first.get(other[0], 'where there is none')}"
+            raise check.InvalidValue(f"shape of episodes[{k}].{other[0]}", shapes.get(other[0]), what)
+    return found
 
 
 def load_episodes(path: str | os.PathLike[str]) -> list[Episode]:
@@ -345,16 +374,18 @@ def to_minari(episodes: Sequence[Episode], dataset_id: str, env_id: str | None =
     Returns:
         The `minari.MinariDataset`; an episode that was broken off ends as truncated there.
     Raises:
-        ValueError: no episode, or episodes of several environments. ImportError: there is no Minari.
+        ValueError: no episode, episodes of several environments, or an id that is none. ImportError: there is no
+            Minari.
     """
     with check.needs("a Minari data set", "minari h5py", "data"):
         import minari
         from minari.data_collector import EpisodeBuffer
-    if not episodes:
-        raise ValueError("episodes = []: must hold at least one")
-    first = episodes[0]
+    if not re.fullmatch(r"([-\w]+/)*[-\w]+-v\d+", check.text("dataset_id", dataset_id)):  # nor a path elsewhere
+        raise check.InvalidValue("dataset_id", dataset_id, 'must be like "name-v0" or "space/name-v0"')
+    first, *_ = episodes = _alike(episodes)
+    made = [(e.env_id, e.env_kwargs, e.max_episode_steps) for e in episodes]
     for k, episode in enumerate(episodes):
-        if (episode.env_id, episode.env_kwargs) != (first.env_id, first.env_kwargs):
+        if made[k] != made[0]:
             raise ValueError(f"episodes[{k}]: of {episode.env_id} with other keywords than episodes[0]")
     buffers = []
     for k, episode in enumerate(episodes):
@@ -402,8 +433,8 @@ def _given(value: Any) -> Any:
     """What `_plain` was given."""
     if isinstance(value, Mapping):
         if set(value) == {"arm.toml"}:
-            return arms.from_toml(value["arm.toml"])
+            return arms.from_toml(check.text("arm.toml", value["arm.toml"]) + "\n")  # a text, not a file's name
         if set(value) == {"scene.toml"}:
-            return Scene.from_toml(value["scene.toml"])
+            return Scene.from_toml(check.text("scene.toml", value["scene.toml"]) + "\n")
         return {k: _given(v) for k, v in value.items()}
     return [_given(v) for v in value] if isinstance(value, list) else value

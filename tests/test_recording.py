@@ -1,6 +1,8 @@
 """Recorded episodes: kept whole, written and read back, replayed to the last bit, given to Minari."""
 
+import dataclasses
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -121,6 +123,48 @@ def test_what_cannot_be_recorded_is_said(three: tuple[list[Episode], list[Any]],
     refuses("no episodes of this package", lambda: load_episodes(tmp_path / "other.npz"))
 
 
+def test_actions_and_seeds_of_any_kind_are_replayed(tmp_path: Path) -> None:
+    """As the environment took them: 1e300 is a whole torque there, and infinite as float32."""
+    env = EpisodeRecorder(gym.make(ENV, max_episode_steps=2))
+    for action in ([1e300], np.array([np.nan])):
+        env.reset(seed=np.int64(3))  # type: ignore[arg-type]
+        env.step(action)  # type: ignore[arg-type]
+    env.reset()
+    env.step([0.0])  # type: ignore[arg-type]
+    env.step([0.0])  # type: ignore[arg-type]
+    refuses("has ended", lambda: env.step(np.zeros(1, np.float32)), gym.error.ResetNeeded)
+    env.close()
+    for episode in load_episodes(save_episodes(tmp_path / "e.npz", env.episodes)):
+        assert replay(episode).equals(episode)
+    cut = dataclasses.replace(env.episodes[-1], max_episode_steps=1)
+    refuses("actions = '2 of them': must be 1: played again, it ends there", lambda: replay(cut))
+
+
+def test_what_cannot_be_read_is_not_written(three: tuple[list[Episode], list[Any]], tmp_path: Path) -> None:
+    one, changed = three[0][0], dataclasses.replace
+    empty = changed(
+        one, **{name: getattr(one, name)[:0] for name in ("actions", "rewards", "terminations", "truncations")}
+    )
+    full = recorded((2,), info_level="full")[0][0]
+    cases: list[tuple[Any, str]] = [
+        (one, "episodes = <Episode of .*>: must be a sequence of Episodes"),
+        (["x"], r"episodes\[0\] = 'x': must be an Episode"),
+        ([one, empty], r"episodes\[1\] = .*: must have at least one step"),
+        ([one, full], r"shape of episodes\[1\]\.energy_dissipated = \(\): must be as in episodes\[0\]"),
+        ([full, one], r"shape of episodes\[1\]\.energy_dissipated = None: must be as in episodes\[0\]"),
+        ([changed(one, observations=one.observations * np.nan)], r"observations\[0, 0\] = nan"),
+        ([changed(one, rewards=one.rewards[:2])], "shape of observations"),
+        ([changed(one, env_kwargs={"arm": object()})], r"episodes\[0\]\.env_kwargs\.arm = <object"),
+    ]
+    for episodes, sentence in cases:
+        refuses(sentence, partial(save_episodes, tmp_path / "e.npz", episodes))
+    assert not list(tmp_path.iterdir())
+    file = tmp_path / "named.toml"
+    file.write_text(arms.to_toml(arms.named("strip")))  # a recording holds an arm's text, and names no file
+    for value, sentence in ((5, "arm.toml = 5: must be a text"), (str(file), "text: not a TOML file")):
+        refuses(sentence, partial(replay, changed(one, env_kwargs={"arm": {"arm.toml": value}})))
+
+
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_minari(three: tuple[list[Episode], list[Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     minari = pytest.importorskip("minari")
@@ -141,3 +185,9 @@ def test_minari(three: tuple[list[Episode], list[Any]], tmp_path: Path, monkeypa
     env.close()
     with pytest.raises(ValueError, match="other keywords"):
         to_minari([three[0][0], recorded((2,), duration=0.1)[0][0]], "flexarm/slew/mixed-v0")
+    with pytest.raises(ValueError, match="other keywords"):
+        to_minari([three[0][0], recorded((2,), max_episode_steps=2)[0][0]], "flexarm/slew/mixed-v0")
+    before = sorted(tmp_path.rglob("*"))
+    for name in ("../outside-v0", "/outside-v0", "a/../../outside-v0", "slew", "slew-v1.5", "", None):
+        refuses("dataset_id = ", partial(to_minari, three[0], name))
+    assert sorted(tmp_path.rglob("*")) == before and not list(tmp_path.parent.glob("outside*"))
