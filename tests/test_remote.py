@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -35,7 +36,7 @@ from flexarm_env.remote import (
     pack,
 )
 from flexarm_env.remote.client import run_policy
-from flexarm_env.remote.packet import ARM, HEAD, HELD, LIMITED, RESET, SET_POINTS, unpack
+from flexarm_env.remote.packet import ARM, HEAD, HELD, LIMITED, OVER, RESET, SET_POINTS, unpack
 from tests.cli_tools import refused
 from tests.processes import ROOT, served
 from tests.refusals import refuses
@@ -349,6 +350,50 @@ def test_a_reading_is_not_waited_for_behind_another() -> None:
     vars(wire).update(socket=Stream(), key=None, connection=9, timeout=1.0, lost=0, _last=1)
     wire.limits, wire.scales = np.ones(1), np.ones(1)
     assert wire.read() and wire.time == 0.03 and wire.lost == 0
+
+
+def test_an_arm_is_served_beyond_its_episode() -> None:
+    """The server ended with a traceback where the episode did, and the arm with it."""
+    session = Session(gym.make("FlexibleArm-v0", control_dt=0.01, duration=0.1), seed=0)
+    answer = unpack(session.receive(pack(Packet(Kind.HELLO, 5, 0)), PEER) or b"")
+    assert isinstance(answer, Packet)
+    for k in range(20):
+        command(session, answer.connection, k + 1, 1.0, ARM if k == 0 else 0)
+        found = reading(session)
+    assert found.flags == HELD | OVER and found.numbers[1] > 0.0 and session.reason == "the arm has stopped"
+    command(session, answer.connection, 21, 1.0, ARM | RESET)
+    assert reading(session).flags == 0
+
+
+class Still:
+    """An arm whose clock stands still."""
+
+    def __init__(self) -> None:
+        self.wire, self.steps = SimpleNamespace(watchdog=10**6, period=0.01), 0
+        self.info = {"time": 0.0, "reason": "", "lost": 0, "angles": np.zeros(1), "rates": np.zeros(1)}
+
+    def reset(self) -> Any:
+        return np.zeros(1), self.info
+
+    def step(self, action: Any) -> Any:
+        self.steps += 1
+        assert self.steps < 100
+        return np.zeros(1), 0.0, False, False, self.info
+
+
+def test_a_policy_runs_for_so_long_whatever_the_arms_clock_says() -> None:
+    env: Any = Still()
+    assert run_policy(lambda seen: np.zeros(1), env, 0.5) == {"steps": 50, "seconds": 0.0, "lost": 0, "ended": "time"}
+    bounds: tuple[dict[str, Any], ...] = ({"most_angle": math.nan}, {"most_rate": "x"}, {"most_angle": -1.0})
+    for wrong in bounds:  # no comparison with NaN is true: that was no bound
+        refuses(f"{next(iter(wrong))} = ", partial(run_policy, lambda seen: np.zeros(1), env, 1.0, **wrong))
+    refuses("seconds = nan", lambda: run_policy(lambda seen: np.zeros(1), env, math.nan))
+    server = Server(made())
+    refuses("seconds = nan", lambda: server.serve(math.nan))
+    server.close()
+    wire: Any = object.__new__(Wire)
+    vars(wire).update(limits=np.ones(1), sequence=0)
+    refuses("flags = 256", lambda: wire.command([0.0], 256))
 
 
 LIES: tuple[tuple[tuple[float, ...], tuple[float, ...], str], ...] = (

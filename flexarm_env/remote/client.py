@@ -12,7 +12,22 @@ import numpy as np
 from .. import validation as check
 from ..files import csv_lines, listed, numbers
 from ..validation import Array, Array32
-from .packet import ARM, HELD, LAST, OVER, RESET, SET_POINTS, Kind, Packet, Refusal, checked, datagrams, pack, unpack
+from .packet import (
+    ARM,
+    HELD,
+    LAST,
+    OVER,
+    RESET,
+    SET_POINTS,
+    Kind,
+    Packet,
+    Refusal,
+    bound,
+    checked,
+    datagrams,
+    pack,
+    unpack,
+)
 
 PATIENCE = 3.0
 """s that an answer to a HELLO, or the first reading, is waited for."""
@@ -104,6 +119,7 @@ class Wire:
     def command(self, torques: Any, flags: int = 0) -> None:
         """Ask for torques (N,), N m, clipped to the limits; with `SET_POINTS` for angles, rad."""
         wanted = self.numbers("torques", torques)
+        check.integer("flags", flags, minimum=0, maximum=255)
         if self.sequence >= LAST - 1:
             raise ConnectionError(f"{LAST} packets have been sent, all that a connection has: make another")
         self.sequence += 1
@@ -248,6 +264,8 @@ def run_policy(
     most_angle: rad, most_rate: rad/s; where a joint is beyond it, it ends there, and closing the environment holds the
     arm.
     """
+    for name, value in (("seconds", seconds), ("most_angle", most_angle), ("most_rate", most_rate)):
+        bound(name, value)
     observation, info = env.reset()
     began = time.monotonic()
     act = getattr(policy, "act", policy)
@@ -255,7 +273,7 @@ def run_policy(
     if time.monotonic() - began > env.wire.watchdog * env.wire.period:
         observation, info = env.arm()
     start, steps, reason = info["time"], 0, ""
-    while info["time"] - start < seconds and not reason:
+    while max(info["time"] - start, steps * env.wire.period) < seconds and not reason:  # an arm's clock may stand still
         observation, _, _, _, info = env.step(act(observation))
         steps, reason = steps + 1, info["reason"]
         if np.abs(info["angles"]).max() > most_angle:

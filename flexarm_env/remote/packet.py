@@ -20,6 +20,7 @@ the sensors read, in SI units. Of a WELCOME: period (s), joints, readings, perio
 
 import hashlib
 import hmac
+import math
 import socket
 import struct
 from collections.abc import Iterator
@@ -112,6 +113,11 @@ def checked(key: bytes | None) -> bytes | None:
         of = f"{type(key).__name__} of {len(key)}" if isinstance(key, bytes | str) else type(key).__name__
         raise check.InvalidValue("key", of, f"must be at least {SHORTEST} bytes")
     return key
+
+
+def bound(name: str, value: float) -> float:
+    """A positive number, or infinity for no bound. ValueError for what is neither."""
+    return value if isinstance(value, float) and value == math.inf else check.number(name, value, above=0.0)
 
 
 @contextmanager

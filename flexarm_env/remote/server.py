@@ -34,6 +34,7 @@ from .packet import (
     Kind,
     Packet,
     Refusal,
+    bound,
     checked,
     datagrams,
     pack,
@@ -42,6 +43,8 @@ from .packet import (
 
 Address = tuple[str, int]
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
+TIMED_OUT = 5.0
+"""Status of an arm whose episode is at its end in time, as the solver's words are numbered."""
 
 
 @dataclass(frozen=True)
@@ -56,9 +59,7 @@ class Limits:
 
     def __post_init__(self) -> None:
         for name in ("angle", "rate", "slew"):
-            value = getattr(self, name)
-            if value != math.inf:
-                check.number(name, value, above=0.0)
+            bound(name, getattr(self, name))
         check.integer("watchdog", self.watchdog, minimum=1, maximum=LAST)
 
 
@@ -211,9 +212,9 @@ class Session:
         self.row = (self.period * self.plain.dt, *self.readings())
         if self.status == 0.0:
             action = (torque / self.torque_limits).astype(np.float32)
-            self.observation, _, ended, _, _ = self.plain.step(action)
-            self.status = float(self.plain.batch.table[self.plain.batch.info_at.reason, 0])
-            if ended:
+            self.observation, _, ended, cut, _ = self.plain.step(action)
+            self.status = float(self.plain.batch.table[self.plain.batch.info_at.reason, 0]) or TIMED_OUT * cut
+            if ended or cut:
                 self._stop("the arm has stopped")
         self.period += 1
         if self.sent >= LAST and self.peer is not None:
@@ -271,6 +272,7 @@ class Server:
     def serve(self, seconds: float = math.inf, stopped: Callable[[], bool] = lambda: False) -> None:
         """Step the arm at its rate and answer, for so long."""
         period = self.session.plain.dt
+        bound("seconds", seconds)
         if self.socket.fileno() < 0:
             raise ValueError(f"{self.host}:{self.address[1]}: is closed; make another server")
         opened = nullcontext() if self.log is None else self.log.open("w", newline="", encoding="utf-8")
