@@ -80,10 +80,10 @@ PROCESSES = ("address", "runners", "envs_per_runner", "learners", "sampler", "th
 def train(arguments: Arguments) -> Progress:
     """Train, and return what it came to. ValueError with a sentence for what is wrong."""
     arguments = arguments.begun(*PROCESSES, algorithm="rllib_ppo")
-    _check(arguments)
     cluster.need_ray()
     config = setup.load(arguments.config, arguments.env).lasting(arguments.n_timesteps)
     kwargs = {**config.env_kwargs, **arguments.env_kwargs}
+    _check(arguments, kwargs)
     judged = {k: v for k, v in kwargs.items() if k not in episodes.TRAINING_ONLY}
     eval_env = episodes.make_episodes(arguments.env, arguments.eval_episodes, **judged)
     setup.split(config, arguments.runners, arguments.learners, arguments.envs_per_runner)
@@ -214,7 +214,7 @@ class Run:
         found = _curves(result)
         better = state.add(
             episodes.run(self.eval_env, policy, episodes.VALIDATION), self.steps, self.arguments.solved_at,
-            train_return=found.get("rollout/ep_rew_mean", float("nan")), std=deviation(module),
+            self.arguments.best_by, train_return=found.get("rollout/ep_rew_mean", float("nan")), std=deviation(module),
             learning_rate=found.get("train/learning_rate", float("nan")),
         )  # fmt: skip
         if better:
@@ -268,13 +268,13 @@ class Run:
                 with (path / "state.pkl").open("rb") as file:
                     kept = pickle.load(file)
                 self.algorithm.restore_from_path((path / "algorithm").absolute())
+                self.state, self.steps = kept["progress"], kept["steps"]
                 break
             except Exception as error:
                 problem = problem or f"{path}: damaged ({type(error).__name__})"
         else:
             raise ValueError(problem)
         self._sync()
-        self.state, self.steps = kept["progress"], kept["steps"]
         for name in BEST:
             if (path / f"best-{name}").is_file():
                 shutil.copyfile(path / f"best-{name}", self.folder / f".part-{name}")
@@ -302,17 +302,16 @@ def _curves(result: Mapping[str, Any]) -> dict[str, float]:
     return {name: float(value) for name, value in found.items() if value is not None and math.isfinite(value)}
 
 
-def _check(arguments: Arguments) -> None:
+def _check(arguments: Arguments, env_kwargs: Mapping[str, Any]) -> None:
     """ValueError with a sentence for a number or word that there cannot be."""
-    for name, least in (("runners", 0), ("learners", 0), ("threads", 1), ("eval_episodes", 1), ("evaluate_every", 1),
-                        ("checkpoint_every", 1)):  # fmt: skip
-        if getattr(arguments, name) < least:
-            raise ValueError(f"{name} = {getattr(arguments, name)}: must be a whole number from {least}")
+    for name in ("runners", "learners"):
+        if getattr(arguments, name) < 0:
+            raise ValueError(f"{name} = {getattr(arguments, name)}: must be a whole number from 0")
     if arguments.envs_per_runner is not None and arguments.envs_per_runner < 1:
         raise ValueError(f"envs_per_runner = {arguments.envs_per_runner}: must be a whole number from 1")
     if arguments.sampler not in ("native", "rllib"):
         raise ValueError(f"sampler = {arguments.sampler!r}: must be native or rllib")
-    mode = arguments.env_kwargs.get("autoreset_mode", "NextStep")
+    mode = env_kwargs.get("autoreset_mode", "NextStep")
     if mode != "NextStep":
         raise ValueError(f"env_kwargs.autoreset_mode = {mode!r}: must be 'NextStep', which is what RLlib takes")
 

@@ -56,6 +56,8 @@ def make_sb3_vec(
             episode. Besides, whatever the environment raises for its keywords.
     """
     n_envs = check.integer("n_envs", n_envs, minimum=1)
+    seed = seed if seed is None else check.integer("seed", seed, minimum=0)
+    keywords = normalize if isinstance(normalize, Mapping) else {} if check.flag("normalize", normalize) else None
     mode: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}
     if vectorization_mode == "vector_entry_point":
         kwargs = mode | kwargs
@@ -75,8 +77,8 @@ def make_sb3_vec(
     env: VecEnv = adapter
     if monitor:
         env = VecMonitor(env, monitor if isinstance(monitor, str) else None)
-    if normalize:
-        env = VecNormalize(env, **(normalize if isinstance(normalize, Mapping) else {}))
+    if keywords is not None:
+        env = VecNormalize(env, **keywords)
     return env
 
 
@@ -97,7 +99,7 @@ class GymnasiumVecEnv(VecEnv):
         if mode != AutoresetMode.SAME_STEP:
             raise ValueError(f"metadata['autoreset_mode'] = {mode}: must be {AutoresetMode.SAME_STEP}")
         self.env = env
-        self.info_keys = tuple(info_keys)
+        self.info_keys = check.sequence("info_keys", info_keys, "names of infos")
         self._actions: NDArray[Any] | None = None
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         self.metadata = dict(env.metadata)
@@ -141,7 +143,7 @@ class GymnasiumVecEnv(VecEnv):
         dones = np.logical_or(terminated, truncated)
         infos: Infos = [{} for _ in range(self.num_envs)]
         for key in self.info_keys:
-            for i, value in enumerate(info[key]):
+            for i, value in enumerate(info[check.choice("info_keys", key, tuple(info))]):
                 infos[i][key] = value
         for i in map(int, np.flatnonzero(dones)):
             infos[i] = _info_of(info.get("final_info", {}), i)

@@ -5,9 +5,11 @@ import json
 import pickle
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from gymnasium.spaces import Box
 
 pytest.importorskip("stable_baselines3")
 
@@ -15,7 +17,7 @@ from flexarm_env import control
 from flexarm_env.training import config, episodes, export_policy, policies, progress, tune
 from flexarm_env.training import evaluate as judging
 from flexarm_env.training import train as train_ppo
-from flexarm_env.training.runs import read_run
+from flexarm_env.training.runs import load_model, read_run
 from tests.agents_tools import ENV, RUN_FILES, SMALL, file_of, told
 from tests.processes import python
 from tests.refusals import refuses
@@ -93,6 +95,32 @@ def test_a_resumed_run_ends_as_one_that_was_never_stopped(tmp_path: Path, run: P
     assert [row["steps"] for row in curve(folder)] == ["0", "1024", "2048"]
     assert curve(folder) == curve(run)
     assert not (folder / "checkpoints").exists()
+
+
+def test_a_resumed_run_keeps_what_its_observations_were_normalised_by(tmp_path: Path):
+    """VecNormalize's own file leaves out the returns it discounts: no run that has it could be gone on with."""
+    given = {"config": file_of(tmp_path, SMALL | {"normalize": True}), "evaluate_every": 512}
+    interrupted(arguments(tmp_path, **given), 1024)
+    folder, copy = tmp_path / "run", tmp_path / "copy"
+    shutil.copytree(folder, copy)
+    train_ppo.train(train_ppo.Arguments(out=folder, resume=True, progress=False))
+    train_ppo.train(arguments(tmp_path, **given, out=tmp_path / "whole"))
+    assert curve(folder) == curve(tmp_path / "whole")
+    for damage in (b"torn", pickle.dumps({})):
+        for path in copy.glob("checkpoints/*/vecnormalize.pkl"):
+            path.write_bytes(damage)
+        refuses("damaged, or of other", lambda: train_ppo.train(train_ppo.Arguments(out=copy, resume=True)))
+    text = (copy / "run.json").read_text()
+    for wrong, sentence in (("evaluate_every", "--evaluate-every = 0"), ("arguments", "arguments = 0: must be a")):
+        record = json.loads(text)
+        (record if wrong in record else record["arguments"])[wrong] = 0
+        (copy / "run.json").write_text(json.dumps(record))
+        refuses(sentence, lambda: train_ppo.train(train_ppo.Arguments(out=copy, resume=True)))
+
+
+def test_a_run_that_diverges_says_so(tmp_path: Path):
+    path = file_of(tmp_path, SMALL | {"learning_rate": 1e10})
+    refuses("training diverged after 512 steps", lambda: train_ppo.train(arguments(tmp_path, config=path)))
 
 
 def test_a_run_broken_off_before_its_first_checkpoint_begins_anew(tmp_path: Path, run: Path):
@@ -204,6 +232,9 @@ def test_evaluate_prints_json(run: Path, tmp_path: Path):
         (tune, "--env FlexibleArm-v0 --samples 0", "--samples = 0: must be a whole number, at least 1"),
         (tune, "--env FlexibleArm-v0 --margin nan", "--margin = nan: must be a number, zero or positive"),
         (tune, "--env SpatialFlexArm-v0", "--env SpatialFlexArm-v0: must be an environment of the plane"),
+        (judging, '--policy pd --env-kwargs {"num_envs":3}', "env_kwargs.num_envs = 3: must be left out"),
+        (judging, '--policy pd --env-kwargs {"n":3}', "n: unknown argument"),
+        (train_ppo, "--n-timesteps inf", "--n-timesteps: invalid"),
         (train_ppo, "--n-timesteps 0", "--n-timesteps = 0: must be a whole number, at least 1"),
         (train_ppo, "--evaluate-every -1", "--evaluate-every = -1: must be a whole number, at least 1"),
     ],
@@ -219,6 +250,16 @@ def test_files_that_cannot_be_used_are_named(run: Path, tmp_path: Path):
     copy = tmp_path / "copy"
     shutil.copytree(run, copy)
     (copy / "policy.npz").unlink()
+    sound, model = (copy / "model.zip").read_bytes(), load_model(copy, "ppo")[0]
+    for size, sentence in ((6, "damaged"), (14, r"vecnormalize\.pkl: of observations of shape \(14,\)")):
+        statistics = SimpleNamespace(observation_space=Box(-1.0, 1.0, (size,)))
+        (copy / "vecnormalize.pkl").write_bytes(pickle.dumps(statistics if size > 6 else {}))
+        refuses(sentence, lambda: policies.choose(str(copy), ENV))
+    (copy / "vecnormalize.pkl").unlink()
+    model.policy.log_std.data.fill_(np.nan)
+    model.save(copy / "model.zip")
+    refuses(r"model\.zip: log_std holds numbers that are not finite", lambda: export_policy.export(copy))
+    (copy / "model.zip").write_bytes(sound)
     (copy / "model.zip").write_bytes(b"torn")
     refuses(r"model\.zip: damaged", lambda: policies.choose(str(copy), ENV))
     (copy / "model.zip").unlink()
@@ -238,5 +279,16 @@ def test_controllers_take_gains_from_a_file(tmp_path: Path):
     refuses("No such file", lambda: policies.choose(f"pd@{tmp_path / 'none.toml'}", ENV))
     file.write_text("[pd]\nbandwith = [0.1]\n")
     refuses(r"pd\.bandwith", lambda: policies.choose(f"pd@{file}", ENV))
+    for text, sentence in (("", r"pd\.ratio: missing"), ("ratio = 'x'", r"pd\.ratio = 'x'")):
+        file.write_text(f"[pd]\nbandwidth = [0.1]\n{text}\n")
+        refuses(sentence, lambda: policies.choose(f"pd@{file}", ENV))
     file.write_text("[pd")
     refuses("not TOML", lambda: policies.choose(f"pd@{file}", ENV))
+
+
+def test_tuning_does_not_write_over_what_it_does_not_know(tmp_path: Path):
+    file = tmp_path / "mine.toml"
+    for text, sentence in (("[mine]\n", "mine: unknown controller"), ("zv = 5\n", "zv = 5"), ("[pd", "not a TOML")):
+        file.write_text(text)
+        refuses(sentence, lambda: tune.search_all(tune.Arguments(env=ENV, controllers="pd", out=str(file))))
+        assert file.read_text() == text

@@ -5,6 +5,8 @@ import errno
 import importlib
 import os
 import sys
+import threading
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -21,7 +23,7 @@ from flexarm_env.training import config, episodes
 from flexarm_env.training import train as train_ppo
 from flexarm_env.training.arguments import parse
 from flexarm_env.training.progress import Progress
-from flexarm_env.training.runs import read_json, write_whole
+from flexarm_env.training.runs import read_json, write_text, write_whole
 from tests.agents_tools import ENV, SMALL, file_of, told
 from tests.processes import ROOT
 from tests.refusals import refuses
@@ -36,12 +38,27 @@ def test_config_errors_name_the_key(tmp_path: Path):
         (SMALL | {"n_envs": 0}, r"n_envs = 0: must be a whole number, at least 1"),
         (SMALL | {"learning_rate": "fast"}, r"learning_rate = 'fast'"),
         (SMALL | {"policy_kwargs": "__import__('os').getcwd()"}, r"policy_kwargs = .*must be made of"),
+        (SMALL | {"policy_kwargs": "{[1]: 2}"}, r"policy_kwargs = .*must be made of"),
+        (SMALL | {"policy_kwargs": 5}, r"FlexibleArm-v0\.policy_kwargs = 5: must be a table"),
+        (SMALL | {"n_epochs": 0}, r"n_epochs = 0: must be a whole number, at least 1"),
+        (SMALL | {"n_steps": "x"}, r"n_steps = 'x': must be a whole number"),
+        (SMALL | {"gamma": 2.0}, r"gamma = 2.0: must be a finite number, at least 0 and at most 1"),
+        (SMALL | {"learning_rate": None}, r"learning_rate = None: must be a finite number"),
+        (SMALL | {"ent_coef": "x"}, r"ent_coef = 'x': must be"),
+        (SMALL | {"normalize": 5}, r"FlexibleArm-v0\.normalize = 5: must be a table"),
+        (SMALL | {"normalize": "dict(foo=1)"}, r"normalize\.foo: unknown key"),
+        (SMALL | {"normalize": {"gamma": "x"}}, r"normalize\.gamma = 'x'"),
     ]
     for text, sentence in cases:
         with pytest.raises(ValueError, match=sentence):
             config.load(file_of(tmp_path, text), "ppo", ENV)
     with pytest.raises(ValueError, match="no entry for Other-v0; it has FlexibleArm-v0"):
         config.load(file_of(tmp_path, SMALL), "ppo", "Other-v0")
+    for given in ([1], {ENV: 5}):
+        path = file_of(tmp_path, SMALL, env_kwargs=given)
+        refuses("env_kwargs.*must be a table", partial(config.load, path, "ppo", ENV))
+    with pytest.raises(ValueError, match="hyper-parameters of ppo: batch"), config.fitting("ppo"):
+        raise AssertionError("batch")
     refuses("No such file", lambda: config.load(tmp_path / "none.yml", "ppo", ENV))
     refuses("must be one of ppo, sac", lambda: config.algorithm_class("dqn"))
 
@@ -144,6 +161,18 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path):
     refuses("disk full", lambda: write_whole(path, torn), OSError)
     assert path.read_text() == "old"
     assert [p.name for p in tmp_path.iterdir()] == ["kept.txt"]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
+def test_a_device_is_written_to_and_stays_one(tmp_path: Path):
+    """/dev/null, written to by root, became a file."""
+    pipe, read = tmp_path / "pipe", []
+    os.mkfifo(pipe)
+    reading = threading.Thread(target=lambda: read.append(pipe.read_text()), daemon=True)
+    reading.start()
+    write_text(pipe, "all of it")
+    reading.join(10.0)
+    assert read == ["all of it"] and pipe.is_fifo()
 
 
 # -------------------------------------------------------------------- films

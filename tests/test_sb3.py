@@ -1,5 +1,6 @@
 """A Gymnasium VectorEnv as a Stable-Baselines3 VecEnv: what every algorithm and wrapper of theirs relies on."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -126,6 +127,15 @@ def test_entries_of_info_on_demand() -> None:
     env.reset()
     _, _, _, infos = env.step(actions_of(env))
     assert [info["pose"].tolist() for info in infos] == [[1.0, 0.0], [1.0, 1.0], [1.0, 2.0]]
+
+
+def test_arguments_that_are_none_are_named() -> None:
+    refuses(r"info_keys = 'pose': must be a sequence", lambda: GymnasiumVecEnv(Counting(), info_keys="pose"))
+    env = GymnasiumVecEnv(Counting(), info_keys=["nope"])
+    env.reset()
+    refuses("info_keys = 'nope': must be one of", lambda: env.step(actions_of(env)))
+    for given in ({"seed": -1}, {"seed": "x"}, {"normalize": [1]}):
+        refuses(next(iter(given)), partial(make_sb3_vec, "FlexibleArm-v0", 2, **given))
 
 
 def test_another_autoreset_mode_is_refused() -> None:

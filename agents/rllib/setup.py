@@ -4,6 +4,7 @@ import contextlib
 from pathlib import Path
 from typing import Any
 
+from flexarm_env import validation as check
 from flexarm_env.training import config as configs
 
 DEFAULTS: dict[str, Any] = {
@@ -22,19 +23,27 @@ def load(path: Path | None, env_id: str) -> configs.Config:
     where = f"{path or configs.default_path('ppo')}: {env_id}"
     if config.text.get("policy", "MlpPolicy") != "MlpPolicy":
         raise ValueError(f"{where}.policy = {config.text['policy']!r}: must be 'MlpPolicy'")
+    for key in ("clip_range", "ent_coef"):
+        if isinstance(config.text.get(key), str):
+            raise ValueError(f"{where}.{key} = {config.text[key]!r}: must be a number")
     network = config.arguments().get("policy_kwargs", {})
     for key in network:
         if key not in NETWORK:
             raise ValueError(f"{where}.policy_kwargs.{key}: unknown key; rllib takes {', '.join(NETWORK)}")
     hidden = network.get("net_arch", NETWORK["net_arch"])
-    if not hidden or not all(isinstance(n, int) and n > 0 for n in hidden):
+    if not isinstance(hidden, list | tuple) or not hidden or not all(isinstance(n, int) and n > 0 for n in hidden):
         raise ValueError(f"{where}.policy_kwargs.net_arch = {hidden!r}: must be a list of positive whole numbers")
+    check.number(f"{where}.policy_kwargs.log_std_init", network.get("log_std_init", 0.0))
+    activation = getattr(network.get("activation_fn"), "__name__", "Tanh")
+    if activation not in ("Tanh", "ReLU"):
+        raise ValueError(f"{where}.policy_kwargs.activation_fn = {activation}: must be nn.Tanh or nn.ReLU")
     return config
 
 
 def split(config: configs.Config, runners: int, learners: int, envs_per_runner: int | None) -> tuple[int, int, int]:
     """Environments in each runner, steps and minibatch of each learner. ValueError where they do not divide."""
     value = DEFAULTS | dict(config.text)
+    value["n_envs"] = int(float(value["n_envs"]))
     sources, updates = max(1, runners), max(1, learners)
     if envs_per_runner is None:
         if value["n_envs"] % sources:

@@ -1,5 +1,6 @@
 """Controllers by name, with the tuned gains that come with the package (`data/control/*.toml`)."""
 
+import dataclasses
 import tomllib
 from collections.abc import Callable, Mapping
 from functools import cache, partial
@@ -57,6 +58,12 @@ def gains_from(name: str, values: Mapping[str, Any], space: bool = False) -> Any
     """Gains of the controller `name` from values by key; an unknown key is a ValueError that says which there are."""
     kind, _ = (_SPACE if space else _KINDS)[name]
     check.known_keys(name, values, check.names_of(kind))
+    for field in dataclasses.fields(kind):
+        if field.default is dataclasses.MISSING:
+            check.needed(name, values, field.name, "must be given")
+    for key, value in values.items():
+        for one in value if key in ("bandwidth", "ratio") and isinstance(value, list | tuple) else [value]:
+            check.number(f"{name}.{key}", one)
     return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
 
 

@@ -17,7 +17,7 @@ def own_ids() -> tuple[str, ...]:
     return tuple(key for key, spec in registry.items() if str(spec.entry_point).startswith(f"{PACKAGE}.envs."))
 
 
-def made(make: Callable[..., Any], env_id: str, **keywords: Any) -> Any:
+def made(make: Callable[..., Any], env_id: str, /, **keywords: Any) -> Any:
     """What `gymnasium.make` or `make_vec` makes of an id. ValueError for one that is not registered, or is no id."""
     try:
         return make(env_id, **keywords)

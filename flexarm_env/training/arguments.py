@@ -48,7 +48,7 @@ def parse(kind: type[T], program: str, description: str | None, words: Sequence[
 def _number(text: str) -> int:
     """A whole number, 1e6 allowed."""
     value = float(text)
-    if value != int(value):
+    if not value.is_integer():
         raise ValueError
     return int(value)
 

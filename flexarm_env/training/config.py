@@ -10,12 +10,14 @@ import ast
 import importlib
 import inspect
 import sys
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from flexarm_env import validation as check
+from flexarm_env.validation import LARGEST
 
 sys.modules.setdefault("agents.config", sys.modules[__name__])  # as pickles of older run folders name it
 
@@ -26,6 +28,13 @@ HOME = next((place for place in _PLACES if place.is_dir()), _PLACES[0])
 ZOO = ("n_envs", "n_timesteps", "normalize", "policy")
 """Keys that are no argument of the algorithm's class."""
 
+NORMALIZED = ("norm_obs", "norm_reward", "clip_obs", "clip_reward", "gamma", "epsilon")
+"""Keywords of VecNormalize."""
+WHOLE = ("n_steps", "batch_size", "n_epochs")
+REAL = {"gamma": 1.0, "gae_lambda": 1.0} | dict.fromkeys(
+    ("learning_rate", "clip_range", "ent_coef", "vf_coef", "max_grad_norm"), LARGEST
+)
+"""Keys that are whole numbers from 1, and numbers from 0 to these or texts that `schedule` or the algorithm reads."""
 SCHEDULED = ("learning_rate", "clip_range", "clip_range_vf")
 CLASSES = {
     "ppo": "stable_baselines3:PPO", "sac": "stable_baselines3:SAC", "tqc": "sb3_contrib:TQC",
@@ -53,7 +62,7 @@ class Config:
     @property
     def n_envs(self) -> int:
         """Environments stepped together."""
-        return int(self.text.get("n_envs", 1))
+        return int(float(self.text.get("n_envs", 1)))
 
     @property
     def n_timesteps(self) -> int:
@@ -66,7 +75,8 @@ class Config:
         value = self.text.get("normalize", False)
         if not value:
             return None
-        keywords = {} if value is True else dict(_value("normalize", value) if isinstance(value, str) else value)
+        value = _value("normalize", value) if isinstance(value, str) else {} if value is True else value
+        keywords = check.table_of("normalize", value)
         return {"gamma": self.text["gamma"]} | keywords if "gamma" in self.text else keywords
 
     def arguments(self) -> dict[str, Any]:
@@ -109,7 +119,10 @@ def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str
     if not isinstance(content, dict) or not isinstance(content.get(env_id), dict):
         ids = [k for k in content if k != "env_kwargs"] if isinstance(content, dict) else []
         raise ValueError(f"{path}: no entry for {env_id}; it has {', '.join(map(str, ids)) or 'none'}")
-    config = Config(algorithm, content[env_id], (content.get("env_kwargs") or {}).get(env_id) or {})
+    with check.in_file(path):
+        given = check.table_of("env_kwargs", content.get("env_kwargs") or {}).get(env_id) or {}
+        given = check.table_of(f"env_kwargs.{env_id}", given)
+    config = Config(algorithm, content[env_id], {str(key): value for key, value in given.items()})
     return checked(config, str(path), env_id, taken_by(algorithm) if allowed is None else allowed)
 
 
@@ -136,8 +149,29 @@ def checked(config: Config, path: str, env_id: str, allowed: Collection[str]) ->
             good = False
         if not good:
             raise ValueError(f"{path}: {env_id}.{key} = {value!r}: must be a whole number, at least 1")
-    config.arguments()
+    for key, value in config.text.items():
+        if key in WHOLE:
+            check.integer(f"{path}: {env_id}.{key}", value, minimum=1)
+        elif key in REAL and not (isinstance(value, str) and (key in SCHEDULED or value.startswith("auto"))):
+            check.number(f"{path}: {env_id}.{key}", value, minimum=0.0, maximum=REAL[key])
+    with check.under(f"{path}: {env_id}"):
+        if config.normalize is not None:
+            check.known_keys("normalize", config.normalize, NORMALIZED)
+            for key, value in config.normalize.items():
+                (check.flag if key.startswith("norm_") else check.number)(f"normalize.{key}", value)
+        check.table_of("policy_kwargs", config.arguments().get("policy_kwargs", {}))
     return config
+
+
+@contextmanager
+def fitting(algorithm: str) -> Iterator[None]:
+    """Around what an algorithm makes of hyper-parameters: what it cannot make anything of is a ValueError too."""
+    try:
+        yield
+    except (AssertionError, TypeError, RuntimeError) as error:
+        if isinstance(error, ValueError):
+            raise
+        raise ValueError(f"hyper-parameters of {algorithm}: {' '.join(str(error).split())}") from error
 
 
 def text_of(config: Config, env_id: str) -> str:
@@ -189,8 +223,8 @@ def _value(key: str, text: str) -> Any:
     """The value of an expression made of dict(...), literals and nn.NAME; nothing else is run."""
     try:
         return _node(ast.parse(text.strip(), mode="eval").body)
-    except (SyntaxError, ValueError) as error:
-        raise ValueError(f"{key} = {text!r}: must be made of dict(...), literals and nn.NAME") from error
+    except (SyntaxError, ValueError, TypeError, MemoryError, RecursionError) as error:
+        raise ValueError(f"{key} = {check.shown(text)}: must be made of dict(...), literals and nn.NAME") from error
 
 
 def _node(node: ast.expr) -> Any:

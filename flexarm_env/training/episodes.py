@@ -12,6 +12,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from flexarm_env import validation as check
 from flexarm_env.control import Setup
 from flexarm_env.envs.ids import made
 from flexarm_env.validation import Array
@@ -63,8 +64,11 @@ class Episodes:
     way: Array
 
 
-def make_episodes(env_id: str, n: int, **arguments: Any) -> Any:
+def make_episodes(env_id: str, n: int, /, **arguments: Any) -> Any:
     """The vector environment in which `run` runs its episodes."""
+    for key in ("id", "num_envs", "vectorization_mode"):
+        if key in arguments:
+            raise check.InvalidValue(f"env_kwargs.{key}", arguments[key], "must be left out: it is the program's own")
     return made(gym.make_vec, env_id, num_envs=n, vectorization_mode="vector_entry_point", **arguments)
 
 

@@ -141,19 +141,20 @@ class Training:
     def begun(self, *kept: str, algorithm: str | None = None) -> Self:
         """The arguments of the run, new or to be gone on with (`resumed`). ValueError for one that is there already, or
         whose seed is one of those that policies are judged on."""
-        if not 0 <= self.seed <= MOST_SEED:
+        own = resumed(self, *kept, algorithm=algorithm) if self.resume else self
+        if not isinstance(own.seed, int) or not 0 <= own.seed <= MOST_SEED:
             what = f"must be from 0 to {MOST_SEED}; those from {FIRST} on are for judging"
-            raise ValueError(f"--seed {self.seed}: {what}")
+            raise ValueError(f"--seed {own.seed}: {what}")
         for name in ("n_timesteps", "evaluate_every", "eval_episodes", "checkpoint_every", "threads"):
-            if getattr(self, name) is not None:
-                check.integer(f"--{name.replace('_', '-')}", getattr(self, name), minimum=1)
-        if self.best_by not in ("settling", "return"):
-            raise ValueError(f"--best-by {self.best_by}: must be settling or return")
-        if self.resume:
-            return resumed(self, *kept, algorithm=algorithm)
-        if (self.folder / "run.json").exists():
-            raise ValueError(f"{self.folder}: holds a run already; go on with it by --resume, or choose another --out")
-        return self
+            if getattr(own, name) is not None:
+                check.integer(f"--{name.replace('_', '-')}", getattr(own, name), minimum=1)
+        check.table_of("--env-kwargs", own.env_kwargs)
+        check.number("--solved-at", own.solved_at)
+        if own.best_by not in ("settling", "return"):
+            raise ValueError(f"--best-by {own.best_by}: must be settling or return")
+        if not own.resume and (own.folder / "run.json").exists():
+            raise ValueError(f"{own.folder}: holds a run already; go on with it by --resume, or choose another --out")
+        return own
 
     @property
     def folder(self) -> Path:
@@ -178,7 +179,8 @@ def resumed(arguments: T, *kept: str, algorithm: str | None = None) -> T:
     if record.get("finished"):
         raise ValueError(f"{given.folder}: that run has finished; there is nothing to resume")
     known = {f.name for f in dataclasses.fields(given)}
-    values = {k: v for k, v in record["arguments"].items() if k in known}
+    told = check.table_of(f"{given.folder / 'run.json'}: arguments", record.get("arguments"))
+    values = {k: v for k, v in told.items() if k in known}
     values |= {"config": given.folder / "config.yml", "out": given.folder, "resume": True}
     return type(arguments)(**values | {name: getattr(given, name) for name in kept})
 
@@ -207,6 +209,7 @@ def read_run(run: Path) -> dict[str, Any]:
     for key in ("algorithm", "env_id", "env_kwargs", "layout"):
         if not isinstance(record, dict) or key not in record:
             raise ValueError(f"{run / 'run.json'}: damaged, it does not say {key}")
+    check.table_of(f"{run / 'run.json'}: env_kwargs", record["env_kwargs"])
     return dict(record)
 
 
@@ -217,7 +220,7 @@ def checkpoints(folder: Path) -> list[Path]:
 
 def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:
     """Model and VecNormalize statistics (or None) of a folder; ValueError with a sentence where they cannot be read."""
-    import pickle
+    import torch
 
     from flexarm_env.training.config import algorithm_class
 
@@ -228,13 +231,27 @@ def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:
         model = algorithm_class(algorithm).load(path, device="cpu")
     except Exception as error:  # a damaged zip fails in many ways
         raise ValueError(f"{path}: damaged, or of other versions ({type(error).__name__})") from error
+    for name, values in model.policy.state_dict().items():
+        if not torch.isfinite(values).all():
+            raise ValueError(f"{path}: {name} holds numbers that are not finite")
     statistics = folder / "vecnormalize.pkl"
     if not statistics.is_file():
         return model, None
-    try:
-        with statistics.open("rb") as file:
-            normaliser = pickle.load(file)
-    except Exception as error:
-        raise ValueError(f"{statistics}: damaged ({type(error).__name__})") from error
+    normaliser = load_normaliser(statistics, model)
     normaliser.training = False
     return model, normaliser
+
+
+def load_normaliser(path: Path, model: Any) -> Any:
+    """The VecNormalize statistics of a model in a file. ValueError for what is none, or another model's."""
+    import pickle
+
+    try:
+        with path.open("rb") as file:
+            found = pickle.load(file)
+        taken, given = found.observation_space.shape, model.observation_space.shape
+    except Exception as error:
+        raise ValueError(f"{path}: damaged ({type(error).__name__})") from error
+    if taken != given:
+        raise ValueError(f"{path}: of observations of shape {taken}; the model's are {given}")
+    return found

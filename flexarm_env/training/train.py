@@ -64,7 +64,8 @@ def train(arguments: Arguments) -> Any:
     if arguments.resume and checkpoints(folder):
         model, progress = watch.restore(folder, algorithm, env)
     else:
-        model = algorithm(env=env, seed=arguments.seed, device="cpu", **config.arguments())
+        with configs.fitting(config.algorithm):
+            model = algorithm(env=env, seed=arguments.seed, device="cpu", **config.arguments())
         progress = Progress()
         if config.algorithm != "gradient":  # whose arms are spread already
             watch.start_staggered(model, arguments.seed)
@@ -79,7 +80,13 @@ def train(arguments: Arguments) -> Any:
     )  # fmt: skip
     left = config.n_timesteps - model.num_timesteps
     if left > 0:
-        model.learn(left, callback=watcher, reset_num_timesteps=False)
+        try:
+            model.learn(left, callback=watcher, reset_num_timesteps=False)
+        except ValueError as error:
+            if "found invalid values" not in str(error):  # torch's, of the actions' distribution
+                raise
+            what = f"training diverged after {model.num_timesteps} steps, the network's outputs are no numbers any more"
+            raise ValueError(f"{folder}: {what}; take a smaller learning_rate, gamma or log_std_init") from error
     _finish(folder, record, progress)
     env.close()
     eval_env.close()

@@ -16,7 +16,6 @@ that are unstable, and settle in a limit cycle that flips the elbow's torque in 
 """
 
 import time
-import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +27,7 @@ from flexarm_env import control
 from flexarm_env import validation as check
 from flexarm_env.control.arm_model import arm_model
 from flexarm_env.control.catalogue import gains_from
+from flexarm_env.files import read_toml
 from flexarm_env.training import episodes
 from flexarm_env.training.runs import command, write_text
 from flexarm_env.validation import Array
@@ -169,8 +169,13 @@ def place(task: str, arguments: Arguments) -> Path:
 
 
 def current(path: Path) -> dict[str, Any]:
-    """The gains on file."""
-    return tomllib.loads(path.read_text("utf-8-sig")) if path.is_file() else {}
+    """The gains on file. ValueError where they are none: what is written there next would lose what they say."""
+    tables = read_toml(path)[0] if path.is_file() else {}
+    with check.in_file(path):
+        check.known_keys("", tables, control.NAMES, "controller")
+        for name, table in tables.items():
+            gains_from(name, check.table_of(name, table))
+    return tables
 
 
 def text_of(tables: dict[str, Any], arguments: Arguments) -> str:

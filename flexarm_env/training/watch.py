@@ -16,7 +16,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from flexarm_env.training import episodes
 from flexarm_env.training.policies import acting
 from flexarm_env.training.progress import Progress, after, write_curve
-from flexarm_env.training.runs import at, checkpoints, write_whole
+from flexarm_env.training.runs import at, checkpoints, load_normaliser, write_whole
 from flexarm_env.training.starts import staggered
 
 
@@ -174,6 +174,7 @@ def _fill(part: Path, folder: Path, model: Any, progress: Progress) -> None:
         "numpy": np.random.get_state(),
         "python": random.getstate(),
         "envs": env_states(model.env),
+        "returns": getattr(model.get_vec_normalize_env(), "returns", None),  # of which its own file has none
     }
     with (part / "state.pkl").open("wb") as file:
         pickle.dump(state, file)
@@ -193,26 +194,27 @@ def restore(folder: Path, algorithm: Any, env: Any) -> tuple[Any, Progress]:
             model = algorithm.load(path / "model.zip", env=env, force_reset=not state["envs"], device="cpu")
             if (path / "replay.pkl").is_file():
                 model.load_replay_buffer(path / "replay.pkl")
+            if state["envs"]:
+                set_env_states(model.env, state["envs"])
+            normaliser = model.get_vec_normalize_env()
+            if normaliser is not None or (path / "vecnormalize.pkl").is_file():
+                kept = load_normaliser(path / "vecnormalize.pkl", model)  # after the reset of `set_env_states`
+                normaliser.obs_rms, normaliser.ret_rms = kept.obs_rms, kept.ret_rms
+                normaliser.returns = state["returns"]
+            torch.set_rng_state(state["torch"])
+            np.random.set_state(state["numpy"])
+            random.setstate(state["python"])
+            progress: Progress = state["progress"]
             break
         except Exception as error:
-            problem = f"{path}: damaged ({type(error).__name__})"
+            problem = f"{path}: damaged, or of other arguments ({type(error).__name__})"
     else:
         raise ValueError(problem)
-    if (path / "vecnormalize.pkl").is_file():
-        with (path / "vecnormalize.pkl").open("rb") as file:
-            kept = pickle.load(file)
-        for name in ("obs_rms", "ret_rms", "returns"):
-            setattr(model.get_vec_normalize_env(), name, getattr(kept, name))
     for name in ("model.zip", "vecnormalize.pkl"):
         if (path / f"best-{name}").is_file():
             best = path / f"best-{name}"
             write_whole(folder / name, functools.partial(shutil.copyfile, best))
-    if state["envs"]:
-        set_env_states(model.env, state["envs"])
-    torch.set_rng_state(state["torch"])
-    np.random.set_state(state["numpy"])
-    random.setstate(state["python"])
-    return model, state["progress"]
+    return model, progress
 
 
 MONITOR = ("episode_returns", "episode_lengths", "episode_count")

@@ -15,6 +15,7 @@ import pytest
 import yaml
 
 from agents import train_rllib
+from agents.rllib import setup
 from flexarm_env.control import load_policy
 from flexarm_env.training.evaluate import Arguments as Judged
 from flexarm_env.training.evaluate import evaluate
@@ -92,11 +93,29 @@ def test_wrong_arguments_are_told_in_a_sentence(tmp_path: Path) -> None:
     for changes, sentence in (
         ({"runners": -1}, "runners = -1: must be a whole number from 0"),
         ({"envs_per_runner": 0}, "envs_per_runner = 0: must be a whole number from 1"),
+        ({"best_by": "speed"}, "--best-by speed: must be"),
         ({"sampler": "fast"}, "sampler = 'fast': must be native or rllib"),
         ({"env_kwargs": {"autoreset_mode": "SameStep"}}, "env_kwargs.autoreset_mode = 'SameStep': must be 'NextStep'"),
     ):
         with pytest.raises(ValueError, match=sentence):
             train_rllib.train(arguments(tmp_path, **changes))
+
+
+def test_hyper_parameters_that_rllib_cannot_have_are_named(tmp_path: Path) -> None:
+    """GELU was tanh, in silence."""
+    path = tmp_path / "config.yml"
+    for changes, sentence in (
+        ({"clip_range": "lin_0.2"}, "clip_range = 'lin_0.2': must be a number"),
+        ({"ent_coef": "auto"}, "ent_coef = 'auto': must be a number"),
+        ({"policy_kwargs": "dict(net_arch=5)"}, "net_arch = 5: must be a list"),
+        ({"policy_kwargs": "dict(log_std_init='x')"}, "log_std_init = 'x'"),
+        ({"policy_kwargs": "dict(activation_fn=nn.GELU)"}, "activation_fn = GELU: must be nn.Tanh or nn.ReLU"),
+    ):
+        path.write_text(yaml.safe_dump({ENV: SMALL | changes}))
+        with pytest.raises(ValueError, match=sentence):
+            setup.load(path, ENV)
+    path.write_text(yaml.safe_dump({ENV: SMALL | {"n_envs": "8"}}))
+    assert setup.split(setup.load(path, ENV), 2, 0, None)[0] == 4
 
 
 # ------------------------------------------------------------------ what is killed
