@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 
-from agents import foresight, record
+from agents import foresight, payoff, record
 from agents import suite as reference
 from flexarm_env import derivatives, suite
 from flexarm_env.suite import best, results
@@ -45,22 +45,28 @@ def test_each_method_has_hyper_parameters_for_its_tasks(method: reference.Method
 
 
 def test_controllers_first_then_each_seed_in_turn():
-    todo = list(reference.jobs(reference.Arguments(only="ppo,pd,sac", seeds=2)))
+    todo = list(reference.jobs(reference.Arguments(only="ppo,pd,tqc", seeds=2)))
     names = [(job.method.name, job.seed) for job in todo]
     few = len(reference.FEW)
-    expected = [("pd", 0)] * len(TASKS) + [("ppo", 0)] * len(TASKS) + [("sac", 0)] * few
-    assert names == expected + [("ppo", 1)] * len(TASKS) + [("sac", 1)] * few
+    expected = [("pd", 0)] * len(TASKS) + [("ppo", 0)] * len(TASKS) + [("tqc", 0)] * few
+    assert names == expected + [("ppo", 1)] * len(TASKS) + [("tqc", 1)] * few
 
 
 def test_what_is_done_is_not_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
     kept = {TASKS[0].id: entry(TASKS[0], 1.0), TASKS[1].id: entry(TASKS[1], 1.0) | {"digest": "another"}}
     results.Results("pd", 0, kept, {TASKS[2].id: "not made for it"}).write(tmp_path / "suite")
+    monkeypatch.setattr(reference, "MANY", {TASKS[1].id: 200})
     ran = []
     monkeypatch.setattr(reference, "run", lambda job, arguments: ran.append(job.task.id) or job.name)
     monkeypatch.setattr("sys.argv", ["suite", "--only", "pd", "--results", str(tmp_path / "suite")])
     assert reference.main() == 0
     assert ran == [TASKS[1].id, *(task.id for task in TASKS[3:])]
     assert (tmp_path / "suite.md").read_text().startswith("# Results on the suite")
+    job = reference.Job(reference.METHODS[0], 0, TASKS[0])
+    assert job.done(tmp_path / "suite")
+    monkeypatch.setattr(reference, "MANY", {TASKS[0].id: 200})  # its hundred alone is not enough
+    assert not job.done(tmp_path / "suite")
+    monkeypatch.setattr(reference, "MANY", {})
     monkeypatch.setattr("sys.argv", ["suite", "--plan", "--only", "pd,ppo", "--results", str(tmp_path / "suite")])
     capsys.readouterr()
     assert reference.main() == 0
@@ -129,14 +135,14 @@ def test_a_record_that_is_broken_off_keeps_what_was_found(tmp_path: Path, monkey
 def test_slopes_of_a_return_on_a_steadied_way(monkeypatch: pytest.MonkeyPatch):
     """On the way itself nothing is added; slopes are those of differences, through what each action adds to later ones,
     and more than a hundredth off those without it."""
-    monkeypatch.setattr(foresight, "_exact", lambda x: x)
+    monkeypatch.setattr(payoff, "exact", lambda x: x)
     arms, rng = derivatives.Arms("FlexibleArm-v0", 2, tolerance=1e-12), np.random.default_rng(0)
     start, actions = arms.reset(seed=0), rng.uniform(-0.3, 0.3, (6, 2, 1))
     gain, way = 0.3 * rng.normal(size=(arms.observation_size, 1)), rng.normal(size=actions.shape)
-    steady = foresight.Steady(arms, start, actions, SimpleNamespace(act=lambda seen: seen @ gain))
+    steady = payoff.Steady(arms, start, actions, SimpleNamespace(act=lambda seen: seen @ gain))
 
     def value(x, pulled=steady, **more):
-        return foresight.returned(arms, start, x, lambda seen, state: (0.0, np.zeros_like(seen), 0.0), pulled, **more)
+        return payoff.returned(arms, start, x, lambda seen, state: (0.0, np.zeros_like(seen), 0.0), pulled, **more)
 
     rounded = value(actions, grid=64.0)[2]
     assert np.array_equal(64.0 * rounded, np.round(64.0 * rounded)) and 0.0 < np.abs(rounded - actions).max() < 0.05
@@ -155,7 +161,7 @@ def test_slopes_of_a_return_whose_periods_weigh():
     weight, way = np.array([1.0, 0.0, 2.0, 5.0, 0.0, 0.0]), rng.normal(size=actions.shape)
 
     def value(x, weight=weight):
-        return foresight.returned(arms, start, x, lambda seen, state: (0.0, np.zeros_like(seen), 0.0), weight=weight)[
+        return payoff.returned(arms, start, x, lambda seen, state: (0.0, np.zeros_like(seen), 0.0), weight=weight)[
             :2
         ]
 
@@ -183,8 +189,8 @@ def test_the_search_climbs_each_episode_to_its_top_and_goes_on(tmp_path: Path, m
     hills.names = ()
     began = np.zeros((3, 2, 1))
     monkeypatch.setattr(derivatives, "Arms", lambda *words, **keywords: hills)
-    monkeypatch.setattr(foresight, "returned", hills.returned)
-    monkeypatch.setattr(foresight, "Fine", lambda *words: SimpleNamespace(shapes=()))
+    monkeypatch.setattr(payoff, "returned", hills.returned)
+    monkeypatch.setattr(payoff, "Fine", lambda *words: SimpleNamespace(shapes=()))
     monkeypatch.setattr(
         foresight, "beginnings", lambda task, trained: (began, hills.returned(None, None, began, None)[0])
     )
@@ -197,14 +203,14 @@ def test_the_search_climbs_each_episode_to_its_top_and_goes_on(tmp_path: Path, m
 
 def test_costs_are_counted_and_sloped():
     task = next(one for one in TASKS if one.price)
-    fine = foresight.Fine(task, SimpleNamespace(names=("hub_rate", "tip_deflection"), scales=(2.0, 0.1)))
+    fine = payoff.Fine(task, SimpleNamespace(names=("hub_rate", "tip_deflection"), scales=(2.0, 0.1)))
     limit = task.keywords["cost"]["deflection"] / 0.1
     seen = np.array([[9.0, 0.9 * limit], [0.0, -1.01 * limit], [0.0, 1.5 * limit]])
     taken, slope, _ = fine(seen, seen)
     assert taken.tolist() == [0.0, task.price, task.price]
     assert (slope[:, 0] == 0.0).all() and slope[1, 1] < -1.0 and abs(slope[2, 1]) < 1e-9
     with pytest.raises(ValueError, match="no slope of costs"):
-        foresight.Fine(dataclasses.replace(task, keywords={"cost": {"strain": 1e-3}}), None)
+        payoff.Fine(dataclasses.replace(task, keywords={"cost": {"strain": 1e-3}}), None)
 
 
 def test_policies_that_steady_see_all_there_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -220,10 +226,10 @@ def test_policies_that_steady_see_all_there_is(tmp_path: Path, monkeypatch: pyte
             raise ValueError("sees sensors")
         return word
 
-    monkeypatch.setattr(foresight, "choose", lambda word, task: SimpleNamespace(make=lambda env: make(word, env)))
-    assert foresight.steadiers(task, None, found) == [str(tmp_path / "ppo-0/space-reach-v1")]
+    monkeypatch.setattr(payoff, "choose", lambda word, task: SimpleNamespace(make=lambda env: make(word, env)))
+    assert payoff.steadiers(task, None, found) == [str(tmp_path / "ppo-0/space-reach-v1")]
     with pytest.raises(ValueError, match="no policy"):
-        foresight.steadiers(task, None, found[:1])
+        payoff.steadiers(task, None, found[:1])
 
 
 def test_each_arm_has_the_policy_that_steadies_it_best():
@@ -235,7 +241,7 @@ def test_each_arm_has_the_policy_that_steadies_it_best():
         return SimpleNamespace(act=lambda seen: np.resize(gains, len(seen))[:, None] * seen[:, 2:3])
 
     for policies in itertools.permutations((policy(1.0, -1.0), policy(0.0, 0.0), policy(-1.0, 1.0))):
-        found = foresight.steadiest(arms, start, actions, policies)
+        found = payoff.steadiest(arms, start, actions, policies)
         assert found.slopes[..., 2] == pytest.approx(-1.0, rel=1e-4)
 
 
@@ -248,7 +254,7 @@ def test_what_shapes_cost_is_rounded_and_sloped():
         action = rng.uniform(-0.3, 0.3, (16, 3)).astype(np.float32)
         state, seen, _ = arms.step(state, action)
         info = env.step(action)[-1]
-    fine = foresight.Fine(task, env.plan, arms.names)
+    fine = payoff.Fine(task, env.plan, arms.names)
     far = fine.shapes[0].distance(fine.weights @ state[:, fine.sections]).min(axis=1)
     near = (info["clearance"] < 0.1) & (far < 0.1)
     assert near.sum() >= 4 and far[near] == pytest.approx(info["clearance"][near], abs=0.005)
@@ -277,7 +283,7 @@ def test_gradients_pass_through_pushes_that_are_drawn_on_the_way():
     task = suite.task("reach-pushed-v1")
     arms = derivatives.Arms(task.environment, 100, **foresight.seen_whole(task))
     start, rng, count = arms.reset(seed=FIRST), np.random.default_rng(0), 150
-    moved, weights = foresight.InTask(arms, range(FIRST, FIRST + 100)), rng.normal(size=arms.moving)
+    moved, weights = payoff.InTask(arms, range(FIRST, FIRST + 100)), rng.normal(size=arms.moving)
     actions = (0.1 * rng.uniform(-1.0, 1.0, (count, 100, 2))).astype(np.float32).astype(float)
 
     def passed(torques: np.ndarray) -> list[np.ndarray]:

@@ -200,7 +200,7 @@ def test_wrong_flags_are_told_in_a_sentence(quick: Path, capsys):
     assert "must be one of" in refused(capsys, "bench", "suite", "--task", "slew")
     for flag, words in (("--policy", ""), ("--policy", " ,"), ("--task", "")):
         assert f"{flag} = '{words}': must name at least one" in refused(capsys, "bench", "suite", flag, words)
-    assert "from 1 to 100" in refused(capsys, "bench", "suite", "--episodes", "0")
+    assert "from 1 to 100000" in refused(capsys, "bench", "suite", "--episodes", "0")
     assert "for one policy alone" in refused(capsys, "bench", "suite", "--policy", "pd,zv", "--name", "both")
     assert "must be letters" in refused(capsys, "bench", "suite", "--policy", "mine:one", "--name", "../up")
     assert "no results files" in refused(capsys, "bench", "page", "nothing")
@@ -249,6 +249,30 @@ def test_what_has_been_judged_is_kept_and_what_has_changed_is_not(quick: Path, c
     assert told(capsys, *words, "--again")["results"][0]["tasks"][FIRST_TASK.id]["note"] == "" and made == ["pd"] * 12
     monkeypatch.setattr(policies.metadata, "version", lambda name: "9.9")
     assert told(capsys, *words)["results"][0]["tasks"][FIRST_TASK.id]["note"] == "" and made == ["pd"] * 16
+
+
+def test_further_episodes_are_added_to_what_has_been_judged(quick: Path, capsys, monkeypatch):
+    """In lots, and none twice; J and the score stay those of the hundred."""
+    made = []
+    policy = SimpleNamespace(reset=len, act=lambda seen: np.full((len(seen), 1), 0.5))
+    monkeypatch.setattr(policies, "controller", lambda name, env: made.append(env.num_envs) or policy)
+    monkeypatch.setattr(results, "LOT", 40)
+    words = ("--policy", "pd", "--task", FIRST_TASK.id, "--out", "out")
+
+    def entry(*more: str) -> dict:
+        told(capsys, *words, *more)
+        return results.read(Path("out/pd-0.json")).tasks[FIRST_TASK.id]
+
+    first = entry()
+    assert first["further"] is None and results.length(first) == 100 and made == [100] * 4
+    more = entry("--episodes", "150")
+    lot = [0.5 * (3 + i % 3) for i in range(40)]
+    assert made[4:] == [40, 10] and more == first | {"further": lot + lot[:10]}
+    assert entry("--episodes", "120") == more == entry() and len(made) == 6
+    assert entry("--episodes", "151")["further"] == more["further"] + lot[:1] and made[6:] == [1]
+    again = entry("--again")
+    assert made[7:] == [100] * 4 + [40, 11] and again["further"] == lot + lot[:11]
+    assert results.summary(FIRST_TASK, again)["value"] == results.summary(FIRST_TASK, first)["value"]
 
 
 def test_a_function_whose_text_is_the_same_is_judged_anew(quick: Path, capsys):
@@ -386,6 +410,8 @@ def test_the_page_is_made_of_all_files_in_a_folder(tmp_path: Path, monkeypatch: 
         ({"settled": [5] * 100}, "settled[0] = 5: must be a whole number, from 0 to 4"),
         ({"settled": [3, 0] * 50}, "settled[1] = 0: must be 0 without success, and then alone"),
         ({"lengths": [126] * 100}, "lengths[0] = 126: must be a whole number, from 1 to 125"),
+        ({"further": [0.0, float("nan")]}, "further[1] = nan: must be a finite number"),
+        ({"further": [150.1]}, "further[0] = 150.1: must be a finite number, at most 150"),
         ({"digest": "0" * 16}, f"digest = '0000000000000000': must be {FIRST_TASK.digest}"),
         ({"episodes": -1}, "must be a whole number"),
         ({"wall_s": "long"}, "wall_s = 'long'"),

@@ -6,10 +6,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from benchmarks.machine import DOCS
 from flexarm_env import suite
-from flexarm_env.suite import score
+from flexarm_env.suite import page, results, score
 
 FIRST_TASK = suite.tasks()[0]
+
+
+@pytest.fixture(scope="module")
+def published() -> list[results.Results]:
+    return results.folder_of(DOCS / "results" / "suite", earlier=True)
 
 
 def test_the_interquartile_mean_is_the_mean_of_the_middle_half(rng: np.random.Generator):
@@ -61,3 +67,40 @@ def test_references_belong_to_the_tasks_as_they_are():
     assert {name: one.digest for name, one in score.references().items()}.items() <= {
         (task.id, task.digest) for task in suite.tasks(earlier=True)
     }
+
+
+def line(method: str, rows: list[list[float]], kind: str = "policy", steps: float = 0.0) -> page.Line:
+    """Runs of a method: of each its values, those of the public hundred and further ones."""
+    entries = [
+        {
+            "episodes": 100, "returns": row[:100], "costs": [0.0] * 100, "further": row[100:] or None,
+            "policy": {"kind": kind}, "training": {"steps": steps} if steps else None,
+        }
+        for row in rows
+    ]  # fmt: skip
+    return page.Line(method, [], entries)
+
+
+def test_differences_are_paired_over_the_episodes_of_both(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch):
+    reference = score.Reference(FIRST_TASK.digest, 50.0, 70.0, "somebody")
+    monkeypatch.setattr(page, "references", lambda: {FIRST_TASK.id: reference})
+    hard = rng.normal(0.0, 50.0, 300)
+    ahead, runs = hard + 10.0, hard[:250] + rng.normal(0.0, 4.0, (3, 250))
+    one, other = line("one", [list(ahead)]), line("other", [list(row) for row in runs])
+    less, half, count = page.gap(FIRST_TASK, other, one)
+    own = (ahead[:250] - runs.mean(axis=0)) / 20.0
+    limits = stats.norm.interval(0.95, own.mean(), stats.sem(own))
+    assert count == 250 and (less - half, less + half) == pytest.approx(limits, rel=1e-3)
+    assert half < 0.02 < 1.96 * stats.sem(ahead / 20.0)  # what makes episodes hard is in both
+    apart = [line("found", [list(rng.normal(0.0, 50.0, 100))], "actions")]
+    apart += [line("little", [list(rng.normal(0.0, 50.0, 100))], steps=0.98 * FIRST_TASK.budget)]
+    assert page.widest(FIRST_TASK, [one, other, *apart]) == half
+    trained = line("trained", [list(rng.normal(0.0, 50.0, 100))], steps=FIRST_TASK.budget)
+    assert page.widest(FIRST_TASK, [one, other, trained]) > 20 * half
+
+
+@pytest.mark.parametrize("task", suite.tasks(), ids=[task.id for task in suite.tasks()])
+def test_all_methods_are_told_apart(task: suite.Task, published: list[results.Results]):
+    """No difference of two methods, published, is less certain than to a twentieth of the scale."""
+    lines = page.lines_of(task, published)
+    assert len(lines) > 3 and page.widest(task, lines) <= page.WIDTH

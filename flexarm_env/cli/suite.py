@@ -24,11 +24,15 @@ COMMANDS = {
     "page": "One page of all results files of a folder; works without a checkout",
 }
 
+MOST = 100_000
+"""Episodes that a policy is judged on at most."""
+
 SUITE = f"""\
 Judge policies on the suite's tasks, each on the {EPISODES} episodes of seeds {FIRST} and on, and write what came of it
 to FOLDER/NAME-RUN.json: versions, digests of the tasks, seeds, seconds, and of each episode return, success and cost.
 What stands there already, of the same policy on the same task, is kept, and said to be: an interrupted command goes on.
-Functions of your own are judged anew each time, others with --again.
+Functions of your own are judged anew each time, others with --again. Of more than {EPISODES} episodes, all from seed
+{FIRST} on, a result is of the first {EPISODES}, and the others tell methods apart (the page's differences).
 
 A policy is a controller (pd, zv, zvd, lqr, lqg, mpc, time_optimal), a run folder or policy.npz, the name of a policy
 that comes with the package, an .onnx file, or MODULE:NAME of your own: a function of observations (n, entries) to
@@ -66,7 +70,7 @@ def _suite(words: Sequence[str]) -> int:
     parser.add_argument("--out", default="runs/suite", metavar="FOLDER", help="of results files (runs/suite)")
     parser.add_argument("--name", metavar="NAME", help="of the method; default: after the policy")
     parser.add_argument("--run", type=int, metavar="K", help="of several runs; default: the policy's seed, or 0")
-    parser.add_argument("--episodes", type=int, default=EPISODES, metavar="N", help="fewer: a look, no result")
+    parser.add_argument("--episodes", type=int, default=EPISODES, metavar="N", help="fewer: a look; more: see above")
     parser.add_argument("--again", action="store_true", help="judge anew what was judged before")
     parser.add_argument("--best", metavar="ID[,ID...]", help="play the records of these tasks, and judge nothing")
     parser.add_argument("--list", action="store_true", help="list the tasks")
@@ -76,7 +80,7 @@ def _suite(words: Sequence[str]) -> int:
         return _list(args.json)
     if args.best is not None:
         return _best([frozen(task) for task in chosen_tasks(args.best)], args.json)
-    count = check.integer("--episodes", args.episodes, minimum=1, maximum=EPISODES)
+    count = check.integer("--episodes", args.episodes, minimum=1, maximum=MOST)
     wanted = [frozen(task) for task in chosen_tasks(args.task)]
     policies = listed("--policy", args.policy)
     if args.name is not None and len(policies) != 1:

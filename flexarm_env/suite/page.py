@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from . import best
 from .data import Task, tasks
-from .results import Results, of_the_protocol, settling, summary, values
+from .results import Results, all_values, length, of_the_protocol, settling, summary, values
 from .score import EPISODES, FIRST, interquartile_mean, interval, references
 from .second import LEVEL, chance, holm
 
@@ -27,8 +27,10 @@ Interquartile means (IQM) are over all scores of a method, the mean of the middl
 percentile intervals by a bootstrap over runs, stratified by tasks (none where a method has one run); a method that was
 not judged on all tasks has none. A method that is missing on a task is not made for it, or was not judged there.
 Settled is the mean time until the bounds of success were kept to the end, a failure with a whole episode's length.
-Behind the first: by how much of a score a method's value is less, paired over the episodes, with half the width of its
-95 % interval; where that is above {WIDTH}, in brackets how many episodes would bring it there. A second hundred of
+Behind the best policy: by how much of a score a method's value is less, paired over the episodes of both, with half the
+width of its 95 % interval; behind it of how many episodes, where they are more than the {EPISODES}, and in brackets how
+many would bring it to {WIDTH}, where it is above. The widest of all pairs of methods stands below the scores; what is
+found beforehand, and what is below its budget, takes no part in it. A second hundred of
 episodes has seeds that follow from the policy itself (`flexarm_env.suite.second`): success, settling and the value less
 PD's there, beside that on the public ones; † where both differ beyond chance (permutation test, p < {LEVEL} after Holm,
 over all runs of this page). What is a function, a model with a memory or found beforehand has the public hundred alone,
@@ -51,34 +53,43 @@ class Line:
         values = [one[key] for one in self.summaries]
         return None if any(value is None for value in values) else float(np.mean(values))
 
+    @property
+    def policy(self) -> bool:
+        """Whether it plays any episode: actions that were found beforehand do not."""
+        return all(entry["policy"].get("kind") != "actions" for entry in self.entries)
+
     def trained(self, key: str) -> float:
-        """Sum over the runs of what training took."""
-        return float(sum((entry["training"] or {}).get(key, 0.0) for entry in self.entries))
+        """What training took, of a run."""
+        return float(np.mean([(entry["training"] or {}).get(key, 0.0) for entry in self.entries]))
+
+    def short(self, task: Task) -> bool:
+        """Whether it was trained, for less than the task's budget."""
+        return 0.0 < self.trained("steps") < 0.99 * task.budget
 
 
 def page(found: Sequence[Results]) -> str:
     """The page, in Markdown."""
     every = [task for task in tasks(earlier=True) if any(task.id in one.tasks for one in found)]
     known = [task for task in every if task in tasks()]
-    lines = {task.id: list(_lines(task, found)) for task in every}
-    learnt = set(_learnt([(task, entry) for task in every for line in lines[task.id] for entry in line.entries]))
-    text = [HEAD, "", *_made(found), "", "## Scores", "", *_scores(known, lines)]
+    rows = {task.id: lines_of(task, found) for task in every}
+    learnt = set(_learnt([(task, entry) for task in every for line in rows[task.id] for entry in line.entries]))
+    text = [HEAD, "", *_made(found), "", "## Scores", "", *_scores(known, rows)]
     for task in sorted(every, key=lambda task: task not in known):
         note = "" if task in known else ", superseded"
-        text += ["", f"## {task.number}. {task.title} (`{task.id}`{note})", "", *_table(task, lines[task.id], learnt)]
+        text += ["", f"## {task.number}. {task.title} (`{task.id}`{note})", "", *_table(task, rows[task.id], learnt)]
     text += list(_left_out(found))
     return "\n".join(text).rstrip() + "\n"
 
 
-def _lines(task: Task, found: Sequence[Results]) -> Iterator[Line]:
+def lines_of(task: Task, found: Sequence[Results]) -> list[Line]:
     """Methods on a task, the best first."""
     runs: dict[str, list[dict[str, Any]]] = {}
     for one in found:
         entry = one.tasks.get(task.id)
         if entry is not None and of_the_protocol(task, entry):
             runs.setdefault(one.name, []).append(entry)
-    lines = [Line(name, [summary(task, entry) for entry in entries], entries) for name, entries in runs.items()]
-    yield from sorted(lines, key=lambda line: -float(np.mean([one["value"] for one in line.summaries])))
+    rows = [Line(name, [summary(task, entry) for entry in entries], entries) for name, entries in runs.items()]
+    return sorted(rows, key=lambda line: -float(np.mean([one["value"] for one in line.summaries])))
 
 
 def _scores(known: Sequence[Task], lines: dict[str, list[Line]]) -> Iterator[str]:
@@ -99,12 +110,12 @@ def _scores(known: Sequence[Task], lines: dict[str, list[Line]]) -> Iterator[str
         yield f"| {name} | {runs} | {_middle(own, len(known))} | " + " | ".join(cells) + " |"
     for head, text in (("*best less worst*", _spread), ("*left to the best known*", _left)):
         yield f"| {head} |  |  | " + " | ".join(text(_of_policies(lines[task.id])) for task in known) + " |"
+    yield "| *widest ±* |  |  | " + " | ".join(f"{widest(task, lines[task.id]):.3f}" for task in known) + " |"
 
 
 def _of_policies(lines: Sequence[Line]) -> list[float]:
     """Mean scores of the methods that make policies: actions that were found beforehand are none."""
-    own = [line for line in lines if all(entry["policy"].get("kind") != "actions" for entry in line.entries)]
-    return [score for line in own if (score := line.mean("score")) is not None]
+    return [score for line in lines if line.policy and (score := line.mean("score")) is not None]
 
 
 def _spread(scores: Sequence[float]) -> str:
@@ -157,16 +168,33 @@ def _second(task: Task, line: Line, learnt: set[int]) -> str:
     return f"{rate:.0%} | {_two(float(time))} | {there:.1f} ({gain:.1f}){mark}"
 
 
-def _behind(task: Task, line: Line, first: Line) -> str:
-    """How far a method's score is behind the first one's."""
+def gap(task: Task, line: Line, first: Line) -> tuple[float, float, int] | None:
+    """How far a method's score is behind another's on the episodes that both have, half the width of the 95 %
+    interval, and how many they are; None where the task has no scores."""
     known = references().get(task.id)
-    if line is first or known is None or known.digest != task.digest:
+    if known is None or known.digest != task.digest:
+        return None
+    count = min(length(entry) for one in (first, line) for entry in one.entries)
+    ahead, own = (np.mean([all_values(task, e)[:count] for e in one.entries], axis=0) for one in (first, line))
+    less = (ahead - own) / (known.best - known.pd)
+    return float(less.mean()), 1.96 * float(less.std(ddof=1)) / count**0.5, count
+
+
+def widest(task: Task, lines: Sequence[Line]) -> float:
+    """The largest half of a width, of all pairs of methods that make policies and had the task's budget."""
+    own = [line for line in lines if line.policy and not line.short(task)]
+    gaps = [gap(task, line, other) for k, line in enumerate(own) for other in own[:k]]
+    return max((found[1] for found in gaps if found is not None), default=0.0)
+
+
+def _behind(task: Task, line: Line, first: Line | None) -> str:
+    """How far a method's score is behind the first one's."""
+    found = None if first is None or line is first else gap(task, line, first)
+    if found is None:
         return ""
-    ahead, own = (np.mean([values(task, entry) for entry in one.entries], axis=0) for one in (first, line))
-    gap = (ahead - own) / (known.best - known.pd)
-    half = 1.96 * float(gap.std(ddof=1)) / len(gap) ** 0.5
-    more = f" ({len(gap) * (half / WIDTH) ** 2:.0f})" if half > WIDTH else ""
-    return f"{_two(float(gap.mean()))} ± {half:.2f}{more}"
+    less, half, count = found
+    more = f", {count}" if count > EPISODES else ""
+    return f"{_two(less)} ± {half:.2f}{more}" + (f" ({count * (half / WIDTH) ** 2:.0f})" if half > WIDTH else "")
 
 
 def _record(task: Task, lines: Sequence[Line]) -> str:
@@ -189,22 +217,22 @@ def _table(task: Task, lines: Sequence[Line], learnt: set[int]) -> Iterator[str]
     if task.id in best.known():
         yield from (_record(task, lines), "")
     yield (
-        "| method | runs | J | worst, best run | score | behind the first | success | settled, s | "
+        "| method | runs | J | worst, best run | score | behind the best policy | success | settled, s | "
         + ("second hundred: success | settled, s | J - J_PD | cost | training, share of the budget | CPU s | ")
         + "decision, µs |"
     )
     yield "|---|" + "---:|" * 14
+    first = next((line for line in lines if line.policy), None)
     for line in lines:
         values = [one["value"] for one in line.summaries]
         score, rate, runs = line.mean("score"), line.mean("success_rate"), len(values)
         time = line.mean("settling_s")
         settled = "" if time is None else _two(time)
-        steps, cpu = line.trained("steps") / runs, line.trained("cpu_s") / runs
-        short = steps and steps < 0.99 * task.budget
+        steps, cpu = line.trained("steps"), line.trained("cpu_s")
         yield (
-            f"| {f'*{line.method}*' if short else line.method} | {runs} | {np.mean(values):.1f} | "
+            f"| {f'*{line.method}*' if line.short(task) else line.method} | {runs} | {np.mean(values):.1f} | "
             + (f"{min(values):.1f}, {max(values):.1f}" if runs > 1 else "")
-            + f" | {'' if score is None else _two(score)} | {_behind(task, line, lines[0])} | {rate:.0%} | {settled} | "
+            + f" | {'' if score is None else _two(score)} | {_behind(task, line, first)} | {rate:.0%} | {settled} | "
             + f"{_second(task, line, learnt)} | {line.mean('cost'):.2f} | "
             + (f"{steps / task.budget:.0%} | {cpu:.0f}" if steps else " | ")
             + f" | {line.mean('decision_us'):.1f} |"

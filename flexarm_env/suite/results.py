@@ -5,6 +5,7 @@ import os
 import platform
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from datetime import date
 from pathlib import Path
@@ -29,6 +30,8 @@ PACKAGES = (
 )  # fmt: skip
 
 _NUMBERS = ("returns", "successes", "costs", "lengths")
+LOT = 1000
+"""Episodes beyond the hundred that are judged at once."""
 
 
 @dataclass
@@ -40,8 +43,9 @@ class Results:
             "first_seed", "episodes", "returns", "successes", "costs", "lengths", "settled" (one number an episode;
             files of before lack the last), "wall_s", "cpu_s", "decision_us", "policy" (kind, source, fingerprint),
             "training" (algorithm, steps, wall_s, cpu_s; or null), "pd" (values of PD on the same episodes), "second"
-            (the numbers of the second hundred, its "first_seed" and "pd"; or null), "versions", "date". refused: by id,
-            why it could not be judged there.
+            (the numbers of the second hundred, its "first_seed" and "pd"; or null), "further" (values of the episodes
+            behind the public hundred, of the next seeds, where differences between methods ask for more; or null),
+            "versions", "date". refused: by id, why it could not be judged there.
     """
 
     name: str
@@ -62,18 +66,14 @@ class Results:
         write_text(path, lists)
         return path
 
-    def has(self, task: Task, chosen: Chosen, episodes: int) -> bool:
-        """Whether this very policy has been judged on this very task; of a function nobody knows: its text is not all
-        that it does."""
-        known = self.tasks.get(task.id)
-        return (
-            known is not None
-            and chosen.kind != "function"
-            and (
-                (known["digest"], known["first_seed"], known["episodes"]) == (task.digest, FIRST, episodes)
-                and known["policy"]["fingerprint"] == chosen.fingerprint
-            )
-        )
+    def known(self, task: Task, chosen: Chosen, episodes: int) -> int:
+        """On how many episodes this very policy has been judged on this very task, 0 where not as `episodes` asks for
+        or if it is a function, of which nobody knows: its text is not all that it does."""
+        entry = self.tasks.get(task.id)
+        if entry is None or chosen.kind == "function" or entry["policy"]["fingerprint"] != chosen.fingerprint:
+            return 0
+        asked = (task.digest, FIRST, min(episodes, EPISODES))
+        return length(entry) if (entry["digest"], entry["first_seed"], entry["episodes"]) == asked else 0
 
     def other_than(self, word: str, chosen: Chosen) -> str:
         """Whose results these are too, where that is not what the word names for each task; "" otherwise."""
@@ -103,7 +103,8 @@ def judged(
 
     Args:
         word, choose: as in `flexarm_env.suite.policies`. name, run: of the results; default after the policy, whose
-            file then has to be of this policy alone.
+            file then has to be of this policy alone. episodes: from the protocol's first on; of those behind the
+            protocol's hundred the values alone are kept, and no fewer than there were.
     Returns:
         the results on these tasks; of each task that it could not be judged on why; by task, what is to be said of a
         result that the file has not from now.
@@ -125,15 +126,17 @@ def judged(
                     return found, [f"--policy {word}: {what} (or --name {found.name}, if it is the same method)"], {}
             old = known.tasks.get(task.id)
             whole = episodes < EPISODES and old is not None and of_the_protocol(task, old)
-            if old is not None and not again and known.has(task, chosen, episodes):
+            done = 0 if again else known.known(task, chosen, episodes)
+            if old is not None and done >= episodes:
                 found.tasks[task.id] = old
                 notes[task.id] = f"kept, judged {old.get('date', 'before')}; --again judges anew"
                 continue
-            env = make_vec(task.id, episodes)
-            try:
-                found.tasks[task.id] = _entry(task, chosen, env)
-            finally:
-                env.close()
+            if old is not None and done:
+                more = further(task, chosen, done, episodes)
+                found.tasks[task.id] = old | {"further": [*(old.get("further") or ()), *more]}
+            else:
+                count = episodes if old is None or episodes < EPISODES else max(episodes, length(old))
+                found.tasks[task.id] = _entry(task, chosen, count)
             if whole:
                 notes[task.id] = f"a look; {folder / known.file} keeps its result on {EPISODES} episodes"
                 continue
@@ -151,20 +154,34 @@ def judged(
     return found, trouble, notes
 
 
-def _entry(task: Task, chosen: Chosen, env: Any) -> dict[str, Any]:
-    """What comes of a policy on a task's vector environment, as a results file has it."""
-    found, more = judge(env, chosen.make(env), FIRST), {}
-    if len(found.returns) == EPISODES and chosen.canonical is not None:
-        first = second.first_seed(task, chosen.canonical())
-        other = asdict(judge(env, chosen.make(env), first))
-        more = {"first_seed": first, **{key: other[key] for key in (*_NUMBERS, "settled")}, "pd": _pd(task, env, first)}
+def _entry(task: Task, chosen: Chosen, episodes: int) -> dict[str, Any]:
+    """What comes of a policy on so many of a task's episodes, as a results file has it."""
+    more: dict[str, Any] = {}
+    with closing(make_vec(task.id, min(episodes, EPISODES))) as env:
+        found = judge(env, chosen.make(env), FIRST)
+        if len(found.returns) == EPISODES and chosen.canonical is not None:
+            first = second.first_seed(task, chosen.canonical())
+            other = asdict(judge(env, chosen.make(env), first))
+            numbers = {key: other[key] for key in (*_NUMBERS, "settled")}
+            more = {"first_seed": first, **numbers, "pd": _pd(task, env, first)}
+        pd = _pd(task, env, FIRST) if more else None
     return {
         "digest": task.digest, "first_seed": FIRST, "episodes": len(found.returns), **asdict(found),
-        "pd": _pd(task, env, FIRST) if more else None, "second": more or None,
+        "pd": pd, "second": more or None, "further": further(task, chosen, EPISODES, episodes) or None,
         "policy": {"kind": chosen.kind, "source": chosen.source, "fingerprint": chosen.fingerprint},
         "training": None if chosen.training is None else dict(chosen.training),
         "versions": versions(), "date": date.today().isoformat(),
     }  # fmt: skip
+
+
+def further(task: Task, chosen: Chosen, begin: int, end: int) -> list[float]:
+    """Values of the episodes from the one of this number, as far as `end`, to three digits."""
+    found: list[float] = []
+    for first in range(begin, end, LOT):
+        with closing(make_vec(task.id, min(LOT, end - first))) as env:
+            lot = judge(env, chosen.make(env), FIRST + first)
+        found += np.round(values(task, asdict(lot)), 3).tolist()
+    return found
 
 
 def _pd(task: Task, env: Any, first: int) -> list[float] | None:
@@ -199,6 +216,16 @@ def value(task: Task, entry: Mapping[str, Any]) -> float:
 def values(task: Task, entry: Mapping[str, Any]) -> NDArray[np.float64]:
     """Of each episode the return less the task's price times cost."""
     return np.array(entry["returns"], float) - task.price * np.array(entry["costs"], float)
+
+
+def length(entry: Mapping[str, Any]) -> int:
+    """How many episodes an entry has values of, from the protocol's first seed on."""
+    return int(entry["episodes"]) + len(entry.get("further") or ())
+
+
+def all_values(task: Task, entry: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Of these episodes, `values`."""
+    return np.concatenate([values(task, entry), np.array(entry.get("further") or (), float)])
 
 
 def settling(task: Task, entry: Mapping[str, Any]) -> float | None:
@@ -268,6 +295,9 @@ def _check_entry(path: str, entry: Any, task: Task | None, earlier: bool) -> Non
         most = 2 * second.BEGIN - 1
         check.integer(f"{path}.second.first_seed", other["first_seed"], minimum=second.BEGIN, maximum=most)
         _check_numbers(f"{path}.second", other, count, can)
+    if table.get("further") is not None:
+        for k, found_value in enumerate(check.sequence(f"{path}.further", table["further"], "numbers")):
+            check.number(f"{path}.further[{k}]", found_value, maximum=can.most)
     for key in ("wall_s", "cpu_s", "decision_us"):
         check.number(f"{path}.{key}", table[key], minimum=0.0)
     policy = check.table_of(f"{path}.policy", table["policy"])
