@@ -13,6 +13,7 @@ from flexarm_env import arms, control
 from flexarm_env.control import kinematics, lqr, shaping, time_optimal
 from flexarm_env.control.arm_model import arm_model
 from flexarm_env.control.catalogue import gains_from, tuned_gains
+from flexarm_env.control.pd import PDGains
 from flexarm_env.rigid import coriolis, rigid_inertia
 from flexarm_env.training import episodes, export_policy, tune
 from tests.env_tools import successes
@@ -217,6 +218,8 @@ def test_errors_say_what_is_allowed(reach):
     refuses("flexarm_env", lambda: control.make("pd", gym.make("Pendulum-v1")))
     refuses(r"^env = 3: must be an environment of flexarm_env", lambda: control.make("pd", 3))
     refuses(r"^gains = 3: must be a PDGains", lambda: control.make("pd", reach, 3))
+    three = PDGains((0.2,) * 3, (0.7,))
+    refuses(r"^pd\.bandwidth = .*: must be one number, or 2, one a joint", lambda: control.make("pd", reach, three))
     with pytest.raises(ValueError, match=r"^controller = 'time_optimal': must be one of \"pd\".* for task=\"reach\""):
         control.make("time_optimal", reach)
     refuses("one link", lambda: control.make("time_optimal", reach, tuned_gains("time_optimal", "slew")))

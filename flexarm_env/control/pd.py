@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .. import validation as check
 from ..parameters import Arm
 from ..validation import Array
 from .arm_model import arm_model
@@ -17,7 +18,7 @@ class PDGains:
 
     Args:
         bandwidth (N,): rigid natural frequency of joint i under its own spring, over the first flexible frequency.
-        ratio (N,): rigid damping ratio of joint i.
+        ratio (N,): rigid damping ratio of joint i. One number alone is every joint's.
     """
 
     bandwidth: tuple[float, ...]
@@ -25,6 +26,9 @@ class PDGains:
 
     def of(self, arm: Arm) -> tuple[Array, Array]:
         """kp (N,) in N m/rad and kd (N,) in N m s/rad for an arm, from its inertia with the elbows at a right angle."""
+        for name, given in (("bandwidth", self.bandwidth), ("ratio", self.ratio)):
+            if np.size(given) not in (1, arm.n_links):
+                raise check.InvalidValue(f"pd.{name}", given, f"must be one number, or {arm.n_links}, one a joint")
         model = arm_model(arm, (0.5 * np.pi,) * (arm.n_links - 1))
         inertia = np.diag(model.inertia)
         omega = np.asarray(self.bandwidth) * model.frequencies[0]
