@@ -46,6 +46,7 @@ def run(tmp_path_factory) -> Path:
 
 
 # ------------------------------------------------------------------ training
+@pytest.mark.slow
 def test_a_run_folder_holds_all_that_is_needed(run: Path):
     # policy.npz is written where its actions are the model's, and else refused
     assert {p.name for p in run.iterdir()} == RUN_FILES
@@ -209,6 +210,7 @@ def test_pickles_of_older_run_folders_find_their_classes():
 
 
 # ------------------------------------------------------------------ export and judging
+@pytest.mark.slow
 def test_evaluate_prints_json(run: Path, tmp_path: Path):
     done = python("-m", "agents.evaluate", "--env", ENV, "--policy", "pd", "--episodes", "5", "--json",
                   "--out", tmp_path / "out")  # fmt: skip

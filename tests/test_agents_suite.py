@@ -245,6 +245,7 @@ def test_each_arm_has_the_policy_that_steadies_it_best():
         assert found.slopes[..., 2] == pytest.approx(-1.0, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_what_shapes_cost_is_rounded_and_sloped():
     """Clearances are those of the environment but for what links bend between sections; slopes those of differences."""
     task, rng = suite.task("space-wall-v1"), np.random.default_rng(0)

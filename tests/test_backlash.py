@@ -38,6 +38,7 @@ EACH = ["elastica", *(pytest.param(name, marks=pytest.mark.slow) for name in MET
 """The elastica in every run of the tests; kernels of the others take long to compile."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", EACH)
 def test_free_flight_across_the_gap(method: str) -> None:
     """The motor alone moves, by tau t^2 / 2 J, until it has gone half of the play; the link knows nothing of it."""
@@ -67,6 +68,7 @@ def oscillation(dt: float, rate: float = 0.5) -> tuple[float, float, Any]:
     return float(np.diff(passages).mean()), exact, run
 
 
+@pytest.mark.slow
 def test_period_of_an_oscillator_with_a_gap() -> None:
     """Two halves of a free vibration in contact and two flights; second order in the step; energy is kept."""
     errors = []

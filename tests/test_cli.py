@@ -170,6 +170,7 @@ def test_a_reference_that_says_nothing_is_refused(
     assert "must be names, each once: t, and tip_x and tip_y or tip_angle or start_angle" in sentence
 
 
+@pytest.mark.slow
 def test_replay_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "arm.png"
     assert main([*SHORT, "--plot", str(path), "--plots", str(tmp_path / "all")]) == 0
@@ -272,6 +273,7 @@ def test_a_reader_that_leaves_is_no_error() -> None:
 
 
 # ------------------------------------------------------------- environments
+@pytest.mark.slow
 def test_limits_hold_through_the_environment(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*SHORT, "--through-env", "--error-limit", "1e-9"]) == 0
     assert values_of(capsys.readouterr().out)["status"] == "inaccurate"

@@ -213,6 +213,7 @@ def test_scripts_are_given_all_flags(monkeypatch: pytest.MonkeyPatch) -> None:
     assert ran(monkeypatch, "bench", "work-precision", "--full") == ["-m", "benchmarks.work_precision", "--full"]
 
 
+@pytest.mark.slow
 def test_a_script_runs_from_any_folder(tmp_path: Path) -> None:
     assert "--scene" in python("-m", "flexarm_env", "bench", "converged", "-h", cwd=tmp_path).stdout
 

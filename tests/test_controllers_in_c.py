@@ -58,6 +58,7 @@ STARTS: dict[str, Any] = {
 }
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize(("name", "env_id", "kwargs"), CASES, ids=[f"{c[0]}-{c[1]}-{len(c[2])}" for c in CASES])
 def test_c_acts_as_python_does(name: str, env_id: str, kwargs: dict[str, Any], tmp_path: Path) -> None:
@@ -96,6 +97,7 @@ def test_c_acts_as_python_does(name: str, env_id: str, kwargs: dict[str, Any], t
     env.close()
 
 
+@pytest.mark.slow
 def test_what_cannot_leave_is_a_sentence() -> None:
     env = gym.make("FlexibleArm-v0")
     refuses("controller = 'MPC': must be pd,", lambda: controller_source(control.make("mpc", env), "it"))

@@ -45,6 +45,7 @@ def circle(angle: float, radius: float = 2.0 / np.pi) -> Any:
     return radius * np.array([np.sin(angle), 1.0 - np.cos(angle)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", EACH)
 def test_a_quarter_circle_rests_without_stress(method: str) -> None:
     formulation, options = METHODS[method]
@@ -59,6 +60,7 @@ def test_a_quarter_circle_rests_without_stress(method: str) -> None:
     assert np.abs(run.tip_deflection).max() < 2.0 * NEAR[method]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", EACH)
 def test_the_moment_that_straightens_it(method: str) -> None:
     """M = -EI kappa at the tip, and as much work as the bent strip then holds, half EI kappa^2 L."""

@@ -160,6 +160,7 @@ def differences(arms: Arms, state: Array, action: Array, found: Array, share: fl
     return np.stack(columns, axis=2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("env_id", "keywords", "back"), CASES)
 def test_a_period_against_differences_and_backwards(env_id: str, keywords: dict[str, Any], back: bool) -> None:
     """Relative error below 1e-6 for each arm; the values are those of a step and of the environment, bit for bit;
@@ -270,6 +271,7 @@ def test_dry_friction_in_space() -> None:
     arms.close()
 
 
+@pytest.mark.slow
 def test_former_names_warn() -> None:
     arms = Arms(ONE, 2)
     state, action = moving(arms)
@@ -379,6 +381,7 @@ SLIDES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("env_id", "keywords"), SLIDES)
 def test_sliding_joints_from_both_sides(env_id: str, keywords: dict[str, Any]) -> None:
     """Where joints slide a period is smooth: differences ahead alone and behind alone, of sixth order (of second where

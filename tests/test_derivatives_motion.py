@@ -144,6 +144,7 @@ def compared(arms: Arms, periods: int, e: float, counts: tuple[int, ...]) -> lis
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("env_id", "keywords"), CASES)
 def test_periods_under_a_motion(env_id: str, keywords: dict[str, Any]) -> None:
     """What the environment gives, bit for bit, and its derivative: to 1e-6 over one period and ten; by a hub that is

@@ -44,6 +44,7 @@ def one() -> Iterator[tuple[str, int, Session]]:
         yield *address, session
 
 
+@pytest.mark.slow
 @needs_c
 def test_an_arm_and_its_policy_in_c(tmp_path: Path) -> None:
     """The numbers of Python's episode, but for what float32 sums of the policy leave."""

@@ -61,6 +61,7 @@ class Runner:
         return float(sum(energy(self.lane, self.system.model, self.par, self.work.q, self.work.v)))
 
 
+@pytest.mark.slow
 def test_uncompiled() -> None:
     """Residual, tangent, energies and output against the oracle, for chains and features (`uncompiled_elastica.py`)."""
     uncompiled_tests("uncompiled_elastica.py")
@@ -153,6 +154,7 @@ def test_correction_keeps_periods() -> None:
 
 
 # ----------------------------------------------------------------------------- motion
+@pytest.mark.slow
 def test_energy_over_many_steps() -> None:
     """The strip let go from a static tip deflection of 20 % of L, held by its hub's own inertia alone."""
     coarse, fine = long_run(release(5e-3), 20_000), long_run(release(2.5e-3))

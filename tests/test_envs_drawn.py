@@ -36,6 +36,7 @@ def run(env: Any, steps: int = 30, seed: int = 5, share: float = 0.3, options: A
     return info, outcomes, np.array([seen, *(out[0] for out in outcomes)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("env_id", EVERYWHERE)
 def test_delays_and_gains_that_are_told_are_those_at_work(env_id: str) -> None:
     """Arms that draw all, against arms that are given what info told: the torques to the last bit, what they show so
@@ -84,6 +85,7 @@ def test_cross_correlation_finds_the_delay_that_is_told(env_id: str) -> None:
     many.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
 @pytest.mark.parametrize("env_id", EVERYWHERE)
 def test_the_vector_draws_what_single_environments_draw(env_id: str, mode: str) -> None:
@@ -122,6 +124,7 @@ def test_jitter_comes_on_top_of_the_delay_that_is_drawn() -> None:
     assert set(found) == set(range(first, first + most + 1))
 
 
+@pytest.mark.slow
 def test_delays_that_are_not_drawn_are_not_there() -> None:
     """Ranges of one number are that number, and jitter without delay is told alone."""
     one, same = (gym.make(ONE, actuator={"delay": delay}, sensors={"delay": late}, dt=DT)
@@ -135,6 +138,7 @@ def test_delays_that_are_not_drawn_are_not_there() -> None:
     assert {round(out[-1]["drawn_command_delay"] / DT) for out in outcomes} == {0, 1, 2, 3}
 
 
+@pytest.mark.slow
 def test_a_state_keeps_its_delays_in_environments_of_other_ranges() -> None:
     """Where as many commands and observations are remembered; elsewhere it is refused."""
 
@@ -157,6 +161,7 @@ def test_a_state_keeps_its_delays_in_environments_of_other_ranges() -> None:
         refuses("must be the state of an environment made alike", lambda: third.set_state(one.get_state()))  # noqa: B023
 
 
+@pytest.mark.slow
 def test_motions_keep_what_is_drawn_in_info() -> None:
     given = {"randomization": {"payload": (0.5, 2.0)}, "sensors": {"strain_gauges": [{"gain": (0.5, 1.5)}]}}
     plain, led = gym.make(ONE, **given), gym.make(ONE, **given)
@@ -195,6 +200,7 @@ def test_ranges_that_are_none_are_refused(given: dict[str, Any], words: str) -> 
         refuses(words, lambda: gym.make(env_id, **given, **own))  # noqa: B023
 
 
+@pytest.mark.slow
 def test_derivatives_of_arms_that_draw_delays() -> None:
     """Commands are as late as the environment's, hubs and gains are parameters; to see past of another length is
     refused."""
@@ -215,6 +221,7 @@ def test_derivatives_of_arms_that_draw_delays() -> None:
 GEARS = Joint(stiffness=30.0, damping=0.03, motor_inertia=2e-5, gear_ratio=20.0, friction_coulomb=0.01, backlash=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("env_id", "options", "off"),
     [

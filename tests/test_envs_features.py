@@ -127,6 +127,7 @@ def test_delay_holds_commands_back(delay: float) -> None:
     np.testing.assert_allclose(torques, 2.0 * (1.0 - np.exp(-np.maximum(t, 0.0) / 0.05)), rtol=1e-9, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_jitter_draws_how_late_each_command_comes() -> None:
     """Commands that alternate under a lag tell at each period's end how long the last one has been there."""
     dt, lag, most, n = 0.0025, 0.05, 24, 8
@@ -348,6 +349,7 @@ def test_gravity_bends_a_hanging_arm() -> None:
 FACTORS = {"friction": 1.6, "backlash": 0.5, "motor_inertia": 2.5, "payload_inertia": 3.0}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["elastica", pytest.param("floating_frame", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("count", [1, pytest.param(5, marks=pytest.mark.slow)])
 def test_drawn_joints_and_inertia_are_those_of_an_arm_that_has_them(formulation: str, count: int) -> None:
@@ -390,6 +392,7 @@ def shaken(env: Any, steps: int = 30) -> Any:
     return seen
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("env_id", "keywords"),
     [
@@ -431,6 +434,7 @@ def test_hubs_that_are_not_drawn() -> None:
     np.testing.assert_allclose(shaken(same), shaken(plain), atol=2e-6)
 
 
+@pytest.mark.slow
 def test_factors_of_joints_are_drawn_anew_and_only_where_they_are_asked_for() -> None:
     ranges = {"friction": (0.5, 2.0), "motor_inertia": (0.8, 1.2)}
     given = {"arm": "strip_geared", "randomization": ranges}

@@ -64,6 +64,7 @@ def momentum(system: Any, par: Array, q: Array, v: Array) -> Array:
 GEARED = fx.Joint(stiffness=4.0, damping=0.01, motor_inertia=1e-5, gear_ratio=30.0, friction_coulomb=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("formulation", "geared"), [*((name, False) for name in FORMULATIONS), ("elastica", True)])
 def test_momentum_is_kept_over_an_episode_of_random_torques(formulation: str, geared: bool) -> None:
     """Nothing acts from outside: linear momentum, and angular momentum about any point, are and stay 0."""
@@ -86,6 +87,7 @@ def test_momentum_is_kept_over_an_episode_of_random_torques(formulation: str, ge
     assert abs(gained) < 0.02 * max(info["work"], info["energy_dissipated"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["elastica", *(pytest.param(x, marks=pytest.mark.slow) for x in FRAMES)])
 def test_a_push_is_all_that_changes_the_momentum_of_a_scene(formulation: str) -> None:
     """Force times time, and its moment about the origin over time, summed by the trapezoidal rule over the samples."""
@@ -105,6 +107,7 @@ def test_a_push_is_all_that_changes_the_momentum_of_a_scene(formulation: str) ->
     assert np.abs(np.diff(had[~pushed, 2])).max() < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("payload", [0.0, 0.2])
 def test_a_stiff_link_turns_its_base_by_the_closed_form(payload: float) -> None:
     """J psi' + I (psi' + theta') = 0: psi = -theta I / (J + I), with I = I_hub - (m c)^2 / M of a rigid link about the
@@ -138,6 +141,7 @@ def test_a_stiff_link_turns_its_base_by_the_closed_form(payload: float) -> None:
     assert abs(slid - first / (own + payload + BASE["mass"])) < 1e-6  # about the centre of mass, which stays
 
 
+@pytest.mark.slow
 def test_the_environment_moves_as_a_scene_beside_it() -> None:
     """The same torques, held over each period, as loads of a `Scene` of the same arm on the same base."""
     rng, env = np.random.default_rng(8), made(formulation="geometrically_exact", tolerance=1e-10)
@@ -196,6 +200,7 @@ FEATURES: dict[str, Any] = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("env_id", "more"), [(ONE, {}), (TWO, {}), pytest.param(TWO, FEATURES, marks=pytest.mark.slow)]
 )
@@ -203,6 +208,7 @@ def test_single_and_vector_give_the_same_bits(env_id: str, more: dict[str, Any])
     assert_pair_same(pair(env_id, 9, threads=2, duration=0.6, **ON_BASE, **more), 45)
 
 
+@pytest.mark.slow
 def test_encoders_read_the_hub_from_the_base() -> None:
     """Ideal ones read what there is."""
     both = episode(made(sensors={"encoders": {}}), 3, 20), episode(made(), 3, 20)
@@ -220,6 +226,7 @@ def test_gymnasium_has_nothing_to_say_against_it() -> None:
     check_env(made(ONE), skip_render_check=True)
 
 
+@pytest.mark.slow
 def test_what_is_not_finite_or_far_too_much_ends_one_episode_at_most() -> None:
     env = gym.make_vec(TWO, num_envs=3, **ON_BASE)
     calm = gym.make_vec(TWO, num_envs=3, **ON_BASE)
@@ -269,6 +276,7 @@ def test_limits_of_the_hub_are_those_of_the_angle_from_the_base() -> None:
     assert abs(env.batch.poses(0)[0, 2] - q[-1]) >= 0.2 > env.batch.poses(0)[0, 2]
 
 
+@pytest.mark.slow
 def test_derivatives_of_a_period_are_those_of_what_it_does() -> None:
     """Against central differences of the period itself, the momentum that steps keep among what it does."""
     own = Arms(TWO, 1, tolerance=1e-12, **ON_BASE)
@@ -289,6 +297,7 @@ def test_derivatives_of_a_period_are_those_of_what_it_does() -> None:
         assert np.abs(slope - moved[:, j]).max() < 1e-7 * max(1.0, np.abs(slope).max()), j
 
 
+@pytest.mark.slow
 def test_linear_models_turn_the_base() -> None:
     env = made()
     env.reset(seed=1, options={"start": [0.2, 0.9], "target": [0.5, 0.3]})
@@ -378,6 +387,7 @@ def test_a_picture_shows_where_the_base_points() -> None:
     assert abs(turned_by - abs(env.snapshot().q[-1])) < 0.03
 
 
+@pytest.mark.slow
 def test_a_player_shows_the_base() -> None:
     env = EpisodeRecorder(gym.make(TWO, **ON_BASE))
     env.reset(seed=1)

@@ -29,6 +29,7 @@ def outcomes(env: Any, actions: np.ndarray, **options: Any) -> list[Any]:
     return [env.step(a.astype(np.float32)) for a in actions]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("env_id", "arm", "formulation"),
     [
@@ -50,6 +51,7 @@ def test_a_held_arm_shakes_on_its_gear_and_the_motor_stands() -> None:
     assert np.ptp(found[5:]) == 0.0
 
 
+@pytest.mark.slow
 def test_a_current_is_a_torque() -> None:
     """30 x 0.05 N m/A x 1.2 A = 1.8 N m, and the torque limit holds where that is less."""
     asked = {"current": np.full((20, 1), 0.5), "torque": np.full((20, 1), 0.5 * 1.8 / 2.0)}

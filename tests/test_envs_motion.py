@@ -20,6 +20,7 @@ def rest(env: Any) -> np.ndarray:
     return np.zeros(env.action_space.shape, np.float32)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "formulation", "options"),
     [

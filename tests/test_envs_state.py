@@ -67,6 +67,7 @@ def test_a_motion_episode_is_restored_too() -> None:
     assert_same(first, steps(env, moves))
 
 
+@pytest.mark.slow
 def test_some_arms_of_a_vector_are_restored_with_all_that_they_remember() -> None:
     """Sensors' and motors' memories, streams, a motion half way; the other arms go on."""
     lively = LIVELY | {"duration": 0.5}
@@ -199,6 +200,7 @@ def rollout(env: Any, n: int = 12) -> list[Any]:
     return [env.reset(seed=3), *steps(env, actions(n, env.action_space.shape))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("context", ["fork", "spawn"])
 def test_async_vector_environments(context: str) -> None:
     """The fork comes after the parent has stepped, its threads started."""

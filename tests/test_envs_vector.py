@@ -35,6 +35,7 @@ def test_arms_in_lanes_on_one_and_two_threads(env_id: str, mode: str) -> None:
     assert assert_pair_same(many, 25) >= 128
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("env_id", "coulomb"), [(IDS[0], 0.0), *(pytest.param(k, 0.01, marks=pytest.mark.slow) for k in (*IDS, MULTI))]
 )
@@ -47,6 +48,7 @@ def test_with_everything_it_is_the_same_too(env_id: str, coulomb: float) -> None
 _SLOW = pytest.mark.slow
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("env_id", [IDS[0], pytest.param(IDS[1], marks=_SLOW)])
 @pytest.mark.parametrize(
     "kwargs",

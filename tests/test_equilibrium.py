@@ -138,6 +138,7 @@ TURNED: dict[str, tuple[tuple[Link, ...], complex, complex]] = {
 """Links, gravity (m/s^2) and a load at the tip (N) in the arm's own axes."""
 
 
+@pytest.mark.slow
 @every(COLUMN, slow=("geometrically_exact", "floating_frame"))
 @pytest.mark.parametrize("name", TURNED)
 def test_the_same_problem_turned_is_the_same_answer(name: str, formulation: str, options: dict[str, Any]) -> None:
@@ -203,6 +204,7 @@ def test_two_links_held_bend_the_way_of_their_load() -> None:
     assert tips[1] == pytest.approx(tips[0], abs=2e-3) and tips[2] == pytest.approx(tips[0], abs=2e-3)
 
 
+@pytest.mark.slow
 def test_what_has_no_answer_says_so() -> None:
     falling = at_rest(one_link(), root="free", gravity=(0.0, -9.81))
     with pytest.raises(NoEquilibrium, match="nothing holds the arm"):

@@ -65,6 +65,7 @@ def test_converged_solutions(name: str, elements: int, dt: float, bound: float, 
         assert tip_error(run.t, run.tip, reference(name).columns).max_tip_error <= bound
 
 
+@pytest.mark.slow
 def test_energy_of_free_flight_over_many_steps() -> None:
     """Undamped, after the loads, 1e5 steps of the scene's own size; then twice that size for the order."""
     scene, rows = everything(named("flying_rod")), []
@@ -179,6 +180,7 @@ def swing(
     return np.column_stack([w.q[-3 * count : -2 * count], w.q[-2 * count : -count]]), w.flag.copy()
 
 
+@pytest.mark.slow
 def test_strips_survive_random_full_torque() -> None:
     """512 arms, 4 s, +-2 N m of random sign each 20 ms at 5 ms: none is lost, and none even needs its step halved."""
     rng = np.random.default_rng(11)
@@ -189,6 +191,7 @@ def test_strips_survive_random_full_torque() -> None:
         assert np.all(np.hypot(*tip.T) < 1.01)
 
 
+@pytest.mark.slow
 def test_a_lane_is_an_arm_alone_bit_for_bit() -> None:
     torques = np.random.default_rng(7).uniform(-2.0, 2.0, (40, 8))
     together, flags = swing(EIGHT, torques)
@@ -198,6 +201,7 @@ def test_a_lane_is_an_arm_alone_bit_for_bit() -> None:
         assert np.array_equal(alone[0], together[i])
 
 
+@pytest.mark.slow
 def test_one_linear_solve_a_step_is_nearly_enough() -> None:
     """From a guess that keeps the strains, one iteration meets a tolerance of 1e-4, and the tip hardly changes."""
     torques = np.random.default_rng(3).uniform(-2.0, 2.0, (200, 8))

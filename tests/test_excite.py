@@ -37,6 +37,7 @@ def test_a_rigid_arm_comes_to_rest_where_it_began() -> None:
     assert found.torques[0] == pytest.approx(0.0, abs=1e-12) and found.torques[-1] == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_bounds_hold_of_another_formulation_and_of_other_arms(found: Excitation) -> None:
     """Arms at the corners of the spread, stepped by the exact beam."""
     assert np.abs(found.torques).max() <= 0.5 * STRIP.torque_limits[0] and 0.05 < found.angle <= 0.3
@@ -61,6 +62,7 @@ def test_the_spectrum_covers_the_first_modes(found: Excitation) -> None:
         assert power[np.abs(w / mode - 1.0) < 0.25].max() > 0.05 * power.max()
 
 
+@pytest.mark.slow
 def test_joints_have_frequencies_of_their_own() -> None:
     found = excite("de_luca_siciliano", seconds=20.0, rate=50.0, drawn=1)
     assert found.deflection <= 0.15 and (np.abs(found.torques).max(axis=0) <= [0.5, 0.15]).all()

@@ -54,6 +54,7 @@ def test_all(features: tuple[str, ...], method: str) -> None:
     check(features, method)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["elastica", "segments", pytest.param("modes in segments", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("posture", POSTURES)
 def test_damping_ratio_about_a_bent_posture(posture: str, method: str) -> None:

@@ -38,11 +38,13 @@ def check(features: tuple[str, ...], method: str) -> None:
     assert row["balance"] <= matrix.BALANCE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("features", CORE, ids=name_of)
 def test_core(features: tuple[str, ...]) -> None:
     check(features, "exact")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["floating", "elastica"])
 def test_core_of_the_others(method: str) -> None:
     check(CORE[1], method)

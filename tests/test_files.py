@@ -444,6 +444,7 @@ def tried(kind: str, kept: dict[str, Path], folder: Path, every: int) -> None:
     assert kind != "trajectory" or found["good"] > 2  # what kernels read, they read no further than arrays reach
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", FILES)
 def test_whatever_is_in_a_file_it_is_good_or_refused_in_a_sentence(
     kind: str, kept: dict[str, Path], tmp_path: Path

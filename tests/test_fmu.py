@@ -103,6 +103,7 @@ class Unit:
         return kept
 
 
+@pytest.mark.slow
 @needs_c
 @pytest.mark.parametrize("form", FORMS)
 def test_unit(form: str, tmp_path: Path) -> None:
@@ -204,6 +205,7 @@ def test_outputs_of_two_links_are_where_they_lie() -> None:
     assert {name: found[name] for name in wanted} == wanted
 
 
+@pytest.mark.slow
 def test_units_are_defined() -> None:
     env: Any = gym.make("FlexibleArm-v0", arm="strip_geared").unwrapped
     found = list(fmu._variables(Source(env, "arm", (), None, "", (), ""), env.plan))
@@ -278,6 +280,7 @@ def test_an_arm_and_its_controller_are_two_units(form: str, tmp_path: Path) -> N
     env.close()
 
 
+@pytest.mark.slow
 @needs_c
 def test_shaped_commands_drive_an_arm_in_space(tmp_path: Path) -> None:
     """Python's closed loop, to a target that is held; from the same start to another, the loop to what is nearest."""

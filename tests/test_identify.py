@@ -89,6 +89,7 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Path]:
     return identify("strip", CONFIG, [data], fit=FIT, hold_out=[other], out=folder / "out"), folder
 
 
+@pytest.mark.slow
 def test_the_truth_lies_in_the_intervals(fitted: tuple[Any, Path]) -> None:
     found, _ = fitted
     for p, value, half, before in zip(found.parameters, found.values, found.uncertainty.half, found.start, strict=True):
@@ -135,6 +136,7 @@ def test_what_is_written(fitted: tuple[Any, Path]) -> None:
     assert (out / "one.png").stat().st_size > 10_000 and (out / "two.png").is_file()
 
 
+@pytest.mark.slow
 def test_what_only_ratios_tell_is_named(fitted: tuple[Any, Path]) -> None:
     """With the hub's angle prescribed all masses and stiffnesses can be as many times as large as one likes."""
     _, folder = fitted
@@ -157,6 +159,7 @@ def test_what_only_ratios_tell_is_named(fitted: tuple[Any, Path]) -> None:
     assert stopped.at_bound == ("m",) and set(stopped.unidentifiable) == {"EI", "m", "payload"}
 
 
+@pytest.mark.slow
 def test_a_prior_tells_what_the_log_cannot(fitted: tuple[Any, Path]) -> None:
     _, folder = fitted
     mass = arms.named("strip").links[0].section.m
@@ -168,6 +171,7 @@ def test_a_prior_tells_what_the_log_cannot(fitted: tuple[Any, Path]) -> None:
     assert half[1] < 0.04 * mass
 
 
+@pytest.mark.slow
 def test_an_interrupted_fit_goes_on(fitted: tuple[Any, Path], tmp_path: Path) -> None:
     _, folder = fitted
     arm = arms.named("strip")
@@ -192,6 +196,7 @@ def test_an_interrupted_fit_goes_on(fitted: tuple[Any, Path], tmp_path: Path) ->
     assert "best" not in Solver(other, state=tmp_path / "fit.json").state
 
 
+@pytest.mark.slow
 def test_cli(fitted: tuple[Any, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from flexarm_env.cli.parser import main
 
@@ -301,6 +306,7 @@ def test_a_quick_filter_of_a_sensor_is_none_to_the_oscillator(order: int) -> Non
         assert np.abs(Oscillator(1.0, 0.1, (1.0,), law).predict(run) - bare).max() < 1e-7 * np.abs(bare).max()
 
 
+@pytest.mark.slow
 def test_an_arm_that_one_oscillator_beats_is_no_good_fit(fitted: tuple[Any, Path]) -> None:
     """A stiffness that is held and 3 % wrong."""
     arm = truth()

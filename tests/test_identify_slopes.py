@@ -117,17 +117,20 @@ def compare(made: Experiment, run: Log, limit: float = 1e-6, step: float = 2e-3)
             assert error <= limit * scale, (p.path, name, error / scale)
 
 
+@pytest.mark.slow
 def test_of_a_prescribed_hub() -> None:
     made = experiment((*LINK, *READ, *AROUND, "inputs.joint0.gain", "inputs.joint0.offset"), "joint0")
     compare(made, log("joint0", 2.0))
 
 
+@pytest.mark.slow
 def test_of_a_torque() -> None:
     """Slopes of the torque jump at each sample; the hub is free, and what it is made of counts."""
     made = experiment(("links[0].section.EI", "hub_inertia", "tau_d", "inputs.torque0.gain", *AROUND[1:3]), "torque0")
     compare(made, log("torque0", 3.0))
 
 
+@pytest.mark.slow
 def test_next_to_a_bound_they_are_of_one_side() -> None:
     made = experiment(("payload.mass",), "joint0")
     bound = dataclasses.replace(made.parameters[0], low=float(made.start[0]))
@@ -138,6 +141,7 @@ def test_next_to_a_bound_they_are_of_one_side() -> None:
         assert np.abs(beside[name] - column).max() <= 1e-6 * np.abs(column).max() + 1e-10
 
 
+@pytest.mark.slow
 def test_what_has_no_derivative_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     made, run = experiment(("payload.mass",), "joint0"), log("joint0", 2.0)
     sizes = np.array([made.parameters[0].size])

@@ -68,6 +68,7 @@ def compare(made: Experiment, run: Log, limit: float, step: float) -> None:
             assert np.abs(found[name][:, k] - column).max() <= limit * scale, (p.path, name)
 
 
+@pytest.mark.slow
 def test_derivatives_of_prescribed_joints() -> None:
     """Steps of 1.25 ms: of 5 ms the error is 16 times as large, for a step's end depends on Newton's way, rotations not
     adding up, which no derivative knows of."""

@@ -76,6 +76,7 @@ def test_the_tip_alone_a_margin_and_the_price_of_a_wall() -> None:
     assert total > 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["plane", pytest.param("space", marks=pytest.mark.slow)])
 def test_single_and_vector_agree_to_the_last_bit(kind: str) -> None:
     env_id, keywords = KINDS[kind]

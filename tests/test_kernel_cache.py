@@ -63,6 +63,7 @@ for k in range(300):
 """
 
 
+@pytest.mark.slow
 def test_processes_that_write_one_file_never_tear_it(folder: Path) -> None:
 
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
@@ -245,6 +246,7 @@ def test_without_a_cache_it_runs(trouble: str, monkeypatch: pytest.MonkeyPatch, 
     assert not folder.exists() or not list(folder.iterdir()), "nothing is half kept"
 
 
+@pytest.mark.slow
 @compiled_only
 def test_an_edited_source_is_compiled_anew(tmp_path: Path) -> None:
     """A kernel outside the package, whose own file changes, or that of one that it calls, or a number that it reads."""
@@ -274,6 +276,7 @@ def test_every_source_that_kernels_are_made_of_is_in_the_stamp() -> None:
     assert len(found) > 50 and {file for file in found if not file.startswith("<layout ")} <= sources
 
 
+@pytest.mark.slow
 def test_former_names_work_with_a_warning(tmp_path: Path) -> None:
     """Those of Numba, which earlier releases were compiled by."""
     lines = "from tests.test_kernel_cache import twice; from flexarm_env.compiler import *"
@@ -291,6 +294,7 @@ def test_former_names_work_with_a_warning(tmp_path: Path) -> None:
     assert "FLEXARM_COMPILER = 'plain': must be 'llvm' or 'python'" in wrong.stderr
 
 
+@pytest.mark.slow
 @compiled_only
 def test_what_a_kernel_reads_of_other_files(tmp_path: Path) -> None:
     """Of another file: a constant of a module, a default, a constant of a class, one that Python reads while the kernel

@@ -68,6 +68,7 @@ def compare(env: Any, arm: Arm, seed: int, periods: int, most: float = 0.7) -> i
     return k + 1
 
 
+@pytest.mark.slow
 @needs_c
 @pytest.mark.parametrize(("env_id", "keywords"), CASES)
 def test_bits(env_id: str, keywords: dict[str, Any], tmp_path: Path) -> None:
@@ -121,6 +122,7 @@ def same_derivatives(env: Any, arm: Arm) -> None:
     periods.close()
 
 
+@pytest.mark.slow
 @needs_c
 @pytest.mark.parametrize(
     ("env_id", "keywords"),
@@ -290,6 +292,7 @@ except OSError as error:
 """
 
 
+@pytest.mark.slow
 @needs_c
 def test_a_disk_that_is_full_and_a_compiler_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     done = python("-c", FULL, cwd=tmp_path)

@@ -133,6 +133,7 @@ simulate(scene, "elastica", dt=5e-8, sample=20.0, estimate_error=False)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_a_long_run_hears_an_interruption() -> None:
     """Minutes of compiled steps between two samples."""

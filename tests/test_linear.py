@@ -116,6 +116,7 @@ def test_a_period_shorter_than_the_step_is_made_with_its_own() -> None:
     np.testing.assert_allclose(made[slow], exact[slow], rtol=1e-4)
 
 
+@pytest.mark.slow
 @every(ALL, slow=("segments", "modes", "geometrically_exact"))
 def test_outputs_and_names(formulation: str, options: dict[str, Any]) -> None:
     simulation = moving("two_link_motion", formulation, options)
@@ -247,6 +248,7 @@ def test_damping_of_a_slender_beam(tau_d: float, clamped: bool) -> None:
         assert damped.damping[1:5] == pytest.approx(0.5 * tau_d * undamped[1:5], rel=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spin", [0.0, pytest.param(6.0, marks=pytest.mark.slow)])
 def test_damping_of_a_bent_or_spinning_slender_beam(spin: float) -> None:
     """About a posture that gravity bends by 0.3 L, and in rotation: the elastica's, which has no fast poles."""

@@ -323,6 +323,7 @@ def test_frequencies_with_rigid_ends(method: str, clamped: Any) -> None:
     np.testing.assert_allclose(found, ritz_frequencies(arm, 3, hinged=clamped == ()), rtol=5e-4)
 
 
+@pytest.mark.slow
 @methods("exact", "segments", "modes")
 def test_joints_poses_shapes_and_reach_agree(method: str) -> None:
     formulation, options = METHODS[method]

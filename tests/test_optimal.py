@@ -131,6 +131,7 @@ def test_of_one_link_the_least_time_is_that_of_linear_programming(strip):
     assert np.abs(motion.controls).max() <= 1.0
 
 
+@pytest.mark.slow
 def test_least_effort_keeps_its_bounds_and_costs_more_for_them(two):
     start, goal = two.rest(np.array([[0.0, 0.2]])), two.rest(np.array([[0.8, -0.4]]))
     bounds = optimal.Bounds(torque=0.6, joints=[(-0.05, 0.85), (-0.45, 0.25)], deflection=0.06)
@@ -268,6 +269,7 @@ def test_it_slews_and_hands_over_to_its_regulator():
     assert errors[60:].max() < 0.035 and errors[-1].max() < 0.01 and regulated.all()
 
 
+@pytest.mark.slow
 def test_arms_that_the_model_loses_do_not_hold_the_others_up(monkeypatch):
     """Two plans are made at once with theirs, and are as without it; one of no arm is given up."""
     env = gym.make_vec("TwoLinkFlexArm-v0", num_envs=3, vectorization_mode="vector_entry_point")

@@ -66,6 +66,7 @@ def test_virtual_work_is_lagranges_equations_of_the_energies(features: tuple[str
     assert apart[0] > 10.0 * apart[1]  # places are integrals of rotations that are of fourth order
 
 
+@pytest.mark.slow
 def test_a_free_arm_of_the_oracle_keeps_its_momentum_and_energy() -> None:
     scene = dataclasses.replace(matrix.scene_of(("elbow", "free flight", "payload")), rates=(2.0, 0.0))
     arm = dataclasses.replace(scene.arm, tau_d=0.0)

@@ -33,6 +33,7 @@ def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.mark.slow
 def test_wheel_holds_every_file_of_the_package(dist: Path) -> None:
     """And the configs of the checkout, under the package's data."""
     (wheel,) = dist.glob("*.whl")

@@ -219,6 +219,7 @@ def test_every_word_gives_the_same_bits_uncompiled(tmp_path: Path) -> None:
     assert told[0] == told[1] and "[ 2.  4.  6." in told[0], "the array that was put in the place of z is read"
 
 
+@pytest.mark.slow
 def test_nothing_loads_another_compiler(tmp_path: Path) -> None:
     """Numba least of all, by which earlier releases were compiled; `tests.versions` tries where it is not installed."""
     lines = "import sys, gymnasium as gym, flexarm_env; from flexarm_env import linear, named, simulate"

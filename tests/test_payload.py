@@ -58,6 +58,7 @@ EACH = [name if name == "elastica" else pytest.param(name, marks=pytest.mark.slo
 """In every run of the tests, and the rest in the slow lane: kernels take long to compile."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", EACH)
 def test_frequencies_of_a_cantilever(method: str) -> None:
     formulation, options = METHODS[method]

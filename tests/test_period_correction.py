@@ -44,6 +44,7 @@ def corrected(name: str, **options: Any) -> tuple[float, float]:
     return errors[0], errors[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [2, *(pytest.param(order, marks=pytest.mark.slow) for order in (1, 3))])
 def test_inertia_is_what_the_residual_has(order: int) -> None:
     scene = Scene("chain", CHAIN, duration=1.0, dt=0.01, loads=(PointLoad(1, "tip", force_y=constant(1.0)),))
@@ -57,6 +58,7 @@ def test_inertia_is_what_the_residual_has(order: int) -> None:
     assert np.abs(found - (with_a - without)).max() < 1e-13 * np.abs(found).max()
 
 
+@pytest.mark.slow
 def test_a_small_vibration_keeps_its_period() -> None:
     """A cantilever's first mode, from the eigenvalues of a step: (omega h)^3 / 12 of phase without, next to nothing
     with the correction, and of two orders more."""
@@ -75,6 +77,7 @@ def test_a_small_vibration_keeps_its_period() -> None:
     assert (np.log2(kept[:-1] / kept[1:]) > 4.4).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tau_d", [0.0, 0.02])
 def test_stable_at_any_step(tau_d: float) -> None:
     """No vibration about rest grows at rho_inf = 1, whether steps resolve all of them or none."""

@@ -65,6 +65,7 @@ def test_trajectory(kind: str, runs: dict[str, Trajectory], drawn: list[Figure],
     assert len(labels) >= 8
 
 
+@pytest.mark.slow
 def test_labels_do_not_cover_each_other(runs: dict[str, Trajectory], drawn: list[Figure], tmp_path: Path) -> None:
     for run in runs.values():
         plotting.plot_trajectory(run, tmp_path / "run.png")
@@ -170,6 +171,7 @@ def test_spectrum_finds_the_arms_frequency(runs: dict[str, Trajectory], drawn: l
     assert "1 to 9 s" in " ".join(texts(drawn[1]))
 
 
+@pytest.mark.slow
 def test_all_of_a_run(runs: dict[str, Trajectory], tmp_path: Path) -> None:
     paths = plotting.plot_all(runs["pinned"], tmp_path / "new", reference("robot_arm_motion").columns, "svg")
     assert [path.name for path in paths] == ["shapes.svg", "energies.svg", "spectrum.svg"]

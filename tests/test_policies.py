@@ -43,6 +43,7 @@ def test_packaged_policies_equal_their_models(name):
     assert export_policy.difference(control.load_policy(name), model, normaliser) < 1e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "keywords", "says"),
     [
@@ -60,6 +61,7 @@ def test_a_policy_whose_actions_mean_other_torques_is_refused(name, keywords, sa
         policy.check(setup)
 
 
+@pytest.mark.slow
 def test_a_policy_that_names_no_share_was_trained_with_the_usual_one():
     policy = control.load_policy("two_link_robust")
     del policy.meta["env_kwargs"]["residual_share"]

@@ -43,6 +43,7 @@ def turned(arm: Arm, **options: Any) -> tuple[float, dict[str, Any]]:
     return math.atan2(y, x), info
 
 
+@pytest.mark.slow
 def test_an_elastica_of_any_stiffness_is_right() -> None:
     """It turned by 1.206, -0.113 and 0.000 rad at 1e9, 1e10 and 1e12 times the strip's EI, with negative energies."""
     for factor in (1e6, 1e8, 3e8, 1e9, 1e10):
@@ -53,6 +54,7 @@ def test_an_elastica_of_any_stiffness_is_right() -> None:
             assert info["energy_kinetic"] == pytest.approx(info["work"], rel=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["geometrically_exact", pytest.param("floating_frame", marks=pytest.mark.slow)])
 def test_stiff_sections_are_right(formulation: str) -> None:
     """The exact beam turned by 1.513 and 0.543 rad at 1e6 and 1e8; floating frames of stiff EA alone were lost."""
@@ -64,6 +66,7 @@ def test_stiff_sections_are_right(formulation: str) -> None:
     assert turned(stiff(1e9, 1.0), formulation=formulation)[0] == pytest.approx(RIGID, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_long_steps_with_stiff_sections_are_right_or_said_to_have_failed() -> None:
     """At dt = 0.02 s, EA times 30 and 100: 1.518 and 1.777 rad where 1.449 is right."""
     for factor in (30.0, 100.0, 1e6):

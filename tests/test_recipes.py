@@ -33,6 +33,7 @@ def test_there_is_a_recipe_for_each() -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "mode"), [*((name, "python") for name in RECIPES), ("A task", "llvm")])
 def test_recipe(name: str, mode: str, tmp_path: Path) -> None:
     """Uncompiled, which takes seconds; a task, whose functions are a stranger's, compiled too."""

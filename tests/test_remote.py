@@ -248,6 +248,7 @@ def test_periods_are_due_by_the_clock(monkeypatch: pytest.MonkeyPatch) -> None:
     assert np.array(server.times)[:3, 0].tolist() == [0.01, 0.02, 0.03]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", [None, KEY])
 def test_enemies(key: bytes | None) -> None:
     """100,000 of all kinds (`benchmarks.doors`): each accepted, dropped for a reason that is counted, or missing."""
@@ -558,6 +559,7 @@ def test_a_function_in_python_drives(server: Server, tmp_path: Path, monkeypatch
     assert server.session.counts["accepted"] > 10 and server.session.readings()[0] > start + 1e-3  # it turns
 
 
+@pytest.mark.slow
 def test_a_served_arm_that_is_terminated_leaves_its_log_whole(tmp_path: Path) -> None:
     """Also where Ctrl-C is ignored, as by what a shell starts behind it."""
     log = tmp_path / "run.csv"

@@ -328,6 +328,7 @@ sys.exit(main(["play", "--policy", "pd", "--env-kwargs", '{"duration": 0.2}', "-
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [".mp4", ".gif"])
 def test_a_film_that_finds_no_room_is_a_sentence(ending: str, tmp_path: Path) -> None:
     """What ffmpeg could not write it does not say: half a film used to be left, as if it were one."""

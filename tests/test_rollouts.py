@@ -102,6 +102,7 @@ def test_wrong_shapes_are_told(arms: Arms) -> None:
     refuses(r"rewards.shape = \(3, 1\): must be \(3, 9\)", lambda: run.vjp(rewards=np.zeros((3, 1))))
 
 
+@pytest.mark.slow
 def test_parameters_over_a_rollout() -> None:
     """Payload, EI factor, damping and torque constant of each arm against differences. Found: 3e-10."""
     many = Arms(

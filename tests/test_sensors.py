@@ -276,6 +276,7 @@ def test_vector_is_the_single_environment_with_every_sensor() -> None:
     assert assert_pair_same(pair(ONE, 4, max_episode_steps=9, **ALL), 30) >= 8
 
 
+@pytest.mark.slow
 def test_an_environment_reads_by_the_laws_of_a_scene() -> None:
     """The same motion, measured by both; without chance."""
     quiet = {
@@ -299,6 +300,7 @@ def test_an_environment_reads_by_the_laws_of_a_scene() -> None:
     np.testing.assert_allclose(found["hub_sin"], np.sin(expected["hub_angle"][:81]), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_states_hold_what_sensors_remember() -> None:
     env = gym.make(ONE, **ALL)
     episode(env, 0, 6)

@@ -154,6 +154,7 @@ def _taken(arm: Drawn) -> tuple[float, float, float]:
     return power - rate, float(_lost(SINGLE, arm.model, arm.par, arm.q, arm.v)), power
 
 
+@pytest.mark.slow
 @GEARED_CHAINS
 def test_power_of_geared_joints_is_the_rate_of_the_energy(levers: bool, how: str) -> None:
     """The same with rotors, gears and friction: gyroscopic moments of rotors do no work; what is lost is counted."""
@@ -200,6 +201,7 @@ def test_a_factor_is_that_on_the_sections(levers: bool, how: str, name: str, she
 NEAR = pytest.mark.parametrize(("bent", "moving", "most"), [(0.0, 0.0, 1e-6), (1e-3, 0.1, 1e-3), (0.01, 0.3, 0.05)])
 
 
+@pytest.mark.slow
 @GEARED_CHAINS
 @NEAR
 def test_the_iteration_matrix_of_geared_joints(levers: bool, bent: float, moving: float, most: float, how: str) -> None:
@@ -270,6 +272,7 @@ def test_circles_and_tubes() -> None:
 
 
 # ------------------------------------------------------------------ statics
+@pytest.mark.slow
 @pytest.mark.parametrize("GJ", answers.BENT_45)
 def test_bend_of_45_degrees(GJ: float) -> None:
     coarse, fine = (answers.bend_of_45_degrees(GJ, elements=n) for n in (16, 32))
@@ -285,6 +288,7 @@ def test_bend_of_45_degrees_in_second_order_by_segments() -> None:
     assert all(a / b > 3.7 for a, b in pairwise(errors[1:]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", [0.0, 0.7, math.pi / 2])
 def test_a_moment_bends_a_rod_to_a_circle_in_any_plane(turn: float) -> None:
     assert answers.off_a_circle(turn, elements=6) < 1e-12 and answers.off_a_circle(turn, STRAINS, nodes=8) < 1e-6
@@ -304,12 +308,14 @@ def test_a_moment_bends_a_round_rod_to_a_helix_by_strains(nodes: int, most: floa
     assert answers.off_a_helix(1e6, STRAINS, nodes=nodes) < most
 
 
+@pytest.mark.slow
 def test_a_link_of_uneven_curvature_stands_on_its_curve() -> None:
     link = fx.Link(1.0, answers.section(2.0, 1.0), curvature=((0.0, 3.0), (0.4, -1.0), (1.0, 2.0)))
     found, known = answers.rest(fx.Arm("bent", (link,)), elements=5), complex(link.place(1.0))
     assert found == pytest.approx([known.real, known.imag, 0.0], abs=1e-10)
 
 
+@pytest.mark.slow
 def test_lateral_torsional_buckling() -> None:
     for stiff, how in ((1e9, {"elements": 16}), (1e6, {"formulation": STRAINS, "nodes": 8})):
         assert answers.buckling(3.9, 4.1, stiff, **how) == pytest.approx(answers.BUCKLES, rel=2e-3)
@@ -325,6 +331,7 @@ def test_lateral_torsional_buckling_in_second_order_by_segments() -> None:
 
 
 # ------------------------------------------------------------------ modes
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("how", "mesh", "shares"),
     [
@@ -344,6 +351,7 @@ def _often(spin: float, how: str, n: int) -> Any:
     return pytest.param(spin, how, {mesh: n}, marks=[pytest.mark.slow] if slow else [], id=f"{spin:g}, {how}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spin", "how", "mesh"),
     [
@@ -357,6 +365,7 @@ def test_flap_and_lag_of_a_rotating_cantilever(spin: float, how: str, mesh: dict
     assert found == pytest.approx(answers.lag_and_flap(spin), rel=2e-4)
 
 
+@pytest.mark.slow
 def test_whirl_of_a_shaft_splits_by_its_polar_inertia() -> None:
     """Spun about its own axis, seen from rest."""
     spin = 0.2
@@ -365,6 +374,7 @@ def test_whirl_of_a_shaft_splits_by_its_polar_inertia() -> None:
     assert apart == pytest.approx(answers.split_of_whirls(spin), rel=0.02)
 
 
+@pytest.mark.slow
 def test_three_dof_has_a_torsion_mode_between_those_of_pitch() -> None:
     """Elbow at 90 degrees: pitch 2.12 and 5.76 Hz, and between them the second strip on the first one's torsion."""
     scene = fx.Scene("t", arms.named("three_dof"), duration=1.0, dt=1e-3, angles=(0.0, math.pi / 2, -math.pi / 2))
@@ -373,6 +383,7 @@ def test_three_dof_has_a_torsion_mode_between_those_of_pitch() -> None:
 
 
 # ------------------------------------------------------------------ motion
+@pytest.mark.slow
 def test_a_rigid_body_turns_as_euler_has_it() -> None:
     """In second order; the flip is in the time shown."""
     errors = []
@@ -401,6 +412,7 @@ def test_a_planar_scene_in_a_drawn_plane_is_the_same_turned(seed: int) -> None:
     assert np.abs(one.joint_angles - other.joint_angles).max() < 1e-8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("what", "ratio"), [("motion", 12.0), ("flight", 4.0)])
 def test_space_comes_to_the_plane_with_the_mesh(what: str, ratio: float) -> None:
     """Spatial kernels forced on a planar scene, against the planar exact beam on a fine mesh: fourth order in gross
@@ -424,6 +436,7 @@ _STRIP = fx.Section.rectangle(0.05, 0.01, 70e9, 2700.0, 26e9)
 _TUBE = fx.Section.tube(0.02, 0.002, 70e9, 2700.0, 26e9)
 
 
+@pytest.mark.slow
 def test_a_jump_of_the_section_is_the_same_in_space() -> None:
     """Frequencies in the plane, joint free and held, by the planar kernels: among those of the spatial ones."""
     arm = fx.Arm("a", (fx.Link(0.8, ((0.0, _STRIP), (0.3, _STRIP), (0.3, _TUBE), (0.8, _TUBE))),))
@@ -436,6 +449,7 @@ def test_a_jump_of_the_section_is_the_same_in_space() -> None:
             assert float(np.abs(found / omega - 1.0).min()) < 1e-3, (held, omega)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [EXACT, pytest.param(FLOATING, marks=pytest.mark.slow)])
 def test_a_free_arm_keeps_its_momentum(how: str) -> None:
     """Bounded without drift, and of second order in the step; energy likewise, without damping."""
@@ -458,6 +472,7 @@ def test_a_free_arm_over_100_000_steps() -> None:
     assert energy[10:].max() < 3.0 * energy[:10].max()
 
 
+@pytest.mark.slow
 def test_gravity_and_loads_are_all_that_changes_linear_momentum() -> None:
     """M g t with a smooth load's impulse by the steps' own mean."""
     arm, g = arms.named("satellite_arm"), (0.0, 0.3, -1.0)
@@ -472,6 +487,7 @@ def test_gravity_and_loads_are_all_that_changes_linear_momentum() -> None:
     assert answers.momenta(arm, simulation)[:3] - before == pytest.approx(impulse, rel=1e-10, abs=1e-10)
 
 
+@pytest.mark.slow
 def test_books_balance_as_the_step_shrinks() -> None:
     """Work = energy + dissipated with damping, torques, gravity, a rigid link and moments out of the plane."""
     arm = arms.named("three_dof")
@@ -489,6 +505,7 @@ def test_books_balance_as_the_step_shrinks() -> None:
     assert balances[0] / balances[1] > 2.0
 
 
+@pytest.mark.slow
 def test_slew_of_three_dof_leaves_the_plane_by_torsion() -> None:
     """20 N m for 0.1 s each way: the tip leaves the arm's plane by 0.38 m, while a model of pitch alone says 0."""
     run = fx.simulate(everything(scenes.named("three_dof_slew")), estimate_error=False)
@@ -530,6 +547,7 @@ def test_holding_torques_carry_the_weight() -> None:
 
 
 # ------------------------------------------------------------------ files and refusals
+@pytest.mark.slow
 @pytest.mark.parametrize("name", scenes.SPATIAL)
 def test_scenes_in_space_run_and_are_written(name: str, tmp_path: Any) -> None:
     scene = scenes.named(name)
@@ -545,6 +563,7 @@ def test_scenes_in_space_run_and_are_written(name: str, tmp_path: Any) -> None:
     assert head.startswith("t,energy,start_x,start_y,start_z,tip_x,tip_y,tip_z")
 
 
+@pytest.mark.slow
 def test_all_figures_of_a_run_in_space(tmp_path: Any) -> None:
     from flexarm_env.envs.video import pictures, write_film
     from flexarm_env.plotting import plot_all

@@ -21,6 +21,7 @@ ID = "SpatialFlexArm-v0"
 COARSE: dict[str, Any] = {"elements": 1, "dt": 0.005}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "keywords"), [("lqr", {}), ("lqg", MEASURED)])
 def test_regulator_and_filter_about_a_bent_rest(name: str, keywords: dict[str, Any]) -> None:
     controller, angles = control.make(name, gym.make(ID, **keywords)), np.array([0.3, 0.7, -0.5])
@@ -81,6 +82,7 @@ def test_inertia_of_the_rigid_arm_is_that_of_its_boxes() -> None:
     assert 0.5 * rates @ inertia @ rates == pytest.approx(energy, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_shaped_commands_leave_the_arm_still() -> None:
     """Without weight, from rest: what the strips still move by behind the reference, beside that of one impulse."""
     env: Any = gym.make(ID, gravity=(0.0, 0.0, 0.0), dt=0.0025)
@@ -106,6 +108,7 @@ def test_shaped_commands_leave_the_arm_still() -> None:
     assert controller.delays.max() == 0.0
 
 
+@pytest.mark.slow
 def test_gains_of_pd_have_a_margin() -> None:
     """On the linear arm about drawn goals, torques held over control periods: gains 1.6 times as large are stable."""
     controller: Any = control.make("pd", gym.make(ID))
@@ -123,6 +126,7 @@ def test_gains_of_pd_have_a_margin() -> None:
             assert np.abs(np.linalg.eigvals(loop)).max() < 1.0 + 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "keywords", "periods"),
     [
@@ -146,6 +150,7 @@ def test_reaches_settle(name: str, keywords: dict[str, Any], periods: int) -> No
     assert info["is_success"].all()
 
 
+@pytest.mark.slow
 def test_goals_that_encoders_tell_are_those_of_the_targets_place() -> None:
     """From the upright arm, by joint errors and by the way to the target; they hold the sagging tip there."""
     goals, errors = [], np.array([0.3, 0.7, -0.5])
@@ -177,6 +182,7 @@ def plant() -> Any:
     return dynamics("three_dof", 0.02, gravity=(0.0, 0.0, -9.81))
 
 
+@pytest.mark.slow
 def test_periods_of_the_elastica_rest_where_the_arm_does_and_their_derivatives_are_differences(plant: Any) -> None:
     angles, rng, arm = np.array([[0.3, 0.7, -0.5], [-1.0, -0.4, 1.1]]), np.random.default_rng(0), plant.arm
     plant = SpatialDynamics(arm, 0.02, 3, plant.gravity)
@@ -201,6 +207,7 @@ def test_periods_of_the_elastica_rest_where_the_arm_does_and_their_derivatives_a
         assert np.einsum("n...s,ns->n...", of(x)[1], way) == pytest.approx(slope, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_plan_in_space_goes_round_a_ball_that_is_in_the_way(plant: Any) -> None:
     start, goal = plant.rest([[0.0, 0.5, 0.3]]), plant.rest([[0.9, 0.5, 0.3]])
     free = optimal.least_effort(plant, start, goal, 40)

@@ -30,6 +30,7 @@ FREE = fx.Arm(
 )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_it_is_the_planar_elastica_in_a_drawn_plane() -> None:
     """Two links that fall and bend by far; of converged strains and small steps, mounted in a drawn plane."""
     s, g = answers.section(5.0, 2.0, 9.0), np.array([0.0, -9.81, 0.0])
@@ -49,6 +50,7 @@ def test_it_is_the_planar_elastica_in_a_drawn_plane() -> None:
     assert np.abs(turn.inv().apply(found) - np.column_stack([flat, 0.0 * flat[:, 0]])).max() < 2e-6
 
 
+@pytest.mark.slow
 def test_its_order_in_time_is_two_and_it_agrees_with_the_exact_beam() -> None:
     scene = scenes.named("three_dof_slew")
     scene = everything(dataclasses.replace(scene, duration=0.2, sample=0.02))
@@ -63,6 +65,7 @@ def test_its_order_in_time_is_two_and_it_agrees_with_the_exact_beam() -> None:
     assert np.abs((4.0 * c - b) / 3.0 - other).max() < 3e-4 * scene.arm.total_length
 
 
+@pytest.mark.slow
 def test_its_estimate_knows_what_weight_shears() -> None:
     """A link that hardly bends under a weight, and is sheared by it: the softest bending is another one."""
     soft = fx.Section(1.0, 200.0, 60.0, 1.0, 1e-3, EI_y=500.0, C_y=60.0, J_y=1e-3, GJ=5.0)
@@ -89,6 +92,7 @@ def test_energy_of_a_free_arm_does_not_drift() -> None:
     assert np.ptp(energy) < 0.01 * energy.mean()
 
 
+@pytest.mark.slow
 def test_momentum_of_a_free_arm() -> None:
     """Of an arm that was pushed: sum of inertial forces of its rates, M v, which `conserve` keeps, to round-off."""
     load = fx.PointLoad(0, "root", force_y=pulse(3.0, 0.1), torque_x=pulse(0.2, 0.1))
@@ -105,6 +109,7 @@ def test_momentum_of_a_free_arm() -> None:
     assert np.ptp(found, axis=0).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_it_is_linearised_about_a_sagging_rest() -> None:
     """Eigenvalues of the state space under gravity, joints held by torques: two of four joints' are unstable."""
     scene = fx.Scene(

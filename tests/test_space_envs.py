@@ -207,6 +207,7 @@ def test_gymnasium_checks_it_and_bad_actions_end_an_episode() -> None:
     assert all(np.array_equal(a, b) for a, b in list(pairs)[:2])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("settings", "most"), [({"elements": 1, "dt": 5e-4, "tolerance": 1e-7}, 0.01), ({}, 0.1)])
 def test_full_torques_stay_sound(settings: dict[str, Any], most: float) -> None:
     """Bang-bang: no episode fails, energy keeps its books, and Newton's method takes few iterations."""
@@ -257,6 +258,7 @@ def test_features_carry_over() -> None:
     assert np.linalg.norm(info["push"], axis=1) == pytest.approx([0.2] * 3)
 
 
+@pytest.mark.slow
 def test_strains_of_both_bendings_cost_beyond_a_limit() -> None:
     """Told by gauges at the stations; strips of 50 mm by 2 mm."""
     spots = [(k, place, what) for k in (1, 2) for place in (0.0, 0.25, 0.5, 0.75) for what in ("xy", "xz")]
@@ -302,6 +304,7 @@ def test_strain_at_rest_is_that_of_the_weight() -> None:
     assert costs == [0.0, 1.0, 0.0]
 
 
+@pytest.mark.slow
 def test_drawn_stiffnesses() -> None:
     """EI is on both bendings, EI_y and GJ each on their own besides; what else is drawn stays; in the plane refused."""
     both: dict[str, Any] = {"EI": (0.5, 1.5), "payload_inertia": (1.0, 1.0)}

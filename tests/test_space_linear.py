@@ -31,6 +31,7 @@ def bent(**changes: Any) -> fx.Scene:
     ))  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_model_about_a_bent_rest_has_its_modes_and_is_controllable() -> None:
     """Eigenvalues are those of `modes`; each of the six slowest motions is moved by the torques (Hautus)."""
     rest = static_equilibrium(bent(), elements=2)
@@ -128,6 +129,7 @@ def test_a_planar_arm_in_space_has_the_planar_model_s_answer() -> None:
 FRAMES = pytest.param({"formulation": "floating_frame", "segments": 1}, marks=pytest.mark.slow)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{"elements": 1}, FRAMES])
 def test_whirl_of_an_overhung_disc(options: dict[str, Any], tmp_path: Path) -> None:
     """Seen from rest. Damping within the shaft makes the forward whirl grow from the spin on that it whirls at (Kimball
@@ -143,6 +145,7 @@ def test_whirl_of_an_overhung_disc(options: dict[str, Any], tmp_path: Path) -> N
     assert plot_campbell(found, tmp_path / "disc.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_a_blade_has_flap_in_both_frames_and_lag_in_its_own(tmp_path: Path) -> None:
     """Seen from rest lag has two frequencies, spin +- its own; in the plane it is that of the planar beam."""
     blade = fx.Section(EI=1.0, EA=1e6, C=1e6, m=1.0, J=1e-4, EI_y=3.0, C_y=1e6, J_y=3e-4, GJ=1e3)
@@ -159,6 +162,7 @@ def test_a_blade_has_flap_in_both_frames_and_lag_in_its_own(tmp_path: Path) -> N
     refuses(r"spin = 1\.0: needs a pinned root and no gravity", lambda: campbell(bent(), (1.0,)))
 
 
+@pytest.mark.slow
 def test_what_a_spatial_linear_model_refuses() -> None:
     scene = bent()
     for make, words in (

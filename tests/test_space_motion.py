@@ -30,6 +30,7 @@ def root_of(run: Any, at: int) -> np.ndarray:
     return np.asarray(matrices(of_quaternions(run.link_rotations[at : at + 1, 0, 0]))[0])
 
 
+@pytest.mark.slow
 def test_a_given_path_is_seen_and_paid_as_a_scene_beside_has_it() -> None:
     """Torques held for 50 ms in fine steps; what the path adds to the entries, and the speed that counts."""
     env = gym.make("SpatialFlexArm-v0", task="track", reference=PATH, elements=1, dt=2e-4, tolerance=1e-9)
@@ -60,6 +61,7 @@ def test_a_given_path_is_seen_and_paid_as_a_scene_beside_has_it() -> None:
     assert reward == pytest.approx(sum(x for name, x in info.items() if name.startswith("reward_")))
 
 
+@pytest.mark.slow
 def test_who_goes_with_the_target_succeeds() -> None:
     """A rigid tip can be no nearer: rest at a target that stands, where the same place under a moving one is none."""
     start = (0.2, 0.7, -0.4)
@@ -73,6 +75,7 @@ def test_who_goes_with_the_target_succeeds() -> None:
         assert info["is_success"] is won
 
 
+@pytest.mark.slow
 def test_drawn_circles_and_lines() -> None:
     """Their numbers within the ranges that are given, the goal's joint angles on the target, the rate its slope."""
     ranges = {"distance": (0.6, 0.65), "bearing": (-0.5, 1.5), "elevation": (0.5, 0.8)}
@@ -123,6 +126,7 @@ def test_drawn_circles_and_lines() -> None:
     assert np.ptp(np.sign(np.array(normals)), axis=0).all()
 
 
+@pytest.mark.slow
 def test_encoders_turn_what_is_shown_of_the_target() -> None:
     """Into the frame at the angle that the first one reads."""
     keywords: dict[str, Any] = {"task": "track", "reference": PATH, **COARSE}
@@ -176,6 +180,7 @@ def test_wrong_paths_are_refused(reference: Any, words: str) -> None:
     refuses(words, lambda: gym.make("SpatialFlexArm-v0", task="track", reference=reference))
 
 
+@pytest.mark.slow
 def test_what_goes_with_a_moving_target_alone_is_refused() -> None:
     refuses(r'reference = .*task="track" only', lambda: gym.make("SpatialFlexArm-v0", reference={"path": "circle"}))
     env = gym.make("SpatialFlexArm-v0", task="track", reference=PATH, **COARSE)
@@ -207,6 +212,7 @@ def replayed(env: Any, run: Any, periods: int, action: np.ndarray = STILL) -> No
         assert seen[-6:] == pytest.approx(np.array(ways), abs=1e-6)
 
 
+@pytest.mark.slow
 def test_an_episode_of_prescribed_motion_is_simulate() -> None:
     """Reactions to the last bit, and what they work against: motors' work is what energies and damping come to."""
     env: Any = gym.make("SpatialFlexArm-v0", task="replay", motion=TURNS, info_level="full", **COARSE)
@@ -225,6 +231,7 @@ def test_an_episode_of_prescribed_motion_is_simulate() -> None:
     assert np.abs(energy - energy[0] - work).max() < 5e-3 * np.abs(work).max()
 
 
+@pytest.mark.slow
 def test_joints_that_are_left_free_take_torques() -> None:
     """As loads from t = 0 on; that the arm is let go before they set in differs by h^3 (6e-4 N m at 5 ms)."""
     env: Any = gym.make("SpatialFlexArm-v0", info_level="full", elements=1, dt=0.001, tolerance=1e-7)
@@ -241,6 +248,7 @@ def test_joints_that_are_left_free_take_torques() -> None:
         assert info["tip_position"] == pytest.approx(run.tip[at], abs=1e-8)
 
 
+@pytest.mark.slow
 def test_replays_in_a_vector_are_single_ones_and_states_go_back() -> None:
     n = 3
     many: Any = gym.make_vec("SpatialFlexArm-v0", num_envs=n, info_level="full", **COARSE)
@@ -264,6 +272,7 @@ def test_replays_in_a_vector_are_single_ones_and_states_go_back() -> None:
     assert np.array_equal(last[0], alone) and np.array_equal(last[-1]["joint_torque"], info["joint_torque"])
 
 
+@pytest.mark.slow
 def test_sensors_read_a_replay_as_its_trajectory() -> None:
     gauges = [(1, 0.0), {"link": 2, "place": 0.3, "measures": "torsion"}, {"link": 1, "place": 0.1, "measures": "xz"}]
     names = ["strain_gauge_1", "strain_gauge_2", "strain_gauge_3", "hub_sin"]

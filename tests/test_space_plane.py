@@ -54,6 +54,7 @@ def same_in_the_plane() -> fx.Scene:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["geometrically_exact", "floating_frame", "elastica"])
 def test_an_arm_in_x_z_is_the_planes_to_the_last_bit(formulation: str) -> None:
     plane, space = (fx.simulate(s, formulation, estimate_error=False) for s in (same_in_the_plane(), pitch()))
@@ -131,6 +132,7 @@ def both(scene: fx.Scene) -> list[Any]:
 RATES = ("rates", "torque", "velocity")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [turned, *(pytest.param(f, marks=pytest.mark.slow) for f in (pitch, carried, flying))])
 def test_it_is_what_the_spatial_kernels_say(make: Any) -> None:
     scene = make()
@@ -144,6 +146,7 @@ def test_it_is_what_the_spatial_kernels_say(make: Any) -> None:
             assert a.shape == b.shape and np.abs(a - b).max() < limit * size[name], name
 
 
+@pytest.mark.slow
 def test_what_is_read_off_it_and_kept(tmp_path: Any) -> None:
     """Sensors of both bendings and of torsion, the page, pictures, files; nothing of a link's width is guessed."""
     run, space = both(dataclasses.replace(turned(), duration=0.1, sample=0.005))

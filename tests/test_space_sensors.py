@@ -58,6 +58,7 @@ def test_gauges_of_a_helix(how: str, mesh: dict[str, int], GJ: float, most: floa
             assert found[f"strain_gauge_{3 * i + j + 1}"][0] == pytest.approx(wanted[what], abs=most), (place, what)
 
 
+@pytest.mark.slow
 def test_strains_are_curvatures_times_distances() -> None:
     """To the surface of either side of a strip; the shear strain needs its distance. A taper's strain is its moment
     over its stiffness there."""
@@ -114,6 +115,7 @@ def test_an_accelerometer_reads_specific_force_in_the_tip_s_own_axes(speed: floa
     assert np.abs(specific_force(t, r, v, A, w, g)[1:] - held).max() < 20.0 * (speed**2 + 1.0) * small
 
 
+@pytest.mark.slow
 def test_a_centrifuge_and_free_fall() -> None:
     """A rigid arm that leans out by 30 degrees is spun about the vertical; a free one that tumbles falls."""
     lean, spin, length = math.radians(30.0), 4.0, 0.7
@@ -151,6 +153,7 @@ def test_a_centrifuge_and_free_fall() -> None:
     np.testing.assert_allclose(seen["gyroscope_z"], 3.0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_gyroscope_reads_the_derivative_of_the_rotation() -> None:
     """Of the whipping tip of `three_dof`, by differences of its axes; the accelerometer by those of its velocity."""
     loads = tuple(fx.JointTorque(k, sine(size, 12.0)) for k, size in enumerate((4.0, 2.0, 1.0)))

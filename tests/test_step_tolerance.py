@@ -46,6 +46,7 @@ def test_any_number_of_arms_gives_the_same_bits(env_id: str, n: int, threads: in
     assert len(found) > 1 and found <= set(range(FITS))
 
 
+@pytest.mark.slow
 def test_delayed_observations_and_fitted_steps_go_together() -> None:
     """What comes late leaves the motion as it is."""
     plain = gym.make("FlexibleArm-v0", **FITTED).unwrapped
@@ -67,6 +68,7 @@ def test_delayed_observations_and_fitted_steps_go_together() -> None:
 EXACT = {"formulation": "geometrically_exact", "dt": 0.01, "randomization": UNLIKE, "duration": 0.4}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "kwargs",
     [FITTED | {"max_iterations": 2}, pytest.param(EXACT | {"max_iterations": 3}, marks=pytest.mark.slow)],

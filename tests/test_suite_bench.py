@@ -447,6 +447,7 @@ def test_a_task_that_is_not_what_it_was_is_refused():
 
 
 # ------------------------------------------------------------------ with the real thing
+@pytest.mark.slow
 def test_controllers_files_and_models_on_a_real_task(tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch):
     """A policy.npz, the same as ONNX and as a function give the same returns; PD those of single environments."""
     pytest.importorskip("onnx")

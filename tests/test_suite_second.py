@@ -87,6 +87,7 @@ class ByHeart:
         return self.actions[self.k - 1][self.which]
 
 
+@pytest.mark.slow
 def test_what_was_learnt_by_heart_is_marked_and_what_was_not_is_not(tmp_path: Path):
     env = suite.make_vec(TASK.id, score.EPISODES)
     learnt = ByHeart(env, "time_optimal")

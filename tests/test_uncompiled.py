@@ -31,6 +31,7 @@ def stepped(name: str, count: int, options: dict[str, Any], mode: str | None = N
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(UNCOMPILED, reason="compares compiled with uncompiled")
 def test_vectors() -> None:
     """Each is what its single environments are, and the first what it is when compiled."""
@@ -49,6 +50,7 @@ def test_lanes_are_refused() -> None:
     assert "8 lanes: there is only one where compilation is disabled" in run.stderr
 
 
+@pytest.mark.slow
 def test_what_formulations_owe_the_integrator() -> None:
     """Damping forces that come from a potential, and `update` (`uncompiled_coordinates.py`)."""
     uncompiled_tests("uncompiled_coordinates.py")

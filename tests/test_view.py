@@ -221,6 +221,7 @@ def test_view_plays_a_policy_against_pd_and_their_recording(tmp_path: Path, caps
     assert np.allclose(clip.points[:, -1], load_episodes(kept)[1].infos["tip_position"], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_task_of_the_suite_shows_the_best_that_is_known(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page = tmp_path / "page.html"
     assert main(["view", "slew-measured-v2", "pd", "--seed", "10007", "--out", str(page), "--json"]) == 0

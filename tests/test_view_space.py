@@ -56,6 +56,7 @@ def test_pages_of_the_plane_have_none_of_it_and_do_not_mix() -> None:
     assert len(longer.html) < 665_000 and "one instant of" in data(longer.html)["clips"][0]["note"]
 
 
+@pytest.mark.slow
 def test_forces_torques_and_a_free_root() -> None:
     arm = named("flying_frame").arm
     loads = (PointLoad(1, "tip", constant(1.0), force_z=constant(-2.0), torque_x=constant(0.5)),)

@@ -22,6 +22,7 @@ FRAMES = ("root", "chord")
 BOTH_FRAMES = pytest.mark.parametrize("frame", FRAMES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mark", ["not slow", pytest.param("slow", marks=pytest.mark.slow)])
 def test_uncompiled(mark: str) -> None:
     """Residual, tangents, energies, losses and places against the oracle, for every mesh (`uncompiled_chain.py`)."""

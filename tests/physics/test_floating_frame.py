@@ -191,6 +191,7 @@ def test_segments_approach_the_exact_beam(segments: int, elements: int, coupling
 STUBBY = Section(EI=2.0, EA=400.0, C=80.0, m=0.5, J=0.0025)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::flexarm_env.linear.UnstableEquilibrium")
 @pytest.mark.parametrize(
     ("options", "EA"),

@@ -44,6 +44,7 @@ def test_they_are_those_of_numpy(n: int, columns: int, seed: int):
         solve(np.outer(vector, np.zeros(n)), vector)
 
 
+@pytest.mark.slow
 def test_models_have_the_same_bits_where_blas_rounds_otherwise():
     """As OpenBLAS, where NumPy has it, does for other processors."""
     built = {python("-c", BUILT, OPENBLAS_CORETYPE=kind).stdout for kind in ("Haswell", "Prescott", "SkylakeX")}
