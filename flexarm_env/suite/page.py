@@ -28,9 +28,9 @@ percentile intervals by a bootstrap over runs, stratified by tasks (none where a
 not judged on all tasks has none. A method that is missing on a task is not made for it, or was not judged there.
 Settled is the mean time until the bounds of success were kept to the end, a failure with a whole episode's length.
 Behind the best policy: by how much of a score a method's value is less, paired over the episodes of both, with half the
-width of its 95 % interval; behind it of how many episodes, where they are more than the {EPISODES}, and in brackets how
-many would bring it to {WIDTH}, where it is above. The widest of all pairs of methods stands below the scores; what is
-found beforehand, and what is below its budget, takes no part in it. A second hundred of
+width of its 95 % interval; then the number of episodes, where there are more than {EPISODES}, and in brackets how
+many would bring it to {WIDTH}, where it is above. Below the scores stands the widest of all pairs of methods, without
+what is found beforehand and what is below its budget. A second hundred of
 episodes has seeds that follow from the policy itself (`flexarm_env.suite.second`): success, settling and the value less
 PD's there, beside that on the public ones; † where both differ beyond chance (permutation test, p < {LEVEL} after Holm,
 over all runs of this page). What is a function, a model with a memory or found beforehand has the public hundred alone,
@@ -188,7 +188,7 @@ def widest(task: Task, lines: Sequence[Line]) -> float:
 
 
 def _behind(task: Task, line: Line, first: Line | None) -> str:
-    """How far a method's score is behind the first one's."""
+    """How far a method's score is behind that of the best policy, `first`."""
     found = None if first is None or line is first else gap(task, line, first)
     if found is None:
         return ""

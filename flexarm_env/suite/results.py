@@ -175,7 +175,7 @@ def _entry(task: Task, chosen: Chosen, episodes: int) -> dict[str, Any]:
 
 
 def further(task: Task, chosen: Chosen, begin: int, end: int) -> list[float]:
-    """Values of the episodes from the one of this number, as far as `end`, to three digits."""
+    """Values of the episodes of seeds FIRST + begin to FIRST + end - 1, to three decimals."""
     found: list[float] = []
     for first in range(begin, end, LOT):
         with closing(make_vec(task.id, min(LOT, end - first))) as env:
