@@ -213,8 +213,9 @@ def replay(episode: Episode, env_id: str | None = None) -> Episode:
         env_id: the episode's, to be named where it is none of this package's environments: a file does not choose what
             is imported.
     Raises:
-        ValueError: an episode of another environment that is not named, or that ends before its actions do.
+        ValueError: an episode of another environment that is not named, without steps, or that ends before its actions.
     """
+    _alike([episode])
     env = EpisodeRecorder(_made(episode, env_id))
     for _ in _played(env, episode):
         pass

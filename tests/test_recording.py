@@ -138,6 +138,8 @@ def test_actions_and_seeds_of_any_kind_are_replayed(tmp_path: Path) -> None:
         assert replay(episode).equals(episode)
     cut = dataclasses.replace(env.episodes[-1], max_episode_steps=1)
     refuses("actions = '2 of them': must be 1: played again, it ends there", lambda: replay(cut))
+    none = dataclasses.replace(cut, actions=cut.actions[:0], rewards=cut.rewards[:0])
+    refuses(r"episodes\[0\] = .*: must have at least one step", lambda: replay(none))
 
 
 def test_what_cannot_be_read_is_not_written(three: tuple[list[Episode], list[Any]], tmp_path: Path) -> None:
