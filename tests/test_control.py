@@ -218,6 +218,22 @@ def test_errors_say_what_is_allowed(reach):
     refuses("flexarm_env", lambda: control.make("pd", gym.make("Pendulum-v1")))
     refuses(r"^env = 3: must be an environment of flexarm_env", lambda: control.make("pd", 3))
     refuses(r"^gains = 3: must be a PDGains", lambda: control.make("pd", reach, 3))
+    gains = tuned_gains("lqr", "slew")
+    refuses(r"^lqr\.flexible = 1.5: must be a whole", lambda: gains_from("lqr", {**vars(gains), "flexible": 1.5}))
+    refuses(r"^flexible = 99: must be at most 6", lambda: arm_model(STRIP, (), 99))
+    wrong = {"angle": np.nan, "rate": 1e200, "bend": -1.0, "noise": "x", "flexible": 0}
+    for field, value in wrong.items():
+        with pytest.raises(ValueError, match=rf"^{field} = .*: must be a (whole|finite) number, at least"):
+            dataclasses.replace(gains, **{field: value})
+    for field, value in {"effort": 0.0, "bandwidth": (np.inf,), "ratio": "x"}.items():
+        with pytest.raises(ValueError, match=rf"^{field} = .*: must be a finite number"):
+            dataclasses.replace(tuned_gains("zv", "slew"), **{field: value})
+    refuses(r"^ratio = 1.0: must be .* at most 0.99", lambda: control.zv(5.0, 1.0))
+    refuses(r"^frequency = 0.0: must be a positive number \(rad/s\)", lambda: control.zvd(0.0))
+    double = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.0], [1.0]])
+    assert control.plan(*double, np.array([3e5, 0.0]), np.ones(1), 1090).periods == 1096  # over a thousand
+    refuses(r"^limits = \[0.0\]: must be positive", lambda: control.plan(*double, np.ones(2), np.zeros(1)))
+    refuses(r"^start\[0\] = nan", lambda: control.plan(*double, np.full(2, np.nan), np.ones(1)))
     three = PDGains((0.2,) * 3, (0.7,))
     refuses(r"^pd\.bandwidth = .*: must be one number, or 2, one a joint", lambda: control.make("pd", reach, three))
     with pytest.raises(ValueError, match=r"^controller = 'time_optimal': must be one of \"pd\".* for task=\"reach\""):

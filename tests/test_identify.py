@@ -345,6 +345,14 @@ def test_cells_of_other_columns_do_not_matter(fitted: tuple[Any, Path], tmp_path
         (("low = 1.0, high = 30.0", "low = 30.0, high = 1.0"), "must have low < high"),
         (("low = 1.0, high = 30.0", "low = 20.0, high = 30.0"), '"links[0].section.EI".start = '),
         (('column = "hub"', 'column = "hub", unit = "furlong"'), "inputs.joint0.unit = 'furlong'"),
+        (('column = "hub"', 'column = "hub", unit = "V"'), """unit = 'V': must be one of "rad", "deg", "mrad\""""),
+        (('time = "t"', 'time = { column = "t", shift = 0.1 }'), "time.shift: unknown key; allowed: column, unit"),
+        (('column = "strain"', 'column = "strain", gain = 0.0'), "outputs.strain_gauge_1.gain = 0.0: must not be 0"),
+        (('column = "hub"', 'column = "hub", low_pass = 1e-9'), "must be between 0.2 Hz, one period in the log, and"),
+        (('column = "hub"', 'column = "hub", shift = -5.0'), "shift = -5 s must be shorter than the log, 5 s"),
+        (('name = "m"', 'name = "EI"'), "name = 'EI': must be the name of one parameter alone"),
+        (("skip = 0.5", "fit = [1]"), "fit[0] = 1: must be a text"),
+        (("skip = 0.5", "loads = [5]"), "loads[0] = 5: must be a table"),
     ],
 )
 def test_a_wrong_config_is_a_sentence(fitted: tuple[Any, Path], change: tuple[str, str], says: str) -> None:
@@ -352,6 +360,13 @@ def test_a_wrong_config_is_a_sentence(fitted: tuple[Any, Path], change: tuple[st
     with pytest.raises(ValueError) as caught:
         identify("strip", CONFIG.replace(*change), [fitted[1] / "one.csv"])
     assert says in str(caught.value) and "None" not in str(caught.value)
+
+
+def test_of_more_than_ten_joints_each_is_known() -> None:
+    strip = arms.named("strip")
+    eleven = flexarm_env.Arm("eleven", strip.links * 11, hub_inertia=0.05)
+    config = read_config(CONFIG.replace("joint0 =", "joint10 ="), eleven)
+    assert (config.inputs[0].kind, config.inputs[0].joint) == ("joint", 10)
 
 
 # ------------------------------------------------------------------------------------------------ drives, free decay

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .. import validation as check
 from ..parameters import Arm
 from ..scene import Scene
 from ..validation import Array
@@ -112,6 +113,8 @@ def arm_model(arm: Arm, posture: tuple[float, ...] = (), flexible: int | None = 
     order = np.argsort(values.real)
     modes = np.hstack([np.linalg.svd(stiffness)[2][-n_joints:].T, vectors.real[:, order[n_joints:]]])
     n = n_joints + (n_joints + 1 if flexible is None else flexible)
+    if n > size:
+        raise check.InvalidValue("flexible", flexible, f"must be at most {size - n_joints}, as many as the model has")
     place = {name: i for i, name in enumerate(full.outputs)}
     seen = full.C[[place[f"{what}{k}"] for what in ("joint", "deflection") for k in range(n_joints)], :size]
     modes = modes / np.abs(seen @ modes).max(axis=0)

@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
 import numpy as np
@@ -22,6 +22,32 @@ from .kinematics import goal_angles, tip_in_hub_frame, wrapped
 
 RESIDUAL_SHARE = 0.7
 """Share of the torque limit that the action adds in action_mode="residual_pd", where nothing is said."""
+
+
+WHOLE = "flexible", "modes", "block", "horizon", "iterations", "first"
+SHARES: dict[str, dict[str, float]] = {
+    "effort": {"above": 0.0, "maximum": 1.0}, "memory": {"minimum": 0.0, "maximum": 1.0}, "lag": {"above": 0.0},
+    "drift": {"minimum": 0.0, "maximum": 1.0},
+}  # fmt: skip
+"""Fields of gains that are whole numbers; and what those may be that are not from 0 to `MOST_GAIN`."""
+MOST_GAIN = 1e6
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Numbers of a controller, checked; a field that has one a joint is a tuple of them, or one number alone."""
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            name, value = field.name, getattr(self, field.name)
+            many = "tuple" in str(field.type) and isinstance(value, tuple | list)
+            if name in WHOLE:
+                value = value if value is None and field.default is None else check.integer(name, value, minimum=1)
+            else:
+                bounds = SHARES.get(name, {"minimum": 0.0, "maximum": MOST_GAIN})
+                found = [check.number(name, one, "", **bounds) for one in (value if many else [value])]
+                value = tuple(found) if many else found[0]
+            check.store(self, **{name: value})
 
 
 @dataclass(frozen=True)

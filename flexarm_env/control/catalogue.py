@@ -61,10 +61,8 @@ def gains_from(name: str, values: Mapping[str, Any], space: bool = False) -> Any
     for field in dataclasses.fields(kind):
         if field.default is dataclasses.MISSING:
             check.needed(name, values, field.name, "must be given")
-    for key, value in values.items():
-        for one in value if key in ("bandwidth", "ratio") and isinstance(value, list | tuple) else [value]:
-            check.number(f"{name}.{key}", one)
-    return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+    with check.under(name):
+        return kind(**values)
 
 
 def make(name: str, env: Any, gains: Any = None) -> Controller:

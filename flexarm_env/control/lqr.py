@@ -9,11 +9,11 @@ import numpy as np
 from ..parameters import Arm
 from ..validation import Array
 from .arm_model import ArmModel, arm_model, postures
-from .base import Controller, Setup, Signals
+from .base import Controller, Gains, Setup, Signals
 
 
 @dataclass(frozen=True)
-class StateWeights:
+class StateWeights(Gains):
     """Dimensionless weights, beside a weight of 1 on each torque over its limit.
 
     Args:

@@ -8,12 +8,12 @@ from .. import validation as check
 from ..parameters import Arm
 from ..validation import Array
 from .arm_model import arm_model
-from .base import Controller, Setup, Signals
+from .base import Controller, Gains, Setup, Signals
 from .space import AboutRest, holding
 
 
 @dataclass(frozen=True)
-class PDGains:
+class PDGains(Gains):
     """Dimensionless gains of the joints, so that they carry over to an arm of another size.
 
     Args:
@@ -55,7 +55,7 @@ class PD(Controller):
 
 
 @dataclass(frozen=True)
-class SpatialPDGains:
+class SpatialPDGains(Gains):
     """rate: rad/s, of each joint under its spring, others still. ratio: of damping. lag: s, of the filter of rates: a
     beam's root turns so lightly that what is sampled of it must not come back at once."""
 

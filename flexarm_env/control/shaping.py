@@ -12,6 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from .. import validation as check
 from ..parameters import Arm
 from ..rigid import coriolis, rigid_inertia
 from ..validation import Array
@@ -46,8 +47,9 @@ class Shaper:
 
 
 def zv(frequency: float, ratio: float = 0.0) -> Shaper:
-    """Zero vibration: two impulses, half a damped period apart. frequency in rad/s, ratio of damping below 1."""
-    damped = np.sqrt(1.0 - ratio**2)
+    """Zero vibration: two impulses, half a damped period apart. frequency in rad/s, ratio of damping, 0 to 0.99."""
+    frequency = check.number("frequency", frequency, "rad/s", above=0.0)
+    damped = np.sqrt(1.0 - check.number("ratio", ratio, minimum=0.0, maximum=0.99) ** 2)
     k = np.exp(-ratio * np.pi / damped)
     return Shaper((1.0 / (1.0 + k), k / (1.0 + k)), (0.0, np.pi / (frequency * damped)))
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .. import validation as check
 from ..validation import Array
 from .arm_model import arm_model
 from .base import Setup, Signals
@@ -36,16 +37,22 @@ def rigid_time(inertia: float, angle: float, limit: float) -> float:
     return 2.0 * float(np.sqrt(inertia * abs(angle) / limit))
 
 
-def plan(A: Array, B: Array, start: Array, limits: Array, least: int = 1, most: int = 1000) -> Plan:
+def plan(A: Array, B: Array, start: Array, limits: Array, least: int = 1, most: int | None = None) -> Plan:
     """The quickest plan from a state to zero.
 
     Args:
         A (m, m), B (m, N): discrete model. start (m,): the state. limits (N,): N m.
-        least, most: bounds on the number of periods.
+        least, most: bounds on the number of periods; None: 1000, or four times as many as `least`.
     Raises:
         ValueError: there is no plan of at most that many periods.
     """
-    high = max(least, 1)
+    A, start = check.array("A", A, ("m", "m")), check.array("start", start, (len(A),))
+    B = check.array("B", B, (len(A), "N"))
+    limits = check.array("limits", limits, (B.shape[1],))
+    if not (limits > 0.0).all():
+        raise check.InvalidValue("limits", limits, "must be positive (N m)")
+    least = check.integer("least", least, minimum=1)
+    high, most = least, check.integer("most", max(1000, 4 * least) if most is None else most, minimum=least)
     found = _feasible(A, B, start, limits, high)
     low = high if found is None else least - 1
     while found is None:

@@ -2,7 +2,6 @@
 
 import math
 import os
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -21,6 +20,13 @@ UNITS = {
     "rad/s": 1.0, "deg/s": math.pi / 180.0, "m/s^2": 1.0,
 }  # fmt: skip
 """Factors on a column that make it SI."""
+
+_ANGLES = "rad", "deg", "mrad"
+_UNITS_OF: dict[str, tuple[str, ...]] = {
+    "t": ("s", "ms", "us"), "joint": _ANGLES, "motor": _ANGLES, "angle": _ANGLES, "torque": ("N m", "mN m"),
+    "current": ("A", "mA"), "voltage": ("V", "mV"),
+}  # fmt: skip
+"""What a channel of this kind can be in; of others any."""
 
 _CHANNEL = ("column", "unit", "gain", "offset", "shift", "low_pass")
 
@@ -43,6 +49,21 @@ class Channel:
     offset: float | None = 0.0
     shift: float = 0.0
     low_pass: float | None = None
+
+    @property
+    def kind(self) -> str:
+        """Of an input, one of `INPUTS`."""
+        return self.name.rstrip("0123456789")
+
+    @property
+    def joint(self) -> int:
+        """Of an input."""
+        return int(self.name[len(self.kind) :])
+
+    @property
+    def moves(self) -> bool:
+        """Whether an input prescribes an angle."""
+        return self.kind in ("joint", "motor")
 
 
 @dataclass(frozen=True)
@@ -118,11 +139,10 @@ def _config(table: dict[str, Any], arm: Arm) -> Config:
     n = arm.n_links
     inputs = _channels("inputs", table, False)
     for channel in inputs:
-        match = re.fullmatch(rf"({'|'.join(INPUTS)})(\d+)", channel.name)
-        if match is None or int(match[2]) >= n:
+        if channel.name not in {f"{kind}{k}" for kind in INPUTS for k in range(n)}:
             what = f"must be {', '.join(f'{kind}K' for kind in INPUTS)}, with joint K from 0 to {n - 1}"
             raise check.InvalidValue("inputs", channel.name, what)
-    joints = [channel.name[-1] for channel in inputs]
+    joints = [channel.joint for channel in inputs]
     if len(set(joints)) < len(joints):
         raise check.InvalidValue("inputs", [c.name for c in inputs], "must have one entry for each joint")
     sensors = table.get("sensors")
@@ -133,13 +153,18 @@ def _config(table: dict[str, Any], arm: Arm) -> Config:
     with check.under("sensors"):
         carried.check_for(arm.links, space)
     parameters = tuple(_parameter(p, v) for p, v in check.table_of("parameters", table.get("parameters", {})).items())
+    names = [p.name for p in parameters]
+    for p in parameters:
+        if names.count(p.name) > 1:
+            raise check.InvalidValue(f'parameters."{p.path}".name', p.name, "must be the name of one parameter alone")
     usual = "geometrically_exact" if space else "elastica"
     solver = {"formulation": usual, **check.table_of("solver", table.get("solver", {}))}
     good = check.number("good", table.get("good", 70.0), "%", maximum=100.0)
+    fit = check.sequence("fit", table.get("fit", names), "names of parameters")
     config = Config(
-        time=_channel("time", "t", table.get("time", "t"), False),
+        time=_channel("time", "t", table.get("time", "t"), False, _CHANNEL[:3]),
         inputs=inputs, outputs=_channels("outputs", table, True), parameters=parameters,
-        fit=check.sequence("fit", table.get("fit", [p.name for p in parameters]), "names of parameters"),
+        fit=tuple(check.text(f"fit[{k}]", name) for k, name in enumerate(fit)),
         skip=check.number("skip", table.get("skip", 0.0), "s", minimum=0.0),
         sensors=carried, experiment=experiment, space=space, solver=solver,
         starts=check.integer("starts", table.get("starts", 4), minimum=1, maximum=1000),
@@ -156,7 +181,9 @@ def _config(table: dict[str, Any], arm: Arm) -> Config:
 def _leaves_the_plane(experiment: Mapping[str, Any]) -> bool:
     """Whether gravity has three numbers, or a load a force along z."""
     loads = check.sequence("loads", experiment.get("loads", ()), "tables")
-    return np.size(experiment.get("gravity", ())) == 3 or any("force_z" in load for load in loads)
+    return np.size(experiment.get("gravity", ())) == 3 or any(
+        "force_z" in check.table_of(f"loads[{i}]", load) for i, load in enumerate(loads)
+    )
 
 
 def _channels(what: str, table: Mapping[str, Any], offsets: bool) -> tuple[Channel, ...]:
@@ -166,17 +193,22 @@ def _channels(what: str, table: Mapping[str, Any], offsets: bool) -> tuple[Chann
     return tuple(_channel(f"{what}.{name}", name, entry, offsets) for name, entry in entries.items())
 
 
-def _channel(path: str, name: str, entry: Any, offsets: bool) -> Channel:
+def _channel(path: str, name: str, entry: Any, offsets: bool, keys: tuple[str, ...] = _CHANNEL) -> Channel:
     """offsets: "fit" is allowed, and is what holds where nothing is said."""
     table = {"column": entry} if isinstance(entry, str) else check.table_of(path, entry)
-    check.known_keys(path, table, _CHANNEL)
+    check.known_keys(path, table, keys)
     column = check.text(f"{path}.column", check.needed(path, table, "column", "must be a column of the log"))
-    unit = UNITS[check.choice(f"{path}.unit", table["unit"], tuple(UNITS))] if "unit" in table else 1.0
+    kind = "angle" if name.endswith("_angle") else name.rstrip("0123456789")
+    known = _UNITS_OF.get(kind, tuple(UNITS))
+    unit = UNITS[check.choice(f"{path}.unit", table["unit"], known)] if "unit" in table else 1.0
+    gain = check.number(f"{path}.gain", table.get("gain", 1.0), "SI over the unit")
+    if gain == 0.0:
+        raise check.InvalidValue(f"{path}.gain", gain, "must not be 0, or nothing is left of the column")
     offset, low_pass = table.get("offset", "fit" if offsets else 0.0), table.get("low_pass")
     fitted = offsets and offset == "fit"
     return Channel(
         name=name, column=column,
-        factor=unit * check.number(f"{path}.gain", table.get("gain", 1.0), "SI over the unit"),
+        factor=unit * gain,
         offset=None if fitted else check.number(f"{path}.offset", offset, "of the column"),
         shift=check.number(f"{path}.shift", table.get("shift", 0.0), "s"),
         low_pass=None if low_pass is None else check.number(f"{path}.low_pass", low_pass, "Hz", above=0.0),

@@ -123,12 +123,16 @@ def _prepared(where: str, channel: Channel, values: Array, t: Array) -> Array:
     """In SI, filtered, at the instants."""
     values = channel.factor * (values - (channel.offset or 0.0))
     period = t[1]
+    if abs(channel.shift) >= t[-1]:
+        what = f"shift = {channel.shift:g} s must be shorter than the log, {t[-1]:.4g} s"
+        raise BadLog(f"{where}: column {channel.column!r}: {what}")
     if channel.low_pass is not None:
         from scipy.signal import butter, sosfiltfilt
 
-        if 2.0 * channel.low_pass * period >= 1.0:
-            most = f"{0.5 / period:.4g} Hz, half the rate of its samples"
-            raise BadLog(f"{where}: column {channel.column!r}: low_pass = {channel.low_pass:g} Hz must be below {most}")
+        if not 1.0 / t[-1] < channel.low_pass < 0.5 / period:
+            ends = f"{1.0 / t[-1]:.4g} Hz, one period in the log, and {0.5 / period:.4g} Hz, half the rate of samples"
+            what = f"low_pass = {channel.low_pass:g} Hz must be between {ends}"
+            raise BadLog(f"{where}: column {channel.column!r}: {what}")
         values = sosfiltfilt(butter(2, channel.low_pass, fs=1.0 / period, output="sos"), values)
     return np.asarray(np.interp(t + channel.shift, t, values) if channel.shift else values)
 

@@ -246,8 +246,8 @@ class Experiment:
         motions, angles, before = [], [0.0] * arm.n_links, 0.0
         loads: list[JointTorque | PointLoad] = []
         for channel in self.config.inputs:
-            kind, k, own = channel.name[:-1], int(channel.name[-1]), table["inputs"][channel.name]
-            if kind in ("joint", "motor"):
+            kind, k, own = channel.kind, channel.joint, table["inputs"][channel.name]
+            if channel.moves:
                 function = self._function(run, channel, own, kind)
                 angles[k] = function.start
                 elastic = kind == "motor" and arm.joint(k).elastic
@@ -260,9 +260,7 @@ class Experiment:
             loads.append(PointLoad(load["link"], load["end"], **forces))
         if self._starts_at_readings():
             for k, name in enumerate(arm.joint_names):
-                if f"{name}_angle" in run.outputs and not any(
-                    c.name[-1] == str(k) for c in self.config.inputs if c.name[:-1] in ("joint", "motor")
-                ):
+                if f"{name}_angle" in run.outputs and not any(c.moves and c.joint == k for c in self.config.inputs):
                     angles[k] = float(run.outputs[f"{name}_angle"][0])
         absolute = []
         for angle in angles:
@@ -275,7 +273,7 @@ class Experiment:
         )  # fmt: skip
 
     def _starts_at_readings(self) -> bool:
-        return any(c.name[:-1] not in ("joint", "motor") for c in self.config.inputs)
+        return any(not c.moves for c in self.config.inputs)
 
     def _function(self, run: Run, channel: Channel, own: Mapping[str, float], kind: str) -> TimeFunction:
         """The input over time: a spline of angles, straight lines of torques; kept while its numbers are the same."""
@@ -286,7 +284,7 @@ class Experiment:
                 del kept[old]
             values = own["gain"] * (run.inputs[channel.name] - own["offset"])
             values = np.interp(run.t - own["shift"], run.t, values) if own["shift"] else values
-            kept[key] = (spline_table if kind in ("joint", "motor") else linear_table)(run.t, values)
+            kept[key] = (spline_table if channel.moves else linear_table)(run.t, values)
         return kept[key]
 
 

@@ -125,7 +125,7 @@ def _judged(run: Run, readings: Mapping[str, Array], config: Config) -> Predicti
 
 def _modes(arm: Arm, config: Config) -> tuple[Array, Array]:
     """Of the arm as it lies straight, prescribed joints held, Hz and damping ratios."""
-    held = tuple(int(c.name[-1]) for c in config.inputs if c.name[:-1] in ("joint", "motor"))
+    held = tuple(c.joint for c in config.inputs if c.moves)
     solver = {key: value for key, value in config.solver.items() if key not in ("formulation", "dt")}
     rest = Scene("rest", arm, duration=1.0, dt=0.005, space=config.space)
     try:
