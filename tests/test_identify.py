@@ -385,6 +385,7 @@ def test_a_drive_from_currents(tmp_path: Path) -> None:
     scene = Scene("log", arm, duration=6.0, dt=0.0025, loads=loads)
     run = flexarm_env.simulate(scene, "elastica", nodes=6, sample=0.01, estimate_error=False).measured()
     noisy = {n: y + 0.01 * y.std() * rng.normal(size=len(t)) for n, y in run.items()}
+    noisy["hub_angle"][0] += 0.02  # of the reading that the joint starts at
     columns = {"t": t, "i": 1e3 * current, "hub": noisy["hub_angle"], "strain": noisy["strain_gauge_1"]}
     config = """
 starts = 1
@@ -411,6 +412,7 @@ dt = 0.005
     true = {"k": 0.05, "viscous": 0.3, "coulomb": 0.15, "gear": 80.0}
     for p, value in zip(found.parameters, found.values, strict=True):
         assert abs(value / true[p.name] - 1.0) < 0.06, p.name
+    assert found.experiment.start[-1] == 0.0 and len(found.fit.z) == 5
 
 
 @pytest.mark.slow

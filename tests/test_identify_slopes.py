@@ -81,7 +81,7 @@ def experiment(
     config = read_config(STRIP % (drive, tolerance, solver) + entries, arm)
     made = Experiment(arm, config, config.chosen())
     sized = tuple(dataclasses.replace(p, size=abs(x) or 0.5) for p, x in zip(made.parameters, made.start, strict=True))
-    return Experiment(arm, config, sized)
+    return Experiment(arm, config, sized, ["log"])
 
 
 def log(drive: str, size: float) -> Log:

@@ -31,6 +31,9 @@ OFFSET = 1e-5
 STEP = 1e-4
 """Likewise between whole runs, where nothing else serves."""
 
+BEGUN: dict[str, Any] = {"low": -0.2, "high": 0.2, "start": 0.0, "size": 0.05, "nuisance": True}
+"""Of a joint's angle, rad, beyond its first reading, as a parameter."""
+
 LOST = 1e3
 """Readings, over their scale, of an arm whose run fails: far from any log."""
 
@@ -40,14 +43,21 @@ _LOAD = {"link": 0, "end": "tip", "force_x": 0.0, "force_y": 0.0, "force_z": 0.0
 class Experiment:
     """An arm with its sensors, what acts on it beside the log's inputs, and the parameters that are to be found.
 
+    A joint that is driven starts where its first reading says. That one is off like all others: of each log that is
+    fitted (logs: their stems) the angle is a parameter too, where the reading is taken as it is (offset = 0.0).
+
     Attributes:
+        parameters (p,): those that are asked for, then these.
         start (p,): the values that the parameters begin with. runs: how many runs of the arm there were.
         by_differences: parameters that were differentiated by whole runs, and why.
     """
 
-    def __init__(self, arm: Arm, config: Config, parameters: Sequence[Parameter]) -> None:
+    def __init__(self, arm: Arm, config: Config, parameters: Sequence[Parameter], logs: Sequence[str] = ()) -> None:
         assert config.sensors is not None
-        self.arm, self.config, self.parameters = arm, config, tuple(parameters)
+        self.arm, self.config = arm, config
+        begun = [(log, k) for log in logs for k, offset in self._read_at_start().items() if offset is not None]
+        names = [f"{arm.joint_names[k]}_angle at the start of {log}" for log, k in begun]
+        self.parameters = (*parameters, *(Parameter(name, name, **BEGUN) for name in names))
         loads = check.sequence("loads", config.experiment.get("loads", ()), "tables")
         for i, load in enumerate(loads):
             check.known_keys(f"loads[{i}]", check.table_of(f"loads[{i}]", load), _LOAD)
@@ -60,8 +70,10 @@ class Experiment:
             "gravity": [*gravity, 0.0][: 2 + config.space], "loads": [{**usual, **load} for load in loads],
             "inputs": {c.name: {"gain": 1.0, "offset": 0.0, "shift": 0.0} for c in config.inputs},
             "outputs": {c.name: {"gain": 1.0, "shift": 0.0} for c in config.outputs},
+            "starts": {log: [0.0] * arm.n_links for log in logs},
         }  # fmt: skip
-        self._places = [_place(parameter.path, self._sensor_names(), arm) for parameter in self.parameters]
+        self._places = [_place(parameter.path, self._sensor_names(), arm) for parameter in parameters]
+        self._places += [("starts", log, k) for log, k in begun]
         whole = {**self._table, **_whole(arm, config)}
         for parameter, place in self._pairs():
             if not isinstance(_got(self._table, place), int | float):
@@ -125,7 +137,7 @@ class Experiment:
 
     def arm_of(self, values: Array) -> Arm:
         """The arm with its sensors. Raises ValueError where a value is none that an arm can have."""
-        own = ("inputs", "outputs", "gravity", "loads")
+        own = ("inputs", "outputs", "gravity", "loads", "starts")
         return arms.from_table({key: value for key, value in self.table(values).items() if key not in own})
 
     def elsewhere(self, values: Array) -> Array:
@@ -154,6 +166,8 @@ class Experiment:
             return found
         here = self._readings(played.trajectory, self.table(values), run)
         for k, p in enumerate(self.parameters):
+            if self._places[k][0] == "starts" and self._places[k][1] != run.stem:
+                continue
             try:
                 change = self._tangent(played, here, values, run, k, OFFSET * sizes[k])
                 change = {name: y * sizes[k] for name, y in change.items()}
@@ -258,10 +272,9 @@ class Experiment:
         for load in table["loads"]:
             forces = {name: constant(load[name]) for name in load if name.startswith("force")}
             loads.append(PointLoad(load["link"], load["end"], **forces))
-        if self._starts_at_readings():
-            for k, name in enumerate(arm.joint_names):
-                if f"{name}_angle" in run.outputs and not any(c.moves and c.joint == k for c in self.config.inputs):
-                    angles[k] = float(run.outputs[f"{name}_angle"][0])
+        begun = table["starts"].get(run.stem, [0.0] * arm.n_links)
+        for k in self._read_at_start():
+            angles[k] = float(run.outputs[f"{arm.joint_names[k]}_angle"][0]) + begun[k]
         absolute = []
         for angle in angles:
             before = angle if arm.spatial else before + angle
@@ -272,8 +285,12 @@ class Experiment:
             loads=tuple(loads), gravity=gravity, space=self.config.space,
         )  # fmt: skip
 
-    def _starts_at_readings(self) -> bool:
-        return any(not c.moves for c in self.config.inputs)
+    def _read_at_start(self) -> dict[int, float | None]:
+        """Joints that start where their reading says, and the offset that it has."""
+        inputs, read = self.config.inputs, {c.name: c.offset for c in self.config.outputs}
+        known = {} if all(c.moves for c in inputs) else dict(enumerate(self.arm.joint_names))
+        driven = [c.joint for c in inputs if c.moves]
+        return {k: read[of] for k, name in known.items() if (of := f"{name}_angle") in read and k not in driven}
 
     def _function(self, run: Run, channel: Channel, own: Mapping[str, float], kind: str) -> TimeFunction:
         """The input over time: a spline of angles, straight lines of torques; kept while its numbers are the same."""

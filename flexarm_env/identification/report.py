@@ -45,7 +45,8 @@ class Identification:
             frequency (Hz) and damping ratio, by output.
         frequencies, damping: of the fitted arm with the prescribed joints held, Hz and ratios; seen: ringing read off
             the runs, by output.
-        fit: how the fit went. ranges: factors for `randomization`. experiment: what was fitted. files: of the runs.
+        fit: how the fit went. ranges: factors for `randomization`. experiment: what was fitted, joints' angles at the
+            starts of logs with it. files: of the runs.
     """
 
     arm: Arm

@@ -61,14 +61,15 @@ def identify(
         if stems.count(stem) > 1:
             raise check.InvalidValue("data", stem, "must be there once: two logs of one name cannot be told apart")
     files = {run.stem: os.fspath(p) for run, p in zip((*runs, *others), (*data, *hold_out), strict=True)}
-    experiment = Experiment(given, setup, parameters)
+    experiment = Experiment(given, setup, parameters, [run.stem for run in runs])
     for run in (*runs, *others):
         _units(experiment, run, files[run.stem])
     problem = Problem(experiment, runs)
     state = None if out is None else Path(out) / "fit.json"
     best = Solver(problem, progress=progress, state=state).run()
     values = problem.values(best.z)
-    worth = uncertainty(problem, best.z)
+    whole, n = uncertainty(problem, best.z), len(parameters)  # behind them stand the angles at the starts
+    worth = dataclasses.replace(whole, half=whole.half[:n], correlation=whole.correlation[:n, :n])
     everything = (*runs, *others)
     train = tuple(_judged(run, experiment.predict(values, run), setup) for run in runs)
     held = tuple(_judged(run, experiment.predict(experiment.elsewhere(values), run), setup) for run in others)
@@ -82,12 +83,12 @@ def identify(
     frequencies, damping = _modes(found, setup)
     result = Identification(
         arm=dataclasses.replace(found, sensors=given.sensors), given=given, config=setup, parameters=parameters,
-        values=values, start=experiment.start, uncertainty=worth,
+        values=values[:n], start=experiment.start[:n], uncertainty=worth,
         verdict=_verdict(problem, best, train, baseline), train=train, held_out=held, unfitted=unfitted,
         baseline=baseline, oscillators={name: (o.frequency, o.damping) for name, o in simple.items()},
         frequencies=frequencies, damping=damping,
         seen={c.name: [r for run in everything for r in read_off(run, c.name)] for c in setup.outputs},
-        fit=best, ranges=_ranges(parameters, values, worth), experiment=experiment, files=files,
+        fit=best, ranges=_ranges(parameters, values[:n], worth), experiment=experiment, files=files,
     )  # fmt: skip
     if out is not None:
         result.save(out)
