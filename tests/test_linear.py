@@ -171,7 +171,10 @@ def test_state_goes_there_and_back(rng: np.random.Generator) -> None:
     assert state_of(simulation) == pytest.approx(x, abs=1e-12)
     assert linearize(simulation).states[:3] == ("root_x", "root_y", "joint0")
     assert linearize(simulation).inputs == ("torque1",)
-    refuses(r"x = .*: must be 32 finite numbers", lambda: set_state(simulation, x[:-1]))
+    for wrong in (x[:-1], "x", x + 1j):
+        with pytest.raises(ValueError, match=r"^x = .*: must be 32 finite numbers"):
+            set_state(simulation, wrong)
+    refuses(r"^simulation = 5: must be a Simulation", lambda: state_of(5))
 
 
 # ----------------------------------------------------------------------------- frequencies at rest

@@ -57,12 +57,8 @@ def tuned_gains(name: str, task: str, n_joints: int | None = None) -> Any:
 def gains_from(name: str, values: Mapping[str, Any], space: bool = False) -> Any:
     """Gains of the controller `name` from values by key; an unknown key is a ValueError that says which there are."""
     kind, _ = (_SPACE if space else _KINDS)[name]
-    check.known_keys(name, values, check.names_of(kind))
-    for field in dataclasses.fields(kind):
-        if field.default is dataclasses.MISSING:
-            check.needed(name, values, field.name, "must be given")
-    with check.under(name):
-        return kind(**values)
+    needed = [field.name for field in dataclasses.fields(kind) if field.default is dataclasses.MISSING]
+    return check.made(name, kind, values, **dict.fromkeys(needed, "must be given"))
 
 
 def make(name: str, env: Any, gains: Any = None) -> Controller:

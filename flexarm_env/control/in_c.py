@@ -28,7 +28,7 @@ from .lqr import design as lqr_design
 from .pd import PD, SpatialPD
 from .shaping import Shaped, ShapedPD, Shaper, SpatialShapedPD, closed_loop_shaper, shaper_in_space
 from .space import NEAR, AboutRest
-from .time_optimal import TimeOptimal, plan, rigid_time
+from .time_optimal import TimeOptimal, slew_plan
 
 Pairs = Sequence[tuple[float, float]]
 Points = Sequence[Sequence[float]]
@@ -206,11 +206,8 @@ def _numbers(own: Controller, slew: float | None, held: Held) -> tuple[dict[str,
         found["start"] = np.stack([d.model.state_of(np.eye(len(d.C))).T for d in designs])
         sizes |= {"STATES": len(designs[0].A), "OUTPUTS": len(designs[0].C)}
     if isinstance(own, TimeOptimal):
-        d = designs[0]
         way = check.number("slew", slew, "rad, of the plan", above=0.0, maximum=2.0 * np.pi)
-        least = int(rigid_time(float(d.model.inertia[0, 0]), way, float(own.limits[0])) / setup.control_dt)
-        start = d.model.state_of(np.array([-way, 0.0, 0.0, 0.0]))
-        known = plan(d.A, d.B, start, own.effort * own.limits, max(1, least))
+        known = slew_plan(setup, way, own.effort, own.gains.flexible)
         found |= {"plan": known.torques, "way": known.states[:-1]}
         sizes["PERIODS"] = known.periods
     if isinstance(own, LQG):

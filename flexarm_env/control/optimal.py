@@ -109,7 +109,7 @@ def rigid_periods(plant: Dynamics, start: Array, goal: Array) -> Counts:
 
 def optimise(
     plant: ilqr.System, x: Array, controls: Array, costs: Sequence[ilqr.Cost], limits: Sequence[ilqr.Limits],
-    effort: float, *, rounds: int = 10, iterations: int = 10, torque: float = 1.0, growth: float = 5.0,
+    effort: float, *, rounds: int = 10, iterations: int = 10, torque: float = 1.0,
 ) -> tuple[ilqr.Solution, Array]:  # fmt: skip
     """`ilqr.solve` with limits by multipliers: the solution, and by how much each arm (n,) misses its limits.
 
@@ -130,7 +130,7 @@ def optimise(
             break
         for one in limits:
             one.update(found.states)
-            one.penalty = np.where(slow, np.minimum(one.penalty * growth, 1e7), one.penalty)
+            one.penalty = np.where(slow, np.minimum(one.penalty * 5.0, 1e7), one.penalty)
     return found, missed
 
 

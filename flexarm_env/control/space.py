@@ -42,10 +42,10 @@ def jacobian(arm: Arm, angles: Array) -> Array:
     return np.swapaxes(np.cross(axes, tip[..., None, :] - places), -1, -2)
 
 
-def approach(arm: Arm, angles: Array, points: Array, steps: int = 60) -> Array:
+def approach(arm: Arm, angles: Array, points: Array) -> Array:
     """Angles (..., N) nearby at which the tip is nearest to points (..., 3): damped least squares, within limits."""
     limits = np.array([(-np.inf, np.inf) if r is None else r for r in arm.joint_limits or (None,) * arm.n_links])
-    for _ in range(steps):
+    for _ in range(60):
         J, off = jacobian(arm, angles), points - tip_at(arm, angles)
         damping = 1e-3 * arm.total_length * np.linalg.norm(off, axis=-1)[..., None, None] + 1e-15
         step = np.swapaxes(J, -1, -2) @ np.linalg.solve(

@@ -89,17 +89,16 @@ def _feasible(A: Array, B: Array, start: Array, limits: Array, periods: int) -> 
     return answer.x.reshape(periods, n_inputs) * limits if answer.status == 0 else None
 
 
-def plan_periods(setup: Setup, angle: float, effort: float = 1.0) -> int:
-    """Control periods of the quickest plan of one link, rest to rest.
+def slew_plan(setup: Setup, angle: float, effort: float = 1.0, flexible: int | None = None) -> Plan:
+    """The quickest plan of one link, rest to rest.
 
-    setup: arm, period and torque limit. angle: rad. effort: share of the torque limit. ValueError where none is found.
+    setup: arm, period and torque limit. angle: rad. effort: share of the torque limit. flexible: see `LQRGains`.
+    ValueError where none is found.
     """
-    model = arm_model(setup.arm)
-    A, B = model.discrete(setup.control_dt)
-    start = model.state_of(np.array([-angle, 0.0, 0.0, 0.0]))
-    limits = effort * np.asarray(setup.torque_limits)
+    model, limits = arm_model(setup.arm, (), flexible), np.asarray(setup.torque_limits)
     least = int(rigid_time(float(model.inertia[0, 0]), angle, float(limits[0])) / setup.control_dt)
-    return plan(A, B, start, limits, max(1, least)).periods
+    start = model.state_of(np.array([-angle, 0.0, 0.0, 0.0]))
+    return plan(*model.discrete(setup.control_dt), start, effort * limits, max(1, least))
 
 
 @dataclass(frozen=True)

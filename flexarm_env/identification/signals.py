@@ -100,13 +100,13 @@ STILL = 0.02
 """Inputs are still where their rates are below this share of their largest."""
 
 
-def read_off(run: Run, name: str, least: float = 1.5) -> list[Ringing]:
-    """Ringing of an output wherever the run's inputs are still for `least` s."""
+def read_off(run: Run, name: str) -> list[Ringing]:
+    """Ringing of an output wherever the run's inputs are still for 1.5 s."""
     still = np.ones(len(run.t), bool)
     for values in run.inputs.values():
         rate = np.abs(np.gradient(values, run.period))
         still &= rate < STILL * max(float(rate.max()), 1e-300)
-    size, found, first = round(least / run.period), [], None
+    size, found, first = round(1.5 / run.period), [], None
     width = max(1, round(0.1 / run.period))
     still &= run.kept
     smooth = np.convolve(still, np.ones(width), "same") > 0.7 * width

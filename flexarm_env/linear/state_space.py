@@ -253,7 +253,8 @@ def _outputs(equations: Equations, point: Point, reduced: Reduced) -> tuple[tupl
 
 def state_of(simulation: Simulation) -> Array:
     """The state of a Simulation in the order of `LinearModel.states`, (2n,), SI."""
-    return np.concatenate(Equations(simulation).state(simulation.work.q, simulation.work.v))
+    equations = Equations(check.instance("simulation", simulation, Simulation))
+    return np.concatenate(equations.state(simulation.work.q, simulation.work.v))
 
 
 def set_state(simulation: Simulation, x: Array) -> None:
@@ -261,9 +262,9 @@ def set_state(simulation: Simulation, x: Array) -> None:
 
     Raises ValueError where x has the wrong size or is not finite, RuntimeError where no position of the arm has it.
     """
-    equations = Equations(simulation)
+    equations = Equations(check.instance("simulation", simulation, Simulation))
     n, w = equations.independent.size, simulation.work
-    x = np.asarray(x, float)
+    x = check.floats("x", x, f"{2 * n} finite numbers")
     if x.shape != (2 * n,) or not np.isfinite(x).all():
         raise check.InvalidValue("x", x, f"must be {2 * n} finite numbers")
     free, lam = equations.free, equations.algebraic

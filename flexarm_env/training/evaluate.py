@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from flexarm_env.control import Setup
-from flexarm_env.control.time_optimal import plan_periods, rigid_time
+from flexarm_env.control.time_optimal import rigid_time, slew_plan
 from flexarm_env.training import episodes as fixed
 from flexarm_env.training.policies import Chosen, choose
 from flexarm_env.training.runs import command, versions, write_json, write_text
@@ -100,7 +100,7 @@ def bounds(env: Any, result: fixed.Episodes) -> dict[str, float]:
 
     inertia = float(arm_model(setup.arm).inertia[0, 0])
     rigid = [rigid_time(inertia, float(way), setup.torque_limits[0]) for way in result.way]
-    flexible = [plan_periods(setup, float(way)) * setup.control_dt for way in result.way]
+    flexible = [slew_plan(setup, float(way)).periods * setup.control_dt for way in result.way]
     return {
         "rigid time-optimal slew": float(np.median(rigid)),
         "flexible time-optimal plan": float(np.median(flexible)),
