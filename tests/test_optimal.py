@@ -303,6 +303,14 @@ def test_an_arrival_is_not_put_off_for_ever():
     assert errors[-100:].max() < 0.02
 
 
+def test_plans_keep_a_margin_from_joint_limits():
+    """At the limit itself a hair of an error ends an episode; of a range of less than ten margins it is a tenth."""
+    env = gym.make("TwoLinkFlexArm-v0", joint_limits=[(-0.05, 0.05), (-0.3, 1.6)])
+    joints = np.array(control.make("mpc", env).bounds.joints)
+    assert joints == pytest.approx(np.array([(-0.04, 0.04), (-0.28, 1.58)]))
+    env.close()
+
+
 def test_what_is_read_is_in_the_state(two):
     rng = np.random.default_rng(2)
     outputs = np.hstack([rng.uniform(-2, 2, (5, 4)), rng.uniform(-0.1, 0.1, (5, 2)), rng.normal(size=(5, 2))])

@@ -54,7 +54,7 @@ class MPCGains(StateWeights):
         allowed: cost of the distance from the goal at which a plan has arrived.
         block: control periods over which planned torques are held. horizon: such blocks that are planned.
         iterations: of a decision. first: of an episode's first plan.
-        margin: by which plans stay out of shapes, over the arm's length.
+        margin: by which plans stay out of shapes, over the arm's length, and within joint limits, rad.
     """
 
     memory: float = 1.0
@@ -113,7 +113,8 @@ class MPC(Controller):
         held = [dynamics(arm, k * dt, gravity=own) for k in range(1, gains.block + 1)]
         self.plant, self.grids = held[0], [Grid(first, held[-1]) for first in held]
         self.stage = self.plant.stage_weight(gains)
-        joints = [(-np.inf, np.inf) if one is None else one for one in arm.joint_limits or ()]
+        ends = [(-np.inf, np.inf) if one is None else one for one in arm.joint_limits or ()]
+        joints = [(low + near, high - near) for low, high in ends for near in [min(gains.margin, 0.1 * (high - low))]]
         self.bounds = Bounds(joints=joints, keep_out=setup.keep_out, margin=gains.margin * arm.total_length)
         self.effort = np.full(setup.n_joints, float(gains.block))
 
