@@ -203,10 +203,10 @@ def search_all(arguments: Arguments) -> None:
             raise ValueError(f"--controllers {name}: must be among {', '.join(control.NAMES)}")
     drawn = {"randomization": episodes.RANDOMIZED} if arguments.randomized else {}
     env = episodes.make_episodes(arguments.env, arguments.episodes, **drawn)
-    measured = episodes.make_episodes(arguments.env, arguments.episodes, observation="measured", **drawn)
     setup = control.Setup.of(env)
     if setup.arm.spatial:
         raise ValueError(f"--env {arguments.env}: must be an environment of the plane; gains in space are not searched")
+    measured = episodes.make_episodes(arguments.env, arguments.episodes, observation="measured", **drawn)
     task = setup.task
     path = place(task, arguments)
     tables = current(path)
