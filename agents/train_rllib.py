@@ -84,7 +84,7 @@ def train(arguments: Arguments) -> Progress:
     config = setup.load(arguments.config, arguments.env).lasting(arguments.n_timesteps)
     kwargs = {**config.env_kwargs, **arguments.env_kwargs}
     _check(arguments, kwargs)
-    judged = {k: v for k, v in kwargs.items() if k not in episodes.TRAINING_ONLY}
+    judged = episodes.validation(arguments.env, kwargs)
     eval_env = episodes.make_episodes(arguments.env, arguments.eval_episodes, **judged)
     setup.split(config, arguments.runners, arguments.learners, arguments.envs_per_runner)
     cluster.connect(arguments.address, arguments.runners + arguments.learners, arguments.verbose)

@@ -252,6 +252,14 @@ def test_a_full_disk_is_a_sentence(tmp_path: Path, monkeypatch, capsys):
     assert not list((tmp_path / "run" / "checkpoints").iterdir())  # half a checkpoint fills the disk no further
 
 
+def test_a_policy_is_chosen_by_its_own_tasks_reward_less_the_cost_that_it_learns_from():
+    wall = "flexarm_env:flexarm/space-wall-v1"
+    given = {"duration": 1.0, "reward": {"accuracy": 9.0, "cost": 3.0}, "history": 2}
+    own = {"accuracy": 0.2, "distance": 0.2, "change": 0.2}
+    assert episodes.validation(wall, given) == {"history": 2, "reward": own | {"cost": 3.0}}
+    assert episodes.validation(ENV, {"reward": {"accuracy": 9.0}}) == {}
+
+
 # ------------------------------------------------------------------ the committed configuration
 @pytest.mark.parametrize("path", sorted((ROOT / "configs").glob("*/*.yml")), ids=lambda p: f"{p.parent.name}/{p.stem}")
 def test_committed_configs_can_be_read(path: Path):

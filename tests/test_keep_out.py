@@ -8,6 +8,7 @@ import pytest
 
 import flexarm_env as fx
 from flexarm_env import time_functions
+from flexarm_env.derivatives import Arms
 from flexarm_env.shapes import Box, Cylinder, HalfSpace, Shape, Sphere
 from flexarm_env.view.ribbons import ribbons
 from tests.env_tools import assert_pair_same, assert_same, pair
@@ -65,11 +66,18 @@ def test_clearance_is_that_of_the_arm_and_of_a_scene_run_beside(kind: str) -> No
 def test_the_tip_alone_a_margin_and_the_price_of_a_wall() -> None:
     """The wall of an arm of the plane that stands beside it."""
     wall = {"shape": "half_space", "point": (1.0, 0.0), "normal": (-1.0, 0.0)}
-    env = gym.make("FlexibleArm-v0", keep_out={"shapes": wall, "of": "tip", "margin": 0.1})
-    env.reset(seed=0, options={"start": (1.0,)})
+    kept = {"keep_out": {"shapes": wall, "of": "tip", "margin": 0.1}}
+    env = gym.make("FlexibleArm-v0", **kept)
+    charged = gym.make_vec("FlexibleArm-v0", num_envs=2, reward={"cost": 3.0, "change": 0.1}, **kept)
+    free = gym.make_vec("FlexibleArm-v0", num_envs=2, reward={"change": 0.1}, **kept)
+    for one in (env, charged, free):
+        one.reset(seed=0, options={"start": (1.0,)})
     total = 0.0
     for _ in range(30):
         info = env.step(np.array([-1.0], np.float32))[-1]
+        (_, paid, *_, told), reward = charged.step(np.full((2, 1), -1.0, np.float32)), free.step(-np.ones((2, 1)))[1]
+        assert np.array_equal(paid, reward + told["reward_cost"]) and told["cost"][0] == info["cost"]
+        assert np.array_equal(told["reward_cost"], -3.0 * told["cost"])
         total += float(info["cost"])
         assert info["clearance"] == pytest.approx(1.0 - info["tip_position"][0], abs=1e-12)
         assert info["cost"] == (info["clearance"] < 0.1) and info["episode_cost"] == total
@@ -112,6 +120,12 @@ def test_absent_it_changes_nothing() -> None:
 )
 def test_what_is_wrong_is_named(given: Any, words: str) -> None:
     says(words, lambda: gym.make("TwoLinkFlexArm-v0", keep_out=given))
+
+
+def test_a_price_needs_what_costs_and_has_no_slope() -> None:
+    says("reward.cost = 3.0: must be given with", lambda: gym.make("FlexibleArm-v0", reward={"cost": 3.0}))
+    priced = {"keep_out": PLANE, "reward": {"cost": 3.0}}
+    says("reward.cost = 3.0: must be left out", lambda: Arms("TwoLinkFlexArm-v0", 2, **priced))
 
 
 @pytest.mark.parametrize("kind", ["plane", pytest.param("space", marks=pytest.mark.slow)])

@@ -49,7 +49,7 @@ class Arms(Periods):
         whether an arm was beyond a joint's limits at its end.
     Raises:
         ValueError: another package's environment; what cannot be differentiated: prescribed motions where steps are
-        fitted (`step_tolerance`), or of other joints from arm to arm with `multipliers`; bad sizes.
+        fitted (`step_tolerance`), or of other joints from arm to arm with `multipliers`; `reward.cost`; bad sizes.
     """
 
     def __init__(
@@ -65,6 +65,8 @@ class Arms(Periods):
             vectorization_mode=gym.VectorizeMode.VECTOR_ENTRY_POINT, **keywords,
         ).unwrapped  # fmt: skip
         self.environment = made
+        if "cost" in made.plan.kind.rewards:
+            raise check.InvalidValue("reward.cost", keywords["reward"]["cost"], "must be left out: steps have no slope")
         self.observation_space, self.action_space = made.single_observation_space, made.single_action_space
         self._parts: list[Part] = []
         self._led: list[Any] = []

@@ -70,6 +70,8 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
 
     The sum of these terms, each in `info` as `reward_<name>`; e target less tip angle (rad), e' its rate, d' the rate
     of the tip deflection (L/s), a the action. `reward={"effort": 0.1}` changes weights.
+    Two terms are there where they are given a weight: `change`, -(a less the action before)^2, -4 to 0; `cost`, with
+    the options `cost` or `keep_out`, -1 in each period that costs.
 
     | name | weight | term | bounds |
     |---|---|---|---|

@@ -29,7 +29,7 @@ from .floating import check_afloat, with_base
 from .motion import Prescribed, prescribed
 from .observation import asked, sensors_of, sight
 from .space import check_arm
-from .task import Entry, Kind, afloat, info_entries, priced, reward_weights
+from .task import COST, Entry, Kind, afloat, info_entries, priced, reward_weights
 from .vibration import shake, swing
 
 INFO_LEVELS = ("standard", "full", "numbers")
@@ -207,6 +207,9 @@ def plan(
     if word == "replay":
         events.unguided(extras, "task", word)
     weights = reward_weights(kind, reward)
+    if COST in kind.rewards and extras.cost is None and extras.keep_out is None:
+        what = "must be given with `cost` or `keep_out`, which say what costs"
+        raise check.InvalidValue("reward.cost", dict(reward or {})[COST], what)
     vibration = check.number("initial_vibration", initial_vibration, minimum=0.0, maximum=0.5)
     begun, absolute = events.starts(kind, own, starts)
     laws = any(factors.get(name, (1.0, 1.0)) != (1.0, 1.0) for name in OF_JOINTS)

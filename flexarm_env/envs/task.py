@@ -21,8 +21,8 @@ HOLD_TIME = 0.5
 REWARDS = ("accuracy", "settle", "distance", "effort", "vibration", "failure")
 """Names of the reward terms of slew and reach, in order."""
 
-CHANGE = "change"
-"""Name of the term for what actions change by, before failure where it is asked for."""
+CHANGE, COST = "change", "cost"
+"""Names of the terms for what actions change by and for `cost`, which stand before failure where they are asked for."""
 
 ATTITUDE = "attitude"
 """Name of the term for the attitude of a base that floats, and of its bound in a success."""
@@ -79,6 +79,7 @@ class Kind:
             hold=float(math.ceil(HOLD_TIME / period - 1e-9) + 1),
             bands=np.array([bound for bound, _ in self.bands.values()]),
             acted=(0,) * arm.n_links if CHANGE in self.rewards else (),
+            charged=(0,) if COST in self.rewards else None,
             base=(0,) * (BASE_POSE.end if arm.base else 0),
         )
         return usual._replace(**(aims or {}))
@@ -257,18 +258,17 @@ def afloat(kind: Kind, arm: Arm) -> Kind:
 
 
 def priced(kind: Kind, reward: Any) -> Kind:
-    """The kind, with a term for the change of actions where `reward` has a weight for it."""
-    if not isinstance(reward, Mapping) or CHANGE not in reward:
-        return kind
+    """The kind, with terms for cost and for the change of actions where `reward` has weights for them."""
+    more = [(name, 0.0) for name in (COST, CHANGE) if isinstance(reward, Mapping) and name in reward]
     terms = list(kind.rewards.items())
-    return replace(kind, rewards=dict([*terms[:-1], (CHANGE, 0.0), terms[-1]]))
+    return replace(kind, rewards=dict([*terms[:-1], *more, terms[-1]])) if more else kind
 
 
 def reward_weights(kind: Kind, given: Mapping[str, float] | None) -> Array:
     """Weights of the reward's terms: the kind's, with what is given in their place."""
     weights = dict(kind.rewards)
     table = {} if given is None else check.table_of("reward", given)
-    check.known_keys("reward", table, (*kind.rewards, CHANGE), "reward term")
+    check.known_keys("reward", table, (*kind.rewards, COST, CHANGE), "reward term")
     for name, value in table.items():
         weights[name] = check.number(f"reward.{name}", value, minimum=0.0)
     return np.array([weights[name] for name in kind.rewards])

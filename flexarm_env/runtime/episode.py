@@ -75,7 +75,7 @@ def _period(lane, p, g, block, w):
     live = find_sound(lane, p.entries, w.flag, seen)
     reward(lane, p, live, poses, action, record, info, outcome)
     record_clearance(lane, p, g, w.q, live, info)
-    record_period(lane, p, par, record, scratch, w, live, info)
+    record_period(lane, p, par, record, scratch, w, live, info, outcome)
     return finish(lane, p, g, w, poses, record, seen, info, saved, outcome)
 
 
@@ -135,10 +135,10 @@ def reward(lane, p, live, poses, action, record, info, outcome):
 
 # --- info ----------------------------------------------------------------------------------------------
 @kernel
-def record_period(lane, p, par, record, scratch, w, live, info):
-    """What a period came to into info where `live` > 1/2, but for what `reward` says."""
+def record_period(lane, p, par, record, scratch, w, live, info, outcome):
+    """What a period came to into info where `live` > 1/2, but for what `reward` says; what it costs, into outcome."""
     at = info_of(p.task)
-    record_events(lane, p, par, record, w, live, info)
+    record_events(lane, p, par, record, w, live, info, outcome)
     record_step_error(lane, p, scratch, live, info)
     record_torques(lane, p, par, record, w, live, info)
     record_delay(lane, p, record, live, info)

@@ -16,7 +16,7 @@ from ..physics.model import OK, PAYLOAD_INERTIA, PAYLOAD_MASS
 from ..physics.protocol import gauge
 from ..tasks.program import CHANGE, COST, FURTHER, PERIODS, PUSH, PUSHED
 from ..tasks.stream import draw, uniform
-from ..tasks.task import info_of, put_info
+from ..tasks.task import info_of, put_info, reward_term
 
 _PUSH = PUSH.places
 _ONE, _BOTH = (0,), (0, 0)
@@ -103,8 +103,8 @@ def set_pushes(lane, p, record, w):
 
 # --- at its end ----------------------------------------------------------------------------------------
 @kernel
-def record_events(lane, p, par, record, w, live, info):
-    """Cost, payload and push of the period into info; the episode's cost grows."""
+def record_events(lane, p, par, record, w, live, info, outcome):
+    """Cost, payload and push of the period into info; the episode's cost grows, the reward falls."""
     if size(p.task.further) > 0:
         at, first = info_of(p.task).further, size(p.task.links)
         if p.cost is not None or p.keep_out is not None:
@@ -117,6 +117,9 @@ def record_events(lane, p, par, record, w, live, info):
             put(live, record, COST, before + cost, before)
             store(info, at + FURTHER.cost, cost)
             put_info(lane, live, info, at + FURTHER.episode_cost, before + cost)
+            if p.task.charged is not None:
+                k = size(p.task.terms) - 2 - min(size(p.task.acted), 1)
+                store(outcome, 0, load(lane, outcome, 0) + reward_term(lane, p.task, live, info, k, -cost))
         put_info(lane, live, info, at + FURTHER.payload, load(lane, par, PAYLOAD_MASS))
         if p.pushes is not None:
             for d in range(_axes(p.task)):

@@ -12,7 +12,7 @@ import numpy as np
 from .. import arms
 from ..envs.options import Plan, plan
 from ..envs.space import SPACE
-from ..envs.task import ATTITUDE, CHAIN, CHANGE, REACH, SLEW
+from ..envs.task import ATTITUDE, CHAIN, CHANGE, COST, REACH, SLEW
 from .data import Task, task
 
 KINDS = {kind.id: kind for kind in (SLEW, REACH, CHAIN, SPACE)}
@@ -39,7 +39,7 @@ def possible(task_id: str) -> Possible:
     weight = dict(zip(made.kind.rewards, made.rewards, strict=True))
     paid = weight["accuracy"] + weight["settle"]
     joints = made.arm.n_links * (weight["effort"] + 4.0 * weight.get(CHANGE, 0.0))
-    taken = weight["distance"] + joints + weight["vibration"] + weight.get(ATTITUDE, 0.0)
+    taken = weight["distance"] + joints + weight["vibration"] + weight.get(ATTITUDE, 0.0) + weight.get(COST, 0.0)
     return Possible(made.limit, -made.limit * taken - weight["failure"], made.limit * paid)
 
 

@@ -55,6 +55,7 @@ class Task(NamedTuple):
     once: tuple[int, ...] | None = None  # a tag where a success stays one to the end
     turns: tuple[int, ...] | None = None  # a tag where a target angle is met at any number of whole turns
     acted: tuple[int, ...] = ()  # as many zeros as there are joints where the change of actions is priced
+    charged: tuple[int, ...] | None = None  # a tag where the reward has a term for `cost`
     paid: tuple[int, ...] | None = None  # a tag where `settle` pays by the bands
     base: tuple[int, ...] = ()  # as many zeros as `BASE_POSE` has numbers where the arm's base floats, or none
     relative: float = 1.0  # 0: target angles are drawn as they stand, and not from where the arm starts

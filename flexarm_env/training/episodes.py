@@ -30,6 +30,15 @@ SLEW_BAND, SLEW_BAND_LEAST, REACH_BAND = 0.02, float(np.radians(0.5)), 0.02
 """Settled: tip angle within this share of the slew, at least so many rad; tip within so many m of its target."""
 
 
+def validation(env_id: str, kwargs: Mapping[str, Any]) -> dict[str, Any]:
+    """Keywords of the environment that training chooses on, of those that it trains with: its reward is the
+    environment's own, less `cost` where it learns from that."""
+    judged, reward = {k: v for k, v in kwargs.items() if k not in TRAINING_ONLY}, kwargs.get("reward")
+    if isinstance(reward, Mapping) and "cost" in reward:
+        judged["reward"] = made(gym.spec, env_id.rpartition(":")[2]).kwargs.get("reward", {}) | {"cost": reward["cost"]}
+    return judged
+
+
 class Policy(Protocol):
     """What acts: `reset` takes the first observations of episodes that begin together, `act` every one in turn."""
 

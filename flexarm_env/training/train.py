@@ -55,7 +55,7 @@ def train(arguments: Arguments) -> Any:
     from flexarm_env.training import watch
 
     kwargs = {**config.env_kwargs, **arguments.env_kwargs}
-    judged = {k: v for k, v in kwargs.items() if k not in episodes.TRAINING_ONLY}
+    judged = episodes.validation(arguments.env, kwargs)
     eval_env = episodes.make_episodes(arguments.env, arguments.eval_episodes, **judged)
     setup = Setup.of(eval_env)
     env = make_sb3_vec(arguments.env, config.n_envs, seed=arguments.seed, normalize=config.normalize or False, **kwargs)
