@@ -255,6 +255,8 @@ def spoil(columns: dict[str, Any], how: str) -> dict[str, Any]:
         return {**columns, "t": 1e3 * t}
     if how == "still":
         return {**columns, "strain": 0.0 * strain}
+    if how == "still soon":
+        return {**columns, "strain": np.where(t < 0.5, strain, 0.0)}
     return {"t": t, "angle": hub, "strain": strain}
 
 
@@ -272,6 +274,7 @@ def spoil(columns: dict[str, Any], how: str) -> dict[str, Any]:
         ("angle in thousandths", "in another unit"),
         ("ms", "in another unit"),
         ("still", "column 'strain' never changes"),
+        ("still soon", "column 'strain' never changes from 0 where it is compared"),
         ("missing", "column 'hub' (joint0) must be there once"),
     ],
 )
@@ -457,3 +460,11 @@ def test_frequency_and_damping_by_amplitude() -> None:
         assert abs(one.damping - 4.0 * drag * mean / (3.0 * math.pi)) < 0.25 * one.damping
     with pytest.raises(ValueError, match="must ring"):
         free_decay(t, np.random.default_rng(0).normal(size=len(t)))
+    for wrong in (t[::-1], np.repeat(t[::2], 2)[: len(t)]):
+        with pytest.raises(ValueError, match=r"^t = .*: must be evenly spaced instants"):
+            free_decay(wrong, of.y[0])
+    with pytest.raises(ValueError, match=r"^periods = nan: must be a positive number"):
+        free_decay(t, of.y[0], periods=math.nan)
+    for measured, predicted in ((np.ones(3), np.ones(3)), (t[:3], t[:2]), ([], [])):
+        with pytest.raises(ValueError, match=r"^(measured|shape of (measured|predicted)) = .*: must"):
+            vaf(measured, predicted)

@@ -219,6 +219,7 @@ def test_what_does_not_fit_the_arm_is_refused(strip):
         (lambda: dynamics("stripe", DT), r"^arm = 'stripe': must be one of .*\"strip\""),
         (lambda: dynamics(STRIP, np.nan), r"^period = nan: must be a positive number \(s\)"),
         (lambda: dynamics(STRIP, DT, 2), r"^nodes = 2"),
+        (lambda: dynamics(STRIP, DT, 0), r"^nodes = 0: must be a whole number, from 3 to 12"),
         (lambda: dynamics(dataclasses.replace(STRIP, torque_limits=None), DT), r"^arm\.torque_limits: missing"),
     ]:
         refuses(message, made)

@@ -420,14 +420,16 @@ def dynamics(
     """
     arm = arms.resolve(arm)
     period = check.number("period", period, "s", above=0.0)
+    usual = 3 if arm.spatial else 4
+    nodes = usual if nodes is None else check.integer("nodes", nodes, minimum=3, maximum=12)
     return _one_for_all(arm, period, nodes, gravity if arm.spatial else None)
 
 
 @lru_cache(maxsize=16)
-def _one_for_all(arm: Arm, period: float, nodes: int | None, gravity: Vector | None) -> Dynamics:
+def _one_for_all(arm: Arm, period: float, nodes: int, gravity: Vector | None) -> Dynamics:
     if arm.spatial:
-        return SpatialDynamics(arm, period, nodes or 3, gravity or (0.0, 0.0, 0.0))
-    return Dynamics(arm, period, nodes or 4)
+        return SpatialDynamics(arm, period, nodes, gravity or (0.0, 0.0, 0.0))
+    return Dynamics(arm, period, nodes)
 
 
 def _task(arm: Arm) -> Task:

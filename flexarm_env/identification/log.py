@@ -73,11 +73,11 @@ def read_run(path: str | os.PathLike[str], config: Config) -> Run:
     t = np.asarray(np.arange(len(t)) * period, np.float64)
     inputs = {c.name: _prepared(where, c, columns[c.name], t) for c in config.inputs}
     outputs = {c.name: _prepared(where, c, columns[c.name], t) for c in config.outputs}
-    for channel in config.outputs:
-        _moves(where, channel, columns[channel.name])
     kept = t >= config.skip
     if kept.sum() < 20:
         raise BadLog(f"{where}: {t[-1]:.3g} s long, of which the first {config.skip:g} s are skipped: nothing is left")
+    for channel in config.outputs:
+        _moves(where, channel, columns[channel.name], kept)
     return Run(Path(path).name.removesuffix(".gz").removesuffix(".csv"), t, inputs, outputs, kept)
 
 
@@ -137,10 +137,11 @@ def _prepared(where: str, channel: Channel, values: Array, t: Array) -> Array:
     return np.asarray(np.interp(t + channel.shift, t, values) if channel.shift else values)
 
 
-def _moves(where: str, channel: Channel, values: Array) -> None:
+def _moves(where: str, channel: Channel, values: Array, kept: NDArray[np.bool_]) -> None:
     """A column that never moves tells nothing; one that stays at its end is a saturated sensor."""
-    if np.ptp(values) == 0.0:
-        raise BadLog(f"{where}: column {channel.column!r} never changes from {values[0]:g}")
+    if np.ptp(values[kept]) == 0.0:
+        since = "" if kept.all() else " where it is compared"
+        raise BadLog(f"{where}: column {channel.column!r} never changes from {values[-1]:g}{since}")
     change = np.abs(np.diff(values))
     least, most = change[change > 0.0].min(), change.max()
     for end in (values.max(), values.min()):

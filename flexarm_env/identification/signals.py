@@ -13,14 +13,28 @@ from .log import Run
 
 
 def vaf(measured: Array, predicted: Array) -> float:
-    """Variance accounted for, %: 100 (1 - var(measured - predicted) / var(measured)); offsets do not count."""
+    """Variance accounted for, %: 100 (1 - var(measured - predicted) / var(measured)); offsets do not count.
+
+    Raises ValueError for a log that does not move, or a prediction of another length; so does `nrmse`.
+    """
+    measured, predicted = _comparable(measured, predicted)
     return float(100.0 * (1.0 - np.var(measured - predicted) / np.var(measured)))
 
 
 def nrmse(measured: Array, predicted: Array, offset: bool) -> float:
     """Root mean square of the error over the log's standard deviation, %; offset: of the error less its mean."""
+    measured, predicted = _comparable(measured, predicted)
     e = measured - predicted
     return float(100.0 * np.sqrt(np.mean((e - e.mean() if offset else e) ** 2)) / np.std(measured))
+
+
+def _comparable(measured: Array, predicted: Array) -> tuple[Array, Array]:
+    measured, predicted = check.array("measured", measured, ("n",)), check.floats("predicted", predicted)
+    if predicted.shape != measured.shape:
+        raise check.InvalidValue("shape of predicted", predicted.shape, f"must be that of measured, {measured.shape}")
+    if np.ptp(measured) == 0.0:
+        raise check.InvalidValue("measured", measured, "must move, or nothing is to be explained")
+    return measured, predicted
 
 
 # -------------------------------------------------------------------------------------------- ringing, free decay
@@ -83,6 +97,10 @@ def free_decay(t: Array, y: Array, *, periods: float = 4.0, high: float = np.inf
     t, y = check.column("t", t, "s"), check.column("y", y)
     if len(t) != len(y) or len(t) < 20:
         raise check.InvalidValue("y", f"{len(y)} samples", f"must be as many as t has, {len(t)}, and at least 20")
+    steps = np.diff(t)
+    if not 0.0 < steps.max() < 1.5 * np.median(steps) or steps.min() < 0.5 * np.median(steps):
+        raise check.InvalidValue("t", t, "must be evenly spaced instants, each after the one before (s)")
+    periods = check.number("periods", periods, above=0.0)
     whole = ringing(t, y, high=high)
     if whole is None or whole.error > 0.9:
         raise check.InvalidValue("y", y, "must ring: no damped cosine is found in it")
