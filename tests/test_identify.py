@@ -354,6 +354,7 @@ def test_cells_of_other_columns_do_not_matter(fitted: tuple[Any, Path], tmp_path
         (('column = "hub"', 'column = "hub", low_pass = 1e-9'), "must be between 0.2 Hz, one period in the log, and"),
         (('column = "hub"', 'column = "hub", shift = -5.0'), "shift = -5 s must be shorter than the log, 5 s"),
         (('name = "m"', 'name = "EI"'), "name = 'EI': must be the name of one parameter alone"),
+        (("skip = 0.5", 'start = "hung"'), """start = 'hung': must be one of "unloaded", "held\""""),
         (("skip = 0.5", "fit = [1]"), "fit[0] = 1: must be a text"),
         (("skip = 0.5", "loads = [5]"), "loads[0] = 5: must be a table"),
     ],

@@ -74,11 +74,12 @@ def high(path: str) -> float:
 
 
 def experiment(
-    paths: tuple[str, ...], drive: str, arm: Arm | None = None, solver: str = "nodes = 4", tolerance: str = "1e-12"
-) -> Experiment:
+    paths: tuple[str, ...], drive: str, arm: Arm | None = None, solver: str = "nodes = 4", tolerance: str = "1e-12",
+    start: str = "unloaded",
+) -> Experiment:  # fmt: skip
     arm = strip() if arm is None else arm
     entries = "".join(f'"{path}" = {{ low = {low(path)}, high = {high(path)}, size = 0.1 }}\n' for path in paths)
-    config = read_config(STRIP % (drive, tolerance, solver) + entries, arm)
+    config = read_config(f'start = "{start}"\n' + STRIP % (drive, tolerance, solver) + entries, arm)
     made = Experiment(arm, config, config.chosen())
     sized = tuple(dataclasses.replace(p, size=abs(x) or 0.5) for p, x in zip(made.parameters, made.start, strict=True))
     return Experiment(arm, config, sized, ["log"])
@@ -124,9 +125,11 @@ def test_of_a_prescribed_hub() -> None:
 
 
 @pytest.mark.slow
-def test_of_a_torque() -> None:
+@pytest.mark.parametrize("start", ["unloaded", "held"])
+def test_of_a_torque(start: str) -> None:
     """Slopes of the torque jump at each sample; the hub is free, and what it is made of counts."""
-    made = experiment(("links[0].section.EI", "hub_inertia", "tau_d", "inputs.torque0.gain", *AROUND[1:3]), "torque0")
+    paths = ("links[0].section.EI", "hub_inertia", "tau_d", "inputs.torque0.gain", *AROUND[1:3])
+    made = experiment(paths, "torque0", start=start)
     compare(made, log("torque0", 3.0))
 
 

@@ -90,13 +90,15 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Config:
-    """All of the file. time: column of the instants; skip: s at a run's start that are not compared."""
+    """All of the file. time: column of the instants; start: of a run, as a `Scene` has it; skip: s at its start that are
+    not compared."""
 
     time: Channel
     inputs: tuple[Channel, ...]
     outputs: tuple[Channel, ...]
     parameters: tuple[Parameter, ...]
     fit: tuple[str, ...]
+    start: str = "unloaded"
     skip: float = 0.0
     sensors: Sensors | None = None
     experiment: Mapping[str, Any] = field(default_factory=dict)  # gravity, loads
@@ -120,8 +122,8 @@ class Config:
 
 
 _KEYS = (
-    "time", "skip", "inputs", "outputs", "sensors", "gravity", "loads", "solver", "parameters", "fit", "starts",
-    "evaluations", "good", "seed",
+    "time", "start", "skip", "inputs", "outputs", "sensors", "gravity", "loads", "solver", "parameters", "fit",
+    "starts", "evaluations", "good", "seed",
 )  # fmt: skip
 
 
@@ -165,6 +167,7 @@ def _config(table: dict[str, Any], arm: Arm) -> Config:
         time=_channel("time", "t", table.get("time", "t"), False, _CHANNEL[:3]),
         inputs=inputs, outputs=_channels("outputs", table, True), parameters=parameters,
         fit=tuple(check.text(f"fit[{k}]", name) for k, name in enumerate(fit)),
+        start=check.choice("start", table.get("start", "unloaded"), ("unloaded", "held")),
         skip=check.number("skip", table.get("skip", 0.0), "s", minimum=0.0),
         sensors=carried, experiment=experiment, space=space, solver=solver,
         starts=check.integer("starts", table.get("starts", 4), minimum=1, maximum=1000),

@@ -282,7 +282,7 @@ class Experiment:
         gravity = tuple(table["gravity"]) if any(table["gravity"]) else None
         return Scene(
             run.stem, arm, duration=float(run.t[-1]), dt=run.period, angles=tuple(absolute), motions=tuple(motions),
-            loads=tuple(loads), gravity=gravity, space=self.config.space,
+            loads=tuple(loads), gravity=gravity, space=self.config.space, start=self.config.start,
         )  # fmt: skip
 
     def _read_at_start(self) -> dict[int, float | None]:
