@@ -90,7 +90,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Config:
-    """All of the file. time: column of the instants; start: of a run, as a `Scene` has it; skip: s at its start that are
+    """All of the file. time: column of the instants; start: of a run, as of a `Scene`; skip: s at its start that are
     not compared."""
 
     time: Channel
