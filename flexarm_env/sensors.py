@@ -380,7 +380,7 @@ def _constant_or_range(path: str, value: Any) -> float | Range:
 def _gauge(path: str, entry: Any) -> StrainGauge:
     if isinstance(entry, Mapping | StrainGauge):
         return _read(path, StrainGauge, entry)
-    link, place = (0, entry) if np.ndim(entry) == 0 else check.sequence(path, entry, "a link and a place", 2)
+    link, place = check.sequence(path, entry, "a link and a place", 2) if check.several(entry) else (0, entry)
     link = check.integer(f"{path}[0]", link, minimum=0)
     return StrainGauge(link=link, place=check.number(path, place, minimum=0.0, maximum=1.0))
 

@@ -260,6 +260,11 @@ def sequence(path: str, value: object, what: str, length: int | None = None) -> 
     return tuple(value)
 
 
+def several(value: object) -> bool:
+    """Whether this is a sequence, of whatever, and not one value."""
+    return isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0)
+
+
 def instance(path: str, value: object, kind: type[T]) -> T:
     """``value`` as an object of the class ``kind``."""
     if not isinstance(value, kind):

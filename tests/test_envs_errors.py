@@ -52,6 +52,11 @@ WRONG: dict[str, list[tuple[dict[str, Any], tuple[str, ...]]]] = {
         ({"actuator": {"lag": -1.0}}, ("actuator.lag = -1.0",)),
         ({"actuator": {"coulomb_rate": 0.1}}, ("actuator.coulomb_rate", "unknown key")),
         ({"action_mode": "current"}, ("arm.joints[0].motor", "needs a motor with a current_limit")),
+        ({"reward": {"effort": 1e300}}, ("reward.effort = 1e+300", "at most 1e+30")),
+        *(
+            ({keyword: {name: [[1, 2], [3]]}}, (f"{keyword}.{name}", " = [", "]: must be a "))
+            for keyword, name in (("sensors", "delay"), ("actuator", "viscous"), ("cost", "deflection"))
+        ),
         ({"info_level": "loud"}, ("info_level", "full")),
         ({"render_mode": "ascii"}, ("render_mode", "rgb_array")),
         ({"initial_vibration": 2.0}, ("initial_vibration = 2.0",)),
@@ -71,6 +76,7 @@ WRONG: dict[str, list[tuple[dict[str, Any], tuple[str, ...]]]] = {
         ({"task": "track", "reference": [[0.0, 3.0, 0.0], [1.0, 3.0, 0.0]]}, ("within reach",)),
         ({"task": "replay", "motion": {"joint3": "spin_up"}}, ("joint3",)),
     ],
+    "SpatialFlexArm-v0": [({"formulation": np.zeros(2)}, ("formulation = [0.0, 0.0]", "elastica"))],
 }
 
 

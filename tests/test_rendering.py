@@ -240,7 +240,7 @@ def moving(count: int = 6) -> list[Picture]:
     return [draw(renderer, 0.1 * k, time=0.1 * k, deflection=[0.1]) for k in range(count)]
 
 
-@pytest.mark.parametrize("ending", [".mp4", ".gif"])
+@pytest.mark.parametrize("ending", [".mp4", ".webm", ".gif"])
 def test_films(ending: str, tmp_path: Path) -> None:
     from flexarm_env.envs.video import write_film
 
@@ -259,6 +259,8 @@ def test_a_film_is_whole_or_absent(tmp_path: Path) -> None:
     from flexarm_env.envs.video import write_film
 
     refuses(r"must end with one of \.mp4", lambda: write_film(tmp_path / "film.txt", moving(1)))
+    refuses("fps = 0.0: must be a finite number, at least", lambda: write_film(tmp_path / "film.mp4", moving(1), 0.0))
+    refuses("fps = 0.002: must be at least 0.003", lambda: write_film(tmp_path / "film.gif", moving(2), 0.002))
     refuses("must hold one picture or more", lambda: write_film(tmp_path / "film.mp4", []))
     (tmp_path / "film.gif").write_text("old")
 

@@ -21,6 +21,7 @@ from flexarm_env.cli.progress import ProgressBar, show
 from flexarm_env.comparison import tip_error
 from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
+from flexarm_env.trajectory import check_work
 
 TABLES, FIGURES, FILMS = (".csv", ".npz"), (".png", ".pdf", ".svg"), (".mp4", ".gif", ".webm", ".mkv", ".mov")
 NEEDED = {"plot": ("matplotlib", "plot"), "video": ("pygame", "render")}
@@ -41,7 +42,13 @@ def run(args: argparse.Namespace) -> int:
         _needs("plots", "matplotlib", "plot")
         if Path(args.plots).is_file():
             raise check.InvalidValue("--plots", args.plots, "must be a folder, and this is a file")
-    speed = check.number("--speed", args.speed, above=0.0)
+    for name in ("duration", "sample"):
+        if getattr(args, name) is not None:
+            check.number(name, getattr(args, name), "s", above=0.0)
+    interval = args.sample or scene.sample
+    assert interval is not None
+    check_work(args.duration or scene.duration, interval, settings.dt)
+    speed = check.number("--speed", args.speed, minimum=1e-3 * interval)  # a picture in 1000 s
     if args.through_env and args.time_limit is not None:
         raise check.InvalidValue("--time-limit", args.time_limit, "must not be given together with --through-env")
 
@@ -136,11 +143,10 @@ def _directly(scene: Scene, settings: Settings, args: argparse.Namespace, bar: P
 def _through_env(scene: Scene, settings: Settings, args: argparse.Namespace, bar: ProgressBar | None) -> Any:
     from flexarm_env.envs.replay import through_env
 
-    period = scene.sample if args.sample is None else check.number("sample", args.sample, "s", above=0.0)
+    period = args.sample or scene.sample
     if args.duration is not None:
-        length = check.number("duration", args.duration, "s", above=0.0)
-        dt, shortest = min(scene.dt, length), min(period or length, length)
-        scene = dataclasses.replace(scene, duration=length, dt=dt, sample=shortest)
+        dt, shortest = min(scene.dt, args.duration), min(period or args.duration, args.duration)
+        scene = dataclasses.replace(scene, duration=args.duration, dt=dt, sample=shortest)
     return through_env(scene, settings, period, args.error_limit)
 
 

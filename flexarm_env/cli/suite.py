@@ -85,6 +85,7 @@ def _suite(words: Sequence[str]) -> int:
     policies = listed("--policy", args.policy)
     if args.name is not None and len(policies) != 1:
         raise check.InvalidValue("--name", args.name, "must be given for one policy alone")
+    Path(args.out).mkdir(parents=True, exist_ok=True)  # an error now, and not after the episodes
     done, trouble = [], []
     for word in policies:
         results, refused, notes = judged(

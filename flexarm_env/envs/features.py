@@ -45,7 +45,7 @@ def table_of(path: str, given: Any, keys: Sequence[str]) -> dict[str, Any]:
 
 def for_each(path: str, value: Any, n: int, unit: str = "", **bounds: float) -> Array:
     """One number for all of n links or joints, or one each."""
-    many = np.ndim(value) > 0
+    many = check.several(value)
     values = check.sequence(path, value, f"{n} numbers{f' ({unit})' if unit else ''}", n) if many else (value,) * n
     names = [f"{path}[{k}]" if many else path for k in range(n)]
     return np.array([check.number(name, v, unit, **bounds) for name, v in zip(names, values, strict=True)])
@@ -64,7 +64,7 @@ def whole(path: str, value: Any, step: float, name: str, **bounds: float) -> int
 
 def _late(path: str, value: Any, step: float, name: str) -> tuple[int, int]:
     """A delay as a whole number of steps: the least and the most that may be drawn for an episode."""
-    if np.ndim(value) == 0:
+    if not check.several(value):
         return (whole(path, value, step, name, minimum=0.0),) * 2
     limits = enumerate(check.limits(path, value, "s", minimum=0.0))
     low, high = (whole(f"{path}[{k}]", limit, step, name) for k, limit in limits)
@@ -122,6 +122,9 @@ def with_friction(arm: Arm, given: Any) -> Arm:
     table, joints = table_of("actuator", given, _ACTUATOR), [arm.joint(k) for k in range(arm.n_links)]
     for name, unit in (("viscous", "N m s/rad"), ("coulomb", "N m")):
         more = for_each(f"actuator.{name}", table.get(name, 0.0), arm.n_links, unit, minimum=0.0)
+        if arm.base is not None and more[0]:
+            what = "must be 0 at the hub on a base that floats, where that joint is ideal"
+            raise check.InvalidValue(f"actuator.{name}", table[name], what)
         if more.any():
             field = f"friction_{name}"
             pairs = zip(joints, more, strict=True)
@@ -136,6 +139,8 @@ def with_hub(arm: Arm, drawn: Any) -> tuple[Arm, float]:
     nothing else gives joint 0 a law, a rotor next to nothing does."""
     if drawn is None:
         return arm, 0.0
+    if arm.base is not None:
+        raise check.InvalidValue("randomization.hub_inertia", drawn, "must be left out on a base that floats")
     axis, joint = np.array(arm.hub_axis), arm.joint(0)
     hub = float(axis @ bodies.tensor(arm.hub_inertia) @ axis)
     if hub == 0.0:

@@ -44,7 +44,7 @@ def check_afloat(frame: Frame, task: str, mode: str, wanted: Any, **arguments: A
     if task != frame.kind.task:
         raise check.InvalidValue("task", task, f'must be "{frame.kind.task}" on a base that floats')
     for name, why in _HELD.items():
-        if arguments[name]:
+        if check.several(arguments[name]) or arguments[name]:
             raise check.InvalidValue(name, arguments[name], f"must be left out on a base that floats: {why}")
     if arm.joint(0).moves:
         what = "must be an ideal Joint() on a base that floats"

@@ -283,7 +283,7 @@ def _arm(kind: Kind, given: Any, joint_limits: Any) -> Arm:
 def _settings(kind: Kind, formulation: str | None, period: float, options: dict[str, Any]) -> Settings:
     default = DEFAULT_FORMULATION if kind.settings is None else "geometrically_exact"
     chosen = default if formulation is None else formulation
-    if kind.space and chosen == "elastica":
+    if kind.space and isinstance(chosen, str) and chosen == "elastica":
         what = "must be 'geometrically_exact' or 'floating_frame' in space"
         raise check.InvalidValue("formulation", chosen, what)
     check_options(chosen, [name for name in options if name in default_options(chosen) or _known(name)])

@@ -78,7 +78,7 @@ def _vibration(value: Any, modes: int) -> Any:
 
 def _start(plan: Plan, value: Any) -> list[float]:
     n = plan.arm.n_links
-    if n == 1 and np.ndim(value) == 0:
+    if n == 1 and not check.several(value):
         value = [value]
     entries = check.sequence("options.start", value, f"{n} angles (rad)", n)
     angles = [check.number(f"options.start[{k}]", v, "rad", **ANGLE) for k, v in enumerate(entries)]

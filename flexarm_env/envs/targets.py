@@ -80,7 +80,7 @@ class Angle(Target):
     paths: ClassVar = {"swing": (("width", "rad"), ("period", "s")), "line": (("behind", "rad"), ("rate", "rad/s"))}
 
     def read(self, arm: Arm, value: Any) -> Pair:
-        if np.ndim(value) == 1 and len(value) == 1:
+        if check.several(value) and len(value) == 1:
             value = value[0]
         return check.number("options.target", value, "rad", **ANGLE), 0.0
 

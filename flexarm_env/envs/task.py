@@ -270,5 +270,5 @@ def reward_weights(kind: Kind, given: Mapping[str, float] | None) -> Array:
     table = {} if given is None else check.table_of("reward", given)
     check.known_keys("reward", table, (*kind.rewards, COST, CHANGE), "reward term")
     for name, value in table.items():
-        weights[name] = check.number(f"reward.{name}", value, minimum=0.0)
+        weights[name] = check.number(f"reward.{name}", value, minimum=0.0, maximum=check.LARGEST)
     return np.array([weights[name] for name in kind.rewards])

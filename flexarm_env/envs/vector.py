@@ -244,7 +244,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         n = self.num_envs
         if seed is None:
             return [None] * n
-        if np.ndim(seed) == 0:
+        if not check.several(seed):
             first = check.integer("seed", seed, minimum=0)
             return [first + i for i in range(n)]
         if len(seed) != n:

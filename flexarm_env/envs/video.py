@@ -28,6 +28,11 @@ FILMS = (".mp4", ".webm", ".mkv", ".mov")
 
 Draw = Callable[[int, Any], Any]
 
+FEWEST = 1e-3
+"""Pictures a second of a film, at least."""
+LONGEST = 655.0
+"""Seconds of a .gif at most: it cannot show one picture, or several that are alike, for longer."""
+
 ROOM = 1 << 20
 """A disk with less than this free is full, bytes."""
 
@@ -114,10 +119,11 @@ def write_film(path: str | os.PathLike[str], frames: Iterable[NDArray[np.uint8]]
     Args:
         path: ends with .mp4, .webm, .mkv, .mov or .gif. frames: (height, width, 3) uint8 each. fps: pictures a second.
     Raises:
-        ValueError: another ending, or no picture at all. DependencyNotInstalled: nothing here writes such a file.
+        ValueError: another ending, fps below FEWEST, a .gif of more than LONGEST s, or no picture at all.
+        DependencyNotInstalled: nothing here writes such a file.
         OSError: it could not be written, on a full disk for example.
     """
-    target = film_path(path)
+    target, fps = film_path(path), check.number("fps", fps, "1/s", minimum=FEWEST)
     target.parent.mkdir(parents=True, exist_ok=True)
     part = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix}")
     write = _write_gif if target.suffix.lower() == ".gif" else _write_ffmpeg
@@ -136,8 +142,12 @@ def write_film(path: str | os.PathLike[str], frames: Iterable[NDArray[np.uint8]]
 def _write_ffmpeg(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> None:
     ffmpeg = _import("imageio_ffmpeg", "imageio-ffmpeg")
     first = _first(frames)
+    how: dict[str, Any] = {"quality": 8}
+    if path.suffix.lower() == ".webm":  # which holds no H.264
+        swift = ["-crf", "24", "-b:v", "0", "-deadline", "realtime", "-cpu-used", "6"]
+        how = {"codec": "libvpx-vp9", "quality": None, "output_params": swift}
     writer = ffmpeg.write_frames(
-        str(path), (first.shape[1], first.shape[0]), fps=fps, quality=8, macro_block_size=2, ffmpeg_log_level="error"
+        str(path), (first.shape[1], first.shape[0]), fps=fps, macro_block_size=2, ffmpeg_log_level="error", **how
     )
     writer.send(None)
     count = 1
@@ -159,6 +169,9 @@ def _write_ffmpeg(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -
 def _write_gif(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> None:
     image = _import("PIL.Image", "Pillow")
     every = [_first(frames), *frames]
+    if not len(every) / fps <= LONGEST:
+        what = f"must be at least {len(every) / LONGEST:.2g} (1/s) for {len(every)} pictures in a .gif"
+        raise check.InvalidValue("fps", fps, what)
     some = np.concatenate(every[:: max(1, len(every) // 8)])
     # small patches keep their colours, and large ones have theirs to the letter
     palette = image.fromarray(some).quantize(256, method=image.Quantize.MAXCOVERAGE, kmeans=1)

@@ -106,6 +106,7 @@ def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str
     allowed: keys that the entry may have; default those that Stable-Baselines3's class takes.
     """
     yaml = _yaml()
+    _known(algorithm)
     path = default_path(algorithm) if path is None else path
     packaged = HOME.parent / path if path.suffix else HOME / algorithm / f"{path}.yml"
     if not path.is_file() and packaged.is_file():
@@ -187,10 +188,14 @@ def _yaml() -> Any:
         return importlib.import_module("yaml")
 
 
-def algorithm_class(name: str) -> Any:
-    """The class in Stable-Baselines3, or in its contrib. ValueError for one there is not."""
+def _known(name: str) -> None:
     if name not in CLASSES:
         raise ValueError(f"algo = {name!r}: must be one of {', '.join(CLASSES)}")
+
+
+def algorithm_class(name: str) -> Any:
+    """The class in Stable-Baselines3, or in its contrib. ValueError for one there is not."""
+    _known(name)
     module, _, kind = CLASSES[name].partition(":")
     try:
         return getattr(importlib.import_module(module), kind)

@@ -122,6 +122,10 @@ def report(arguments: Arguments, rows: Mapping[str, Any], limits: Mapping[str, f
 
 def judge(arguments: Arguments) -> None:
     """Judge, print, and write what is asked for."""
+    if arguments.out is not None:
+        arguments.out.mkdir(parents=True, exist_ok=True)  # an error now, and not after the episodes
+    elif arguments.video:
+        raise ValueError("--video: needs --out, the folder of films")
     rows, results, limits = evaluate(arguments)
     content = report(arguments, rows, limits)
     table = markdown(rows, limits)

@@ -69,6 +69,9 @@ def acting(model: Any, meta: Mapping[str, Any], normaliser: Any) -> NumpyPolicy 
 
 def choose(word: str, env_id: str) -> Chosen:
     """What a word names. ValueError with a sentence for a word that names nothing, or what cannot be read."""
+    word = word.strip()
+    if not word:
+        raise ValueError("--policy: must name at least one, or several with commas between them")
     if word in control.NAMES:
         return Chosen(word, {}, lambda env: control.make(word, env))
     name, _, file = word.partition("@")

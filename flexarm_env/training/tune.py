@@ -210,6 +210,8 @@ def search_all(arguments: Arguments) -> None:
     task = setup.task
     path = place(task, arguments)
     tables = current(path)
+    if not arguments.dry:
+        path.parent.mkdir(parents=True, exist_ok=True)  # an error now, and not after the search
     for name in chosen:
         if name == "time_optimal" and task != "slew":
             continue
