@@ -242,6 +242,25 @@ def test_joint_limits_end_an_episode() -> None:
     assert not any(free.step(np.array([0.0, 1.0], np.float32))[2] for _ in range(200))
 
 
+@pytest.mark.parametrize(
+    ("env_id", "limits"),
+    [
+        ("FlexibleArm-v0", [(4.0, 5.0)]),
+        ("TwoLinkFlexArm-v0", [(-0.1, 0.5), (1.0, 2.0)]),
+        ("TwoLinkFlexArm-v0", [None, (2.0, 2.5)]),
+        pytest.param("SpatialFlexArm-v0", [(2.0, 3.0)] * 3, marks=pytest.mark.slow),
+    ],
+)
+def test_arms_start_within_their_joints_limits(env_id: str, limits: list[Any]) -> None:
+    """Limits that leave out a part of the usual starts, or all of it, ended episodes in their first step."""
+    env: Any = gym.make_vec(env_id, num_envs=64, joint_limits=limits)
+    env.reset(seed=0)
+    for k, own in enumerate(limits):
+        low, high = env.unwrapped.plan.starts.start[k]
+        assert own is None or own[0] <= low < high <= own[1]
+    assert env.step(np.zeros(env.action_space.shape, np.float32))[2].sum() <= 3  # but for those close to a limit
+
+
 def test_energy_books_balance() -> None:
     env = gym.make("FlexibleArm-v0", **rich("FlexibleArm-v0", gravity=(0.0, -9.81)))
     _, info = env.reset(seed=3)

@@ -62,8 +62,11 @@ WRONG: dict[str, list[tuple[dict[str, Any], tuple[str, ...]]]] = {
         ({"initial_vibration": 2.0}, ("initial_vibration = 2.0",)),
     ],
     TWO: [
-        ({"task": "track", "reference": path}, ("reference = (", "s: must stay within reach, 0 to 1 m"))
-        for path in ([[0, 0.5, 0.1], [1, 5.0, 0.2]], [[[0, 2], [1, 2]], [[0, 0], [1, 1]]])
+        ({"joint_limits": [None, (1.0, 2.0)], "starts": {"straight": 0.5}}, ("starts.straight = 0.5", "must be 0")),
+        *(
+            ({"task": "track", "reference": path}, ("reference = (", "s: must stay within reach, 0 to 1 m"))
+            for path in ([[0, 0.5, 0.1], [1, 5.0, 0.2]], [[[0, 2], [1, 2]], [[0, 0], [1, 1]]])
+        ),
     ],
     MULTI: [
         ({"arm": "strip"}, ("must have at least 2 link",)),

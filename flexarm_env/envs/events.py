@@ -17,7 +17,7 @@ from ..sensors import surface
 from ..shapes import Shape, shape_of
 from ..validation import Array
 from .features import Frame, for_each, table_of
-from .task import Kind
+from .task import Kind, at_zero
 
 Pair = tuple[float, float]
 
@@ -181,7 +181,9 @@ def starts(kind: Kind, arm: Arm, given: Any) -> tuple[Starts, bool]:
     if "target" in table:
         changes["target"] = _target(kind, arm, table["target"])
     if "straight" in table:
-        changes["straight"] = check.number("starts.straight", table["straight"], minimum=0.0, maximum=1.0)
+        changes["straight"] = share = check.number("starts.straight", table["straight"], minimum=0.0, maximum=1.0)
+        if share > at_zero(arm) == 0.0:
+            raise check.InvalidValue("starts.straight", share, "must be 0 where a joint's limits leave out the angle 0")
     absolute = check.flag("starts.absolute", table.get("absolute", False))
     if absolute and kind.target.numbers != 1:
         raise check.InvalidValue("starts.absolute", True, f"must be left out for {kind.id}: a point is where it is")

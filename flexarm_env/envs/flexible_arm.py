@@ -84,8 +84,9 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
 
     ## Starting state
 
-    Straight and at rest at a hub angle from -pi to pi, with a target within +-pi/2 of it; `initial_vibration=x` adds
-    the first mode of vibration, in which the tip deflects by at most x L (drawn from -x to x). All draws are uniform.
+    Straight and at rest at a hub angle from -pi to pi, within the joint's limits (targets are not held to them), with a
+    target within +-pi/2 of it; `initial_vibration=x` adds the first mode of vibration, in which the tip deflects by at
+    most x L (drawn from -x to x). All draws are uniform.
 
     ## Episode end
 

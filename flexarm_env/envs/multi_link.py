@@ -62,8 +62,8 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
 
     At rest with straight links; half of the episodes with all joint angles 0, half with the hub at -1 to 1 and the
     elbows at -3.6/N to 3.6/N rad. The target is 0.3 L to 0.95 L from the root, within +-120 degrees of the x axis. All
-    draws are uniform. `initial_vibration=x` adds a first mode in which link 1's tip deflects by at most x times its
-    length.
+    draws are uniform, of angles within the joints' limits. `initial_vibration=x` adds a first mode in which link 1's
+    tip deflects by at most x times its length.
 
     ## Episode end and info
 

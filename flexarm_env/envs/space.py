@@ -16,7 +16,7 @@ from ..rigid import rate_scale
 from ..time_functions import TimeFunction
 from ..validation import Array
 from .targets import POINT, Pair, Target, coordinates
-from .task import REACH, Kind
+from .task import REACH, Kind, at_zero, within
 
 
 def check_arm(arm: Arm, kind: Kind) -> None:
@@ -106,18 +106,12 @@ def _record(arm: Arm) -> type[Task]:
     return SpaceReach
 
 
-def _within(arm: Arm, ranges: list[Pair]) -> list[Pair]:
-    """Ranges of joint angles within the joints' limits."""
-    limits = arm.joint_limits or (None,) * arm.n_links
-    return [r if own is None else tuple(np.clip(r, *own).tolist()) for r, own in zip(ranges, limits, strict=True)]
-
-
 def _starts(arm: Arm) -> Starts:
     rest = 3.6 / arm.n_links
     return Starts(
-        start=_within(arm, [(-1.0, 1.0)] + [(-rest, rest)] * (arm.n_links - 1)),
-        target=_within(arm, [(-2.0 * math.pi / 3, 2.0 * math.pi / 3)] + [(-rest, rest)] * (arm.n_links - 1)),
-        straight=0.5,
+        start=within(arm, [(-1.0, 1.0)] + [(-rest, rest)] * (arm.n_links - 1)),
+        target=within(arm, [(-2.0 * math.pi / 3, 2.0 * math.pi / 3)] + [(-rest, rest)] * (arm.n_links - 1)),
+        straight=at_zero(arm),
     )
 
 

@@ -27,7 +27,8 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     The default arm, `three_dof` (after shamilmamedov/flexible_arm), has a rigid pillar of 0.15 m that yaws about the
     vertical, z, and two steel strips of 0.5 m, 50 mm wide and 2 mm thick, that pitch at shoulder and elbow. At angles 0
-    it stands upright. L is the sum of the lengths, 1.15 m.
+    it stands upright. It carries no payload that could be drawn or changed; `three_dof_loaded` does, 0.1 kg. L is the
+    sum of the lengths, 1.15 m.
 
     ## Action space
 

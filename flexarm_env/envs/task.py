@@ -1,7 +1,7 @@
 """The tasks as data: arm, spaces, scales, rewards and starts; what single and vector environments share."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,7 +13,7 @@ from ..parameters import Arm
 from ..physics.layout import BASE_POSE
 from ..rigid import centre_shift, inertia_beyond, rate_scale
 from ..validation import Array
-from .targets import ANGLE_OF_TIP, POINT, Target
+from .targets import ANGLE_OF_TIP, POINT, Pair, Target
 
 HOLD_TIME = 0.5
 """Success: in the band throughout the trailing so many seconds."""
@@ -142,17 +142,32 @@ def _reach_record(arm: Arm) -> type[Task]:
     return Reach if arm.n_links == 2 else Chain
 
 
+def within(arm: Arm, ranges: Sequence[Pair]) -> list[Pair]:
+    """Ranges of joint angles within the joints' limits; the limits where the two have nothing in common."""
+    found = []
+    for (low, high), own in zip(ranges, arm.joint_limits or (None,) * arm.n_links, strict=True):
+        least, most = own or (low, high)
+        both = max(low, least), min(high, most)
+        found.append(both if both[0] < both[1] else (least, most))
+    return found
+
+
+def at_zero(arm: Arm) -> float:
+    """Share of starts with all joints at 0: a half, or none where their limits do not allow it."""
+    return 0.5 * all(own is None or own[0] <= 0.0 <= own[1] for own in arm.joint_limits or ())
+
+
 def _slew_starts(arm: Arm) -> Starts:
-    return Starts(start=[(-math.pi, math.pi)], target=[(-math.pi / 2, math.pi / 2), (0.0, 0.0)])
+    return Starts(start=within(arm, [(-math.pi, math.pi)]), target=[(-math.pi / 2, math.pi / 2), (0.0, 0.0)])
 
 
 def _reach_starts(arm: Arm) -> Starts:
     length, elbow = arm.total_length, 3.6 / arm.n_links
     far = 0.95 * (length - 2.0 * centre_shift(arm))  # wherever the arm starts: the centre of mass of all stays there
     return Starts(
-        start=[(-1.0, 1.0)] + [(-elbow, elbow)] * (arm.n_links - 1),
+        start=within(arm, [(-1.0, 1.0)] + [(-elbow, elbow)] * (arm.n_links - 1)),
         target=[(0.3 * length, far), (-2.0 * math.pi / 3, 2.0 * math.pi / 3)],
-        straight=0.5,
+        straight=at_zero(arm),
     )
 
 

@@ -85,8 +85,8 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     At rest with straight links; half of the episodes with both joint angles 0, half with the hub at -1 to 1 and the
     elbow at -1.8 to 1.8 rad. The target is 0.3 L to 0.95 L from the root, within +-120 degrees of the x axis. All
-    draws are uniform. `initial_vibration=x` adds a first mode in which link 1's tip deflects by at most x times its
-    length.
+    draws are uniform, of angles within the joints' limits. `initial_vibration=x` adds a first mode in which link 1's
+    tip deflects by at most x times its length.
 
     ## Episode end
 
