@@ -52,6 +52,8 @@ WRONG: dict[str, list[tuple[dict[str, Any], tuple[str, ...]]]] = {
         ({"actuator": {"lag": -1.0}}, ("actuator.lag = -1.0",)),
         ({"actuator": {"coulomb_rate": 0.1}}, ("actuator.coulomb_rate", "unknown key")),
         ({"action_mode": "current"}, ("arm.joints[0].motor", "needs a motor with a current_limit")),
+        ({"starts": {"angles": [(0.0, 1e9)]}}, ("starts.angles[0][1] = 1000000000.0", "at most 1e+06 (rad)")),
+        ({"task": "track", "reference": {"path": "line", "rate": (0, 1e9)}}, ("rate[1] = 1000000000", "1e+06 (rad/s)")),
         ({"reward": {"effort": 1e300}}, ("reward.effort = 1e+300", "at most 1e+30")),
         *(
             ({keyword: {name: [[1, 2], [3]]}}, (f"{keyword}.{name}", " = [", "]: must be a "))

@@ -17,6 +17,7 @@ from ..sensors import surface
 from ..shapes import Shape, shape_of
 from ..validation import Array
 from .features import Frame, for_each, table_of
+from .motion import ANGLE
 from .task import Kind, at_zero
 
 Pair = tuple[float, float]
@@ -191,7 +192,7 @@ def starts(kind: Kind, arm: Arm, given: Any) -> tuple[Starts, bool]:
 
 
 def _joint(arm: Arm, k: int, row: Any, of: str = "angles") -> Pair:
-    low, high = check.limits(f"starts.{of}[{k}]", row, "rad")
+    low, high = check.limits(f"starts.{of}[{k}]", row, "rad", **ANGLE)
     own = None if arm.joint_limits is None else arm.joint_limits[k]
     if own is not None and not own[0] <= low <= high <= own[1]:
         what = f"must be within the joint's limits, {own[0]:g} to {own[1]:g} rad"
@@ -205,14 +206,14 @@ def _target(kind: Kind, arm: Arm, value: Any) -> list[Pair]:
         rows = check.sequence("starts.target", value, f"{arm.n_links} pairs of joint angles, rad", arm.n_links)
         return [_joint(arm, k, row, "target") for k, row in enumerate(rows)]
     if kind.target.numbers == 1:
-        return [check.limits("starts.target", value, "rad"), (0.0, 0.0)]
+        return [check.limits("starts.target", value, "rad", **ANGLE), (0.0, 0.0)]
     first, second = check.sequence("starts.target", value, "two pairs: distance (m) and bearing (rad)", 2)
     near, far = reach(arm)
     low, high = check.limits("starts.target[0]", first, "m")
     if not near <= low <= high <= far:
         what = f"must be within reach, {near:g} to {far:g} m from the root"
         raise check.InvalidValue("starts.target[0]", (low, high), what)
-    return [(low, high), check.limits("starts.target[1]", second, "rad")]
+    return [(low, high), check.limits("starts.target[1]", second, "rad", **ANGLE)]
 
 
 def unguided(extras: Extras, path: str, value: Any) -> None:

@@ -60,8 +60,9 @@ class Target(ABC):
         for k, (name, unit) in enumerate(self.paths[shape]):
             if name in given:
                 turns = name in ("bearing", "elevation")
-                least = {"above": 0.0} if name == "period" else {} if turns else {"minimum": 0.0}
-                ranges[k] = check.limits(f"reference.{name}", given[name], unit, **least)
+                bounds = {"above": 0.0} if name == "period" else {} if turns else {"minimum": 0.0}
+                bounds = ANGLE | bounds if unit.startswith("rad") else bounds
+                ranges[k] = check.limits(f"reference.{name}", given[name], unit, **bounds)
         self.check_ranges(ranges, arm, shape)
         return shape, ranges
 
