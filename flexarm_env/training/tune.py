@@ -96,7 +96,9 @@ def search(
     from scipy.stats import qmc
 
     low, high = np.log(bounds[:, 0]), np.log(bounds[:, 1])
-    points = qmc.scale(qmc.Sobol(len(low), rng=arguments.seed).random(arguments.samples), low, high)
+    level = (arguments.samples - 1).bit_length()  # the next power of 2, which SciPy wants and would warn of
+    points = qmc.Sobol(len(low), rng=arguments.seed).random_base2(level)[: arguments.samples]
+    points = qmc.scale(points, low, high)
     if start is not None:
         points = np.vstack([np.clip(np.log(start), low, high), points])
     costs = [cost(np.exp(p)) for p in points]
