@@ -137,3 +137,16 @@ def test_modes_of_an_arm_in_the_plane_stay_there_and_come_to_the_segments() -> N
     apart = [float(np.abs(run.tip - runs[0].tip).max()) / arm.total_length for run in runs[1:]]
     assert not runs[1].tip[:, 2].any()
     assert apart[0] < 1e-4 and apart[0] < apart[1]
+
+
+@pytest.mark.parametrize(("segments", "bent"), [(2, 2.5), (1, 0.5)])
+def test_short_steps_of_a_bent_arm_reduced_to_modes(segments: int, bent: float) -> None:
+    """The shorter the step the more inertia counts, and a light shaft's about the chord is that of its bow: Newton has
+    it although shear differs between both planes."""
+    section = dataclasses.replace(STUBBY, C_y=150.0, J=1e-4, J_y=1e-4)
+    arm = fx.Arm("a", (fx.Link(0.4, section, curvature=((0.0, -bent), (0.4, 4.0 * bent))),), hub_axis=(0.0, 1.0, 0.0),
+                 payload=fx.Payload(0.05, 1e-5, (0.0, 0.03, 0.0)))  # fmt: skip
+    tip = fx.PointLoad(0, "tip", force_z=constant(1.0))
+    scene = everything(fx.Scene("s", arm, duration=2e-3, dt=2e-5, sample=1e-3, loads=(tip,), space=True))
+    run = fx.simulate(scene, FLOATING, segments=segments, modes=3, estimate_error=False)
+    assert run.finished and run.halvings == 0 and run.iterations < 2.0 * run.steps

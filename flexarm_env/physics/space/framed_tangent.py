@@ -62,12 +62,14 @@ class Column(NamedTuple):
 
 
 class Bent(NamedTuple):
-    """How the mass is off the chord: int m (1 - x/l) n, int m x/l n; of both rotations int m h h phi about y and z."""
+    """How the mass is off the chord: int m (1 - x/l) n, int m x/l n; of both rotations int m h h phi about y and z, by
+    which it goes round the chord; with inner modes int m n^2."""
 
     near: Any
     far: Any
     left: Any
     right: Any
+    roll: Any
 
 
 @kernel
@@ -78,21 +80,27 @@ def _bent_inertia(lane, model, frame, at, q, row):
     near = plus(scale(x, constant(lane, model, at.near, 0)), scale(y, constant(lane, model, at.near, 1)))
     far = plus(scale(x, constant(lane, model, at.far, 0)), scale(y, constant(lane, model, at.far, 1)))
     l, r = product_of(lane, model, at.lateral, a, b)
+    roll = None
     if model.inner is not None:
         l, r = ends_by(lane, model, at.inner_lateral, 2, q, row, l, r)
+        roll = dot(l, a) + dot(r, b)
+        l = inner_by(lane, model, at.roll, 2, 0, a, b, q, row)
+        r = inner_by(lane, model, at.roll, 2, 1, a, b, q, row)
         for i in range(inner_of(model)):
-            n = across(vector(lane, q, row + 3 * i))
+            own = vector(lane, q, row + 3 * i)
+            roll = roll + dot(inner_by(lane, model, at.inner_lateral, 2, i, a, b, q, row), own)
+            n = across(own)
             near = plus(near, scale(n, constant(lane, model, at.inner_near, i)))
             far = plus(far, scale(n, constant(lane, model, at.inner_far, i)))
     zero = l[0] * 0.0
-    return Bent(near, far, (zero, l[1], l[2]), (zero, r[1], r[2]))
+    return Bent(near, far, (zero, l[1], l[2]), (zero, r[1], r[2]), roll)
 
 
 @kernel
 def _inner_own(lane, model, frame, at, k, q, row, mass):
     """Of inner mode k: H phi; int m h h phi about y and z, times mass."""
     a, b = frame.left.phi, frame.right.phi
-    bow = times(inner_by(lane, model, at.inner_lateral, 2, k, a, b, q, row), mass)
+    bow = times(inner_by(lane, model, at.roll, 2, k + 2, a, b, q, row), mass)
     return inner_by(lane, model, at.inner_coupling, 2, k, a, b, q, row), (bow[0] * 0.0, bow[1], bow[2])
 
 
@@ -206,11 +214,13 @@ def _turned(lane, model, frame, now, bending, late, bent, weights, at):
     ll, rl, bl = _rows_by(P, Q, ll_by, rl_by)
     lr, rr, br = _rows_by(P, Q, lr_by, rr_by)
     lb, rb, bb = _rows_by(P, Q, l_by, r_by)
-    # inertia about the chord, as if h were one in both planes
+    # inertia about the chord; without inner modes as if h were one in both planes
     ul, ur = times(bent.left, cm), times(bent.right, cm)
     vl, vr = lifted(ul), lifted(ur)
     vl, vr, roll = turned(Pt, vl), turned(Qt, vr), plus(turned(P, vl), turned(Q, vr))
     own = dot(ul, frame.left.phi) + dot(ur, frame.right.phi)
+    if bent.roll is not None:
+        own = bent.roll * cm
     lb, rb, bl, br = _plus_column(lb, vl), _plus_column(rb, vr), _plus_row(bl, vl), _plus_row(br, vr)
     bb = (
         (bb[0][0] + (own - roll[0] * 2.0), bb[0][1] - roll[1], bb[0][2] - roll[2]),

@@ -62,6 +62,7 @@ FRAME = Layout(
     Field("inner_near", ("inner", 3), "kg m", ""),
     Field("inner_far", ("inner", 3), "kg m", ""),
     Field("inner_moment", ("inner", 3), "N m", ""),
+    Field("roll", ("inner + 2", "inner + 2", 3), "kg m^2", "of left, right, inner: about y by these about z, ..."),
 )  # fmt: skip
 
 BODY = Layout(

@@ -161,6 +161,7 @@ def _frame(link: Link, plane: Element, across: Element, start: float, modes: int
     mass = _symmetric(dm, ends)[_UPPER]
     near, far = np.einsum("p,ep,pnc->enc", dm, ends, h)
     lateral = np.einsum("p,pnc,pmc->nmc", dm, h, h)[..., [0, 2, 1]]  # about x, y, z
+    both_planes = np.einsum("p,pn,pm->nm", dm, h[..., 2], h[..., 1])
     order = [0, 1, n, *range(2, n)]  # the frame before inner modes
     w: Array = np.zeros(n)
     if link.curved:
@@ -171,7 +172,7 @@ def _frame(link: Link, plane: Element, across: Element, start: float, modes: int
         rotary=[*rotary[:2, :2][_UPPER], *rotary[:2, n], rotary[n, n]], mass=mass, near=near[:2], far=far[:2],
         lateral=lateral[:2, :2][_UPPER], points=np.concatenate(rows), inner_bend=K[2:, 2:], inner_coupling=H[2:],
         inner_lateral=lateral[2:], inner_rotary=rotary[2:n, order], inner_near=near[2:], inner_far=far[2:],
-        inner_moment=moments[2:],
+        inner_moment=moments[2:], roll=np.stack([0.0 * both_planes, both_planes.T, both_planes], axis=-1),
     )  # fmt: skip
     bent = np.zeros((inner, 3))
     bent[:, 2] = w[2:]
