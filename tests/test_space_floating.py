@@ -108,6 +108,17 @@ def test_iterations_of_long_steps() -> None:
     assert run.finished and run.halvings == 0 and run.iterations < 4.1 * run.steps
 
 
+@pytest.mark.parametrize("bent", [0.0, 2.0])
+def test_short_steps_bring_no_energy(bent: float) -> None:
+    """What a first increment leaves of itself is as much as it leaves of its square, and in short steps more."""
+    section = answers.section(2.0, 1.0, 3.0, 1e4, 1e-6, m=0.3)
+    arm = fx.Arm("a", (fx.Link(0.8, section, curvature=((0.0, bent), (0.8, -bent))),), hub_axis=(0.0, 1.0, 0.0),
+                 payload=fx.Payload(0.1, 1e-4, (0.0, 0.03, 0.0)), tau_d=1e-3)  # fmt: skip
+    scene = everything(fx.Scene("s", arm, duration=0.05, dt=5e-5, sample=5e-3, gravity=(3.0, 0.0, -9.81), space=True))
+    run = fx.simulate(scene, FLOATING, segments=2, estimate_error=False)
+    assert run.finished and np.abs(run.balance).max() < 1e-5 * run.turned_over
+
+
 @pytest.mark.slow
 def test_a_run_tells_its_error() -> None:
     run = fx.simulate(dataclasses.replace(scenes.named("three_dof_slew"), duration=0.1), FLOATING)

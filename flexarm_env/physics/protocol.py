@@ -20,8 +20,8 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     settle(lane, model, par, start, w, active, slopes)  after an increment w.r of Newton's (start None), and after
         `predict` (start a tag): where `active`, w.q, v, a and b are moved on, by no more than the increment's square
     stride(model)                    None, or the largest weighted increment, to which others are scaled down
-    lack(model)                      None, or what a step's matrix lacks of the derivative at most: an increment by one
-        that is made anew leaves at most 10 times its square, or that share of it
+    lack(model)                      None, or what a step's matrix lacks of the derivative at most, in the first
+        iteration and in others: an increment by one made anew leaves at most 10 times its square, or that share of it
     assemble(lane, model, par, state, u, weights, r, S)
         r = M(q) a + h(q, v) + Phi_q^T lambda - B u  and, with `Weights` c, S = c.mass dr/da + c.damping dr/dv +
         c.stiffness dr/dq, eqs. [64]-[78]; rows of multipliers belong to `constrain`, except that columns of multipliers

@@ -164,9 +164,11 @@ def newton(lane, model, drive, par, w, slopes, scheme, plain):
             theta = maximum(theta, LINEAR)
         if iteration == 0:
             theta = _first_contraction(lane, _trust(model.predictor), increment)
+            if lack(model) is not None:
+                theta = maximum(theta, lack(model)[0])
         elif lack(model) is not None:
             if not keeps(model, iteration):  # the contraction seen was the first increment's
-                least = maximum(increment * 10.0, lack(model))
+                least = maximum(increment * 10.0, lack(model)[1])
                 theta = select_lt(least, theta, least, theta)
         active = select_lt(increment * theta / (1.0 - theta), scheme.tolerance, splat(lane, 0.0), active)
         before = increment
