@@ -83,8 +83,11 @@ def gyrate(lane, model, S, k, momentum):
 
 @kernel
 def sway(lane, model, S, k):
-    """See `protocol`."""
-    return vector(lane, S, hinge_at(k) + H.sway)
+    """See `protocol`. By strains the section before has no rows: the three before the joint's are others' there."""
+    a, b, c = vector(lane, S, hinge_at(k) + H.sway)
+    if model.strains is not None:
+        return a * 0.0, b * 0.0, c * 0.0
+    return a, b, c
 
 
 @kernel
@@ -232,7 +235,7 @@ def eliminate_joint(lane, model, S, k):
         on_section = plus(plus(on_section, turned(turn, aside)), plus(turned(Xt, force), cross(swing, pull)))
     if model.rotors is not None:
         if model.rotors[k] != 0:
-            on_section = plus(on_section, times(sway(lane, model, S, k), load(lane, S, h + H.lean)))
+            on_section = plus(on_section, times(vector(lane, S, h + H.sway), load(lane, S, h + H.lean)))
     add_block(lane, S, below, 0, 0, xx)
     add_block(lane, S, below, 0, 1, upper)
     add_block(lane, S, below, 1, 0, lower)
