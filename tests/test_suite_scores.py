@@ -101,7 +101,6 @@ def test_differences_are_paired_over_the_episodes_of_both(rng: np.random.Generat
 
 @pytest.mark.parametrize("task", suite.tasks(), ids=[task.id for task in suite.tasks()])
 def test_all_methods_are_told_apart(task: suite.Task, published: list[results.Results]):
-    """No difference of two methods, published, is less certain than to a twentieth of the scale. In two tasks in space
-    what was trained has been judged on the hundred alone."""
+    """No difference of two methods, published, is less certain than to a twentieth of the scale."""
     lines = page.lines_of(task, published)
     assert len(lines) > 3 and page.widest(task, lines) <= page.WIDTH
