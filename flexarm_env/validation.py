@@ -262,7 +262,8 @@ def sequence(path: str, value: object, what: str, length: int | None = None) -> 
 
 def several(value: object) -> bool:
     """Whether this is a sequence, of whatever, and not one value."""
-    return isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0)
+    row = isinstance(value, Sequence) and not isinstance(value, str | bytes)
+    return row or (isinstance(value, np.ndarray) and value.ndim > 0)
 
 
 def instance(path: str, value: object, kind: type[T]) -> T:

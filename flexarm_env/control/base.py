@@ -24,12 +24,12 @@ RESIDUAL_SHARE = 0.7
 """Share of the torque limit that the action adds in action_mode="residual_pd", where nothing is said."""
 
 
-WHOLE = "flexible", "modes", "block", "horizon", "iterations", "first"
+WHOLE = {"flexible": 1, "modes": 0, "block": 1, "horizon": 1, "iterations": 1, "first": 1}
 SHARES: dict[str, dict[str, float]] = {
     "effort": {"above": 0.0, "maximum": 1.0}, "memory": {"minimum": 0.0, "maximum": 1.0}, "lag": {"above": 0.0},
     "drift": {"minimum": 0.0, "maximum": 1.0},
 }  # fmt: skip
-"""Fields of gains that are whole numbers; and what those may be that are not from 0 to `MOST_GAIN`."""
+"""Fields of gains that are whole numbers, from what; what others may be that are not from 0 to `MOST_GAIN`."""
 MOST_GAIN = 1e6
 
 
@@ -42,7 +42,8 @@ class Gains:
             name, value = field.name, getattr(self, field.name)
             many = "tuple" in str(field.type) and isinstance(value, tuple | list)
             if name in WHOLE:
-                value = value if value is None and field.default is None else check.integer(name, value, minimum=1)
+                if value is not None or field.default is not None:
+                    value = check.integer(name, value, minimum=WHOLE[name])
             else:
                 bounds = SHARES.get(name, {"minimum": 0.0, "maximum": MOST_GAIN})
                 found = [check.number(name, one, "", **bounds) for one in (value if many else [value])]
