@@ -84,10 +84,10 @@ def gyrate(lane, model, S, k, momentum):
 @kernel
 def sway(lane, model, S, k):
     """See `protocol`. By strains the section before has no rows: the three before the joint's are others' there."""
-    a, b, c = vector(lane, S, hinge_at(k) + H.sway)
     if model.strains is not None:
-        return a * 0.0, b * 0.0, c * 0.0
-    return a, b, c
+        zero = splat(lane, 0.0)
+        return zero, zero, zero
+    return vector(lane, S, hinge_at(k) + H.sway)
 
 
 @kernel
