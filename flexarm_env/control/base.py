@@ -25,12 +25,16 @@ RESIDUAL_SHARE = 0.7
 
 
 WHOLE = {"flexible": 1, "modes": 0, "block": 1, "horizon": 1, "iterations": 1, "first": 1}
+"""Fields of gains that are whole numbers, and the least that each may be."""
+
 SHARES: dict[str, dict[str, float]] = {
     "effort": {"above": 0.0, "maximum": 1.0}, "memory": {"minimum": 0.0, "maximum": 1.0}, "lag": {"above": 0.0},
     "drift": {"minimum": 0.0, "maximum": 1.0},
 }  # fmt: skip
-"""Fields of gains that are whole numbers, from what; what others may be that are not from 0 to `MOST_GAIN`."""
+"""Bounds of fields of gains that have others than 0 to `MOST_GAIN`."""
+
 MOST_GAIN = 1e6
+"""The most that a gain or a weight may be, in its own unit: beyond, no controller of these arms makes sense."""
 
 
 @dataclass(frozen=True)
