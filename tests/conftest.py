@@ -111,6 +111,15 @@ def compiled_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     objects.load, objects.save = load, save
 
 
+@pytest.fixture(scope="session")
+def published() -> list[Any]:
+    """All results of methods on the suite, as their files have them."""
+    from benchmarks.machine import DOCS
+    from flexarm_env.suite import results
+
+    return results.folder_of(DOCS / "results" / "suite", earlier=True)
+
+
 @pytest.fixture
 def rng() -> np.random.Generator:
     """A generator that starts alike in every test."""

@@ -16,11 +16,6 @@ RESULTS = Path(__file__).parents[1] / "docs" / "results" / "suite"
 QUICK = "slew-limited-v2"
 
 
-@pytest.fixture(scope="module")
-def published() -> list[results.Results]:
-    return results.folder_of(RESULTS, earlier=True)
-
-
 @pytest.mark.parametrize("name", best.known())
 def test_no_published_run_is_above_a_record(name: str, published: list[results.Results]):
     """In no episode; and a record is of the task as it is, with one action an instant."""

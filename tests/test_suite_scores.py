@@ -6,16 +6,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from benchmarks.machine import DOCS
 from flexarm_env import suite
 from flexarm_env.suite import page, results, score
 
 FIRST_TASK = suite.tasks()[0]
-
-
-@pytest.fixture(scope="module")
-def published() -> list[results.Results]:
-    return results.folder_of(DOCS / "results" / "suite", earlier=True)
 
 
 def test_the_interquartile_mean_is_the_mean_of_the_middle_half(rng: np.random.Generator):
