@@ -195,7 +195,7 @@ def test_what_is_observed_of_the_base() -> None:
 FEATURES: dict[str, Any] = {
     "keep_out": [{"shape": "sphere", "center": [0.5, 0.5], "radius": 0.1}], "cost": {"deflection": 0.05}, "history": 2,
     "sensors": {"encoders": {"counts": 4096}, "accelerometer": {}, "camera": {}, "noise": 0.01, "delay": 0.04},
-    "actuator": {"lag": 0.01, "delay": 0.02 / 3}, "reward": {"change": 0.1},
+    "actuator": {"lag": 0.01, "delay": 0.02 / 3}, "reward": {"change": 0.1, "cost": 0.2},
     "randomization": {"payload": (0.5, 2.0), "EI": (0.8, 1.2), "torque_constant": (0.9, 1.1)},
 }  # fmt: skip
 
