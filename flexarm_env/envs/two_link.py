@@ -70,7 +70,8 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     ## Reward
 
     The sum of these terms, each in `info` as `reward_<name>`; e distance of the tip from the target over L, v its
-    speed over L (1/s; with "track" relative to the target), d' rates of the deflections, a the action.
+    speed over L (1/s; with "track" relative to the target), d' rates of the deflections, a the action. With weights of
+    their own there are `change`, -sum of (a_k less that of the action before)^2, and `cost`, as in FlexibleArm-v0.
 
     | name | weight | term | bounds |
     |---|---|---|---|

@@ -118,7 +118,7 @@ def record_events(lane, p, par, record, w, live, info, outcome):
             store(info, at + FURTHER.cost, cost)
             put_info(lane, live, info, at + FURTHER.episode_cost, before + cost)
             if p.task.charged is not None:
-                k = size(p.task.terms) - 2 - min(size(p.task.acted), 1)
+                k = size(p.task.terms) - 2 - min(size(p.task.acted), 1)  # before those of change, if any, and failure
                 store(outcome, 0, load(lane, outcome, 0) + reward_term(lane, p.task, live, info, k, -cost))
         put_info(lane, live, info, at + FURTHER.payload, load(lane, par, PAYLOAD_MASS))
         if p.pushes is not None:
