@@ -143,8 +143,7 @@ def test_a_wrong_file_names_the_key_path(text: str, message: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "ideal"),
-    [("strip_geared", "strip"), pytest.param("two_link_geared", "de_luca_siciliano", marks=pytest.mark.slow)],
+    ("name", "ideal"), [("strip_geared", "strip"), ("two_link_geared", "de_luca_siciliano")]
 )
 def test_arms_on_gears(name: str, ideal: str) -> None:
     """Whole and back; gears lower the first held frequency by a fifth and more, friction is 3 % of the limits."""

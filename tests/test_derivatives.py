@@ -13,12 +13,9 @@ from flexarm_env.physics.joints.layout import PLACE, PLACES
 from flexarm_env.validation import Array
 
 
-def case(
-    name: str, env_id: str, tolerance: float = 1e-12, slow: bool = True, back: bool = False, **keywords: Any
-) -> Any:
+def case(name: str, env_id: str, tolerance: float = 1e-12, back: bool = False, **keywords: Any) -> Any:
     """back: cotangents have kernels of their own."""
-    marks = [pytest.mark.slow] if slow else []
-    return pytest.param(env_id, {"tolerance": tolerance, **keywords}, back, id=name, marks=marks)
+    return pytest.param(env_id, {"tolerance": tolerance, **keywords}, back, id=name)
 
 
 def geared(links: int = 1) -> Any:
@@ -82,8 +79,8 @@ PD, MOTORS = {"action_mode": "residual_pd", "residual_share": 0.3}, {"actuator":
 LATE = {"actuator": {"lag": 0.01, "delay": (0.0, 0.04)}}
 LAWS = {"randomization": {"hub_inertia": (0.5, 2.0), "motor_inertia": (0.5, 2.0)}}
 CASES = [
-    case("one link", ONE, slow=False, back=True),
-    case("success that is paid, the change of actions", ONE, slow=False, back=True, **PAID),
+    case("one link", ONE, back=True),
+    case("success that is paid, the change of actions", ONE, back=True, **PAID),
     case("motors with a drawn delay, controllers, the change of actions", TWO, back=True, **PAID, **PD, **LATE),
     case("three links", "MultiLinkFlexArm-v0", back=True),
     case("parameters", ONE, back=True, parameters=True, gravity=(0.0, -9.81), randomization={"payload": (0.5, 1.5)}),

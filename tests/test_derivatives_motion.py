@@ -26,13 +26,12 @@ JOINTS = [{"joint0": BROKEN}, {"joint1": SMOOTH}, {"joint0": BENT}]
 """Of three arms; of two links one joint each, the other being under torque."""
 
 
-def case(name: str, env_id: str, tolerance: float = 1e-12, slow: bool = True, **keywords: Any) -> Any:
-    marks = [pytest.mark.slow] if slow else []
-    return pytest.param(env_id, {"tolerance": tolerance, **keywords}, id=name, marks=marks)
+def case(name: str, env_id: str, tolerance: float = 1e-12, **keywords: Any) -> Any:
+    return pytest.param(env_id, {"tolerance": tolerance, **keywords}, id=name)
 
 
 CASES = [
-    case("one link", ONE, slow=False),
+    case("one link", ONE),
     case("two links", TWO),
     case("floating frame", ONE, **FLOATING),
     case("floating frame, two links", TWO, **FLOATING),

@@ -17,8 +17,6 @@ DOCS = ROOT / "docs"
 TRAINING = {"tutorials/train.md", "tutorials/circle.md", "tutorials/randomisation.md", "derivatives.md"}
 PAGES = ["index.md", "getting-started.md", "linearization.md"]
 PAGES += ["derivatives.md", *sorted(f"tutorials/{path.name}" for path in (DOCS / "tutorials").glob("*.md"))]
-QUICK = {*PAGES[:3], "tutorials/controller.md", "tutorials/index.md", "tutorials/vector.md"}
-"""Pages that compile what other tests do; the others take half a minute and more."""
 BLOCK = re.compile(
     r"(?:<!-- shortened in the tests: (?P<old>.*?) => (?P<new>.*?) -->\n\n)?```(?P<kind>python|sh)\n(?P<code>.*?)```",
     re.DOTALL,
@@ -44,9 +42,7 @@ def script_of(text: str) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "page", [pytest.param(page, marks=() if page in QUICK else pytest.mark.slow) for page in PAGES]
-)
+@pytest.mark.parametrize("page", PAGES)
 def test_code_runs_as_printed(page: str, tmp_path: Path) -> None:
     text = (DOCS / page).read_text("utf-8")
     if page in TRAINING:

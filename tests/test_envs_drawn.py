@@ -226,9 +226,9 @@ GEARS = Joint(stiffness=30.0, damping=0.03, motor_inertia=2e-5, gear_ratio=20.0,
     ("env_id", "options", "off"),
     [
         (ONE, {"formulation": "geometrically_exact", "tolerance": 1e-9}, 1e-7),
-        pytest.param(ONE, {}, 1e-2, marks=pytest.mark.slow),  # the period is corrected for the nominal arm
-        pytest.param(TWO, {"formulation": "floating_frame", "tolerance": 1e-9}, 1e-6, marks=pytest.mark.slow),
-        pytest.param(SPACE, {"elements": 1, "tolerance": 1e-9}, 1e-6, marks=pytest.mark.slow),
+        (ONE, {}, 1e-2),  # the period is corrected for the nominal arm
+        (TWO, {"formulation": "floating_frame", "tolerance": 1e-9}, 1e-6),
+        (SPACE, {"elements": 1, "tolerance": 1e-9}, 1e-6),
     ],
 )
 def test_a_hub_is_drawn_behind_a_gear_that_gives(env_id: str, options: dict[str, Any], off: float) -> None:

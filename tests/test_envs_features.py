@@ -350,8 +350,8 @@ FACTORS = {"friction": 1.6, "backlash": 0.5, "motor_inertia": 2.5, "payload_iner
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("formulation", ["elastica", pytest.param("floating_frame", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("count", [1, pytest.param(5, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("formulation", ["elastica", "floating_frame"])
+@pytest.mark.parametrize("count", [1, 5])
 def test_drawn_joints_and_inertia_are_those_of_an_arm_that_has_them(formulation: str, count: int) -> None:
     """Friction, play, rotor and payload of an arm of its own, and the same by factors: motion to rounding."""
     arm = arms.named("strip_geared")
@@ -397,8 +397,8 @@ def shaken(env: Any, steps: int = 30) -> Any:
     ("env_id", "keywords"),
     [
         (ONE, {"formulation": "geometrically_exact"}),
-        pytest.param("TwoLinkFlexArm-v0", {"formulation": "floating_frame"}, marks=pytest.mark.slow),
-        pytest.param("SpatialFlexArm-v0", {"elements": 1}, marks=pytest.mark.slow),
+        ("TwoLinkFlexArm-v0", {"formulation": "floating_frame"}),
+        ("SpatialFlexArm-v0", {"elements": 1}),
     ],
 )
 def test_a_drawn_hub_is_that_of_an_arm_that_has_it(env_id: str, keywords: dict[str, Any]) -> None:

@@ -88,7 +88,7 @@ def test_momentum_is_kept_over_an_episode_of_random_torques(formulation: str, ge
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("formulation", ["elastica", *(pytest.param(x, marks=pytest.mark.slow) for x in FRAMES)])
+@pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_a_push_is_all_that_changes_the_momentum_of_a_scene(formulation: str) -> None:
     """Force times time, and its moment about the origin over time, summed by the trapezoidal rule over the samples."""
     arm = dataclasses.replace(arms.named("de_luca_siciliano"), base=fx.Base(**BASE))
@@ -201,9 +201,7 @@ FEATURES: dict[str, Any] = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("env_id", "more"), [(ONE, {}), (TWO, {}), pytest.param(TWO, FEATURES, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("env_id", "more"), [(ONE, {}), (TWO, {}), (TWO, FEATURES)])
 def test_single_and_vector_give_the_same_bits(env_id: str, more: dict[str, Any]) -> None:
     assert_pair_same(pair(env_id, 9, threads=2, duration=0.6, **ON_BASE, **more), 45)
 

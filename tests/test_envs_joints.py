@@ -34,9 +34,9 @@ def outcomes(env: Any, actions: np.ndarray, **options: Any) -> list[Any]:
     ("env_id", "arm", "formulation"),
     [
         (ONE, "strip", "elastica"),
-        pytest.param(ONE, "strip", "floating_frame", marks=pytest.mark.slow),
-        pytest.param(TWO, "de_luca_siciliano", "elastica", marks=pytest.mark.slow),
-        pytest.param(TWO, "de_luca_siciliano", "geometrically_exact", marks=pytest.mark.slow),
+        (ONE, "strip", "floating_frame"),
+        (TWO, "de_luca_siciliano", "elastica"),
+        (TWO, "de_luca_siciliano", "geometrically_exact"),
     ],
 )
 def test_lanes_and_single_arms_are_equal_to_the_last_bit(env_id: str, arm: str, formulation: str) -> None:

@@ -25,8 +25,8 @@ def rest(env: Any) -> np.ndarray:
     ("scene", "formulation", "options"),
     [
         ("robot_arm_motion", None, {"segments": 5, "elements": 1, "dt": 0.05}),
-        pytest.param("robot_arm_torque", "elastica", {"nodes": 5}, marks=pytest.mark.slow),
-        pytest.param("two_link_motion", "elastica", {}, marks=pytest.mark.slow),
+        ("robot_arm_torque", "elastica", {"nodes": 5}),
+        ("two_link_motion", "elastica", {}),
     ],
 )
 def test_replay_through_the_environment_is_simulate(

@@ -36,9 +36,7 @@ def test_arms_in_lanes_on_one_and_two_threads(env_id: str, mode: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("env_id", "coulomb"), [(IDS[0], 0.0), *(pytest.param(k, 0.01, marks=pytest.mark.slow) for k in (*IDS, MULTI))]
-)
+@pytest.mark.parametrize(("env_id", "coulomb"), [(IDS[0], 0.0), *((k, 0.01) for k in (*IDS, MULTI))])
 def test_with_everything_it_is_the_same_too(env_id: str, coulomb: float) -> None:
     actuator = LIVELY["actuator"] | {"coulomb": coulomb}
     lively = rich(env_id, **LIVELY | {"actuator": actuator}, gravity=(0.0, -9.81), duration=0.3)

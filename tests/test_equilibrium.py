@@ -139,7 +139,7 @@ TURNED: dict[str, tuple[tuple[Link, ...], complex, complex]] = {
 
 
 @pytest.mark.slow
-@every(COLUMN, slow=("geometrically_exact", "floating_frame"))
+@every(COLUMN)
 @pytest.mark.parametrize("name", TURNED)
 def test_the_same_problem_turned_is_the_same_answer(name: str, formulation: str, options: dict[str, Any]) -> None:
     """At six angles: cos(pi/2) = 6e-17 is no side load."""

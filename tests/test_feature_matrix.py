@@ -55,7 +55,7 @@ def test_all(features: tuple[str, ...], method: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["elastica", "segments", pytest.param("modes in segments", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("method", ["elastica", "segments", "modes in segments"])
 @pytest.mark.parametrize("posture", POSTURES)
 def test_damping_ratio_about_a_bent_posture(posture: str, method: str) -> None:
     """Light damping: that of bending, zeta = tau_d omega / 2 and a little, and not that of stretch."""

@@ -85,7 +85,7 @@ def test_the_tip_alone_a_margin_and_the_price_of_a_wall() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["plane", pytest.param("space", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kind", KINDS)
 def test_single_and_vector_agree_to_the_last_bit(kind: str) -> None:
     env_id, keywords = KINDS[kind]
     both = pair(env_id, 4, duration=0.1, reward={"cost": 2.0}, **keywords)

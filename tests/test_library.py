@@ -29,16 +29,15 @@ DRAWN = {
 }
 CASES: list[Any] = [
     pytest.param("flexarm/slew-geared-v2", {}, id="gears with friction, delay"),
-    pytest.param("flexarm/reach-measured-v1", {}, id="noise", marks=pytest.mark.slow),
-    pytest.param("TwoLinkFlexArm-v0", {"formulation": "geometrically_exact"}, id="exact", marks=pytest.mark.slow),
-    pytest.param("TwoLinkFlexArm-v0", {"formulation": "floating_frame"}, id="floating", marks=pytest.mark.slow),
-    pytest.param("FlexibleArm-v0", {"step_tolerance": 1e-4}, id="fitted steps", marks=pytest.mark.slow),
-    pytest.param("MultiLinkFlexArm-v0", {"randomization": {"EI": (0.7, 1.3)}}, id="drawn", marks=pytest.mark.slow),
+    pytest.param("flexarm/reach-measured-v1", {}, id="noise"),
+    pytest.param("TwoLinkFlexArm-v0", {"formulation": "geometrically_exact"}, id="exact"),
+    pytest.param("TwoLinkFlexArm-v0", {"formulation": "floating_frame"}, id="floating"),
+    pytest.param("FlexibleArm-v0", {"step_tolerance": 1e-4}, id="fitted steps"),
+    pytest.param("MultiLinkFlexArm-v0", {"randomization": {"EI": (0.7, 1.3)}}, id="drawn"),
     pytest.param(
         "FlexibleArm-v0",
         {"arm": "strip_geared", "randomization": {"friction": (0.5, 2.0), "hub_inertia": (0.5, 2.0)}, **DRAWN},
         id="joints and delays drawn",
-        marks=pytest.mark.slow,
     ),
 ]
 
@@ -128,9 +127,9 @@ def same_derivatives(env: Any, arm: Arm) -> None:
     ("env_id", "keywords"),
     [
         ("FlexibleArm-v0", {}),
-        pytest.param("TwoLinkFlexArm-v0", {"formulation": "geometrically_exact"}, marks=pytest.mark.slow),
-        pytest.param("FlexibleArm-v0", {"actuator": {"lag": 0.03}, "step_tolerance": 1e-4}, marks=pytest.mark.slow),
-        pytest.param("SpatialFlexArm-v0", {}, marks=pytest.mark.slow),
+        ("TwoLinkFlexArm-v0", {"formulation": "geometrically_exact"}),
+        ("FlexibleArm-v0", {"actuator": {"lag": 0.03}, "step_tolerance": 1e-4}),
+        ("SpatialFlexArm-v0", {}),
     ],
 )
 def test_everything(env_id: str, keywords: dict[str, Any], tmp_path: Path) -> None:

@@ -117,7 +117,7 @@ def test_a_period_shorter_than_the_step_is_made_with_its_own() -> None:
 
 
 @pytest.mark.slow
-@every(ALL, slow=("segments", "modes", "geometrically_exact"))
+@every(ALL)
 def test_outputs_and_names(formulation: str, options: dict[str, Any]) -> None:
     simulation = moving("two_link_motion", formulation, options)
     model = linearize(simulation)
@@ -252,7 +252,7 @@ def test_damping_of_a_slender_beam(tau_d: float, clamped: bool) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("spin", [0.0, pytest.param(6.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("spin", [0.0, 6.0])
 def test_damping_of_a_bent_or_spinning_slender_beam(spin: float) -> None:
     """About a posture that gravity bends by 0.3 L, and in rotation: the elastica's, which has no fast poles."""
     section = Section(EI=1.0, EA=1e8, C=1e8, m=1.0, J=1e-9)

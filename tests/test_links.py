@@ -324,7 +324,7 @@ def test_frequencies_with_rigid_ends(method: str, clamped: Any) -> None:
 
 
 @pytest.mark.slow
-@methods("exact", "segments", "modes")
+@methods()
 def test_joints_poses_shapes_and_reach_agree(method: str) -> None:
     formulation, options = METHODS[method]
     arm = Arm("a", (ENDED, dataclasses.replace(ENDED, length=0.4)), payload=Payload(0.1), tau_d=1e-3, hub_inertia=0.1)

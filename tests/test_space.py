@@ -450,7 +450,7 @@ def test_a_jump_of_the_section_is_the_same_in_space() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("how", [EXACT, pytest.param(FLOATING, marks=pytest.mark.slow)])
+@FORMULATIONS
 def test_a_free_arm_keeps_its_momentum(how: str) -> None:
     """Bounded without drift, and of second order in the step; energy likewise, without damping."""
     ripple = []

@@ -129,10 +129,7 @@ def test_gains_of_pd_have_a_margin() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "keywords", "periods"),
-    [
-        ("lqr", COARSE, 280), pytest.param("lqg", MEASURED, 280, marks=pytest.mark.slow),
-        pytest.param("mpc", {}, 200, marks=pytest.mark.slow), pytest.param("pd", {}, 500, marks=pytest.mark.slow),
-    ],
+    [("lqr", COARSE, 280), ("lqg", MEASURED, 280), ("mpc", {}, 200), ("pd", {}, 500)],
 )
 def test_reaches_settle(name: str, keywords: dict[str, Any], periods: int) -> None:
     """Sooner than under PD, which has few that do within 2.8 s; one arm's actions are those it has among others."""

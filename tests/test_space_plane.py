@@ -133,7 +133,7 @@ RATES = ("rates", "torque", "velocity")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", [turned, *(pytest.param(f, marks=pytest.mark.slow) for f in (pitch, carried, flying))])
+@pytest.mark.parametrize("make", [turned, pitch, carried, flying])
 def test_it_is_what_the_spatial_kernels_say(make: Any) -> None:
     scene = make()
     flat, space = both(scene)

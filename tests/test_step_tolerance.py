@@ -23,15 +23,16 @@ def levels(batch: Batch) -> np.ndarray[Any, Any]:
     return np.array([batch.record(i)[LEVEL] for i in range(batch.n)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("env_id", "n", "threads", "kwargs"),
     [
-        pytest.param("FlexibleArm-v0", 7, 1, {}, marks=pytest.mark.slow),
-        pytest.param("FlexibleArm-v0", 20, 2, {}, marks=pytest.mark.slow),
-        pytest.param("TwoLinkFlexArm-v0", 9, 2, {"step_tolerance": 1e-6, "tolerance": 1e-6}, marks=pytest.mark.slow),
-        pytest.param("FlexibleArm-v0", 9, 1, {"formulation": "geometrically_exact"}, marks=pytest.mark.slow),
-        pytest.param("FlexibleArm-v0", 9, 1, {"actuator": {"lag": 0.01, "viscous": 0.01}}, marks=pytest.mark.slow),
-        pytest.param("FlexibleArm-v0", 4, 2, {"formulation": "floating_frame"}, marks=pytest.mark.slow),
+        ("FlexibleArm-v0", 7, 1, {}),
+        ("FlexibleArm-v0", 20, 2, {}),
+        ("TwoLinkFlexArm-v0", 9, 2, {"step_tolerance": 1e-6, "tolerance": 1e-6}),
+        ("FlexibleArm-v0", 9, 1, {"formulation": "geometrically_exact"}),
+        ("FlexibleArm-v0", 9, 1, {"actuator": {"lag": 0.01, "viscous": 0.01}}),
+        ("FlexibleArm-v0", 4, 2, {"formulation": "floating_frame"}),
     ],
 )
 def test_any_number_of_arms_gives_the_same_bits(env_id: str, n: int, threads: int, kwargs: dict[str, Any]) -> None:
@@ -70,9 +71,7 @@ EXACT = {"formulation": "geometrically_exact", "dt": 0.01, "randomization": UNLI
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "kwargs",
-    [FITTED | {"max_iterations": 2}, pytest.param(EXACT | {"max_iterations": 3}, marks=pytest.mark.slow)],
-    ids=["fitted", "exact"],
+    "kwargs", [FITTED | {"max_iterations": 2}, EXACT | {"max_iterations": 3}], ids=["fitted", "exact"]
 )
 def test_a_failed_lane_is_repeated_alone(kwargs: dict[str, Any]) -> None:
     """Newton is allowed few iterations, so that lanes fail all the time: single environments halve instead."""

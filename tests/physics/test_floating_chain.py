@@ -23,7 +23,7 @@ BOTH_FRAMES = pytest.mark.parametrize("frame", FRAMES)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mark", ["not slow", pytest.param("slow", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("mark", ["not slow", "slow"])
 def test_uncompiled(mark: str) -> None:
     """Residual, tangents, energies, losses and places against the oracle, for every mesh (`uncompiled_chain.py`)."""
     uncompiled_tests("physics/uncompiled_chain.py", mark)
@@ -45,13 +45,14 @@ def jointed() -> Scene:
     return Scene("jointed", arm, duration=1.0, dt=0.002, sample=0.05, motions=motions, **start)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "dt", "mesh"),
     [
-        pytest.param(named("robot_arm_motion_smooth"), 0.0125, {"segments": 3}, marks=pytest.mark.slow),
-        pytest.param(named("spin_up"), 0.01, {"segments": 2, "modes": 2}, marks=pytest.mark.slow),
-        pytest.param(named("flying_rod"), 2.5e-3, {"segments": 3}, marks=pytest.mark.slow),
-        pytest.param(jointed(), 2e-3, {"segments": 2}, marks=pytest.mark.slow),
+        (named("robot_arm_motion_smooth"), 0.0125, {"segments": 3}),
+        (named("spin_up"), 0.01, {"segments": 2, "modes": 2}),
+        (named("flying_rod"), 2.5e-3, {"segments": 3}),
+        (jointed(), 2e-3, {"segments": 2}),
     ],
     ids=lambda item: item.name if isinstance(item, Scene) else None,
 )

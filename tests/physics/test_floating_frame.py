@@ -91,14 +91,15 @@ def test_energy_of_free_flight_stays(name: str) -> None:
     assert orders(wobbles) == pytest.approx(2.0, abs=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "options"),
     [
-        pytest.param("flying_rod", {"segments": 4, "dt": 0.05}, marks=pytest.mark.slow),
-        pytest.param("two_link_free_flight", {"segments": 2, "dt": 0.0025}, marks=pytest.mark.slow),
-        pytest.param("flying_rod", {"segments": 4, "dt": 0.0125}, marks=pytest.mark.slow),
-        pytest.param("flying_rod", {"segments": 2, "elements": 2, "dt": 0.0125}, marks=pytest.mark.slow),
-        pytest.param("two_link_free_flight", {"segments": 2, "elements": 2, "dt": 0.0025}, marks=pytest.mark.slow),
+        ("flying_rod", {"segments": 4, "dt": 0.05}),
+        ("two_link_free_flight", {"segments": 2, "dt": 0.0025}),
+        ("flying_rod", {"segments": 4, "dt": 0.0125}),
+        ("flying_rod", {"segments": 2, "elements": 2, "dt": 0.0125}),
+        ("two_link_free_flight", {"segments": 2, "elements": 2, "dt": 0.0025}),
     ],
 )
 def test_multipliers_do_not_ring(name: str, options: dict[str, Any]) -> None:
@@ -193,14 +194,7 @@ STUBBY = Section(EI=2.0, EA=400.0, C=80.0, m=0.5, J=0.0025)
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::flexarm_env.linear.UnstableEquilibrium")
-@pytest.mark.parametrize(
-    ("options", "EA"),
-    [
-        ({}, 400.0),
-        pytest.param({"modes": 2}, np.inf, marks=pytest.mark.slow),
-        pytest.param({"elements": 8}, None, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize(("options", "EA"), [({}, 400.0), ({"modes": 2}, np.inf), ({"elements": 8}, None)])
 def test_buckling_where_shear_matters(options: dict[str, int], EA: float | None) -> None:
     """A cantilever of EI / CL^2 = 0.025 under a load that keeps its direction, by the frequency that vanishes.
 

@@ -186,7 +186,7 @@ def test_a_motor_that_is_prescribed_needs_the_torque_that_would_move_it() -> Non
 
 # --- linear models ----------------------------------------------------------------------------------
 @pytest.mark.slow
-@methods("elastica", slow=("exact", "segments"))
+@methods("elastica", "exact", "segments")
 def test_rest_and_linear_model_know_the_motor(method: str) -> None:
     """Held at the motor's side the link sags by weight moment over stiffness, and more as it bends."""
     arm = dataclasses.replace(arms.named("strip"), joints=(Joint(stiffness=80.0, damping=0.1, motor_inertia=0.02),))
