@@ -1,8 +1,6 @@
-"""What the tests of linear models, modes and equilibria share: the formulations, arms, scenes at rest."""
+"""What the tests of linear models, modes and equilibria share: formulations, arms, scenes at rest."""
 
 from typing import Any
-
-import pytest
 
 from flexarm_env.parameters import Arm, Link, Section
 from flexarm_env.scene import Scene
@@ -14,20 +12,6 @@ EXACT = ("geometrically_exact", {"elements": 4})
 ELASTICA = ("elastica", {})
 ALL = (SEGMENTS, MODES, EXACT, ELASTICA)
 FULL = (SEGMENTS, EXACT, ELASTICA)
-
-
-def names(choices: Any) -> list[str]:
-    return ["_".join([f, *(f"{k}{v}" for k, v in o.items())]) for f, o in choices]
-
-
-def every(choices: Any, slow: tuple[str, ...] = ()) -> Any:
-    """Each formulation with its options; those `slow`, by formulation or option, compile what no other test needs, or
-    take long."""
-    sets = [
-        pytest.param(f, o, id=name, marks=[pytest.mark.slow] if {f, *o} & set(slow) else [])
-        for (f, o), name in zip(choices, names(choices), strict=True)
-    ]
-    return pytest.mark.parametrize(("formulation", "options"), sets)
 
 
 SLENDER = Section(EI=1.0, EA=1e6, C=1e6, m=1.0, J=1e-6)

@@ -1,8 +1,10 @@
-"""Arms, scenes and room for lanes that tests share."""
+"""Arms, scenes, formulations and room for lanes that tests share."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from flexarm_env.parameters import Arm, Link, Section
@@ -24,6 +26,23 @@ def everything(scene: Scene) -> Scene:
     loads = (*scene.loads, PointLoad(0, "tip", force_y=constant(1e-300)))
     arm = replace(scene.arm, tau_d=max(scene.arm.tau_d, 1e-300))
     return replace(scene, arm=arm, loads=loads, gravity=scene.gravity or (0.0, 0.0))
+
+
+Method = tuple[str, dict[str, Any]]
+"""A formulation with its options."""
+
+
+def every(choices: Any, slow: tuple[str, ...] = ()) -> Any:
+    """Each formulation with its options; those `slow`, by formulation or option, compile what no other test needs, or
+    take long."""
+    sets = [
+        pytest.param(
+            f, o, id="_".join([f, *(f"{k}{v}" for k, v in o.items())]),
+            marks=[pytest.mark.slow] if {f, *o} & set(slow) else [],
+        )
+        for f, o in choices
+    ]
+    return pytest.mark.parametrize(("formulation", "options"), sets)
 
 
 def aligned(n: int) -> NDArray[np.float64]:

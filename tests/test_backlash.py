@@ -17,16 +17,16 @@ from flexarm_env.settings import Settings
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import constant, sine
 from tests.env_tools import assert_pair_same, pair
-from tests.scene_tools import everything
+from tests.scene_tools import Method, every, everything
 
 STRIP = Section(EI=2.0, EA=2e6, C=7e5, m=0.3, J=1e-7)
 STIFF = Section(EI=2e5, EA=1e9, C=1e9, m=0.3)
 GEAR = Joint(stiffness=40.0, motor_inertia=1e-4, gear_ratio=10.0, backlash=0.1)
-METHODS: dict[str, tuple[str, dict[str, Any]]] = {
-    "elastica": ("elastica", {"nodes": 6}),
-    "exact": ("geometrically_exact", {"elements": 4}),
-    "segments": ("floating_frame", {"segments": 4}),
-}
+METHODS: list[Method] = [
+    ("elastica", {"nodes": 6}),
+    ("geometrically_exact", {"elements": 4}),
+    ("floating_frame", {"segments": 4}),
+]
 
 
 def stiff_arm(joint: Joint = GEAR) -> Arm:
@@ -34,15 +34,10 @@ def stiff_arm(joint: Joint = GEAR) -> Arm:
     return Arm("a", (Link(1.0, STIFF),), joints=(joint,))
 
 
-EACH = ["elastica", *(pytest.param(name, marks=pytest.mark.slow) for name in METHODS if name != "elastica")]
-"""The elastica in every run of the tests; kernels of the others take long to compile."""
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("method", EACH)
-def test_free_flight_across_the_gap(method: str) -> None:
+@every(METHODS)
+def test_free_flight_across_the_gap(formulation: str, options: dict[str, Any]) -> None:
     """The motor alone moves, by tau t^2 / 2 J, until it has gone half of the play; the link knows nothing of it."""
-    formulation, options = METHODS[method]
     torque, inertia = 0.01, GEAR.rotor
     meets = np.sqrt(GEAR.backlash * inertia / torque)
     scene = Scene("s", stiff_arm(), duration=0.5, dt=1e-3, sample=0.01, loads=(JointTorque(0, constant(torque)),))
@@ -98,7 +93,7 @@ def test_two_flexible_links_that_rattle(side: str) -> None:
     joint = dataclasses.replace(
         GEAR, stiffness=60.0, backlash=0.02, damping=0.02, friction_coulomb=0.05, friction_side=side
     )
-    runs = [simulate(rattling(joint), f, estimate_error=False, **o) for f, o in METHODS.values()]
+    runs = [simulate(rattling(joint), f, estimate_error=False, **o) for f, o in METHODS]
     apart = runs[0].motor_angles - runs[0].joint_angles
     assert apart.max() > 0.01 and apart.min() < -0.01 and (np.abs(apart) < 0.009).any()
     for run in runs:

@@ -18,20 +18,18 @@ from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import constant, sine
-from tests.scene_tools import everything
+from tests.scene_tools import Method, every, everything
 
 STRIP = Section(EI=2.0, EA=2e6, C=2e6, m=0.3)
 QUARTER = Link(1.0, STRIP, curvature=0.5 * np.pi)
 SWAN = Link(0.8, STRIP, curvature=[(0.0, 2.0), (0.5, -1.0), (0.8, -3.0)])
-METHODS: dict[str, tuple[str, dict[str, Any]]] = {
+METHODS: dict[str, Method] = {
     "exact": ("geometrically_exact", {"elements": 16}),
     "elastica": ("elastica", {"nodes": 12}),
     "segments": ("floating_frame", {"segments": 16}),
     "clamped": ("floating_frame", {"segments": 24, "frame": "root"}),
     "modes in segments": ("floating_frame", {"segments": 8, "modes": 3}),
 }
-EACH = [name if name == "elastica" else pytest.param(name, marks=pytest.mark.slow) for name in METHODS]
-"""In every run of the tests, and the rest in the slow lane: kernels take long to compile."""
 NEAR = {"exact": 1e-6, "elastica": 1e-6, "segments": 2e-5, "clamped": 3e-4, "modes in segments": 1e-4}
 """How near a quarter circle's tip a mesh begins, m."""
 
@@ -46,7 +44,7 @@ def circle(angle: float, radius: float = 2.0 / np.pi) -> Any:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", EACH)
+@pytest.mark.parametrize("method", METHODS)
 def test_a_quarter_circle_rests_without_stress(method: str) -> None:
     formulation, options = METHODS[method]
     run = simulate(held(QUARTER), formulation, estimate_error=False, **options)
@@ -61,7 +59,7 @@ def test_a_quarter_circle_rests_without_stress(method: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", EACH)
+@pytest.mark.parametrize("method", METHODS)
 def test_the_moment_that_straightens_it(method: str) -> None:
     """M = -EI kappa at the tip, and as much work as the bent strip then holds, half EI kappa^2 L."""
     formulation, options = METHODS[method]
@@ -98,11 +96,10 @@ def ritz(link: Link, payload: Payload, count: int) -> Any:
     return np.sqrt(eigh(K, M, eigvals_only=True)[:count])
 
 
-@pytest.mark.parametrize("method", EACH)
+@every(METHODS.values(), slow=("geometrically_exact", "floating_frame"))
 @pytest.mark.parametrize("link", [QUARTER, SWAN, Link(1.0, STRIP, curvature=0.3)], ids=["quarter", "swan", "shallow"])
-def test_frequencies(method: str, link: Link) -> None:
+def test_frequencies(formulation: str, options: dict[str, Any], link: Link) -> None:
     """Three of a cantilever with an eccentric payload, against its energies."""
-    formulation, options = METHODS[method]
     payload = Payload(0.1, 1e-4, (0.02, 0.03))
     known = ritz(link, payload, 3)
     found = modes(held(link, payload=payload), 3, formulation, clamped=True, **options).frequencies

@@ -30,7 +30,6 @@ ON_BASE: dict[str, Any] = {"base": BASE, "info_level": "full", "success": {"atti
 FORMULATIONS = {
     "elastica": {"nodes": 4}, "geometrically_exact": {"elements": 3}, "floating_frame": {"segments": 2},
 }  # fmt: skip
-FRAMES = ("geometrically_exact", "floating_frame")
 
 
 def made(env_id: str = TWO, **more: Any) -> Any:

@@ -11,7 +11,8 @@ from flexarm_env.linear import NoEquilibrium, UnstableEquilibrium, linearize, mo
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.scene import JointTorque, PointLoad, Scene
 from flexarm_env.time_functions import constant
-from tests.linear_tools import EXACT, FULL, at_rest, every, one_link, two_links
+from tests.linear_tools import EXACT, FULL, at_rest, one_link, two_links
+from tests.scene_tools import every
 
 STUBBY = Section(EI=2.0, EA=1e5, C=60.0, m=1.0, J=1e-4)
 """With L = 1.5, shear is a twentieth of the deflection."""

@@ -14,9 +14,9 @@ from flexarm_env.scene import JointTorque, Motion, Scene
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import Simulation, simulate
 from flexarm_env.time_functions import constant, cycloid, pulse, ramp
-from tests.linear_tools import ALL, ELASTICA, FULL, SLENDER, at_rest, every, one_link, two_links, unloaded
+from tests.linear_tools import ALL, ELASTICA, FULL, SLENDER, at_rest, one_link, two_links, unloaded
 from tests.refusals import refuses
-from tests.scene_tools import TWO, everything
+from tests.scene_tools import TWO, every, everything
 from tests.scene_tools import scene as scene_of
 
 

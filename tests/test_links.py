@@ -18,40 +18,34 @@ from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import simulate
 from tests.refusals import refuses, says
-from tests.scene_tools import everything
+from tests.scene_tools import Method, every, everything
 
 THICK = Section(EI=2.0, EA=2e7, C=7e6, m=0.3)
 THIN = Section(EI=0.5, EA=1e7, C=3e6, m=0.15)
-METHODS: dict[str, tuple[str, dict[str, Any]]] = {
-    "exact": ("geometrically_exact", {"elements": 16}),
-    "elastica": ("elastica", {"nodes": 12}),
-    "segments": ("floating_frame", {"segments": 16}),
-    "modes": ("floating_frame", {"modes": 3}),
-}
-FOUR = METHODS | {"modes": ("floating_frame", {"modes": 4})}
-
-
-def methods(*slow: str) -> Any:
-    """Those in `slow` have kernels of their own here, which take long to compile."""
-    return pytest.mark.parametrize(
-        "method", [pytest.param(name, marks=[pytest.mark.slow] if name in slow else []) for name in METHODS]
-    )
+METHODS: list[Method] = [
+    ("geometrically_exact", {"elements": 16}),
+    ("elastica", {"nodes": 12}),
+    ("floating_frame", {"segments": 16}),
+    ("floating_frame", {"modes": 3}),
+]
+FOUR = [*METHODS[:3], ("floating_frame", {"modes": 4})]
 
 
 def scene(arm: Arm) -> Scene:
     return everything(Scene("s", arm, duration=1.0, dt=0.01))
 
 
-@pytest.mark.parametrize("method", METHODS)
+@every(METHODS)
 @pytest.mark.parametrize(
     ("thickness", "width", "known"),
     [(0.1, 1.0, 4.631), (0.02, 1.0, 5.124), (0.001, 1.0, 5.305), (1.0, 1e-5, 7.156)],
 )
-def test_wedge(method: str, thickness: float, width: float, known: float) -> None:
+def test_wedge(
+    formulation: str, options: dict[str, Any], thickness: float, width: float, known: float
+) -> None:
     """c of the first clamped mode c sqrt(EI0 / m0 L^4) of a wedge, shares of the root's sides at its tip."""
     link = Link.tapered(2.0, (0.03, 0.03 * width), (0.01, 0.01 * thickness), E=7e10, rho=2700.0, G=2.6e12, kappa=1.0)
     root = link.along(0.0)
-    formulation, options = METHODS[method]
     first = modes(scene(Arm("a", (link,))), 1, formulation, clamped=True, **options).frequencies[0]
     assert first / np.sqrt(root.EI / (root.m * 2.0**4)) == pytest.approx(known, abs=6e-4)
 
@@ -83,17 +77,16 @@ def stepped_frequencies(a: float, b: float, count: int) -> list[float]:
     return zeros[:count]
 
 
-@methods("modes")
-def test_stepped_beam(method: str) -> None:
+@every(FOUR, slow=("modes",))
+def test_stepped_beam(formulation: str, options: dict[str, Any]) -> None:
     """Three frequencies against the transcendental equation; the step is where an even mesh has no end."""
     known = stepped_frequencies(0.53, 0.47, 3)
     link = Link(1.0, [(0.0, THICK), (0.53, THICK), (0.53, THIN), (1.0, THIN)])
-    formulation, options = FOUR[method]
     found = modes(scene(Arm("a", (link,))), 3, formulation, clamped=True, **options).frequencies
     assert np.all(np.abs(found / known - 1.0) < [1e-4, 2e-4, 1e-3])
 
 
-@pytest.mark.parametrize(("formulation", "options"), METHODS.values())
+@every(METHODS)
 def test_a_constant_section_as_points_is_that_section(formulation: str, options: dict[str, Any]) -> None:
     plain, points = Link(0.7, THICK), Link(0.7, [(0, THICK), (0.3, THICK), (0.3, THICK), (0.7, THICK)])
     assert plain == points and points.uniform == THICK
@@ -108,7 +101,7 @@ def test_a_constant_section_as_points_is_that_section(formulation: str, options:
     assert np.array_equal(getattr(one, numbers), getattr(other, numbers))
 
 
-@pytest.mark.parametrize(("formulation", "options"), METHODS.values())
+@every(METHODS)
 def test_nearly_constant_is_nearly_the_same(formulation: str, options: dict[str, Any]) -> None:
     """A link that varies by one part in 1e9 goes through the other path and has the same frequencies."""
     nearly = Section(*(getattr(THICK, name) * (1.0 + 1e-9) for name in ("EI", "EA", "C", "m")))
@@ -234,7 +227,7 @@ def test_damping_of_one_link_alone() -> None:
     kept = KEPT
     same = Arm("a", kept, payload=Payload(0.1), tau_d=1.0), Arm("a", tuple(Link(k.length, THICK) for k in kept),
         payload=Payload(0.1), tau_d=4e-3)  # fmt: skip
-    for formulation, options in METHODS.values():
+    for formulation, options in METHODS:
         one, other = (assemble(scene(arm), Settings.make(formulation, dt=0.01, **options)) for arm in same)
         assert np.array_equal(one.par, other.par)
         assert [x is None for x in one.model] == [x is None for x in other.model]
@@ -309,24 +302,22 @@ def ritz_frequencies(arm: Arm, count: int, hinged: bool) -> Any:
     return np.sqrt(np.abs(eigh(K, M, eigvals_only=True)))[n if hinged else 0 :][:count]
 
 
-@methods("exact", "modes", "segments")
+@every(FOUR, slow=("geometrically_exact", "floating_frame"))
 @pytest.mark.parametrize("clamped", [(0, 1), ()])
-def test_frequencies_with_rigid_ends(method: str, clamped: Any) -> None:
+def test_frequencies_with_rigid_ends(formulation: str, options: dict[str, Any], clamped: Any) -> None:
     """Three of a two-link arm against its energies, joints held and free."""
     arm = Arm(
         "a", (ENDED, dataclasses.replace(ENDED, length=0.4, root_mass=0.0)), hub_inertia=0.01,
         elbows=(Elbow(0.1, 1e-4, 2e-4),), payload=Payload(0.1, 1e-4),
     )  # fmt: skip
-    formulation, options = FOUR[method]
     found = modes(scene(arm), 5 if clamped == () else 3, formulation, clamped=clamped, **options).frequencies
     found = found[found > 1.0][:3]
     np.testing.assert_allclose(found, ritz_frequencies(arm, 3, hinged=clamped == ()), rtol=5e-4)
 
 
 @pytest.mark.slow
-@methods()
-def test_joints_poses_shapes_and_reach_agree(method: str) -> None:
-    formulation, options = METHODS[method]
+@every(METHODS)
+def test_joints_poses_shapes_and_reach_agree(formulation: str, options: dict[str, Any]) -> None:
     arm = Arm("a", (ENDED, dataclasses.replace(ENDED, length=0.4)), payload=Payload(0.1), tau_d=1e-3, hub_inertia=0.1)
     assert ENDED.span == pytest.approx(0.8) and arm.total_length == pytest.approx(1.4)
     assert rigid.reach(arm) == pytest.approx((0.2, 1.4))

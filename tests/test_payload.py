@@ -16,16 +16,17 @@ from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import Simulation
 from tests.env_tools import assert_pair_same, pair
+from tests.scene_tools import Method, every
 
 STRIP = Section(EI=2.0, EA=2e7, C=2e7, m=0.3)
 PAYLOAD = Payload(0.2, 1e-3, (0.05, 0.08))
-METHODS: dict[str, tuple[str, dict[str, Any]]] = {
-    "exact": ("geometrically_exact", {"elements": 16}),
-    "elastica": ("elastica", {"nodes": 12}),
-    "segments": ("floating_frame", {"segments": 16}),
-    "clamped": ("floating_frame", {"segments": 16, "frame": "root"}),
-    "modes": ("floating_frame", {"modes": 4}),
-}
+METHODS: list[Method] = [
+    ("geometrically_exact", {"elements": 16}),
+    ("elastica", {"nodes": 12}),
+    ("floating_frame", {"segments": 16}),
+    ("floating_frame", {"segments": 16, "frame": "root"}),
+    ("floating_frame", {"modes": 4}),
+]
 
 
 def cantilever(payload: Payload, count: int) -> list[float]:
@@ -54,14 +55,9 @@ def cantilever(payload: Payload, count: int) -> list[float]:
     return [brentq(determinant, x, y) for x, y, f, g in pairs if f * g < 0.0][:count]
 
 
-EACH = [name if name == "elastica" else pytest.param(name, marks=pytest.mark.slow) for name in METHODS]
-"""In every run of the tests, and the rest in the slow lane: kernels take long to compile."""
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("method", EACH)
-def test_frequencies_of_a_cantilever(method: str) -> None:
-    formulation, options = METHODS[method]
+@every(METHODS)
+def test_frequencies_of_a_cantilever(formulation: str, options: dict[str, Any]) -> None:
     scene = Scene("s", Arm("a", (Link(1.0, STRIP),), payload=PAYLOAD), duration=1.0, dt=0.002)
     known = cantilever(PAYLOAD, 3)
     found = modes(scene, 3, formulation, clamped=True, **options).frequencies
@@ -70,10 +66,9 @@ def test_frequencies_of_a_cantilever(method: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", list(METHODS)[:3])
-def test_rigid_pendulum(method: str) -> None:
+@every(METHODS[:3])
+def test_rigid_pendulum(formulation: str, options: dict[str, Any]) -> None:
     """A stiff arm hangs so that the common centre of mass is below the hub, and swings about that as a rigid body."""
-    formulation, options = METHODS[method]
     stiff = Section(EI=1e5, EA=1e8, C=1e8, m=0.3)
     arm = Arm("a", (Link(1.0, stiff),), payload=PAYLOAD)
     along, across = 0.15 + 0.2 * 1.05, 0.2 * 0.08
@@ -133,7 +128,7 @@ def test_momentum_in_free_flight() -> None:
 
 
 def test_no_offset_is_the_same_arm() -> None:
-    for formulation, options in METHODS.values():
+    for formulation, options in METHODS:
         for payload in (Payload(0.2, 1e-3), Payload(0.0, 1e-3, (0.1, 0.1))):
             scene = Scene("s", Arm("a", (Link(1.0, STRIP),), payload=payload), duration=1.0, dt=0.01)
             model = assemble(scene, Settings.make(formulation, dt=0.01, **options)).model

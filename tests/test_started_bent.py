@@ -12,16 +12,15 @@ from flexarm_env.rest import NoEquilibrium
 from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import constant, steps
-from tests.scene_tools import everything
+from tests.scene_tools import Method, every, everything
 
 STRIP = Section(EI=2.0, EA=2e6, C=7e5, m=0.3, J=1e-7)
-METHODS: dict[str, tuple[str, dict[str, Any]]] = {
-    "elastica": ("elastica", {"nodes": 8}),
-    "exact": ("geometrically_exact", {"elements": 8}),
-    "segments": ("floating_frame", {"segments": 8}),
-    "joined": ("floating_frame", {"segments": 4, "multipliers": True}),
-}
-EACH = ["elastica", *(pytest.param(name, marks=pytest.mark.slow) for name in METHODS if name != "elastica")]
+METHODS: list[Method] = [
+    ("elastica", {"nodes": 8}),
+    ("geometrically_exact", {"elements": 8}),
+    ("floating_frame", {"segments": 8}),
+    ("floating_frame", {"segments": 4, "multipliers": True}),
+]
 
 
 def bent(**more: Any) -> Scene:
@@ -33,10 +32,9 @@ def bent(**more: Any) -> Scene:
     return everything(Scene("s", arm, **{"duration": 0.6, "dt": 1e-3, "sample": 0.01, **usual, **more}))
 
 
-@pytest.mark.parametrize("method", EACH)
-def test_rest_until_it_is_let_go(method: str) -> None:
+@every(METHODS, slow=("geometrically_exact", "floating_frame"))
+def test_rest_until_it_is_let_go(formulation: str, options: dict[str, Any]) -> None:
     """At rest to round-off where `static_equilibrium` finds it; let go, it keeps the energy that it then has."""
-    formulation, options = METHODS[method]
     run = simulate(bent(), formulation, rho_inf=1.0, estimate_error=False, **options)
     still = run.t < 0.205
     assert run.finished and abs(run.tip_deflection[0, 0]) > 0.3

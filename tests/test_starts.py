@@ -1,6 +1,7 @@
 """Scenes that start turning and moving: energies against the rigid arm's, no jump where motions go on alike."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,25 +11,24 @@ from flexarm_env.rigid import link_inertia
 from flexarm_env.scene import Motion, Scene
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import from_csv, ramp, spline_table
-from tests.scene_tools import everything
+from tests.scene_tools import Method, every, everything
 
-METHODS = {
-    "chords": ("floating_frame", {"segments": 3}),
-    "clamped frames": ("floating_frame", {"segments": 2, "frame": "root"}),
-    "joined": ("floating_frame", {"segments": 2, "frame": "root", "multipliers": True}),
-    "modes": ("floating_frame", {"modes": 3}),
-    "exact": ("geometrically_exact", {"elements": 2}),
-    "elastica": ("elastica", {"nodes": 5}),
-}
+METHODS: list[Method] = [
+    ("floating_frame", {"segments": 3}),
+    ("floating_frame", {"segments": 2, "frame": "root"}),
+    ("floating_frame", {"segments": 2, "frame": "root", "multipliers": True}),
+    ("floating_frame", {"modes": 3}),
+    ("geometrically_exact", {"elements": 2}),
+    ("elastica", {"nodes": 5}),
+]
 LINK = Link(0.7, Section(EI=40.0, EA=4e6, C=1e6, m=0.3, J=3e-6))
 PAIR = Arm("pair", (LINK, LINK), hub_inertia=0.02, elbows=(Elbow(0.2, 0.003, 0.004),), payload=Payload(0.1, 1e-3))
 ANGLES, RATES = (0.4, -0.7), (1.5, -2.5)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_links_turn_as_rigid_ones_at_the_start(method: str) -> None:
+@every(METHODS)
+def test_links_turn_as_rigid_ones_at_the_start(formulation: str, options: dict[str, Any]) -> None:
     """Kinetic energy at 0 is that of the rigid arm; from there the books close."""
-    formulation, options = METHODS[method]
     scene = Scene("turning", PAIR, duration=0.2, dt=1e-3, angles=ANGLES, rates=RATES)
     run = simulate(everything(scene), formulation, estimate_error=False, **options)
     w = np.array(RATES)
@@ -39,10 +39,9 @@ def test_links_turn_as_rigid_ones_at_the_start(method: str) -> None:
     assert np.abs(run.balance).max() < 1e-4 * expected
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_a_thrown_arm_keeps_its_momentum(method: str) -> None:
+@every(METHODS)
+def test_a_thrown_arm_keeps_its_momentum(formulation: str, options: dict[str, Any]) -> None:
     """A free rod: its middle goes on straight, and one that is stiff turns evenly about it."""
-    formulation, options = METHODS[method]
     rod = Arm("rod", (Link(1.0, Section(EI=4e3, EA=4e7, C=1e7, m=0.5, J=1e-5)),))
     scene = Scene("thrown", rod, duration=0.5, dt=1e-3, root="free", position=(0.2, 0.1), angles=(0.3,),
                   velocity=(0.5, -0.2), rates=(2.0,))  # fmt: skip
@@ -55,9 +54,8 @@ def test_a_thrown_arm_keeps_its_momentum(method: str) -> None:
     assert run.status == "ok" and np.abs(run.tip[:, :2] - tip).max() < 2e-5
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_a_motion_that_goes_on_at_the_same_rate_strikes_nothing(method: str) -> None:
-    formulation, options = METHODS[method]
+@every(METHODS)
+def test_a_motion_that_goes_on_at_the_same_rate_strikes_nothing(formulation: str, options: dict[str, Any]) -> None:
     common = {"duration": 0.3, "dt": 1e-3, "motions": (Motion("joint0", ramp(0.45, 0.3)),)}
     struck = simulate(everything(Scene("struck", PAIR, **common)), formulation, estimate_error=False, **options)
     gone_on = everything(Scene("gone on", PAIR, **common, rates=(1.5, 1.5)))
