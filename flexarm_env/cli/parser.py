@@ -6,7 +6,8 @@ import os
 import sys
 from collections.abc import Sequence
 
-from flexarm_env.cli.codes import BAD_INPUT, DONE, INTERRUPTED, Parser, sentence
+from flexarm_env.cli.codes import BAD_INPUT, DONE, INTERRUPTED, sentence
+from flexarm_env.training.arguments import Parser
 
 OVERVIEW = """\
 Robot arms whose links bend, in the plane and in space: replay scenes, compare with references, play, train, judge.

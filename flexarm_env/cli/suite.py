@@ -9,7 +9,7 @@ import numpy as np
 
 from flexarm_env import suite
 from flexarm_env import validation as check
-from flexarm_env.cli.codes import DONE, FAILED, Parser
+from flexarm_env.cli.codes import DONE, FAILED
 from flexarm_env.cli.progress import show
 from flexarm_env.files import write_text
 from flexarm_env.suite import best
@@ -18,6 +18,7 @@ from flexarm_env.suite.page import page
 from flexarm_env.suite.policies import PLACE
 from flexarm_env.suite.results import Results, chosen_tasks, folder_of, frozen, judged, listed, summary
 from flexarm_env.suite.score import EPISODES, FIRST, references
+from flexarm_env.training.arguments import Parser
 
 COMMANDS = {
     "suite": "Judge policies on the suite's tasks; works without a checkout",

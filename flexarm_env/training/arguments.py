@@ -12,8 +12,14 @@ from typing import Any, NoReturn, TypeVar
 T = TypeVar("T")
 
 
-class _Parser(argparse.ArgumentParser):
+class Parser(argparse.ArgumentParser):
+    """An ArgumentParser whose errors are one sentence, and whose help keeps its line breaks."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **options)
+
     def error(self, message: str) -> NoReturn:
+        """Leave with code 2 and a sentence that says where help is."""
         sys.stderr.write(f"{self.prog}: {message} (see {self.prog} --help)\n")
         sys.exit(2)
 
@@ -23,9 +29,7 @@ def parse(kind: type[T], program: str, description: str | None, words: Sequence[
 
     Fields of type bool become switches (--name; --no-name where the default is True), dicts are given as JSON.
     """
-    parser = _Parser(
-        prog=program, description=description, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
-    )
+    parser = Parser(prog=program, description=description)
     texts, types = _texts(kind), typing.get_type_hints(kind)
     for field in dataclasses.fields(kind):  # type: ignore[arg-type]
         options: dict[str, Any] = {"dest": field.name, "help": texts.get(field.name, "").replace("%", "%%")}
