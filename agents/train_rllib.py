@@ -13,7 +13,6 @@ until the run has finished, checkpoints/ (each holds RLlib's own in algorithm/).
 
 import contextlib
 import math
-import os
 import pickle
 import shutil
 import sys
@@ -32,6 +31,8 @@ from flexarm_env.training.runs import (
     Training,
     checkpoints,
     fail,
+    fall_back,
+    new_checkpoint,
     new_record,
     write_json,
     write_text,
@@ -243,22 +244,12 @@ class Run:
         )
 
     # --- checkpoints ---------------------------------------------------------------------------------
-    def save(self, keep: int = 2) -> None:
-        """Everything from which the run goes on; the last few are kept."""
-        home = self.folder / "checkpoints"
-        part, final = home / f".part-{os.getpid()}", home / f"{self.steps:012d}"
-        shutil.rmtree(part, ignore_errors=True)
-        part.mkdir(parents=True)
-        self.algorithm.save_to_path((part / "algorithm").absolute())
-        for name in BEST:
-            if (self.folder / name).is_file():
-                shutil.copyfile(self.folder / name, part / f"best-{name}")
-        with (part / "state.pkl").open("wb") as file:
-            pickle.dump({"progress": self.state, "steps": self.steps}, file)
-        shutil.rmtree(final, ignore_errors=True)
-        part.rename(final)
-        for old in checkpoints(self.folder)[:-keep]:
-            shutil.rmtree(old)
+    def save(self) -> None:
+        """Everything from which the run goes on."""
+        with new_checkpoint(self.folder, self.steps, ("policy.npz", "module.pt")) as part:
+            self.algorithm.save_to_path((part / "algorithm").absolute())
+            with (part / "state.pkl").open("wb") as file:
+                pickle.dump({"progress": self.state, "steps": self.steps}, file)
 
     def _restore(self) -> None:
         """Go back to the last checkpoint that can be read."""
@@ -275,13 +266,7 @@ class Run:
         else:
             raise ValueError(problem)
         self._sync()
-        for name in BEST:
-            if (path / f"best-{name}").is_file():
-                shutil.copyfile(path / f"best-{name}", self.folder / f".part-{name}")
-                os.replace(self.folder / f".part-{name}", self.folder / name)
-
-
-BEST = ("policy.npz", "module.pt")
+        fall_back(self.folder, path)
 
 
 def _curves(result: Mapping[str, Any]) -> dict[str, float]:

@@ -13,7 +13,7 @@ from torch import nn
 
 from flexarm_env.control import NumpyPolicy
 from flexarm_env.control.policy import FORMAT
-from flexarm_env.training.export_policy import TOLERANCE
+from flexarm_env.training.export_policy import TOLERANCE, weights_of
 
 
 class FreeDeviationModule(DefaultPPOTorchRLModule):
@@ -45,16 +45,7 @@ def numpy_policy(module: Any, meta: Mapping[str, Any]) -> NumpyPolicy:
     Raises:
         ValueError: the exported policy's actions differ from the module's.
     """
-    layers = [
-        layer
-        for part in (module.encoder.actor_encoder, module.pi)
-        for layer in part.modules()
-        if isinstance(layer, nn.Linear)
-    ]
-    weights = [
-        (layer.weight.detach().numpy().T.astype(np.float32), layer.bias.detach().numpy().astype(np.float32).copy())
-        for layer in layers
-    ]
+    weights = weights_of([*module.encoder.actor_encoder.modules(), *module.pi.modules()])
     activation = module.model_config["fcnet_activation"]
     own = {"format": FORMAT, "layers": len(weights), "activation": activation, "squash": False}
     policy = NumpyPolicy({**meta, **own}, weights)

@@ -5,7 +5,7 @@ python -m flexarm_env.training.export_policy --run runs/ppo-FlexibleArm-v0-0
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,6 +16,7 @@ import numpy as np
 from flexarm_env.control import NumpyPolicy
 from flexarm_env.control.policy import FORMAT
 from flexarm_env.training.runs import OF_POLICY, command, load_model, read_run, versions, write_whole
+from flexarm_env.validation import Array32
 
 TOLERANCE = 1e-5
 UNEXPORTED = ("recurrent_ppo",)
@@ -33,6 +34,17 @@ class Arguments:
     run: Path
 
 
+def weights_of(layers: Iterable[Any]) -> list[tuple[Array32, Array32]]:
+    """What policy.npz has of PyTorch's layers: weights (in, out) and biases (out,) of the linear ones."""
+    from torch import nn
+
+    return [
+        (layer.weight.detach().numpy().T.astype(np.float32), layer.bias.detach().numpy().astype(np.float32))
+        for layer in layers
+        if isinstance(layer, nn.Linear)
+    ]
+
+
 def numpy_policy(model: Any, meta: Mapping[str, Any], normaliser: Any = None) -> NumpyPolicy:
     """The deterministic policy of a PPO, SAC or TQC model. normaliser: its VecNormalize, or None."""
     from torch import nn
@@ -46,12 +58,7 @@ def numpy_policy(model: Any, meta: Mapping[str, Any], normaliser: Any = None) ->
     kinds = {type(layer) for layer in layers if not isinstance(layer, nn.Linear)}
     if kinds - {nn.Tanh, nn.ReLU} or len(kinds) > 1:
         raise ValueError(f"policy_kwargs.activation_fn: only Tanh or ReLU can be exported, not {kinds}")
-    linear = [layer for layer in layers if isinstance(layer, nn.Linear)]
-    weights = [
-        (layer.weight.detach().numpy().T.astype(np.float32), layer.bias.detach().numpy().astype(np.float32))
-        for layer in linear
-    ]
-    statistics = None
+    weights, statistics = weights_of(layers), None
     if normaliser is not None and normaliser.norm_obs:
         statistics = {
             "mean": normaliser.obs_rms.mean.copy(),

@@ -3,6 +3,7 @@
 import contextlib
 import csv
 import dataclasses
+import functools
 import io
 import os
 import shutil
@@ -216,6 +217,36 @@ def read_run(run: Path) -> dict[str, Any]:
 def checkpoints(folder: Path) -> list[Path]:
     """Complete checkpoints, oldest first."""
     return sorted(p for p in (folder / "checkpoints").glob("[0-9]*") if (p / "state.pkl").is_file())
+
+
+@contextlib.contextmanager
+def new_checkpoint(folder: Path, steps: int, best: Iterable[str]) -> Iterator[Path]:
+    """A folder to be filled, which then is the checkpoint after so many steps, whole or not at all; the last two stay.
+
+    best: files of the run folder's best so far, to fall back to together with the curve.
+    """
+    home = folder / "checkpoints"
+    part, final = home / f".part-{os.getpid()}", home / f"{steps:012d}"
+    shutil.rmtree(part, ignore_errors=True)
+    try:
+        with at(home):
+            part.mkdir(parents=True)
+            for name in best:
+                if (folder / name).is_file():
+                    shutil.copyfile(folder / name, part / f"best-{name}")
+            yield part
+            shutil.rmtree(final, ignore_errors=True)
+            part.rename(final)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    for old in checkpoints(folder)[:-2]:
+        shutil.rmtree(old)
+
+
+def fall_back(folder: Path, checkpoint: Path) -> None:
+    """Give a run folder the best files that a checkpoint has."""
+    for kept in checkpoint.glob("best-*"):
+        write_whole(folder / kept.name.removeprefix("best-"), functools.partial(shutil.copyfile, kept))
 
 
 def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:

@@ -1,11 +1,8 @@
 """What watches a training run: evaluation on fixed episodes, the learning curve, checkpoints, the progress bar."""
 
-import functools
 import io
-import os
 import pickle
 import random
-import shutil
 import time
 from pathlib import Path
 from typing import Any
@@ -16,7 +13,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from flexarm_env.training import episodes
 from flexarm_env.training.policies import acting
 from flexarm_env.training.progress import Progress, after, write_curve
-from flexarm_env.training.runs import at, checkpoints, load_normaliser, write_whole
+from flexarm_env.training.runs import checkpoints, fall_back, load_normaliser, new_checkpoint, write_whole
 from flexarm_env.training.starts import staggered
 
 
@@ -141,43 +138,24 @@ def start_staggered(model: Any, seed: int) -> None:
 
 
 # ------------------------------------------------------------------ checkpoints
-def save_checkpoint(folder: Path, model: Any, progress: Progress, keep: int = 2) -> None:
-    """Everything from which the run goes on as if it had not stopped; the last few are kept."""
-    home = folder / "checkpoints"
-    part, final = home / f".part-{os.getpid()}", home / f"{model.num_timesteps:012d}"
-    shutil.rmtree(part, ignore_errors=True)
-    try:
-        with at(home):
-            _fill(part, folder, model, progress)
-            shutil.rmtree(final, ignore_errors=True)
-            part.rename(final)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
-    for old in checkpoints(folder)[:-keep]:
-        shutil.rmtree(old)
-
-
-def _fill(part: Path, folder: Path, model: Any, progress: Progress) -> None:
-    """Write a checkpoint's files."""
+def save_checkpoint(folder: Path, model: Any, progress: Progress) -> None:
+    """Everything from which the run goes on as if it had not stopped."""
     import torch
 
-    part.mkdir(parents=True)
-    save_model(part, model)
-    if hasattr(model, "replay_buffer"):
-        model.save_replay_buffer(part / "replay.pkl")
-    for name in ("model.zip", "vecnormalize.pkl"):  # the best so far, to fall back to together with the curve
-        if (folder / name).is_file():
-            shutil.copyfile(folder / name, part / f"best-{name}")
-    state = {
-        "progress": progress,
-        "torch": torch.get_rng_state(),
-        "numpy": np.random.get_state(),
-        "python": random.getstate(),
-        "envs": env_states(model.env),
-        "returns": getattr(model.get_vec_normalize_env(), "returns", None),  # of which its own file has none
-    }
-    with (part / "state.pkl").open("wb") as file:
-        pickle.dump(state, file)
+    with new_checkpoint(folder, model.num_timesteps, ("model.zip", "vecnormalize.pkl")) as part:
+        save_model(part, model)
+        if hasattr(model, "replay_buffer"):
+            model.save_replay_buffer(part / "replay.pkl")
+        state = {
+            "progress": progress,
+            "torch": torch.get_rng_state(),
+            "numpy": np.random.get_state(),
+            "python": random.getstate(),
+            "envs": env_states(model.env),
+            "returns": getattr(model.get_vec_normalize_env(), "returns", None),  # of which its own file has none
+        }
+        with (part / "state.pkl").open("wb") as file:
+            pickle.dump(state, file)
 
 
 def restore(folder: Path, algorithm: Any, env: Any) -> tuple[Any, Progress]:
@@ -210,10 +188,7 @@ def restore(folder: Path, algorithm: Any, env: Any) -> tuple[Any, Progress]:
             problem = f"{path}: damaged, or of other arguments ({type(error).__name__})"
     else:
         raise ValueError(problem)
-    for name in ("model.zip", "vecnormalize.pkl"):
-        if (path / f"best-{name}").is_file():
-            best = path / f"best-{name}"
-            write_whole(folder / name, functools.partial(shutil.copyfile, best))
+    fall_back(folder, path)
     return model, progress
 
 

@@ -141,8 +141,8 @@ def test_a_runner_that_is_killed_is_started_anew_and_nothing_is_lost(
     kept: list[set[str]] = []
     saving = train_rllib.Run.save
 
-    def save(self: train_rllib.Run, keep: int = 2) -> None:
-        saving(self, keep)
+    def save(self: train_rllib.Run) -> None:
+        saving(self)
         kept.append({p.name for p in checkpoints(self.folder)})
 
     monkeypatch.setattr(train_rllib.Run, "save", save)
@@ -201,8 +201,8 @@ def test_a_damaged_checkpoint_is_passed_over(cluster: Any, tmp_path: Path) -> No
 
     saving = train_rllib.Run.save
 
-    def save(self: train_rllib.Run, keep: int = 2) -> None:
-        saving(self, keep)
+    def save(self: train_rllib.Run) -> None:
+        saving(self)
         if len(checkpoints(self.folder)) == 2:
             raise Stop
 
