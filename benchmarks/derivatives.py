@@ -109,9 +109,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
 
 def measured(given: argparse.Namespace) -> pages.Found:
     """Every kind that is wanted, each in a process of its own; the others as they are in the record."""
-    known = given.out / "derivatives.json"
-    kept = json.loads(known.read_text(encoding="utf-8"))["rows"] if given.only != [""] and known.exists() else []
-    rows = []
+    kept, rows = [] if given.only == [""] else pages.kept(given.out, "derivatives").get("rows", []), []
     for kind, links in CASES:
         if not any(word in kind for word in given.only):
             rows += [row for row in kept if (row["kind"], row["links"]) == (kind, links)]

@@ -63,7 +63,8 @@ def exact_orders(folder: Path) -> dict[str, Any]:
     steps = [0.02, 0.01, 0.005, 0.0025]
     best = tip(5, 2, steps[-1] / 4)
     found: dict[str, Any] = {"mesh": {}, "steps": steps}
-    with styled_figure(folder / "exact_orders.png", 8.5, 3.6) as figure:
+    title = "geometrically_exact on robot_arm_motion_smooth"
+    with styled_figure(folder / "exact_orders.png", 8.5, 3.6, title) as figure:
         mesh, time = figure.subplots(1, 2)
         for color, (order, elements) in zip(COLORS, counts.items(), strict=False):
             errors = [float(np.abs(tip(n, order, 0.01) - fine).max()) for n in elements]
@@ -85,7 +86,6 @@ def exact_orders(folder: Path) -> dict[str, Any]:
             axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks], minor=False)
             axes.set_xticks([], minor=True)
             axes.legend()
-        figure.suptitle("geometrically_exact on robot_arm_motion_smooth", x=0.01, ha="left", fontsize=10.5)
     return found
 
 
@@ -132,7 +132,7 @@ def rod_energy(folder: Path) -> list[dict[str, Any]]:
 
 def _draw_energy(path: Path, rows: list[dict[str, Any]], title: str) -> None:
     """Wobble and drift against the step; means of tenths."""
-    with styled_figure(path, 8.5, 3.4) as figure:
+    with styled_figure(path, 8.5, 3.4, title) as figure:
         left, right = figure.subplots(1, 2)
         rows = [row for row in rows if row["tolerance"] == rows[0]["tolerance"]]
         steps = [row["dt"] for row in rows]
@@ -151,7 +151,6 @@ def _draw_energy(path: Path, rows: list[dict[str, Any]], title: str) -> None:
         low, high = right.get_ylim()
         right.set_ylim(low, high + 0.35 * (high - low))
         right.legend(loc="upper left", ncol=2)
-        figure.suptitle(title, x=0.01, ha="left", fontsize=10.5)
 
 
 # --------------------------------------------------------------------- elastica
@@ -193,7 +192,8 @@ def strips(folder: Path, seeds: int = 6) -> dict[str, Any]:
                 row["step"].append([float(apart(run, exact).max()) for run in fine])
                 row["deflection"].append(float(np.abs(exact.tip_deflection).max()))
             found[f"{name}, {kind}"] = row
-    with styled_figure(folder / "elastica_strip.png", 9.5, 3.8) as figure:
+    title = f"elastica on strips: largest tip error in 4 s, median of {seeds} torques"
+    with styled_figure(folder / "elastica_strip.png", 9.5, 3.8, title) as figure:
         panels = figure.subplots(1, 2, sharey=True)
         rows = {key: row for key, row in found.items() if isinstance(row, dict)}
         for (key, row), color in zip(rows.items(), [*COLORS[:3], *COLORS[:3]], strict=True):
@@ -205,9 +205,6 @@ def strips(folder: Path, seeds: int = 6) -> dict[str, Any]:
         panels[1].set_xticks(steps, [f"{h:g}" for h in steps])
         panels[1].set_xticks([], minor=True)
         panels[0].legend(fontsize=8)
-        figure.suptitle(
-            f"elastica on strips: largest tip error in 4 s, median of {seeds} torques", x=0.01, ha="left", fontsize=10.5
-        )
     return found
 
 
@@ -272,7 +269,8 @@ def reduction(folder: Path) -> dict[str, Any]:
     Modes seen from the chord are drawn; of those clamped to the root the figures alone are kept.
     """
     found: dict[str, Any] = {}
-    with styled_figure(folder / "modal_error.png", 9.5, 3.8) as figure:
+    title = "floating_frame, modes = 3, against the exact beam"
+    with styled_figure(folder / "modal_error.png", 9.5, 3.8, title) as figure:
         left, right = figure.subplots(1, 2)
         for color, (name, torques) in zip(COLORS, SWEEPS.items(), strict=False):
             arm = ARMS[name]
@@ -310,5 +308,4 @@ def reduction(folder: Path) -> dict[str, Any]:
         left.legend(fontsize=8)
         right.set(title="its growth with time, % of L", xlabel="t (s)", ylim=(1e-5, None))
         right.legend(fontsize=8, loc="lower right")
-        figure.suptitle("floating_frame, modes = 3, against the exact beam", x=0.01, ha="left", fontsize=10.5)
     return found

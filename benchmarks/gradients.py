@@ -159,7 +159,7 @@ def measure(options: argparse.Namespace) -> pages.Found:
     chosen, sizes, runs, gap = options.only or list(ENVS), dict[str, float](), list[dict[str, Any]](), list[Any]()
     looked_at = chosen if options.seeds else []
     if options.only:
-        kept = json.loads((options.out / "gradients.json").read_text(encoding="utf-8"))
+        kept = pages.kept(options.out, "gradients")
         sizes = {env_id: size for env_id, size in kept["bytes"].items() if env_id not in looked_at}
         gap = [row for row in kept["gaps"] if row["env"] not in looked_at]
         anew = {"gradient": options.seeds, "ppo": options.ppo}

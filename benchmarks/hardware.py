@@ -89,13 +89,12 @@ def variant(label: str, names: tuple[str, ...], more: str) -> dict[str, Any]:
 
 def measure(options: argparse.Namespace) -> pages.Found:
     """Fit all, draw."""
-    kept = options.out / "hardware.json"
-    variants = json.loads(kept.read_text())["variants"] if kept.is_file() else []
+    variants = pages.kept(options.out, "hardware").get("variants", [])
     done = {v["label"] for v in variants}
     for label, names, more in VARIANTS[: options.variants]:
         if label not in done:
             variants.append(variant(label, names, more))
-            write_text(kept, json.dumps({"variants": variants}))
+            write_text(options.out / "hardware.json", json.dumps({"variants": variants}))
             print(label, {k: np.round(variants[-1][k], 2).tolist() for k in ("first", "rest", "other")}, flush=True)
     found = identify(DESIGN, CONFIG, [TRAIN], hold_out=[HELD], out=options.fit)
     runs, n, worth = (*found.train, *found.held_out), len(found.train), found.uncertainty

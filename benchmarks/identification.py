@@ -172,13 +172,12 @@ def blocks(found: pages.Found) -> pages.Blocks:
 
 def measure(options: argparse.Namespace) -> pages.Found:
     """All cases that are not in the record."""
-    kept = options.out / "identification.json"
-    found = {"cases": [], "space": [], **(json.loads(kept.read_text()) if kept.is_file() else {})}
+    found = {"cases": [], "space": [], **pages.kept(options.out, "identification")}
     clock = time.perf_counter()
     for key, one in (("cases", case), ("space", case_in_space)):
         for seed in sorted({*range(options.cases)} - {row["seed"] for row in found[key]}):
             found[key].append(one(seed))
-            write_text(kept, json.dumps(found, indent=1) + "\n")
+            write_text(options.out / "identification.json", json.dumps(found, indent=1) + "\n")
             print(f"{key}, seed {seed} of {options.cases}, {time.perf_counter() - clock:.0f} s", flush=True)
     return {key: found[key] for key in ("cases", "space")} | {"space_machine": describe_machine("scipy")}
 

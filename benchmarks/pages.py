@@ -59,6 +59,19 @@ def write_csv(path: Path, heads: list[str], rows: Iterable[Iterable[Any]]) -> No
     write_text(path, text.getvalue())
 
 
+def kept(folder: Path, name: str) -> Found:
+    """What a record in a folder has; nothing where it is not there."""
+    record = folder / f"{name}.json"
+    return json.loads(record.read_text(encoding="utf-8")) if record.is_file() else {}
+
+
+def parts(options: argparse.Namespace, name: str, measures: Mapping[str, Callable[[], Any]]) -> Found:
+    """What each part of a record is measured to be; where --only names some, the others are as they are kept."""
+    wanted = options.only or measures
+    known = kept(options.out, name) if options.only else {}
+    return {part: measure() if part in wanted else known[part] for part, measure in measures.items()}
+
+
 def run(
     name: str,
     description: str | None,
@@ -85,12 +98,11 @@ def run(
     for flag, keywords in (more or {}).items():
         parser.add_argument(f"--{flag}", **keywords)
     options = parser.parse_args(arguments)
-    record: Path = options.out / f"{name}.json"
     if options.page:
-        found: Found = json.loads(record.read_text(encoding="utf-8"))
+        found = kept(options.out, name)
     else:
         found = {"machine": describe_machine(*packages), **measure(options)}
-        write_text(record, json.dumps(found, indent=indent) + "\n")
+        write_text(options.out / f"{name}.json", json.dumps(found, indent=indent) + "\n")
     verdicts: dict[str, bool] = found.get("verdicts", {})
     lines = {"machine": [told(found["machine"])], **blocks(found)}
     if verdicts:

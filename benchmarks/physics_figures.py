@@ -99,7 +99,8 @@ def free_flight(name: str, folder: Path) -> dict[str, Any]:
         scene, segments=segments, dt=FLIGHTS[name]["long"], rho_inf=1.0, sample=0.0125, duration=8 * scene.duration
     )
     windows = [float(part.std()) for part in np.array_split(free_energy(long)[1], 8)]
-    with styled_figure(folder / f"{name}_conservation.png", 10.5, 4.2) as figure:
+    title = f"{name}, {segments} segments a link, rho_inf = 1"
+    with styled_figure(folder / f"{name}_conservation.png", 10.5, 4.2, title) as figure:
         convergence, path, energy_axes = figure.subplots(1, 3, gridspec_kw={"width_ratios": [1.0, 1.25, 1.25]})
         for color, label, values in ((COLORS[0], "centre of mass (m)", errors), (COLORS[1], "energy (J, rms)", wobble)):
             convergence.loglog(steps, values, "o-", color=color, ms=4, label=label)
@@ -116,7 +117,6 @@ def free_flight(name: str, folder: Path) -> dict[str, Any]:
         path.set_ylim(bottom=errors[2] * 1e-4)
         path.legend(loc="lower right")
         energy_axes.set(title="energy after the loads, less its mean (J)", xlabel="t (s)")
-        figure.suptitle(f"{name}, {segments} segments a link, rho_inf = 1", x=0.01, ha="left", fontsize=10.5)
     return {
         "segments": segments, "steps": steps, "status": [run.status for run in runs],
         "center_of_mass_error": errors, "center_of_mass_order": slope(steps, errors),
@@ -132,7 +132,8 @@ def order_of_integrator(folder: Path) -> dict[str, Any]:
     """Rms errors on robot_arm_motion_smooth: difference from a step four times finer, whose own error is taken out."""
     steps = [0.05 / 2**k for k in range(1, 6)]
     found = {}
-    with styled_figure(folder / "integrator_order.png", 9.0, 3.8) as figure:
+    title = "robot_arm_motion_smooth: rms error against the step"
+    with styled_figure(folder / "integrator_order.png", 9.0, 3.8, title) as figure:
         panels = figure.subplots(1, 3)
         quantities = {"tip": "tip (m)", "tip_velocity": "its velocity (m/s)", "joint_torque": "enforcing torque (N m)"}
         for color, (rho_inf, segments) in zip(COLORS, ORDERS, strict=False):
@@ -158,7 +159,6 @@ def order_of_integrator(folder: Path) -> dict[str, Any]:
             axes.set_xticks([0.002, 0.005, 0.01, 0.02], ["0.002", "0.005", "0.01", "0.02"])
             axes.xaxis.set_minor_formatter(NullFormatter())
         panels[0].legend(loc="upper left")
-        figure.suptitle("robot_arm_motion_smooth: rms error against the step", x=0.01, ha="left", fontsize=10.5)
     return found
 
 

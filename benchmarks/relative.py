@@ -186,9 +186,9 @@ def drawing(rows: list[dict[str, Any]], folder: Path) -> None:
 
 def measure(options: argparse.Namespace) -> pages.Found:
     """Rates, tips, policies."""
-    kept = json.loads((options.out / "relative.json").read_text("utf-8")) if options.relative is None else {}
-    found = {key: kept[key] for key in ("rates", "tips")} if kept else {}
-    if options.relative is not None:
+    if options.relative is None:
+        found = {key: pages.kept(options.out, "relative")[key] for key in ("rates", "tips")}
+    else:
         relative = Relative(options)
         found = {"rates": rates(relative), "tips": tips(relative, options.episodes)}
         relative.process.terminate()

@@ -5,8 +5,8 @@ python -m benchmarks.space [--out FOLDER] [--page] [--only PARTS ...]; figures t
 
 import argparse
 import dataclasses
-import json
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -171,35 +171,32 @@ def beside_the_plane() -> list[list[Any]]:
     return rows
 
 
+def _with_sections(scene: fx.Scene, changes: Callable[[fx.Section], Found], **more: Any) -> fx.Scene:
+    """A scene with changes of the sections of all that bends."""
+
+    def changed(link: Any) -> Any:
+        if link.rigid:
+            return link
+        return dataclasses.replace(link, section=dataclasses.replace(link.section, **changes(link.section)))
+
+    arm = dataclasses.replace(scene.arm, links=tuple(map(changed, scene.arm.links)))
+    return dataclasses.replace(scene, arm=arm, **more)
+
+
 def _with_torsion(name: str) -> fx.Scene:
     """A named scene with sections that could leave the plane."""
-    scene = scenes.named(name)
-    links = []
-    for link in scene.arm.links:
-        s = link.section
-        assert isinstance(s, fx.Section)
-        links.append(dataclasses.replace(link, section=dataclasses.replace(s, EI_y=s.EI, C_y=s.C, J_y=s.J, GJ=s.EI)))
-    return dataclasses.replace(scene, arm=dataclasses.replace(scene.arm, links=tuple(links)), solver=())
+    return _with_sections(scenes.named(name), lambda s: {"EI_y": s.EI, "C_y": s.C, "J_y": s.J, "GJ": s.EI}, solver=())
 
 
 def omission() -> Found:
     """`three_dof_slew` with all it has; without torsion; without lateral bending; with pitch bending alone."""
     scene, found = scenes.named("three_dof_slew"), {}
-    arm = arms.named("three_dof")
     yaws, paths = {}, {}
     for name, factors in {
         "all": {}, "torsion 1e4 times as stiff": {"GJ": 1e4}, "lateral bending 1e4 times as stiff": {"EI_y": 1e4},
         "pitch bending alone": {"GJ": 1e4, "EI_y": 1e4},
     }.items():  # fmt: skip
-        links = []
-        for link in arm.links:
-            if not link.rigid:
-                s = link.section
-                assert isinstance(s, fx.Section)
-                stiffer = dataclasses.replace(s, **{k: getattr(s, k) * f for k, f in factors.items()})
-                link = dataclasses.replace(link, section=stiffer)
-            links.append(link)
-        own = dataclasses.replace(scene, arm=dataclasses.replace(arm, links=tuple(links)))
+        own = _with_sections(scene, lambda s, by=factors: {k: getattr(s, k) * f for k, f in by.items()})
         run = fx.simulate(own, elements=8, dt=2e-4, sample=2e-3, estimate_error=False)
         yaw = run.joint_angles[:, 0]
         out = np.abs(np.cos(yaw) * run.tip[:, 1] - np.sin(yaw) * run.tip[:, 0])
@@ -211,7 +208,7 @@ def omission() -> Found:
             "tips": float(np.linalg.norm(run.tip - paths["all"], axis=1).max()),
             "yaws": float(np.abs(yaw - yaws["all"]).max()),
         }  # fmt: skip
-    bent = fx.Scene("t", arm, duration=1.0, dt=1e-3, angles=(0.0, math.pi / 2, -math.pi / 2))
+    bent = fx.Scene("t", arms.named("three_dof"), duration=1.0, dt=1e-3, angles=(0.0, math.pi / 2, -math.pi / 2))
     found["modes"] = (modes(bent, 5, elements=12, clamped=(0, 1, 2)).frequencies / (2.0 * math.pi)).tolist()
     return found
 
@@ -255,12 +252,10 @@ PARTS: dict[str, Any] = {
 
 
 def measure(options: argparse.Namespace) -> Found:
-    """All of it, and the figures; of a part alone with what is kept of the others."""
+    """All of it, and the figures; or some parts."""
     if not options.only:
         draw()
-        return {name: part() for name, part in PARTS.items()}
-    kept = json.loads((options.out / "space.json").read_text(encoding="utf-8"))
-    return {name: PARTS[name]() if name in options.only else kept[name] for name in PARTS}
+    return pages.parts(options, "space", PARTS)
 
 
 def blocks(found: Found) -> pages.Blocks:

@@ -1,7 +1,6 @@
 """How soon controllers settle `SpatialFlexArm-v0`, on 100 reaches: docs/environments/spatial.md."""
 
 import argparse
-import json
 import sys
 from typing import Any
 
@@ -55,7 +54,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
         known = [t for t in times if t is not None]
         late = np.sort([np.inf if t is None else t for t in times])[[len(times) // 2, int(0.95 * len(times))]]
         rows.append((name, f"{len(known)} of {len(times)}", *(f"{t:.2f} s" for t in late)))
-    learned = json.loads((DOCS / "results" / "gradients.json").read_text("utf-8"))["runs"]
+    learned = pages.kept(DOCS / "results", "gradients")["runs"]
     runs = [
         (row["algorithm"], row["seed"], f"{row['steps'] / 1e6:.1f} million", f"{row['solved_cpu_s']:.0f} s",
          f"{row['success']:.0%}", f"{row['settling']:.2f} s")

@@ -2,7 +2,6 @@
 
 import argparse
 import dataclasses
-import json
 import sys
 import time
 from typing import Any
@@ -97,14 +96,12 @@ def accuracy(episodes: int) -> list[pages.Found]:
 
 
 def measure(options: argparse.Namespace) -> pages.Found:
-    """Tips against a refined run, books of energy, steps a second; where one is asked for, the others stay."""
-    parts: dict[str, Any] = {
+    """Tips against a refined run, books of energy, steps a second."""
+    return pages.parts(options, "space_envs", {
         "accuracy": lambda: accuracy(options.episodes),
         "books": lambda: [{**one, **{who: books(who, **one) for who in ("pd", "full")}} for one in KEPT],
         "rates": rates,
-    }
-    had = {} if options.only is None else json.loads((options.out / "space_envs.json").read_text(encoding="utf-8"))
-    return {name: part() if options.only in (None, name) else had[name] for name, part in parts.items()}
+    })  # fmt: skip
 
 
 def mesh(row: pages.Found) -> str:
@@ -140,5 +137,5 @@ def blocks(found: pages.Found) -> pages.Blocks:
 
 
 if __name__ == "__main__":
-    only = {"only": {"choices": ("accuracy", "books", "rates"), "help": "measure one part anew"}}
+    only = {"only": {"nargs": "+", "choices": ("accuracy", "books", "rates"), "help": "only these parts anew"}}
     sys.exit(pages.run("space_envs", __doc__, measure, blocks, page="environments/spatial", more=only, episodes=32))

@@ -10,7 +10,6 @@ round counts, for others may share the machine. `Pendulum-v1` is the yardstick. 
 
 import argparse
 import itertools
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -54,7 +53,7 @@ def memory(env_id: str) -> dict[str, float]:
 
 def error(env_id: str, formulation: str, settings: dict[str, Any]) -> str:
     """What benchmarks.choose_default has found of these settings."""
-    found = json.loads((DOCS / "results/default_settings.json").read_text("utf-8"))
+    found = pages.kept(DOCS / "results", "default_settings")
     wanted = {"order": 2} | settings if formulation == "geometrically_exact" else settings
     wanted = {"formulation": formulation.split(",")[0], **wanted}
     row = next((r for r in found["environments"][env_id]["candidates"] if r["options"] == wanted), None)
