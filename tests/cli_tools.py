@@ -1,8 +1,18 @@
 """What the tests of the command line share."""
 
+import json
+from typing import Any
+
 import pytest
 
 from flexarm_env.cli import main
+
+
+def answer(capsys: pytest.CaptureFixture[str], *words: str, code: int = 0) -> Any:
+    """The JSON that a command prints, which must end with this code."""
+    capsys.readouterr()
+    assert main([*words, "--json"]) == code
+    return json.loads(capsys.readouterr().out)
 
 
 def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:

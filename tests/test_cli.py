@@ -18,7 +18,7 @@ from flexarm_env.cli.compile import cache_report
 from flexarm_env.cli.progress import ProgressBar, show
 from flexarm_env.scenes import named, names, read_trajectory
 from flexarm_env.simulation import simulate
-from tests.cli_tools import refused
+from tests.cli_tools import answer, refused
 from tests.processes import ROOT, python
 
 COMMANDS = ("scenes", "replay", "simulate", "play", "train", "evaluate", "tune", "bench", "compile", "doctor")
@@ -63,8 +63,7 @@ def test_scenes_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["scenes"]) == 0
     text = capsys.readouterr().out
     assert [line.split()[0] for line in text.splitlines()[1:]] == list(names(parameter_sets=True, space=True))
-    assert main(["scenes", "--json"]) == 0
-    entries = {entry["name"]: entry for entry in json.loads(capsys.readouterr().out)["scenes"]}
+    entries = {entry["name"]: entry for entry in answer(capsys, "scenes")["scenes"]}
     assert entries["flying_rod"]["reference"] is True
     assert entries["flying_rod"]["root"] == "free"
     assert "J = 10" in entries["flying_rod@as_printed"]["note"]
@@ -75,10 +74,8 @@ def test_a_scenes_toml_can_be_run_again(capsys: pytest.CaptureFixture[str], tmp_
     assert main(["scenes", "robot_arm_motion"]) == 0
     path = tmp_path / "mine.toml"
     path.write_text(capsys.readouterr().out)
-    assert main(["simulate", str(path), "--duration", "0.5", "--segments", "2", "--json"]) == 0
-    mine = json.loads(capsys.readouterr().out)
-    assert main([*SHORT, "--json"]) == 0
-    theirs = json.loads(capsys.readouterr().out)
+    mine = answer(capsys, "simulate", str(path), "--duration", "0.5", "--segments", "2")
+    theirs = answer(capsys, *SHORT)
     assert "max_tip_error" not in mine
     assert mine["max_energy_balance_residual"] == theirs["max_energy_balance_residual"]
 
@@ -151,9 +148,7 @@ def test_replay_against_what_was_measured(
     columns = read_trajectory(path) | {"current": np.ones(11)}
     table = np.column_stack([columns[name] for name in kept.split(",")])
     np.savetxt(path, table, delimiter=",", header=kept, comments="", fmt="%.17g")
-    capsys.readouterr()
-    assert main([*SHORT, "--reference", str(path), "--plot", str(tmp_path / "a.png"), "--json"]) == 0
-    values = json.loads(capsys.readouterr().out)
+    values = answer(capsys, *SHORT, "--reference", str(path), "--plot", str(tmp_path / "a.png"))
     assert {name for name in values if name.endswith("_error")} == found
     assert {values[name] for name in found} == {0.0}
     assert values["instants"] == 11 and values["reference"] == str(path)
@@ -217,9 +212,7 @@ def test_a_parameter_set_has_no_reference(capsys: pytest.CaptureFixture[str]) ->
 
 @pytest.mark.slow
 def test_a_run_that_fails_ends_with_1(capsys: pytest.CaptureFixture[str]) -> None:
-    code = main(["replay", "robot_arm_motion", "--modes", "3", "--json"])
-    values = json.loads(capsys.readouterr().out)
-    assert code == 1
+    values = answer(capsys, "replay", "robot_arm_motion", "--modes", "3", code=1)
     assert values["status"] == "out_of_range"
     assert "beyond the range" in values["message"]
 
@@ -285,8 +278,7 @@ def test_limits_hold_through_the_environment(capsys: pytest.CaptureFixture[str])
 
 # ------------------------------------------------------------------ doctor
 def test_doctor(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["doctor", "--json"]) == 0
-    values = json.loads(capsys.readouterr().out)
+    values = answer(capsys, "doctor")
     assert values["self_test"].startswith("passed")
     assert 0.01 < values["self_test_max_tip_error"] < 0.015
     assert {"python", "llvmlite", "torch", "processors", "cache_folder"} <= values.keys()

@@ -17,7 +17,7 @@ from flexarm_env import suite
 from flexarm_env.cli import checkout, main, play
 from flexarm_env.recording import EpisodeRecorder, frames, load_episodes, replay, save_episodes, to_minari
 from flexarm_env.suite.policies import Following, choose
-from tests.cli_tools import refused
+from tests.cli_tools import answer, refused
 from tests.processes import ROOT, python
 
 SHORT = ["play", "--policy", "pd", "--env-kwargs", '{"duration": 0.2}']
@@ -48,8 +48,7 @@ def test_pd_plays_what_it_is_judged_on() -> None:
 
 def test_a_film_and_a_recording(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     film, kept = tmp_path / "pd.gif", tmp_path / "pd.npz"
-    assert main([*SHORT, "--video", str(film), "--record", str(kept), "--json"]) == 0
-    values = json.loads(capsys.readouterr().out)
+    values = answer(capsys, *SHORT, "--video", str(film), "--record", str(kept))
     assert (values["video"], values["record"]) == (str(film), str(kept))
     assert film.read_bytes().startswith(b"GIF89a")
     (episode,) = load_episodes(kept)
@@ -165,13 +164,11 @@ def test_the_keyboard_in_a_window(monkeypatch: pytest.MonkeyPatch, capsys: pytes
             return code in codes
 
     monkeypatch.setattr(pygame.key, "get_pressed", Held)
-    words = ["play", "--json", "--env-kwargs", '{"duration": 0.2}']
-    assert main(words) == 0
-    (outcome,) = json.loads(capsys.readouterr().out)["episodes"]
+    words = "play", "--env-kwargs", '{"duration": 0.2}'
+    (outcome,) = answer(capsys, *words)["episodes"]
     assert outcome["seconds"] == pytest.approx(0.2)
     codes.add(pygame.K_ESCAPE)
-    assert main(words) == 0
-    assert json.loads(capsys.readouterr().out)["episodes"] == []
+    assert answer(capsys, *words)["episodes"] == []
 
 
 def test_wrong_words_of_play(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -240,8 +237,7 @@ def test_benchmarks_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     lines = capsys.readouterr().out.splitlines()
     assert any(line.startswith("throughput ") for line in lines)
     assert not any(line.startswith("machine") for line in lines)
-    assert main(["bench", "--json"]) == 0
-    assert {"name", "what"} == set(json.loads(capsys.readouterr().out)["benchmarks"][0])
+    assert {"name", "what"} == set(answer(capsys, "bench")["benchmarks"][0])
     sentence = refused(capsys, "bench", "none")
     assert "no benchmark 'none'; there are " in sentence and " throughput," in sentence
 

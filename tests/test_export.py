@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexarm_env.cli import main
 from flexarm_env.control import NumpyPolicy, load_policy
 from flexarm_env.control.export import Entries, c_name, c_source, onnx_bytes
 from tests.c_tools import needs_compiler, run_c, shared
-from tests.cli_tools import refused
+from tests.cli_tools import answer, refused
 
 CLOSE = 1e-6
 N = 10_000
@@ -105,8 +104,8 @@ def test_c_scales_clips_and_remembers_what_is_measured(tmp_path: Path):
 @needs_compiler
 @pytest.mark.parametrize("name", [pytest.param("two_link", marks=pytest.mark.slow), "flexible_arm"])
 def test_packaged_policies_in_c_and_how_long_they_take(name: str, tmp_path: Path, capsys):
-    assert main(["export", name, "--to", "c", "--out", str(tmp_path / "policy.c"), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["function"] == "policy_decide"
+    found = answer(capsys, "export", name, "--to", "c", "--out", str(tmp_path / "policy.c"))
+    assert found["function"] == "policy_decide"
     source = (tmp_path / "policy.c").read_text()
     assert not re.search(r"\b(malloc|double|main)\b", source)
     policy = load_policy(name)

@@ -14,7 +14,7 @@ from flexarm_env.cli import main
 from flexarm_env.suite import policies, results, score
 from flexarm_env.suite.judge import judge
 from flexarm_env.suite.page import page
-from tests.cli_tools import refused
+from tests.cli_tools import answer, refused
 from tests.processes import python
 from tests.refusals import refuses
 
@@ -125,9 +125,8 @@ def quick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     return tmp_path
 
 
-def told(capsys: pytest.CaptureFixture[str], *words: str, code: int = 0) -> dict:
-    assert main(["bench", "suite", *words, "--json"]) == code
-    return json.loads(capsys.readouterr().out)
+def told(capsys: pytest.CaptureFixture[str], *words: str) -> dict:
+    return answer(capsys, "bench", "suite", *words)
 
 
 @pytest.mark.parametrize(("name", "each"), [("rows", 0.5), ("one", 0.5), ("number", 0.5), ("kept", None)])

@@ -9,7 +9,7 @@ import pytest
 from flexarm_env import suite
 from flexarm_env.cli import main
 from flexarm_env.suite import best, frozen, page, results, score
-from tests.cli_tools import refused
+from tests.cli_tools import answer, refused
 from tests.processes import python
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results" / "suite"
@@ -34,8 +34,7 @@ def test_no_published_run_is_above_a_record(name: str, published: list[results.R
     "name", [pytest.param(one, marks=() if one == QUICK else pytest.mark.slow) for one in best.known()]
 )
 def test_a_record_is_played_again(name: str, capsys: pytest.CaptureFixture[str]):
-    assert main(["bench", "suite", "--best", name, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)["records"][name]
+    found = answer(capsys, "bench", "suite", "--best", name)["records"][name]
     assert found["same"] == found["episodes"] == score.EPISODES
     assert abs(found["value"] - best.record(suite.task(name)).values.mean()) < best.rounding(name)
 

@@ -20,6 +20,7 @@ from flexarm_env.suite import best, task
 from flexarm_env.trajectory import link_deflection
 from flexarm_env.view import Chart, Clip, Player, magnified
 from flexarm_env.view.clip import cuts_of, thinned
+from tests.cli_tools import answer, refused
 from tests.processes import ROOT
 from tests.refusals import refuses
 
@@ -184,18 +185,12 @@ def test_link_angles_are_the_tangents() -> None:
 
 
 # ------------------------------------------------------------- command line
-def told(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(capsys.readouterr().out)
-    return found
-
-
 def test_view_takes_scenes_and_trajectories(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     run().to_npz("kept.npz")
-    assert main(["view", "two_link_motion", "kept.npz", "--duration", "0.5", "--json"]) == 0
-    values = told(capsys)
+    values = answer(capsys, "view", "two_link_motion", "kept.npz", "--duration", "0.5")
     assert values["view"] == "two_link_motion.html" and values["runs"] == ["two_link_motion", "kept"]
     assert values["instants"][0] >= 100 and values["bytes"] == Path("two_link_motion.html").stat().st_size
 
@@ -203,8 +198,7 @@ def test_view_takes_scenes_and_trajectories(
 @pytest.mark.slow
 def test_view_plays_a_policy_against_pd_and_their_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page = tmp_path / "new" / "page.html"
-    assert main(["view", "two_link", "pd", "--seed", "3", "--out", str(page), "--json"]) == 0
-    values = told(capsys)
+    values = answer(capsys, "view", "two_link", "pd", "--seed", "3", "--out", str(page))
     assert values["runs"] == ["two_link", "pd"] and page.is_file()
     first, second = data(page.read_text("utf-8"))["clips"]
     assert np.array_equal(numbers(first["target"]), numbers(second["target"]))
@@ -213,10 +207,8 @@ def test_view_plays_a_policy_against_pd_and_their_recording(tmp_path: Path, caps
     assert [title.split(" ")[0] for title in titles] == ["tip", "tip", "joint", "energy", "reward", "observation,"]
 
     kept = tmp_path / "episodes.npz"
-    assert main(["play", "--policy", "pd", "--headless", "--episodes", "2", "--record", str(kept), "--json"]) == 0
-    capsys.readouterr()
-    assert main(["view", str(kept), "--episode", "1", "--out", str(page), "--json"]) == 0
-    assert told(capsys)["runs"] == ["episodes, episode 1"]
+    assert main(["play", "--policy", "pd", "--headless", "--episodes", "2", "--record", str(kept)]) == 0
+    assert answer(capsys, "view", str(kept), "--episode", "1", "--out", str(page))["runs"] == ["episodes, episode 1"]
     clip = load_episodes(kept)[1].clip()
     assert np.allclose(clip.points[:, -1], load_episodes(kept)[1].infos["tip_position"], atol=1e-12)
 
@@ -224,8 +216,8 @@ def test_view_plays_a_policy_against_pd_and_their_recording(tmp_path: Path, caps
 @pytest.mark.slow
 def test_a_task_of_the_suite_shows_the_best_that_is_known(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page = tmp_path / "page.html"
-    assert main(["view", "slew-measured-v2", "pd", "--seed", "10007", "--out", str(page), "--json"]) == 0
-    (kept, beside), record = told(capsys)["runs"], best.record(task("slew-measured-v2"))
+    found = answer(capsys, "view", "slew-measured-v2", "pd", "--seed", "10007", "--out", str(page))
+    (kept, beside), record = found["runs"], best.record(task("slew-measured-v2"))
     assert kept == f"best known ({record.by[7]})" and beside == "pd"
     clips = data(page.read_text("utf-8"))["clips"]
     assert np.array_equal(numbers(clips[0]["target"]), numbers(clips[1]["target"]))
@@ -265,5 +257,4 @@ def test_view_says_what_is_wrong(
     words: list[str], sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["view", *words]) == 2
-    assert sentence in capsys.readouterr().err
+    assert sentence in refused(capsys, "view", *words)
