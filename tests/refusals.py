@@ -12,8 +12,13 @@ def refuses(words: str, call: Callable[[], Any], kind: type[Exception] = ValueEr
         call()
 
 
-def says(words: str, call: Callable[[], Any], kind: type[Exception] = ValueError) -> None:
-    """The call raises an error of this kind with these words in its sentence, as they stand here."""
+def refusal(call: Callable[[], Any], kind: type[Exception] = ValueError) -> str:
+    """The sentence of the error of this kind that the call raises."""
     with pytest.raises(kind) as caught:
         call()
-    assert words in str(caught.value)
+    return str(caught.value)
+
+
+def says(words: str, call: Callable[[], Any], kind: type[Exception] = ValueError) -> None:
+    """The call raises an error of this kind with these words in its sentence, as they stand here."""
+    assert words in refusal(call, kind)

@@ -18,7 +18,7 @@ from flexarm_env.compiler.kinds import Refused
 from flexarm_env.layout import Field, Layout
 from tests.drawn_kernels import FLOATS, LENGTH, WHOLES, Draw
 from tests.processes import ROOT
-from tests.refusals import refuses, says
+from tests.refusals import refusal, refuses, says
 
 pytestmark = pytest.mark.skipif(UNCOMPILED, reason="nothing is compiled")
 
@@ -166,9 +166,7 @@ def test_refused(line: str, said: str, tmp_path: Path) -> None:
     text = f"{HEAD}@kernel\ndef f(x, n, a, m, g, p, lane):\n    {line}\n"
     made = module(tmp_path, text)
     items = (1.0, 2, np.ones(16), np.ones(3, np.int64), np.ones((2, 2)), Pair(1.0, 2), EIGHT)
-    with pytest.raises(Refused) as error:
-        made.f(*items)
-    told = str(error.value)
+    told = refusal(lambda: made.f(*items), Refused)
     assert said in told.replace("`", ""), told
     place = re.match(r"(.*):(\d+), in (\w+): ", told)
     assert place is not None and place[1] == made.__file__, told
