@@ -128,25 +128,29 @@ TRAINED = (
 """What the wheel with the extra "train" is asked to do, each a command of `flexarm`."""
 
 
+def flexarm(python: Path, folder: Path, *words: str) -> None:
+    """A command in a folder, which must end well."""
+    command = [python, "-m", "flexarm_env", *words]
+    done = subprocess.run(command, cwd=folder, env=_own(), capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"flexarm {' '.join(words)}: {(done.stdout + done.stderr)[-2000:]}")
+
+
 def trained(python: Path, folder: Path) -> None:
     """Train, judge, tune and export in an empty folder, then serve an arm and let the policy drive it."""
-    own, flexarm = _plain() | {"FLEXARM_CACHE_DIR": str(FOLDER / "cache")}, [python, "-m", "flexarm_env"]
     for words in TRAINED:
-        done = subprocess.run([*flexarm, *words.split()], cwd=folder, env=own, capture_output=True, check=False)
-        if done.returncode:
-            raise RuntimeError(f"flexarm {words}: {(done.stdout + done.stderr)[-2000:]!r}")
+        flexarm(python, folder, *words.split())
     written = ("run/policy.npz", "g/policy.npz", "judged/table.md", "policy.c", "runs/gains/slew.toml")
     written += ("strip/libstrip.so", "strip.fmu")
     missing = [name for name in written if not (folder / name).is_file()]
     if missing:
         raise RuntimeError(f"not written: {', '.join(missing)}")
-    serve = [*flexarm, "serve", "FlexibleArm-v0", "--rate", "50", "--port", "0", "--seconds", "120"]
-    with subprocess.Popen(serve, cwd=folder, env=own, stdout=subprocess.PIPE, text=True) as server:
+    serve = [python, "-m", "flexarm_env", "serve", "FlexibleArm-v0", "--rate", "50", "--port", "0", "--seconds", "120"]
+    with subprocess.Popen(serve, cwd=folder, env=_own(), stdout=subprocess.PIPE, text=True) as server:
         try:
             assert server.stdout is not None
             address = server.stdout.readline().split(" at ")[1].split(",")[0]
-            drive = [*flexarm, "run", "run", "--to", address, "--seconds", "1"]
-            subprocess.run(drive, cwd=folder, env=own, check=True, capture_output=True)
+            flexarm(python, folder, "run", "run", "--to", address, "--seconds", "1")
         finally:
             server.terminate()
 
@@ -154,6 +158,11 @@ def trained(python: Path, folder: Path) -> None:
 def _plain() -> dict[str, str]:
     """This process's variables without those that would lead another Python here."""
     return {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
+
+
+def _own() -> dict[str, str]:
+    """Those, with a cache of compiled programs that all of these share."""
+    return _plain() | {"FLEXARM_CACHE_DIR": str(FOLDER / "cache")}
 
 
 def _clocks() -> NDArray[np.float64]:
@@ -171,12 +180,9 @@ def versions(python: Path) -> list[str]:
 
 def used(python: Path, folder: Path) -> None:
     """Let the package check itself and make both players."""
-    own = _plain() | {"FLEXARM_CACHE_DIR": str(FOLDER / "cache")}
-    for words in (("doctor",), *(("view", *runs, "--out", f"{name}.html") for name, runs in VIEWS.items())):
-        command = [python, "-m", "flexarm_env", *words]
-        done = subprocess.run(command, cwd=folder, env=own, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise RuntimeError(f"flexarm {' '.join(words)}: {(done.stdout + done.stderr)[-2000:]}")
+    flexarm(python, folder, "doctor")
+    for name, runs in VIEWS.items():
+        flexarm(python, folder, "view", *runs, "--out", f"{name}.html")
 
 
 def photographed(folder: Path) -> None:

@@ -107,15 +107,14 @@ def test_every_public_name_is_on_a_page() -> None:
 def public(body: list[ast.stmt]) -> list[ast.FunctionDef | ast.ClassDef]:
     """Functions and classes whose names begin with a letter; of a property the getter, of overloads the last."""
     found = [node for node in body if isinstance(node, ast.FunctionDef | ast.ClassDef)]
-    twins = [
-        n
-        for n in found
-        if any(getattr(d, "attr", getattr(d, "id", "")) in ("setter", "overload") for d in n.decorator_list)
-    ]
-    return [node for node in found if not node.name.startswith("_") and node not in twins]
+    marks = {node: {getattr(d, "attr", getattr(d, "id", "")) for d in node.decorator_list} for node in found}
+    return [node for node in found if not node.name.startswith("_") and not marks[node] & {"setter", "overload"}]
 
 
 def test_every_public_name_has_a_docstring() -> None:
+    overridden = {"torques", "initialise", "predict"}  # of `control.Controller`, which describes them
+    overridden |= {"value", "slopes"}  # of a cost of `control.ilqr`
+    overridden |= {"read", "reached", "place", "entries", "ranges", "path", "check_ranges"}  # `envs.targets.Target`
     bare = []
     for path in python_files(PACKAGE):
         if {"compiler", "physics", "runtime", "tasks"}.intersection(path.parts):
@@ -126,17 +125,6 @@ def test_every_public_name_has_a_docstring() -> None:
             bare.append(name)
         for node in public(tree.body):
             inner = public(node.body) if isinstance(node, ast.ClassDef) else []
-            overridden = {"torques", "initialise", "predict"}  # of `control.Controller`, which describes them
-            overridden |= {"value", "slopes"}  # of a cost of `control.ilqr`
-            overridden |= {
-                "read",
-                "reached",
-                "place",
-                "entries",
-                "ranges",
-                "path",
-                "check_ranges",
-            }  # of `envs.targets.Target`
             bare += [f"{name}:{n.lineno} {n.name}" for n in (node, *inner)
                      if not ast.get_docstring(n) and n.name not in overridden]  # fmt: skip
     assert not bare, "\n".join(bare)

@@ -15,29 +15,21 @@ import pytest
 from packaging.requirements import Requirement
 
 from tests.processes import ROOT
-from tests.release import faults_of, trained
+from tests.release import build, faults_of, trained
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
 @pytest.fixture(scope="module")
-def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a wheel and a source distribution, built from this checkout."""
-    out = tmp_path_factory.mktemp("dist")
-    subprocess.run(
-        [sys.executable, "-m", "build", "--no-isolation", "--wheel", "--sdist", "--outdir", str(out), str(ROOT)],
-        check=True,
-        capture_output=True,
-        timeout=300,
-    )
-    return out
+def dist(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A wheel and a source distribution, built from this checkout."""
+    return build(tmp_path_factory.mktemp("dist"))
 
 
 @pytest.mark.slow
-def test_wheel_holds_every_file_of_the_package(dist: Path) -> None:
+def test_wheel_holds_every_file_of_the_package(dist: tuple[Path, Path]) -> None:
     """And the configs of the checkout, under the package's data."""
-    (wheel,) = dist.glob("*.whl")
-    with zipfile.ZipFile(wheel) as archive:
+    with zipfile.ZipFile(dist[0]) as archive:
         names = set(archive.namelist())
         for path in (ROOT / "configs").glob("*/*.yml"):
             assert archive.read(f"flexarm_env/data/{path.relative_to(ROOT).as_posix()}") == path.read_bytes()
@@ -50,9 +42,8 @@ def test_wheel_holds_every_file_of_the_package(dist: Path) -> None:
     assert here <= names, f"left out: {sorted(here - names)}"
 
 
-def test_sdist_holds_what_is_needed_to_build_and_test(dist: Path) -> None:
-    (sdist,) = dist.glob("*.tar.gz")
-    with tarfile.open(sdist) as archive:
+def test_sdist_holds_what_is_needed_to_build_and_test(dist: tuple[Path, Path]) -> None:
+    with tarfile.open(dist[1]) as archive:
         names = {name.split("/", 1)[1] for name in archive.getnames() if "/" in name}
     for needed in ("pyproject.toml", "LICENSE", "README.md", "Makefile", "constraints.txt", "constraints-ray.txt",
                    "tests/conftest.py"):  # fmt: skip
@@ -60,8 +51,8 @@ def test_sdist_holds_what_is_needed_to_build_and_test(dist: Path) -> None:
     assert not [name for name in names if name.startswith((".venv", "runs/")) or "__pycache__" in name]
 
 
-def test_nothing_is_missing_from_what_is_released(dist: Path) -> None:
-    assert faults_of(next(dist.glob("*.whl")), next(dist.glob("*.tar.gz"))) == []
+def test_nothing_is_missing_from_what_is_released(dist: tuple[Path, Path]) -> None:
+    assert faults_of(*dist) == []
 
 
 @pytest.mark.parametrize("file", ["constraints.txt", "constraints-ray.txt"])
@@ -95,24 +86,22 @@ def needed(requirements: list[str]) -> dict[str, metadata.Distribution]:
 
 
 @pytest.fixture(scope="module")
-def clean(dist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def clean(dist: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The interpreter of an environment that holds the wheel, and of other packages only what the wheel asks for."""
-    return holding(dist, tmp_path_factory.mktemp("clean"), PROJECT["dependencies"])
+    return holding(dist[0], tmp_path_factory.mktemp("clean"), PROJECT["dependencies"])
 
 
-def holding(dist: Path, home: Path, requirements: list[str]) -> Path:
+def holding(wheel: Path, home: Path, requirements: list[str]) -> Path:
     """The interpreter of an environment with the wheel and these; other packages' files are those of this one."""
     venv.create(home, with_pip=False, symlinks=True)
     python = home / "bin" / "python"
     site = home / "lib" / f"python{sys.version_info.major}.{sys.version_info.minor}" / "site-packages"
-    with zipfile.ZipFile(next(dist.glob("*.whl"))) as archive:
+    with zipfile.ZipFile(wheel) as archive:
         archive.extractall(site)
     for distribution in needed(requirements).values():
-        tops = {path.parts[0] for path in distribution.files or []} - {"..", "__pycache__"}
-        for name in tops:
-            target = Path(str(distribution.locate_file(name)))
+        for name in {path.parts[0] for path in distribution.files or []} - {"..", "__pycache__"}:
             if not (site / name).exists():
-                (site / name).symlink_to(target)
+                (site / name).symlink_to(str(distribution.locate_file(name)))
     return python
 
 
@@ -131,11 +120,7 @@ def alone(python: Path, folder: Path, *words: str, code: int = 0) -> str:
 def test_the_wheel_alone_works(clean: Path, tmp_path: Path) -> None:
     """Both environments, a scene against its reference, a controller and every policy that comes with the package; all
     without Numba, by which earlier releases were compiled."""
-    text = alone(
-        clean,
-        tmp_path,
-        "-c",
-        """
+    lines = """
 import importlib.util, json, sys
 import gymnasium as gym, flexarm_env
 assert importlib.util.find_spec("numba") is None and importlib.util.find_spec("llvmlite") is not None
@@ -156,39 +141,40 @@ for name in control.policy_names():
 known = {"arms": arms.names(), "scenes": scenes.names(True), "references": scenes.reference_names()}
 heavy = [m for m in ("torch", "stable_baselines3", "matplotlib", "pygame", "agents", "benchmarks") if m in sys.modules]
 print(json.dumps({"file": flexarm_env.__file__, "lengths": lengths, "heavy": heavy, "policies": policies, **known}))
-""",
-    )
-    told = json.loads(text)
+"""
+    told = json.loads(alone(clean, tmp_path, "-c", lines))
     assert Path(told["file"]).is_relative_to(clean.parents[1])
     assert told["lengths"] == [6, 14]
     assert told["heavy"] == []
     assert "strip" in told["arms"] and "flying_rod@as_printed" in told["scenes"] and "flying_rod" in told["references"]
     assert set(told["policies"]) <= {"FlexibleArm-v0", "TwoLinkFlexArm-v0"}
 
-    run = ("-m", "flexarm_env")
-    assert "max_tip_error: 0.015" in alone(clean, tmp_path, *run, "replay", "robot_arm_motion", "--out", "run.csv")
+    def flexarm(*words: str, code: int = 0) -> str:
+        return alone(clean, tmp_path, "-m", "flexarm_env", *words, code=code)
+
+    assert "max_tip_error: 0.015" in flexarm("replay", "robot_arm_motion", "--out", "run.csv")
     assert (tmp_path / "run.csv").stat().st_size > 10_000
-    assert "passed" in alone(clean, tmp_path, *run, "doctor")
-    assert 'pip install pyyaml (the extra "train"' in alone(clean, tmp_path, *run, "train", code=2)
-    assert "| pd | 100%" in alone(clean, tmp_path, *run, "evaluate", "--policy", "pd,flexible_arm", "--episodes", "3")
-    listed = json.loads(alone(clean, tmp_path, *run, "bench", "suite", "--list", "--json"))["tasks"]
+    assert "passed" in flexarm("doctor")
+    assert 'pip install pyyaml (the extra "train"' in flexarm("train", code=2)
+    assert "| pd | 100%" in flexarm("evaluate", "--policy", "pd,flexible_arm", "--episodes", "3")
+    listed = json.loads(flexarm("bench", "suite", "--list", "--json"))["tasks"]
     words = ("bench", "suite", "--policy", "zv", "--task", listed[0]["id"], "--episodes", "3", "--out", "suite")
-    assert "success" in alone(clean, tmp_path, *run, *words) and (tmp_path / "suite" / "zv-0.json").exists()
-    assert "# Results" in alone(clean, tmp_path, *run, "bench", "page", "suite")
-    alone(clean, tmp_path, *run, "export", "two_link", "--to", "c", "--out", "two_link.c")
-    sentence = alone(clean, tmp_path, *run, "replay", "robot_arm_motion", "--plot", "a.png", code=2)
+    assert "success" in flexarm(*words) and (tmp_path / "suite" / "zv-0.json").exists()
+    assert "# Results" in flexarm("bench", "page", "suite")
+    flexarm("export", "two_link", "--to", "c", "--out", "two_link.c")
+    sentence = flexarm("replay", "robot_arm_motion", "--plot", "a.png", code=2)
     assert 'pip install matplotlib (the extra "plot"' in sentence
-    assert "success, return" in alone(clean, tmp_path, *run, "play", "--policy", "lqr", "--headless")
-    sentence = alone(clean, tmp_path, *run, "play", "--policy", "pd", code=2)
+    assert "success, return" in flexarm("play", "--policy", "lqr", "--headless")
+    sentence = flexarm("play", "--policy", "pd", code=2)
     assert 'pip install pygame-ce (the extra "render"' in sentence
 
 
 @pytest.mark.slow
-def test_the_wheel_with_its_extra_trains_exports_and_serves(dist: Path, tmp_path: Path) -> None:
+def test_the_wheel_with_its_extra_trains_exports_and_serves(dist: tuple[Path, Path], tmp_path: Path) -> None:
     """From an empty folder, without a checkout in sight."""
     pytest.importorskip("stable_baselines3")
     extra = PROJECT["optional-dependencies"]["train"]
-    python = holding(dist, tmp_path / "env", [*PROJECT["dependencies"], *extra])
+    python = holding(dist[0], tmp_path / "env", [*PROJECT["dependencies"], *extra])
     (tmp_path / "empty").mkdir()
     trained(python, tmp_path / "empty")
 
