@@ -1,11 +1,9 @@
-"""Arms, scenes, formulations and room for lanes that tests share."""
+"""Arms, scenes and formulations that tests share."""
 
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from flexarm_env.parameters import Arm, Link, Section
 from flexarm_env.scene import PointLoad, Scene
@@ -43,10 +41,3 @@ def every(choices: Any, slow: tuple[str, ...] = ()) -> Any:
         for f, o in choices
     ]
     return pytest.mark.parametrize(("formulation", "options"), sets)
-
-
-def aligned(n: int) -> NDArray[np.float64]:
-    """Room for lanes, which begins on a multiple of 64 bytes."""
-    room = np.full(n + 8, np.nan)
-    first = (-room.ctypes.data % 64) // 8
-    return room[first : first + n]

@@ -43,22 +43,19 @@ def test_with_everything_it_is_the_same_too(env_id: str, coulomb: float) -> None
     assert assert_pair_same(pair(env_id, 9, "SameStep", **lively), 35) >= 18
 
 
-_SLOW = pytest.mark.slow
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("env_id", [IDS[0], pytest.param(IDS[1], marks=_SLOW)])
+@pytest.mark.parametrize("env_id", IDS)
 @pytest.mark.parametrize(
     "kwargs",
     [
         pytest.param({"formulation": "floating_frame", "segments": 2}, id="segments"),
-        pytest.param({"formulation": "geometrically_exact"}, id="exact", marks=_SLOW),
-        pytest.param({"formulation": "floating_frame", "modes": 2}, id="modes", marks=_SLOW),
-        pytest.param({"formulation": "floating_frame", "frame": "root", "modes": 2}, id="clamped", marks=_SLOW),
-        pytest.param({"action_mode": "residual_pd"}, id="residual", marks=_SLOW),
+        pytest.param({"formulation": "geometrically_exact"}, id="exact"),
+        pytest.param({"formulation": "floating_frame", "modes": 2}, id="modes"),
+        pytest.param({"formulation": "floating_frame", "frame": "root", "modes": 2}, id="clamped"),
+        pytest.param({"action_mode": "residual_pd"}, id="residual"),
     ],
 )
-@pytest.mark.parametrize(("n", "threads"), [(7, 2), *(pytest.param(n, k, marks=_SLOW) for n, k in ((1, 1), (64, 2)))])
+@pytest.mark.parametrize(("n", "threads"), [(7, 2), (1, 1), (64, 2)])
 def test_every_formulation_is_the_same_too(env_id: str, kwargs: dict[str, Any], n: int, threads: int) -> None:
     both = pair(env_id, n, "NextStep", threads, duration=0.3, randomization=RANDOM, **kwargs)
     assert assert_pair_same(both, 35) >= n

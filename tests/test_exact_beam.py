@@ -1,7 +1,9 @@
-"""The geometrically exact beam, compiled: references, known answers, orders of convergence, the stiff strip, lanes."""
+"""The geometrically exact beam: references, known answers, orders of convergence; strips thrown about."""
 
+import dataclasses
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -10,22 +12,13 @@ from benchmarks.formulation_runs import center_of_mass, long_run
 from flexarm_env import simulate
 from flexarm_env.arms import named as named_arm
 from flexarm_env.comparison import tip_error
-from flexarm_env.compiler import uncompiled
-from flexarm_env.compiler.lanes import EIGHT, SINGLE
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
-from flexarm_env.physics.exact.build import build
-from flexarm_env.physics.integrator.start import restart
-from flexarm_env.physics.integrator.step import advance
-from flexarm_env.physics.integrator.switching import switch
-from flexarm_env.physics.integrator.work import unpack, work_size
-from flexarm_env.physics.model import scheme
 from flexarm_env.scene import JointTorque, PointLoad, Scene
 from flexarm_env.scenes import named, reference, reference_names
-from flexarm_env.settings import Settings
 from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import pulse, sine
 from tests.processes import uncompiled_tests
-from tests.scene_tools import aligned, everything
+from tests.scene_tools import everything
 
 from .oracle_exact import tips
 
@@ -152,75 +145,44 @@ def test_two_links_against_finite_differences() -> None:
     assert np.abs(run.tip[1:, :2] - expected).max() < max(0.003, 0.15 * doubt)
 
 
-# --------------------------------------------------------------------- the stiff strip, in lanes
-STRIP = Arm(
-    "strip", (Link(1.0, Section(EI=7.0, EA=7.2e6, C=2.3e6, m=0.277, J=2.7e-7)),), hub_inertia=0.05, payload=Payload(0.2)
+# --------------------------------------------------------------------- strips thrown about
+UNDAMPED = dataclasses.replace(named_arm("strip"), tau_d=0.0)
+EXACT = {"formulation": "geometrically_exact", "elements": 3}
+
+
+def thrown(actions: np.ndarray, **options: Any) -> tuple[Any, np.ndarray]:
+    """A batch of strips after actions (periods, n, 1), none of which is lost on the way, and their tips (n, 2)."""
+    envs = gym.make_vec("FlexibleArm-v0", num_envs=actions.shape[1], joint_limits=None, **options)
+    envs.reset(seed=4)
+    for action in actions:
+        info = envs.step(action)[4]
+        assert (info["solver_status"] == "ok").all() and (np.hypot(*info["tip_position"].T) < 1.01).all()
+    return envs.unwrapped.batch, info["tip_position"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"arm": UNDAMPED, "nodes": 5},
+        {"arm": UNDAMPED, **EXACT},
+        *({"arm": "strip", "tolerance": tolerance, **EXACT} for tolerance in (1e-10, 1e-6, 1e-4)),
+        {"arm": "strip", **EXACT, "elements": 5, "period_correction": True},
+    ],
 )
-
-
-def swing(
-    lane: Any, torques: np.ndarray, arm: Arm = STRIP, dt: float = 0.005, tolerance: float = 1e-10
-) -> tuple[Any, Any]:
-    """Final tips (arms, 2) and status codes of arms under torques (periods of 20 ms, lanes)."""
-    scene = Scene("s", arm, duration=1.0, dt=dt)
-    s = build(scene, Settings.make("geometrically_exact", elements=3, dt=dt))
-    count, rule = len(lane), scheme(0.7, None, tolerance)
-    flat = aligned(uncompiled(work_size)(count, s.model, 0))
-    flat[:] = 0.0
-    w = uncompiled(unpack)(lane, s.model, flat, 0)
-    w.q[:], par = np.repeat(s.q0, count), np.repeat(s.par, count)
-    for k, torque in enumerate(torques):
-        w.u0[:] = w.u
-        w.u[:count] = torque
-        if k == 0:
-            restart(lane, s.model, None, par, flat, 0, 0.0, dt, True)
-        else:
-            switch(lane, s.model, par, flat, 0, dt, None)
-        advance(lane, s.model, None, par, flat, 0, 0.0, dt, round(0.02 / dt), rule, None)
-    return np.column_stack([w.q[-3 * count : -2 * count], w.q[-2 * count : -count]]), w.flag.copy()
+def test_strips_survive_random_full_torque(options: dict[str, Any], rng: np.random.Generator) -> None:
+    """512 strips, 4 s, +-2 N m of random sign each 20 ms at 5 ms: none is lost, and none even needs its step halved."""
+    signs = rng.choice([-1.0, 1.0], (199, 512, 1)).astype(np.float32)
+    batch, _ = thrown(signs, dt=0.005, **options)
+    assert batch.counts[:, 2].sum() == 0.0
 
 
 @pytest.mark.slow
-def test_strips_survive_random_full_torque() -> None:
-    """512 arms, 4 s, +-2 N m of random sign each 20 ms at 5 ms: none is lost, and none even needs its step halved."""
-    rng = np.random.default_rng(11)
-    for _ in range(64):
-        signs = rng.choice([-2.0, 2.0], (200, 8))
-        tip, flags = swing(EIGHT, signs)
-        assert not flags.any()
-        assert np.all(np.hypot(*tip.T) < 1.01)
-
-
-@pytest.mark.slow
-def test_a_lane_is_an_arm_alone_bit_for_bit() -> None:
-    torques = np.random.default_rng(7).uniform(-2.0, 2.0, (40, 8))
-    together, flags = swing(EIGHT, torques)
-    assert not flags.any()
-    for i in range(8):
-        alone, _ = swing(SINGLE, torques[:, i : i + 1])
-        assert np.array_equal(alone[0], together[i])
-
-
-@pytest.mark.slow
-def test_one_linear_solve_a_step_is_nearly_enough() -> None:
+def test_one_linear_solve_a_step_is_nearly_enough(rng: np.random.Generator) -> None:
     """From a guess that keeps the strains, one iteration meets a tolerance of 1e-4, and the tip hardly changes."""
-    torques = np.random.default_rng(3).uniform(-2.0, 2.0, (200, 8))
-    converged, _ = swing(EIGHT, torques, dt=0.0025)
-    loose, flags = swing(EIGHT, torques, dt=0.0025, tolerance=1e-4)
-    assert not flags.any()
-    assert np.hypot(*(loose - converged).T).max() < 1e-3
-
-
-@pytest.mark.slow
-def test_damped_strips_survive_too() -> None:
-    rng = np.random.default_rng(12)
-    arm = named_arm("strip")
-    assert arm.tau_d > 0.0
-    for tolerance in (1e-10, 1e-6, 1e-4):
-        for _ in range(16):
-            tip, flags = swing(EIGHT, rng.choice([-2.0, 2.0], (200, 8)), arm, tolerance=tolerance)
-            assert not flags.any()
-            assert np.all(np.hypot(*tip.T) < 1.01)
+    torques = rng.uniform(-1.0, 1.0, (199, 8, 1)).astype(np.float32)
+    tips = [thrown(torques, dt=0.0025, arm=UNDAMPED, tolerance=x, **EXACT)[1] for x in (1e-10, 1e-4)]
+    assert np.hypot(*(tips[1] - tips[0]).T).max() < 1e-3
 
 
 def test_a_torque_on_hardly_any_rotary_inertia_asks_for_no_halving() -> None:

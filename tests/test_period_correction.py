@@ -3,7 +3,6 @@
 from dataclasses import replace
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -208,20 +207,6 @@ def test_any_number_of_arms_gives_the_same_bits(env_id: str, n: int, more: dict[
     unlike = {"payload": (0.1, 8.0), "EI": (0.4, 2.5)}
     exact = {"formulation": EXACT, "period_correction": True, "randomization": unlike, "duration": 0.4}
     assert assert_pair_same(pair(env_id, n, "NextStep", 2, **exact, **more), 30) >= n
-
-
-@pytest.mark.slow
-def test_random_bang_bang_loses_no_arm() -> None:
-    envs = gym.make_vec(
-        "FlexibleArm-v0", num_envs=512, formulation=EXACT, elements=5, dt=0.005, period_correction=True,
-        joint_limits=None,
-    )  # fmt: skip
-    envs.reset(seed=4)
-    rng = np.random.default_rng(4)
-    for _ in range(199):
-        info = envs.step(rng.choice([-1.0, 1.0], (512, 1)).astype(np.float32))[4]
-        assert (info["solver_status"] == "ok").all()
-    assert envs.unwrapped.batch.counts[:, 2].sum() == 0.0
 
 
 def test_options() -> None:
