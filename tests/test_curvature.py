@@ -6,9 +6,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from scipy.linalg import eigh
 
-from flexarm_env import arms, curves, rigid
+from flexarm_env import arms, rigid
 from flexarm_env.compiler import SINGLE, uncompiled
 from flexarm_env.linear import modes, static_equilibrium
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
@@ -18,6 +17,7 @@ from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import constant, sine
+from tests.oracle_ritz import ritz_frequencies
 from tests.scene_tools import Method, every, everything
 
 STRIP = Section(EI=2.0, EA=2e6, C=2e6, m=0.3)
@@ -71,37 +71,12 @@ def test_the_moment_that_straightens_it(method: str) -> None:
     np.testing.assert_allclose(still, 0.5 * STRIP.EI * (0.5 * np.pi) ** 2, rtol=1e-6)
 
 
-def ritz(link: Link, payload: Payload, count: int) -> Any:
-    """Of an inextensible clamped link about its own shape, from energies: its angle moves by polynomials."""
-    x, weights = np.polynomial.legendre.leggauss(60)
-    ends = np.array(link.points)
-    half = 0.5 * np.diff(ends)[:, None]
-    s, w = (ends[:-1, None] + half * (1.0 + x)).ravel(), (half * weights).ravel()
-    tangent = np.exp(1j * curves.angle(link.curvature, s))
-    n, L = 14, link.length
-    shapes = [np.polynomial.legendre.Legendre.basis(k, [0.0, L]).integ(lbnd=0.0) for k in range(n)]
-    angle, slope = np.array([f(s) for f in shapes]), np.array([f.deriv()(s) for f in shapes])
-    end = np.array([f(L) for f in shapes])
-    rows = 1j * angle * tangent * w
-    fine = np.linspace(0.0, L, 4001)
-    dense = np.array([1j * f(fine) for f in shapes]) * np.exp(1j * curves.angle(link.curvature, fine))
-    step = fine[1] - fine[0]
-    sums = np.concatenate([np.zeros((n, 1)), np.cumsum(0.5 * (dense[:, 1:] + dense[:, :-1]), axis=1) * step], axis=1)
-    moved = np.array([np.interp(s, fine, row.real) + 1j * np.interp(s, fine, row.imag) for row in sums])
-    at = link.along(s)
-    M = ((moved * (w * at.m)) @ moved.conj().T).real + (angle * (w * at.J)) @ angle.T
-    K = (slope * (w * at.EI)) @ slope.T
-    tip = rows.sum(axis=1) + 1j * payload.lever * np.exp(1j * link.turn) * end
-    M += payload.mass * np.outer(tip, tip.conj()).real + payload.inertia * np.outer(end, end)
-    return np.sqrt(eigh(K, M, eigvals_only=True)[:count])
-
-
 @every(METHODS.values(), slow=("geometrically_exact", "floating_frame"))
 @pytest.mark.parametrize("link", [QUARTER, SWAN, Link(1.0, STRIP, curvature=0.3)], ids=["quarter", "swan", "shallow"])
 def test_frequencies(formulation: str, options: dict[str, Any], link: Link) -> None:
     """Three of a cantilever with an eccentric payload, against its energies."""
     payload = Payload(0.1, 1e-4, (0.02, 0.03))
-    known = ritz(link, payload, 3)
+    known = ritz_frequencies(Arm("a", (link,), payload=payload), 3)
     found = modes(held(link, payload=payload), 3, formulation, clamped=True, **options).frequencies
     np.testing.assert_allclose(found, known, rtol=4e-4)
 

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 from flexarm_env import arms, rigid
@@ -17,6 +16,7 @@ from flexarm_env.physics.floating.constants import finite_element_body
 from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import simulate
+from tests.oracle_ritz import ritz_frequencies
 from tests.refusals import refuses, says
 from tests.scene_tools import Method, every, everything
 
@@ -241,65 +241,6 @@ def test_damping_of_one_link_alone() -> None:
 ENDED = Link(
     0.6, THICK, root_offset=0.12, tip_offset=0.08, root_mass=0.1, tip_mass=0.05, root_inertia=2e-4, tip_inertia=1e-4
 )
-
-
-def ritz_frequencies(arm: Arm, count: int, hinged: bool) -> Any:
-    """Of the straight arm's small motions across it, from its energies: each link a rigid turn and polynomials.
-
-    Of a higher degree their masses are not told apart in double precision.
-    """
-    degree, n = 7, arm.n_links
-    size = n * (degree + 1)
-    M, K = np.zeros((size, size)), np.zeros((size, size))
-
-    def add(mass: float, inertia: float, row: Any, turn: Any) -> None:
-        M[:] += mass * np.outer(row, row) + inertia * np.outer(turn, turn)
-
-    joint = np.zeros(size)  # displacement of the joint before a link
-    for k, link in enumerate(arm.links):
-        own = slice(k * (degree + 1), (k + 1) * (degree + 1))
-        L, x, weights = link.length, *(0.5 * (v + (i == 0)) for i, v in enumerate(np.polynomial.legendre.leggauss(40)))
-        powers = np.arange(2, degree + 2)
-
-        def at(
-            share: float, link: Any = link, own: Any = own, joint: Any = joint, powers: Any = powers
-        ) -> tuple[Any, Any]:
-            """Displacement and angle at a share of the beam."""
-            row, turn = joint.copy(), np.zeros(size)
-            row[own] = [link.root_offset + share * link.length, *(share**powers)]
-            turn[own] = [1.0, *(powers * share ** (powers - 1) / link.length)]
-            return row, turn
-
-        start, first = joint.copy(), at(0.0)[1]
-        add(link.root_mass, link.root_inertia, start + 0.5 * link.root_offset * first, first)
-        add(0.0, arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right, start, first)
-        for share, weight in zip(x, weights, strict=True):
-            section = link.along(share * L)
-            row, turn = at(share)
-            add(section.m * weight * L, section.J * weight * L, row, turn)
-            bend = np.zeros(size)
-            bend[own] = [0.0, *(powers * (powers - 1) * share ** (powers - 2) / L**2)]
-            K += section.EI * weight * L * np.outer(bend, bend)
-        row, turn = at(1.0)
-        add(link.tip_mass, link.tip_inertia, row + 0.5 * link.tip_offset * turn, turn)
-        joint = row + link.tip_offset * turn
-        if k + 1 < n:
-            add(arm.elbow(k + 1).mass, arm.elbow(k + 1).inertia_left, joint, turn)
-        else:
-            add(arm.payload.mass, arm.payload.inertia, joint, turn)
-    if not hinged:  # joints held: a link's root turns with the tip before it
-        T = np.eye(size)
-        keep = []
-        for k in range(n):
-            first = k * (degree + 1)
-            if k > 0:
-                before = slice(first - degree, first)
-                T[first] = T[first - degree - 1]
-                T[first, before] += np.arange(2, degree + 2) / arm.links[k - 1].length
-            keep += range(first + 1, first + degree + 1)
-        M, K = T.T @ M @ T, T.T @ K @ T
-        M, K = M[np.ix_(keep, keep)], K[np.ix_(keep, keep)]
-    return np.sqrt(np.abs(eigh(K, M, eigvals_only=True)))[n if hinged else 0 :][:count]
 
 
 @every(FOUR, slow=("geometrically_exact", "floating_frame"))

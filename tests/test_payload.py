@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 
 from flexarm_env import arms, rigid
 from flexarm_env.accuracy import slowest_rate
@@ -16,6 +15,7 @@ from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import Simulation
 from tests.env_tools import assert_pair_same, pair
+from tests.oracle_ritz import ritz_frequencies
 from tests.scene_tools import Method, every
 
 STRIP = Section(EI=2.0, EA=2e7, C=2e7, m=0.3)
@@ -29,37 +29,11 @@ METHODS: list[Method] = [
 ]
 
 
-def cantilever(payload: Payload, count: int) -> list[float]:
-    """rad/s, 1 m of STRIP, Euler-Bernoulli: zeros of shear and moment at the tip, which a rigid body's motion asks for.
-
-    Small motion along the strip takes no part: the centre moves across by v + a v', along by -b v'.
-    """
-    m, (a, b) = payload.mass, payload.offset
-    turn = payload.inertia + m * (a * a + b * b)
-
-    def determinant(w: float) -> float:
-        k = (w * w * STRIP.m / STRIP.EI) ** 0.25
-        C, S, c, s = np.cosh(k), np.sinh(k), np.cos(k), np.sin(k)
-        rows = []
-        for v, d, moment, shear in (
-            (C - c, k * (S + s), k**2 * (C + c), k**3 * (S - s)),
-            (S - s, k * (C - c), k**2 * (S + s), k**3 * (C + c)),
-        ):
-            force = STRIP.EI * shear + w * w * m * (v + a * d)
-            rows.append((force, STRIP.EI * moment - w * w * (turn * d + m * a * v)))
-        return float(np.linalg.det(rows))
-
-    grid = np.linspace(0.5, 200.0, 4000)
-    values = [determinant(w) for w in grid]
-    pairs = zip(grid, grid[1:], values, values[1:], strict=False)
-    return [brentq(determinant, x, y) for x, y, f, g in pairs if f * g < 0.0][:count]
-
-
 @pytest.mark.slow
 @every(METHODS)
 def test_frequencies_of_a_cantilever(formulation: str, options: dict[str, Any]) -> None:
     scene = Scene("s", Arm("a", (Link(1.0, STRIP),), payload=PAYLOAD), duration=1.0, dt=0.002)
-    known = cantilever(PAYLOAD, 3)
+    known = ritz_frequencies(scene.arm, 3)
     found = modes(scene, 3, formulation, clamped=True, **options).frequencies
     np.testing.assert_allclose(found, known, rtol=5e-4)
     assert slowest_rate(scene) == pytest.approx(known[0], rel=0.01)
