@@ -8,15 +8,18 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.linalg import eigh
 
 from flexarm_env import curves
-from flexarm_env.parameters import Arm
+from flexarm_env.parameters import Arm, Joint
 
 SHAPES = 12
 """Polynomials of a link."""
 
 
 def ritz_frequencies(arm: Arm, count: int, hinged: bool = False) -> Any:
-    """rad/s, of small motions in the plane about the shape without stress, joints held or free; without stretch."""
-    size = arm.n_links * (SHAPES + hinged)
+    """rad/s, of small motions in the plane about the shape without stress, without stretch; joints are free, or held
+    (elastic gears by their motors)."""
+    gears = arm.joints or (Joint(),) * arm.n_links
+    elastic = sum(gear.elastic for gear in gears)
+    size = arm.n_links * SHAPES + elastic + (arm.n_links if hinged else 0)
     M, K, unit = np.zeros((size, size)), np.zeros((size, size)), np.eye(size)
 
     def add(mass: Any, inertia: Any, moved: Any, turned: Any) -> None:
@@ -24,10 +27,16 @@ def ritz_frequencies(arm: Arm, count: int, hinged: bool = False) -> Any:
         M[:] += ((moved.T * mass) @ moved.conj()).real + (turned.T * inertia) @ turned
 
     x, weights = np.polynomial.legendre.leggauss(40)
-    joint, turn, way = np.zeros((1, size), complex), np.zeros((1, size)), 1.0 + 0.0j
-    for k, link in enumerate(arm.links):
-        if hinged:  # else a link's root turns with the tip before it
-            turn = unit[[size - arm.n_links + k]]
+    still, free = np.zeros((1, size)), iter(unit[arm.n_links * SHAPES :, None])
+    joint, turn, way = 0j * still, still, 1.0 + 0.0j
+    for k, (link, gear) in enumerate(zip(arm.links, gears, strict=True)):
+        before = turn
+        if hinged or gear.elastic:  # else a link's root turns with the tip before it
+            turn = next(free)
+        if gear.elastic:
+            motor = next(free) if hinged else still
+            add(0.0, gear.rotor, still, motor)
+            K += gear.stiffness * (turn - before - motor).T @ (turn - before - motor)
         add(0.0, arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right, joint, turn)
         root = joint + 1j * link.root_offset * way * turn
         add(link.root_mass, link.root_inertia, 0.5 * (joint + root), turn)
