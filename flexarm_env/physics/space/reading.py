@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...parameters import Arm, Link
 from ...rotations import back, matrices, quaternions, slope, turned, vectors
 from ...settings import Settings
-from .build import axis_of, count_elements, count_rows, levers, mount_of, polynomials, tip_lever
+from .build import axis_of, count_elements, count_rows, levers, mount_of, names_of, polynomials, tip_lever
 from .elastica_build import _link, grid
 from .layout import AXES
 from .strained_layout import STRAINED
@@ -103,13 +103,11 @@ def read(arm: Arm, settings: Settings, q: Array, v: Array) -> dict[str, Any]:
     n, N = len(q), arm.n_links
     deflection, twist = np.zeros((n, N, 2)), np.zeros((n, N))
     for k, (link, motion) in enumerate(zip(arm.links, found, strict=True)):
-        bow = link.place(link.length + link.tip_offset).imag if link.curved else 0.0
         inner = back(motion.root.A, motion.tip.r - motion.root.r)
         if link.span > 0.0 and not link.rigid:
-            deflection[:, k] = (inner[:, 1:] - [bow, 0.0]) / link.span
+            deflection[:, k] = (inner[:, 1:] - [link.far.imag, 0.0]) / link.span
         twist[:, k] = vectors(np.swapaxes(motion.root.A, 1, 2) @ motion.tip.A)[:, 0]
-    tip, rows = found[-1].tip, _joint_rows(arm, settings)
-    motors = _motor_rows(arm, settings)
+    tip, (rows, motors) = found[-1].tip, _angle_rows(arm, settings)
     return {
         "start": found[0].root.r, "tip": tip.r, "tip_rotation": quaternions(tip.A),
         "tip_velocity": np.hstack([tip.v, tip.w]),
@@ -130,22 +128,13 @@ def tips(arm: Arm, settings: Settings, q: Array) -> Array:
     return np.concatenate([last.tip.r[:, None], axes], axis=1)
 
 
-def _motor_rows(arm: Arm, settings: Settings) -> list[int]:
-    """Of motors that have angles of their own, behind all others; of the rest those of their joints."""
-    rows = _joint_rows(arm, settings)
-    behind = rows[-1] + 1 + count_rows(arm.links[-1], settings)
-    for k in range(arm.n_links):
-        if arm.joint(k).elastic:
-            rows[k], behind = behind, behind + 1
-    return rows
-
-
-def _joint_rows(arm: Arm, settings: Settings) -> list[int]:
-    rows, i = [], AXES
-    for link in arm.links:
-        rows.append(i)
-        i += 1 + count_rows(link, settings)
-    return rows
+def _angle_rows(arm: Arm, settings: Settings) -> tuple[list[int], list[int]]:
+    """Of the joints' angles, and of the motors': those behind elastic gears follow all others."""
+    names = names_of(arm, settings)
+    joints = [names.index(f"joint{k}") for k in range(arm.n_links)]
+    elastic = [k for k in range(arm.n_links) if arm.joint(k).elastic]
+    behind = dict(zip(elastic, range(len(names), len(names) + len(elastic)), strict=True))
+    return joints, [behind.get(k, row) for k, row in enumerate(joints)]
 
 
 def frames(arm: Arm, angles: Array) -> tuple[Array, Array, Array, Array]:
