@@ -20,7 +20,7 @@ from . import segments
 from .chain import SpatialBeam
 from .element import BOW
 from .layout import AXES, BODY, ELEMENT, FRAME, INNER, JOINT, LOAD, PLACE, WEIGHT, B, E, F, H, W, points_for
-from .segments import Natural
+from .segments import LEAST_ROTARY, Natural
 
 Array = NDArray[np.float64]
 
@@ -35,9 +35,6 @@ HONOURS: Honours = {
     **{kind: BEAM[kind] for kind in (Joint, Motor)},
 }
 """See `model.Honours`."""
-
-LEAST_ROTARY = 1e-8
-"""Rotary inertia about any axis, over m l^2 of its element, that none falls below: vertices turn by themselves."""
 
 X = np.array([1.0, 0.0, 0.0])
 
@@ -165,7 +162,7 @@ def chords_of(link: Link, ends: Array) -> Array:
     """What chords of the elements between `ends` have without stress beside those of circular arcs, (elements, 3)."""
     found = np.zeros((len(ends) - 1, 3))
     if link.curved:
-        angles = np.array([float(curves.angle(link.curvature, s)) for s in ends])
+        angles = curves.angle(link.curvature, ends)
         middle = 0.5 * (angles[1:] + angles[:-1])
         chord = np.diff(curves.place(link.curvature, ends)) / np.diff(ends) * np.exp(-1j * middle)
         found[:, 0], found[:, 1] = chord.real - 1.0 + BOW * np.diff(angles) ** 2, chord.imag
@@ -174,9 +171,7 @@ def chords_of(link: Link, ends: Array) -> Array:
 
 def turns_of(link: Link, ends: Array) -> Array:
     """By what the elements between `ends` are bent without stress, rad."""
-    if not link.curved:
-        return np.zeros(len(ends) - 1)
-    return np.diff([float(curves.angle(link.curvature, s)) for s in ends])
+    return np.diff(curves.angle(link.curvature, ends))
 
 
 def polynomials(settings: Settings) -> int:
@@ -212,10 +207,12 @@ def inner_modes(settings: Settings) -> int:
 
 
 def _natural(link: Link, n: int, settings: Settings) -> list[Natural]:
-    """Of each element without stress."""
+    """Of each element without stress; of a rigid link, which has none, of its root."""
+    if n == 0:
+        return [Natural(0.0, 0.0, 0.0)]
     if settings.formulation == "floating_frame":
         return [natural for _, natural in segments.frames(link, n, settings.modes)]
-    ends = link.mesh(n, "elements") if n else np.zeros(1)
+    ends = link.mesh(n, "elements")
     found = []
     for length, turn, own in zip(np.diff(ends), turns_of(link, ends), chords_of(link, ends), strict=True):
         chord = complex(1.0 - BOW * turn**2 + own[0], own[1])
@@ -253,16 +250,12 @@ def _start(scene: Scene, settings: Settings) -> tuple[Array, Array]:
             q += [0.0] * count_rows(link, settings)
             v += [0.0] * count_rows(link, settings)
             continue
-        n = count_elements(link, settings)
-        for natural in _natural(link, n, settings):
+        for natural in _natural(link, count_elements(link, settings), settings):
             A = A @ rotations.matrices([0.0, 0.0, natural.near])
             step = A @ (natural.length * X)
             A = A @ rotations.matrices([0.0, 0.0, natural.far])
             inner += natural.inner
             r, rate = r + step, rate + np.cross(spin, step)
-            q += [*r, *rotations.vectors(A)]
-            v += [*rate, *A.T @ spin]
-        if n == 0:
             q += [*r, *rotations.vectors(A)]
             v += [*rate, *A.T @ spin]
     return np.array([*q, *inner]), np.array([*v, *np.zeros(len(inner))])

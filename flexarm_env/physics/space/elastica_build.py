@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 LEAST_POLAR = 1e-8
 """Rotary inertia about its axis, over m l^2 of a link, that none falls below: torsion is a motion of its own."""
 
+
 class Grid(NamedTuple):
     """Of a link of length 1: Gauss's points and weights, the ends of the intervals (points + 2), what points and the
     end are ahead by of each tangent (points + 1, points), and s and d by each polynomial (points + 1, polynomials)."""
@@ -70,8 +71,7 @@ def _link(link: Link, n: int, damping: float) -> Array:
     """Its `STRAINED`."""
     own, sizes, L = grid(n), {"polynomials": n, "points": n + 2}, link.length
     if link.rigid:
-        shapes = dict(zip([f.name for f in STRAINED.fields], STRAINED.shapes(**sizes), strict=True))
-        return STRAINED.pack(sizes, **{name: np.zeros(shape) for name, shape in shapes.items()})
+        return np.zeros(STRAINED.offsets(0, **sizes).end)
     s = L * own.at
     plane, across = link.along(s), link.across(s)
     P = np.polynomial.legendre.legvander(2.0 * own.at - 1.0, n - 1)
@@ -79,8 +79,7 @@ def _link(link: Link, n: int, damping: float) -> Array:
     stiffness = np.einsum("ap,pi,pj->aij", D * own.weights / L, P, P)
     J, J_y = plane.J, across["J_y"]
     inertia = np.stack([np.maximum(J + J_y, LEAST_POLAR * plane.m * L**2), J_y, J], axis=1)
-    bow = np.vectorize(lambda at: float(curves.along(link.curvature, at)), otypes=[float])(L * own.inner)
-    natural = _interval(L * np.diff(own.ends), bow)
+    natural = _interval(L * np.diff(own.ends), curves.along(link.curvature, L * own.inner))
     return STRAINED.pack(
         sizes, sums=own.sums, slants=own.slants, natural=np.array(natural).T, ways=L * own.ways,
         mass=L * own.weights * plane.m, inertia=(L * own.weights)[:, None] * inertia, stiffness=stiffness,

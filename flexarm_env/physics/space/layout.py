@@ -216,6 +216,12 @@ def joint_row(model, k):
 
 
 @kernel
+def vertex_row(model, k, e):
+    """First row of vertex e of link k."""
+    return joint_row(model, k) + 1 + AXES * e
+
+
+@kernel
 def count_of(model, k):
     """Elements of link k."""
     return model.places[PL.end * k + PL.elements]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from ...compiler import alone, change, kernel, load, select_lt, store
+from ..protocol import added
 from . import rotations
-from .layout import AXES, count_of
+from .layout import count_of, joint_row, vertex_row
 from .rotations import (
     add_vector,
     composed,
@@ -45,21 +46,12 @@ def vertices_of(model, k):
 def update(lane, model, q, share, d, more):
     """See `protocol`: rotations are moved by increments in body axes, the sum of both."""
     move_vertex(lane, q, 0, share, d, more)
-    i = AXES
     for k in range(model.links):
-        angle = load(lane, q, i) + load(lane, d, i) * share
-        if more is not None:
-            angle = angle + load(lane, more, i)
-        store(q, i, angle)
-        i += 1
-        for _ in range(vertices_of(model, k)):
-            move_vertex(lane, q, i, share, d, more)
-            i += AXES
-    for j in range(i, model.n):
-        amplitude = load(lane, q, j) + load(lane, d, j) * share
-        if more is not None:
-            amplitude = amplitude + load(lane, more, j)
-        store(q, j, amplitude)
+        store(q, joint_row(model, k), added(lane, q, share, d, more, joint_row(model, k)))
+        for e in range(vertices_of(model, k)):
+            move_vertex(lane, q, vertex_row(model, k, e), share, d, more)
+    for j in range(joint_row(model, model.links), model.n):
+        store(q, j, added(lane, q, share, d, more, j))
 
 
 @kernel
@@ -70,19 +62,22 @@ def between(lane, start, q, i):
 
 
 @kernel
+def put_difference(lane, start, q, d, i):
+    """Place and rotation in the rows of d from i on: what moves those of start to those of q."""
+    put_vector(d, i, minus(vector(lane, q, i), vector(lane, start, i)))
+    put_vector(d, i + 3, between(lane, start, q, i + 3))
+
+
+@kernel
 def difference(lane, model, start, q, d):
     """See `protocol`."""
-    put_vector(d, 0, minus(vector(lane, q, 0), vector(lane, start, 0)))
-    put_vector(d, 3, between(lane, start, q, 3))
-    i = AXES
+    put_difference(lane, start, q, d, 0)
     for k in range(model.links):
+        i = joint_row(model, k)
         store(d, i, load(lane, q, i) - load(lane, start, i))
-        i += 1
-        for _ in range(vertices_of(model, k)):
-            put_vector(d, i, minus(vector(lane, q, i), vector(lane, start, i)))
-            put_vector(d, i + 3, between(lane, start, q, i + 3))
-            i += AXES
-    for j in range(i, model.n):
+        for e in range(vertices_of(model, k)):
+            put_difference(lane, start, q, d, vertex_row(model, k, e))
+    for j in range(joint_row(model, model.links), model.n):
         store(d, j, load(lane, q, j) - load(lane, start, j))
 
 
@@ -90,37 +85,30 @@ def difference(lane, model, start, q, d):
 def tangent_map(lane, model, d, inverse, x):
     """See `protocol`."""
     put_vector(x, 3, rotations.tangent_map(vector(lane, d, 3), inverse, vector(lane, x, 3)))
-    i = AXES
     for k in range(model.links):
-        i += 1
-        for _ in range(vertices_of(model, k)):
-            put_vector(x, i + 3, rotations.tangent_map(vector(lane, d, i + 3), inverse, vector(lane, x, i + 3)))
-            i += AXES
+        for e in range(vertices_of(model, k)):
+            i = vertex_row(model, k, e) + 3
+            put_vector(x, i, rotations.tangent_map(vector(lane, d, i), inverse, vector(lane, x, i)))
 
 
 @kernel
 def note_inverse(lane, model, d, share):
     """See `protocol`."""
     store(share, 3, rotations.inverse_share(vector(lane, d, 3)))
-    i = AXES
     for k in range(model.links):
-        i += 1
-        for _ in range(vertices_of(model, k)):
-            store(share, i + 3, rotations.inverse_share(vector(lane, d, i + 3)))
-            i += AXES
+        for e in range(vertices_of(model, k)):
+            i = vertex_row(model, k, e) + 3
+            store(share, i, rotations.inverse_share(vector(lane, d, i)))
 
 
 @kernel
 def noted_inverse(lane, model, d, share, x):
     """See `protocol`."""
     put_vector(x, 3, rotations.inverse_map(vector(lane, d, 3), load(lane, share, 3), vector(lane, x, 3)))
-    i = AXES
     for k in range(model.links):
-        i += 1
-        for _ in range(vertices_of(model, k)):
-            c, own = load(lane, share, i + 3), vector(lane, x, i + 3)
-            put_vector(x, i + 3, rotations.inverse_map(vector(lane, d, i + 3), c, own))
-            i += AXES
+        for e in range(vertices_of(model, k)):
+            i = vertex_row(model, k, e) + 3
+            put_vector(x, i, rotations.inverse_map(vector(lane, d, i), load(lane, share, i), vector(lane, x, i)))
 
 
 @kernel

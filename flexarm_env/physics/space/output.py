@@ -12,7 +12,7 @@ from .element import Place, middle, middle_of, scale
 from .frame import frame_of
 from .framed import frame_damping, frame_sums
 from .inner import elements_before
-from .layout import AXES, E, G, J, L, P, count_of, joint_row
+from .layout import AXES, E, G, J, L, P, count_of, joint_row, vertex_row
 from .moving import vertices_of
 from .rotations import (
     back,
@@ -48,16 +48,15 @@ def predict(lane, model, start, q):
         return
     tip, moved_tip = place_at(lane, start, start, 0), place_at(lane, q, q, 0)
     for k in range(model.links):
-        i = joint_row(model, k) + 1
         left = root_of(lane, model, start, start, k, tip)
         moved_left = root_of(lane, model, q, q, k, moved_tip)
-        for _ in range(count_of(model, k)):
+        for e in range(count_of(model, k)):
+            i = vertex_row(model, k, e)
             right, after = place_at(lane, start, start, i), place_at(lane, q, q, i)
             inner = back(_middle_of(left, right), minus(right.r, left.r))
             r = plus(moved_left.r, turned(_middle_of(moved_left, after), inner))
             put_vector(q, i, r)
             left, moved_left = right, Place(r, after.v, after.p, after.spin)
-            i += AXES
         tip, moved_tip = left, moved_left
 
 
@@ -125,16 +124,14 @@ def _sums_along(lane, model, par, k, q, v, root, total):
         if count_of(model, k) > 0:
             total = both(total, strained_sums(lane, model, par, k, q, v, root))
         return total
-    left, i, element = root, joint_row(model, k) + 1, elements_before(model, k)
-    for _ in range(count_of(model, k)):
-        right = place_at(lane, q, v, i)
+    left, first = root, elements_before(model, k)
+    for e in range(count_of(model, k)):
+        right = place_at(lane, q, v, vertex_row(model, k, e))
         if model.frames is None:
-            total = both(total, _element_sums(lane, model, par, left, right, element))
+            total = both(total, _element_sums(lane, model, par, left, right, first + e))
         else:
-            total = both(total, frame_sums(lane, model, par, q, v, left, right, element))
+            total = both(total, frame_sums(lane, model, par, q, v, left, right, first + e))
         left = right
-        i += AXES
-        element += 1
     return total
 
 
@@ -166,17 +163,17 @@ def _damping(lane, model, par, q, v, x, ends):
             if count_of(model, k) > 0:
                 total = total + strained_damping(lane, model, par, k, v, x)
         return total
-    at, element = State(q, v, x), 0
+    at = State(q, v, x)
     tip_v, tip_x, old, new = place_at(lane, q, v, 0), place_at(lane, q, x, 0), None, None
     if ends is not None:
         old, new = place_at(lane, ends[0], v, 0), place_at(lane, ends[1], v, 0)
     for k in range(model.links):
-        i = joint_row(model, k) + 1
         tip_v, tip_x = root_of(lane, model, q, v, k, tip_v), root_of(lane, model, q, x, k, tip_x)
+        first = elements_before(model, k)
         if ends is not None:
             old, new = root_of(lane, model, ends[0], v, k, old), root_of(lane, model, ends[1], v, k, new)
-        for _ in range(count_of(model, k)):
-            section = section_at(lane, model, par, element)
+        for e in range(count_of(model, k)):
+            i, section = vertex_row(model, k, e), section_at(lane, model, par, first + e)
             right_v, right_x = place_at(lane, q, v, i), place_at(lane, q, x, i)
             if model.frames is None:
                 stretch, bend = middle(section, tip_v, right_v)[2]
@@ -190,11 +187,9 @@ def _damping(lane, model, par, q, v, x, ends):
                 power = dot(by_stretch, scale(stretch, section.stretch)) * section.length
                 power = power + dot(by_bend, scale(bend, section.bend)) / section.length
             else:
-                power = frame_damping(lane, model, par, at, tip_v, right_v, tip_x, right_x, element)
+                power = frame_damping(lane, model, par, at, tip_v, right_v, tip_x, right_x, first + e)
             total = total + power * section.tau
             tip_v, tip_x = right_v, right_x
-            i += AXES
-            element += 1
     return total
 
 
@@ -205,7 +200,7 @@ def last_section(lane, model, q, v, k, root):
         return root
     if model.strains is not None:
         return last_place(lane, model, k, q, v, root)
-    return place_at(lane, q, v, joint_row(model, k) + 1 + AXES * (count_of(model, k) - 1))
+    return place_at(lane, q, v, vertex_row(model, k, count_of(model, k) - 1))
 
 
 @kernel
@@ -215,14 +210,21 @@ def root_of(lane, model, q, v, k, tip):
 
 
 @kernel
-def _loaded_place(lane, model, q, v, link, at_tip):
-    """The section that a load works on."""
-    tip = place_at(lane, q, v, 0)
+def _section_of(lane, model, q, link, at_tip):
+    """The last section of a link, or the first."""
+    tip = place_at(lane, q, q, 0)
     root = tip
     for k in range(link + 1):
-        root = root_of(lane, model, q, v, k, tip)
-        tip = last_section(lane, model, q, v, k, root)
+        root = root_of(lane, model, q, q, k, tip)
+        tip = last_section(lane, model, q, q, k, root)
     return tip if at_tip else root
+
+
+@kernel
+def _loaded(lane, model, q, f):
+    """The section that load f works on."""
+    at = L.end * f
+    return _section_of(lane, model, q, int(model.loads[at + L.link]), model.loads[at + L.at_tip] != 0.0)
 
 
 @kernel
@@ -239,15 +241,14 @@ def _bent_ends(model, left, right):
 def gauge(lane, model, q, row):
     """See `protocol`."""
     k, e, axis = int(row[G.link]), int(row[G.element]), int(row[G.axis])
-    i, total = joint_row(model, k) + 1 + AXES * e, splat(lane, -row[G.rest])
-    left = _loaded_place(lane, model, q, q, k, False) if e == 0 else place_at(lane, q, q, i - AXES)
+    total = splat(lane, -row[G.rest])
+    left = _section_of(lane, model, q, k, False) if e == 0 else place_at(lane, q, q, vertex_row(model, k, e - 1))
     for j in range(min(2, count_of(model, k) - e)):
-        right = place_at(lane, q, q, i)
+        right = place_at(lane, q, q, vertex_row(model, k, e + j))
         a, b = _bent_ends(model, left, right)
         o = G.near + 2 * j
         total = total + a[axis] * row[o] + b[axis] * row[o + 1]
         left = right
-        i += AXES
     return total
 
 
@@ -258,11 +259,9 @@ def ports(lane, model, par, q, y):
         store(y, k, load(lane, q, joint_row(model, k)))
     if model.loads is not None:
         for f in range(model.loads.shape[0] // L.end):
-            first, j = L.end * f, model.links + AXES * f
-            place = _loaded_place(
-                lane, model, q, q, int(model.loads[first + L.link]), model.loads[first + L.at_tip] != 0.0
-            )
-            put_vector(y, j, plus(place.r, turned(matrix(place.p), three_of(lane, model.loads, first + L.lever))))
+            place, j = _loaded(lane, model, q, f), model.links + AXES * f
+            lever = three_of(lane, model.loads, L.end * f + L.lever)
+            put_vector(y, j, plus(place.r, turned(matrix(place.p), lever)))
             put_vector(y, j + 3, rotation_vector(shorter(place.p)))
 
 
@@ -273,12 +272,9 @@ def ports_after(lane, model, par, start, y0, q, y):
     ports(lane, model, par, q, y)
     if model.loads is not None:
         for f in range(model.loads.shape[0] // L.end):
-            first, j = L.end * f, model.links + AXES * f
-            link, at_tip = int(model.loads[first + L.link]), model.loads[first + L.at_tip] != 0.0
-            before = _loaded_place(lane, model, start, start, link, at_tip)
-            after = _loaded_place(lane, model, q, q, link, at_tip)
+            before, after, j = _loaded(lane, model, start, f), _loaded(lane, model, q, f), model.links + AXES * f + 3
             turn = rotation_vector(shorter(composed(after.p, inverse(before.p))))
-            put_vector(y, j + 3, plus(vector(lane, y0, j + 3), turn))
+            put_vector(y, j, plus(vector(lane, y0, j), turn))
 
 
 @kernel
@@ -354,8 +350,9 @@ def stand(lane, model, live, angles, rates, q, v):
             _put_unbent(lane, live, rates, q, v, i + 1, joint_row(model, k + 1))
             continue
         root = root_of(lane, model, q, v, k, tip)
-        A, along, tip, i = matrix(root.p), splat(lane, 0.0), root, i + 1
-        for _ in range(vertices_of(model, k)):
+        A, along, tip = matrix(root.p), splat(lane, 0.0), root
+        for e in range(vertices_of(model, k)):
+            i = vertex_row(model, k, e)
             slip, turn = root.v, root.spin
             if count_of(model, k) > 0:
                 along = along + model.sections[E.end * element + E.length]
@@ -368,7 +365,6 @@ def stand(lane, model, live, angles, rates, q, v):
             _put_pair(lane, live, q, i, tip.r, rotation_vector(shorter(tip.p)))
             if rates is not None:
                 _put_pair(lane, live, v, i, tip.v, tip.spin)
-            i += AXES
     _put_unbent(lane, live, rates, q, v, joint_row(model, model.links), model.n)
 
 
@@ -438,11 +434,10 @@ def _draw(model, k, q, root, points, count):
             for j in range(len(model.points)):
                 count = _drawn(points, count, point_of(model, k, j, q, root))
         return count
-    left, i = root, joint_row(model, k) + 1
-    for _ in range(count_of(model, k)):
-        right = place_at((0,), q, q, i)
+    left = root
+    for e in range(count_of(model, k)):
+        right = place_at((0,), q, q, vertex_row(model, k, e))
         for j in range(1, STATIONS + 1):
             count = _drawn(points, count, _cubic(left, right, j / STATIONS))
         left = right
-        i += AXES
     return count

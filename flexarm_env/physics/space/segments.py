@@ -28,7 +28,8 @@ ENDS = [2, 5]
 """Rotations among the six coordinates of a planar element."""
 
 LEAST_ROTARY = 1e-8
-"""Rotary inertia about the axis, over m l^2 of a segment, that none falls below: its ends turn by themselves."""
+"""Rotary inertia over m l^2, of a segment about its axis, of an exact element about any, that none falls below: their
+ends turn by themselves."""
 
 
 def refuse(settings: Settings) -> None:

@@ -17,7 +17,8 @@ from ..integrator.newton import follow
 from ..integrator.work import moved_by
 from .chain import place_at, planted, section_at, three_of
 from .element import Place, arc_of, bow_of, mean, middle
-from .layout import AXES, F, H, J, count_of, factor_at, hinge_at, joint_row
+from .inner import elements_before
+from .layout import F, H, J, count_of, factor_at, hinge_at, joint_row, vertex_row
 from .matrix import carried, matrix_in
 from .rotations import (
     back,
@@ -83,17 +84,14 @@ def _chord(section, left, right, n, cv):
 @kernel
 def _hold_forces(lane, model, par, w):
     """Elements are to have the forces of the step's start."""
-    tip, element = place_at(lane, w.q0, w.v0, 0), 0
+    tip = place_at(lane, w.q0, w.v0, 0)
     for k in range(model.links):
-        i = joint_row(model, k) + 1
-        left = planted(lane, model, w.q0, w.v0, k, tip)[2]
+        left, first = planted(lane, model, w.q0, w.v0, k, tip)[2], elements_before(model, k)
         for e in range(count_of(model, k)):
-            right = place_at(lane, w.q0, w.v0, i)
-            found = middle(section_at(lane, model, par, element), left, right)[1]
+            right = place_at(lane, w.q0, w.v0, vertex_row(model, k, e))
+            found = middle(section_at(lane, model, par, first + e), left, right)[1]
             put_vector(w.S, factor_at(model, k, e) + F.force, found.n)
             left = right
-            i += AXES
-            element += 1
         tip = left
 
 
@@ -102,21 +100,21 @@ def _add_forces(lane, model, w, active):
     """Elements are to have the forces that the increment w.r brings to first order, where `active`."""
     a, b = vector(lane, w.r, 0), vector(lane, w.r, 3)
     for k in range(model.links):
-        i, h = joint_row(model, k) + 1, hinge_at(k)
-        own, axis = load(lane, w.r, i - 1), three_of(lane, model.joints, J.end * k + J.axis)
+        h, own = hinge_at(k), load(lane, w.r, joint_row(model, k))
+        axis = three_of(lane, model.joints, J.end * k + J.axis)
         if model.levers is not None:
             shift = turned(matrix_in(lane, w.S, h + H.shift), b)
             a = plus(a, plus(shift, times(vector(lane, w.S, h + H.drift), own)))
         b = plus(back(matrix_in(lane, w.S, h + H.turn), b), times(carried(lane, model, w.S, k, axis), own))
         for e in range(count_of(model, k)):
-            f, x, y = factor_at(model, k, e), vector(lane, w.r, i), vector(lane, w.r, i + 3)
+            f, i = factor_at(model, k, e), vertex_row(model, k, e)
+            x, y = vector(lane, w.r, i), vector(lane, w.r, i + 3)
             n = turned(matrix_in(lane, w.S, f + F.by_place), minus(x, a))
             n = plus(n, turned(matrix_in(lane, w.S, f + F.by_left), b))
             n = plus(n, turned(matrix_in(lane, w.S, f + F.by_right), y))
             for j in range(3):
                 add(lane, w.S, f + F.force + j, select_lt(0.5, active, n[j], splat(lane, -0.0)))
             a, b = x, y
-            i += AXES
 
 
 @kernel
@@ -130,12 +128,12 @@ def settle(lane, model, par, start, w, active, slopes):
         _add_forces(lane, model, w, active)
     else:
         _hold_forces(lane, model, par, w)
-    tip, element, (total, begin) = place_at(lane, w.q, w.v, 0), 0, moved_by(w)
+    tip, (total, begin) = place_at(lane, w.q, w.v, 0), moved_by(w)
     for k in range(model.links):
-        i = joint_row(model, k) + 1
-        left = planted(lane, model, w.q, w.v, k, tip)[2]
+        left, first = planted(lane, model, w.q, w.v, k, tip)[2], elements_before(model, k)
         for e in range(count_of(model, k)):
-            section, right = section_at(lane, model, par, element), place_at(lane, w.q, w.v, i)
+            i = vertex_row(model, k, e)
+            section, right = section_at(lane, model, par, first + e), place_at(lane, w.q, w.v, i)
             r = _chord(section, left, right, vector(lane, w.S, factor_at(model, k, e) + F.force), slopes.v)
             for j in range(3):
                 d = select_lt(0.5, active, r[j] - right.r[j], splat(lane, -0.0))
@@ -144,6 +142,4 @@ def settle(lane, model, par, start, w, active, slopes):
                 store(w.q, i + j, load(lane, begin, i + j) + moved)
                 follow(lane, w, i + j, d, slopes)
             left = Place(vector(lane, w.q, i), vector(lane, w.v, i), right.p, right.spin)
-            i += AXES
-            element += 1
         tip = left

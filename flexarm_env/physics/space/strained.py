@@ -23,7 +23,7 @@ from .chain import Vertex, factors_of, three_of
 from .element import Place, scale
 from .layout import AXES, joint_row
 from .matrix import matrix_in
-from .moving import between, move_vertex
+from .moving import move_vertex, put_difference
 from .rotations import (
     add_vector,
     back,
@@ -192,7 +192,7 @@ def walk(lane, model, k, state, root, S):
         r, found = (zero, zero, zero), a0
         for j in range(n):
             way = model.strains[at.ways + n * i + j]
-            t = load(lane, S, to.turn + 9 * j), load(lane, S, to.turn + 9 * j + 3), load(lane, S, to.turn + 9 * j + 6)
+            t = noted_tangent(lane, S, to, j)
             r, found = plus(r, times(t, way)), plus(found, times(vector(lane, S, to.second + 3 * j), way))
             if i == n:
                 u = plus(u, times(cross(vector(lane, S, to.w + 3 * j), t), way))
@@ -203,6 +203,13 @@ def walk(lane, model, k, state, root, S):
     r, u = plus(place.r, turned(frame, r)), plus(place.v, turned(frame, u))
     last = Place(r, u, composed(place.p, p), back(A, w))
     return Vertex(last, turned(frame, found), back(A, alpha), (zero, zero, zero))
+
+
+@kernel
+def noted_tangent(lane, S, to, i):
+    """e_x of point i, as `walk` noted it."""
+    o = to.turn + 9 * i
+    return load(lane, S, o), load(lane, S, o + 3), load(lane, S, o + 6)
 
 
 @kernel
@@ -277,7 +284,7 @@ def pull(lane, model, k, r, S):
         for p in range(n):
             on = plus(on, times(vector(lane, S, to.force + 3 * p), model.strains[at.ways + n * p + j]))
         put_vector(S, to.pull + 3 * j, on)
-        t = load(lane, S, to.turn + 9 * j), load(lane, S, to.turn + 9 * j + 3), load(lane, S, to.turn + 9 * j + 6)
+        t = noted_tangent(lane, S, to, j)
         g = plus(g, plus(cross(t, on), vector(lane, S, to.moment + 3 * j)))
         put_vector(S, to.bend + 3 * j, g)
     row = strain_row(model, k)
@@ -359,7 +366,6 @@ def strained_update(lane, model, q, share, d, more):
 @kernel
 def strained_difference(lane, model, start, q, d):
     """See `protocol`."""
-    put_vector(d, 0, minus(vector(lane, q, 0), vector(lane, start, 0)))
-    put_vector(d, 3, between(lane, start, q, 3))
+    put_difference(lane, start, q, d, 0)
     for k in range(AXES, model.n):
         store(d, k, load(lane, q, k) - load(lane, start, k))

@@ -33,15 +33,8 @@ from .rotations import (
     turned,
     vector,
 )
-from .strained import correction_of, slope_of_slope, stiff_of
+from .strained import correction_of, noted_tangent, slope_of_slope, stiff_of
 from .strained_layout import noted_at, strained_at
-
-
-@kernel
-def _tangent_of(lane, S, to, i):
-    """e_x of point i."""
-    o = to.turn + 9 * i
-    return load(lane, S, o), load(lane, S, o + 3), load(lane, S, o + 6)
 
 
 @kernel
@@ -120,7 +113,7 @@ def _on_strains(lane, model, S, at, to, force, moment, ck, theta_too, column, st
         i = n - back_i
         if i < n:
             own, turn = vector(lane, S, to.change + 3 * i), vector(lane, S, to.second + 3 * i)
-            t = _tangent_of(lane, S, to, i)
+            t = noted_tangent(lane, S, to, i)
             total = plus(total, own)
             couple = plus(couple, plus(cross(vector(lane, S, to.r + 3 * i), own), turn))
             on = times(force, model.strains[at.ways + n * n + i])
@@ -164,7 +157,7 @@ def _by_strain(lane, model, weights, S, at, to, j, c):
     for i in range(n + 1):
         R = zero, zero, zero
         for p in range(n):
-            slid = cross(vector(lane, S, to.theta + 3 * p), _tangent_of(lane, S, to, p))
+            slid = cross(vector(lane, S, to.theta + 3 * p), noted_tangent(lane, S, to, p))
             R = plus(R, times(slid, model.strains[at.ways + n * i + p]))
         put_vector(S, to.moved + 3 * i, R)
         if i < n:
@@ -230,7 +223,7 @@ def strained_tangent(lane, model, par, k, weights, S, f):
         if i < n:
             r, u = vector(lane, S, to.r + 3 * i), (zero, zero, zero)
             for p in range(n):
-                rate = cross(vector(lane, S, to.w + 3 * p), _tangent_of(lane, S, to, p))
+                rate = cross(vector(lane, S, to.w + 3 * p), noted_tangent(lane, S, to, p))
                 u = plus(u, times(rate, model.strains[at.ways + n * i + p]))
             put_vector(S, to.slip + 3 * i, minus(times(u, 2.0), cross(spin, r)))
             mass = mass + model.strains[at.mass + i]
