@@ -22,7 +22,7 @@ from functools import reduce
 
 import numpy as np
 
-from .parameters import Arm
+from .parameters import Arm, Link
 from .scene import Scene
 from .settings import MOST_ELEMENTS, Settings
 from .validation import Array
@@ -140,36 +140,28 @@ def slowest_rate(scene: Scene) -> float:
     """Rate (1/s) of the arm's slowest vibration or, where that is overdamped, of its faster decay; root held, straight.
 
     From the frequency of a beam of the arm's length and least stiffness, all that it carries at its tip (Rayleigh);
-    where sections vary, of the arm as it is.
+    where sections vary, in the plane, of the arm as it is.
     """
-    arm = scene.arm
-    if scene.spatial:
-        return _slowest_in_space(arm)
-    sections = [link.uniform for link in arm.links if link.uniform is not None]
-    beam = sum(link.mass for link in arm.links)
-    carried = arm.payload.mass + sum(arm.elbow(k).mass for k in range(1, arm.n_links))
-    if len(sections) < arm.n_links or any(link.rigid_ends for link in arm.links) or arm.payload.eccentric:
-        square = _varying_rate(arm)
-    else:
-        stiffness = min(section.EI for section in sections)
-        square = 3.0 * stiffness / ((carried + 33.0 / 140.0 * beam) * arm.total_length**3)
-    return max(math.sqrt(square), arm.damping[0] * square)
-
-
-def _slowest_in_space(arm: Arm) -> float:
-    """`slowest_rate` of an arm in space: of a beam as long, as soft as the softest bending or torsion anywhere."""
+    arm, spatial = scene.arm, scene.spatial
     bending = [link for link in arm.links if not link.rigid]
     if not bending:
         return 0.0
-    soft = []
-    for link in bending:
-        s = np.linspace(0.0, link.length, 65)
-        across = link.across(s)
-        soft += [link.along(s).EI.min(), across["EI_y"].min(), across["GJ"].min()]
-    carried = arm.payload.mass + sum(arm.elbow(k).mass for k in range(1, arm.n_links))
-    moved = carried + 33.0 / 140.0 * sum(link.mass for link in bending)
-    square = 3.0 * float(min(soft)) / (moved * arm.total_length**3)
+    uniform = all(link.uniform is not None and not link.rigid_ends for link in arm.links)
+    if spatial or (uniform and not arm.payload.eccentric):
+        stiffness = min(_softest(link) if spatial else link.mean.EI for link in bending)
+        carried = arm.payload.mass + sum(arm.elbow(k).mass for k in range(1, arm.n_links))
+        moved = carried + 33.0 / 140.0 * sum(link.mass for link in bending)
+        square = 3.0 * stiffness / (moved * arm.total_length**3)
+    else:
+        square = _varying_rate(arm)
     return max(math.sqrt(square), arm.damping[0] * square)
+
+
+def _softest(link: Link) -> float:
+    """The least stiffness to bending or torsion anywhere along a link in space, N m^2."""
+    s = np.linspace(0.0, link.length, 65)
+    across = link.across(s)
+    return float(min(link.along(s).EI.min(), across["EI_y"].min(), across["GJ"].min()))
 
 
 def _varying_rate(arm: Arm) -> float:

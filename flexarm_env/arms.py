@@ -94,16 +94,16 @@ def from_table(table: Mapping[str, Any], default_name: str | None = None) -> Arm
     if "payload" in values:
         values["payload"] = check.made("payload", Payload, values["payload"], prefix="")
     if "base" in values:
-        values["base"] = base_of("base", values["base"])
+        values["base"] = base_of(values["base"])
     if "sensors" in values:
         values["sensors"] = sensors.from_table(check.table_of("sensors", values["sensors"]))
     return Arm(**values)
 
 
-def base_of(path: str, value: object) -> Base:
+def base_of(value: object) -> Base:
     """A base from its table. Raises ValueError that names the key path, the value and what is allowed."""
     needed = {"mass": "must be a number, zero or positive (kg)", "inertia": "must be a positive number (kg m^2)"}
-    return check.made(path, Base, value, **needed)
+    return check.made("base", Base, value, **needed)
 
 
 def _link(path: str, value: object) -> Link:
@@ -151,21 +151,19 @@ def _section(path: str, section: dict[str, Any], inside: str | None = None) -> S
     """The section of a table; inside: its key path where that is not `path`.section."""
     own = inside or f"{path}.section"
     what = f"must be a table of {', '.join(_SECTION)}, or of a rectangle's {', '.join(_RECTANGLE)}"
-    shapes: dict[str, tuple[tuple[str, ...], Callable[..., Section]]]
-    shapes = {"wall": (_TUBE, Section.tube), "diameter": (_CIRCLE, Section.circle)}
-    shape = next((shapes[key] for key in shapes if key in section), None)
-    if shape is None and section and all(key in _RECTANGLE for key in section):
-        shape = _RECTANGLE, Section.rectangle
-    keys: tuple[str, ...] = _SECTION
+    keys: tuple[str, ...] = (*_SECTION, *ACROSS)
     make: Callable[..., Section] = Section
-    if shape is not None:
-        keys, make = shape
-    optional = ("kappa", "J", *ACROSS)
-    check.known_keys(own, section, keys if shape else (*_SECTION, *ACROSS, *_RECTANGLE))
+    if "wall" in section:
+        keys, make = _TUBE, Section.tube
+    elif "diameter" in section:
+        keys, make = _CIRCLE, Section.circle
+    elif section and all(key in _RECTANGLE for key in section):
+        keys, make = _RECTANGLE, Section.rectangle
+    check.known_keys(own, section, (*keys, *_RECTANGLE) if make is Section else keys)
     for key in keys:
-        if key not in optional:
+        if key not in ("kappa", "J", *ACROSS):
             check.needed(own, section, key, what)
-    check.known_keys(own, section, keys if shape else (*_SECTION, *ACROSS))
+    check.known_keys(own, section, keys)
     with check.under(path):
         return make(**section)
 

@@ -279,22 +279,16 @@ class Arm:
 
     def __post_init__(self) -> None:
         check.text("name", self.name, empty=False)
-        links = check.sequence("links", self.links, "at least one Link")
+        links = check.instances("links", self.links, Link, "at least one Link")
         if not links:
             raise check.InvalidValue("links", links, "must be a sequence of at least one Link")
-        for i, link in enumerate(links):
-            check.instance(f"links[{i}]", link, Link)
         n = len(links)
-        elbows = check.sequence("elbows", self.elbows, "Elbow")
+        elbows = check.instances("elbows", self.elbows, Elbow)
         if elbows and len(elbows) != n - 1:
             raise check.InvalidValue("elbows", elbows, f"must be empty or hold {n - 1} (one less than the links)")
-        for i, elbow in enumerate(elbows):
-            check.instance(f"elbows[{i}]", elbow, Elbow)
-        joints = check.sequence("joints", self.joints, "Joint")
+        joints = check.instances("joints", self.joints, Joint)
         if joints and len(joints) != n:
             raise check.InvalidValue("joints", joints, f"must be empty or hold {n} (one for each link)")
-        for i, joint in enumerate(joints):
-            check.instance(f"joints[{i}]", joint, Joint)
         check.instance("payload", self.payload, Payload)
         check.text("source", self.source)
         if self.base is not None:

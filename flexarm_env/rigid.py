@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bodies import about_z
-from .parameters import Arm, Link
+from .parameters import Arm
 from .validation import Array
 
 ComplexOrReal = NDArray[Any]
@@ -28,7 +28,7 @@ def link_inertia(arm: Arm) -> ComplexOrReal:
     n = arm.n_links
     bent = any(link.curved for link in arm.links)
     kind: Any = np.complex128 if arm.payload.eccentric or bent else np.float64
-    lengths = np.array([_far(link) for link in arm.links], kind)
+    lengths = np.array([link.far for link in arm.links], kind)
     total = np.zeros((n, n), kind)
 
     def add(mass: float, last: int, along: complex, inertia: float) -> None:
@@ -60,11 +60,6 @@ def link_inertia(arm: Arm) -> ComplexOrReal:
     tip = lengths[-1] + arm.payload.lever * np.exp(1j * arm.links[-1].turn) if arm.payload.eccentric else lengths[-1]
     add(arm.payload.mass, n - 1, tip, about_z(arm.payload.inertia))
     return total
-
-
-def _far(link: Link) -> complex:
-    """Where a link's far joint is, m, from the near one and the link's tangent there."""
-    return complex(link.place(link.length + link.tip_offset)) if link.curved else link.span
 
 
 def _differences(arm: Arm, elbows: Array) -> Array:

@@ -363,6 +363,11 @@ class Link:
         return self.root_offset + self.length + self.tip_offset
 
     @property
+    def far(self) -> complex:
+        """Where the next joint is without stress, m, from that at the link's root and the tangent there."""
+        return complex(self.place(self.length + self.tip_offset)) if self.curved else self.span
+
+    @property
     def ends(self) -> tuple[tuple[float, float, float], ...]:
         """Of both rigid ends: mass (kg), distance of its centre from the joint at the link's root (m), inertia."""
         root = self.root_mass, 0.5 * self.root_offset, self.root_inertia

@@ -283,10 +283,7 @@ class Sensors:
 
     def __post_init__(self) -> None:
         for name, kind in (("encoders", Encoder), ("strain_gauges", StrainGauge)):
-            parts = check.sequence(name, getattr(self, name), kind.__name__)
-            for i, part in enumerate(parts):
-                check.instance(f"{name}[{i}]", part, kind)
-            check.store(self, **{name: parts})
+            check.store(self, **{name: check.instances(name, getattr(self, name), kind)})
         for name, single in SINGLES.items():
             if getattr(self, name) is not None:
                 check.instance(name, getattr(self, name), single)
@@ -329,27 +326,27 @@ class Sensors:
         return cls((Encoder(),), tuple(StrainGauge(link=k) for k, link in enumerate(links) if not link.rigid))
 
 
-def from_table(table: Mapping[str, Any], path: str = "sensors") -> Sensors:
+def from_table(table: Mapping[str, Any]) -> Sensors:
     """Sensors from a table: a TOML file's, or what an environment is given. ValueError names the key path.
 
     encoders: a table for all joints, or a list of one each; {} are ideal ones. strain_gauges: a list of places (of link
     0), of pairs link and place, and of tables. accelerometer, camera, gyroscope: a table each. Keys are the classes'
     arguments.
     """
-    check.known_keys(path, table, KEYS)
+    check.known_keys("sensors", table, KEYS)
     values: dict[str, Any] = {}
     encoders = table.get("encoders", ())
     if not isinstance(encoders, Mapping):
-        encoders = check.sequence(f"{path}.encoders", encoders, "a table for each joint, or one table for all")
-        values["encoders"] = tuple(_read(f"{path}.encoders[{i}]", Encoder, one) for i, one in enumerate(encoders))
+        encoders = check.sequence("sensors.encoders", encoders, "a table for each joint, or one table for all")
+        values["encoders"] = tuple(_read(f"sensors.encoders[{i}]", Encoder, one) for i, one in enumerate(encoders))
     else:
-        values["encoders"] = (_read(f"{path}.encoders", Encoder, encoders),)
-    places = check.sequence(f"{path}.strain_gauges", table.get("strain_gauges", ()), "places")
-    values["strain_gauges"] = tuple(_gauge(f"{path}.strain_gauges[{i}]", entry) for i, entry in enumerate(places))
+        values["encoders"] = (_read("sensors.encoders", Encoder, encoders),)
+    places = check.sequence("sensors.strain_gauges", table.get("strain_gauges", ()), "places")
+    values["strain_gauges"] = tuple(_gauge(f"sensors.strain_gauges[{i}]", entry) for i, entry in enumerate(places))
     for name, kind in SINGLES.items():
         if table.get(name) is not None:
-            values[name] = _read(f"{path}.{name}", kind, table[name])
-    with check.under(path):
+            values[name] = _read(f"sensors.{name}", kind, table[name])
+    with check.under("sensors"):
         return Sensors(**values)
 
 

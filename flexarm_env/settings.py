@@ -157,13 +157,6 @@ class Settings:
             raise check.InvalidValue("segments * elements", f"{self.segments} * {self.elements}", what)
         if self.dt is not None:
             check.store(self, dt=check.number("dt", self.dt, "s", above=0.0))
-        check.choice("newton", self.newton, ("full", "modified"))
-        check.store(
-            self,
-            tolerance=check.number("tolerance", self.tolerance, above=0.0, maximum=1.0),
-            max_iterations=check.integer("max_iterations", self.max_iterations, minimum=1, maximum=10_000),
-            max_halvings=check.integer("max_halvings", self.max_halvings, minimum=0, maximum=30),
-        )
         if self.step_tolerance is not None:
             allowed = check.number("step_tolerance", self.step_tolerance, above=0.0, maximum=1.0)
             if allowed < self.tolerance:
@@ -265,4 +258,8 @@ _CHECKS: dict[str, Any] = {
     "order": partial(_count, maximum=3),
     "period_correction": check.flag,
     "nodes": partial(check.integer, minimum=3, maximum=12),
+    "tolerance": partial(check.number, above=0.0, maximum=1.0),
+    "newton": partial(check.choice, allowed=("full", "modified")),
+    "max_iterations": partial(_count, maximum=10_000),
+    "max_halvings": partial(check.integer, minimum=0, maximum=30),
 }

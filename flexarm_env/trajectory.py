@@ -435,7 +435,7 @@ def recorded(simulation: Any, fields: Mapping[str, Array], shapes: Array, cpu_se
         return kind_of(scene)(**common, **read_in_space(scene.arm, simulation.settings, fields["q"], fields["v"]))
     links = scene.arm.links
     lengths = np.array([link.span for link in links])
-    bows = np.array([link.place(link.length + link.tip_offset).imag if link.curved else 0.0 for link in links])
+    bows = np.array([link.far.imag for link in links])
     return Trajectory(
         **common,
         start=poses[:, 0, ROOT],

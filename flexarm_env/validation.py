@@ -274,6 +274,12 @@ def instance(path: str, value: object, kind: type[T]) -> T:
     return value
 
 
+def instances(path: str, value: object, kind: type[T], what: str = "") -> tuple[T, ...]:
+    """``value`` as a tuple of objects of the class ``kind``; ``what`` says so in other words than the class's name."""
+    parts = sequence(path, value, what or kind.__name__)
+    return tuple(instance(f"{path}[{i}]", part, kind) for i, part in enumerate(parts))
+
+
 def column(path: str, values: object, unit: str = "") -> np.ndarray[Any, np.dtype[np.float64]]:
     """One column of a table as a float64 array (n,); the first row that is no finite number is named."""
     if isinstance(values, np.ndarray):

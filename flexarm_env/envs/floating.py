@@ -24,7 +24,7 @@ def with_base(arm: Arm, given: Any, space: bool) -> Arm:
         return arm
     if space:
         raise check.InvalidValue("base", given, "must be left out in space, where the root is held")
-    return replace(arm, base=given if isinstance(given, Base) else arms.base_of("base", given))
+    return replace(arm, base=given if isinstance(given, Base) else arms.base_of(given))
 
 
 def check_afloat(frame: Frame, task: str, mode: str, wanted: Any, **arguments: Any) -> None:
