@@ -90,12 +90,12 @@ def study(name: str) -> tuple[Trajectory, dict[str, Any]]:
 
 def cross_check(name: str) -> dict[str, Any]:
     """How far others are from the kept solution: largest distance of the tip, m, and their own uncertainty, m."""
-    from tests.oracle_exact import scene_tips
+    from tests.oracle_exact import tips
 
     found: dict[str, Any] = {}
     if name != "spin_up":
         t = read_trajectory(FOLDER / f"{name}.csv")["t"][1:]
-        tip, doubt = scene_tips(named(name), CELLS[name], t)
+        tip, doubt = tips(named(name), CELLS[name], t)
         found |= {"differences": tip_error(name, t, tip), "differences_doubt": doubt}
     if name in exudyn_peer.SCENES and find_spec("exudyn"):
         result = exudyn_peer.run(name, *EXUDYN)

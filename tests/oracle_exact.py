@@ -6,13 +6,10 @@ share a position, not an angle.
 """
 
 import itertools
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from flexarm_env.parameters import Arm
 from flexarm_env.scene import JointTorque, PointLoad, Scene
 from flexarm_env.time_functions import Side
 from flexarm_env.validation import Array
@@ -21,8 +18,9 @@ from flexarm_env.validation import Array
 class StaggeredChain:
     """State of `cells` cells a link: positions (N cells + 1, 2), then angles (N, cells + 2): root, middles, tip."""
 
-    def __init__(self, arm: Arm, cells: int) -> None:
-        self.arm, self.cells, n = arm, cells, arm.n_links
+    def __init__(self, scene: Scene, cells: int) -> None:
+        self.scene, self.arm, self.cells = scene, scene.arm, cells
+        arm, n = scene.arm, scene.arm.n_links
         self.mass = np.zeros(n * cells + 1)
         self.inertia = np.zeros((n, cells + 2))
         for k, link in enumerate(arm.links):
@@ -42,13 +40,13 @@ class StaggeredChain:
             self.inertia[k - 1, -1] += elbow.inertia_left
             self.inertia[k, 0] += elbow.inertia_right
 
-    def straight(self, position: tuple[float, float], angles: tuple[float, ...]) -> tuple[Array, Array]:
+    def straight(self) -> tuple[Array, Array]:
         """Positions and angles of straight links."""
-        r = np.array([position], dtype=np.float64)
-        for link, angle in zip(self.arm.links, angles, strict=True):
+        r = np.array([self.scene.position], dtype=np.float64)
+        for link, angle in zip(self.arm.links, self.scene.angles, strict=True):
             steps = np.outer(np.arange(1, self.cells + 1) * link.length / self.cells, [np.cos(angle), np.sin(angle)])
             r = np.vstack([r, r[-1] + steps])
-        return r, np.repeat(np.array(angles)[:, None], self.cells + 2, axis=1)
+        return r, np.repeat(np.array(self.scene.angles)[:, None], self.cells + 2, axis=1)
 
     def forces(self, r: Array, psi: Array) -> tuple[Array, Array, float]:
         """Elastic forces on positions and angles, and the energy."""
@@ -73,24 +71,13 @@ class StaggeredChain:
             energy += 0.5 * float((bend * np.diff(psi[k])).sum())
         return force, moment, energy
 
-    def run(
-        self,
-        times: Array,
-        position: tuple[float, float],
-        angles: tuple[float, ...],
-        torques: Callable[[float], Any],
-        scene: Scene | None = None,
-    ) -> Array:
-        """Tip positions (len(times), 2) from rest, pinned, under joint torques (+ on a root, - on the tip before).
-
-        scene: its loads, its hub's motion and its root, in place of those.
-        """
-        r0, psi0 = self.straight(position, angles)
-        shape, split = psi0.shape, r0.size
-        free = scene is not None and scene.root == "free"
-        hub = scene.motion_of("joint0") if scene is not None else None
-        loads = [] if scene is None else [load for load in scene.loads if isinstance(load, PointLoad)]
-        stops = () if scene is None else tuple(k for k in scene.kinks if k < times[-1])
+    def run(self, times: Array) -> Array:
+        """Tip positions (len(times), 2) from rest, under loads and a motion of the hub."""
+        scene, (r0, psi0) = self.scene, self.straight()
+        shape, split, hub = psi0.shape, r0.size, scene.motion_of("joint0")
+        loads = [load for load in scene.loads if isinstance(load, PointLoad)]
+        torques = [load for load in scene.loads if isinstance(load, JointTorque)]
+        stops = [k for k in scene.kinks if k < times[-1]]
 
         def rates(t: float, y: Array, side: Side) -> Array:
             half = y.size // 2
@@ -98,7 +85,8 @@ class StaggeredChain:
             if hub is not None:
                 q[split], v[split] = hub(t, 0, side), hub(t, 1, side)
             force, moment, _ = self.forces(q[:split].reshape(-1, 2), q[split:].reshape(shape))
-            for k, torque in enumerate(torques(t) if scene is None else joint_torques(scene, t, side)):
+            for one in torques:
+                torque, k = one.function(t, 0, side), one.joint
                 moment[k, 0] += torque
                 if k > 0:
                     moment[k - 1, -1] -= torque
@@ -108,7 +96,7 @@ class StaggeredChain:
                     force[node * self.cells, i] += 0.0 if f is None else f(t, 0, side)
                 moment[load.link, end] += 0.0 if load.torque is None else load.torque(t, 0, side)
             acceleration = force / self.mass[:, None]
-            if not free:
+            if scene.root != "free":
                 acceleration[0] = 0.0
             turn = moment / self.inertia
             if hub is not None:
@@ -131,24 +119,8 @@ class StaggeredChain:
         return np.vstack(found)
 
 
-def joint_torques(scene: Scene, t: float, side: Side) -> list[float]:
-    """The scene's torque of each joint, N m."""
-    given = [load for load in scene.loads if isinstance(load, JointTorque)]
-    return [sum(load.function(t, 0, side) for load in given if load.joint == k) for k in range(scene.arm.n_links)]
-
-
-def tips(
-    arm: Arm, cells: int, times: Array, torques: Callable[[float], Any], angles: tuple[float, ...]
-) -> tuple[Array, float]:
-    """Tip positions extrapolated from `cells` and 2 `cells` cells a link (Richardson), and their estimated error."""
-    coarse, fine = (StaggeredChain(arm, n).run(times, (0.0, 0.0), angles, torques) for n in (cells, 2 * cells))
-    return fine + (fine - coarse) / 3.0, float(np.abs(fine - coarse).max() / 3.0)
-
-
-def scene_tips(scene: Scene, cells: int, times: Array) -> tuple[Array, float]:
-    """The same for a scene; times (n,) s, ascending from above 0."""
-    coarse, fine = (
-        StaggeredChain(scene.arm, n).run(times, scene.position, scene.angles, lambda t: (), scene)
-        for n in (cells, 2 * cells)
-    )
+def tips(scene: Scene, cells: int, times: Array) -> tuple[Array, float]:
+    """Tip positions extrapolated from `cells` and 2 `cells` cells a link (Richardson), and their estimated error; times
+    (n,) s, ascending from above 0."""
+    coarse, fine = (StaggeredChain(scene, n).run(times) for n in (cells, 2 * cells))
     return fine + (fine - coarse) / 3.0, float(np.hypot(*(fine - coarse).T).max() / 3.0)

@@ -133,13 +133,10 @@ def test_two_links_against_finite_differences() -> None:
         "two", (Link(4.0, soft), Link(3.0, Section(EI=150.0, EA=6e3, C=5e3, m=0.8, J=0.3))),
         hub_inertia=5.0, elbows=(Elbow(0.5, 0.6, 0.4),), payload=Payload(0.7, 0.3),
     )  # fmt: skip
-    drives = (sine(60.0, 2.5, 0.3, None), sine(-40.0, 3.5, 0.2, None))
-    scene = Scene(
-        "two", arm, duration=2.0, dt=0.0025, sample=0.25, angles=(0.0, 0.5),
-        loads=tuple(JointTorque(k, f) for k, f in enumerate(drives)),
-    )  # fmt: skip
+    drives = JointTorque(0, sine(60.0, 2.5, 0.3, None)), JointTorque(1, sine(-40.0, 3.5, 0.2, None))
+    scene = Scene("two", arm, duration=2.0, dt=0.0025, sample=0.25, angles=(0.0, 0.5), loads=drives)
     run = exact(scene, elements=8, rho_inf=0.9)
-    expected, doubt = tips(arm, 20, run.t[1:], lambda t: [f(t) for f in drives], scene.angles)
+    expected, doubt = tips(scene, 20, run.t[1:])
     assert np.abs(run.tip_deflection).max() > 0.1
     assert doubt < 0.02
     assert np.abs(run.tip[1:, :2] - expected).max() < max(0.003, 0.15 * doubt)
