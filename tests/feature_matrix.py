@@ -23,6 +23,7 @@ from flexarm_env.scene import JointTorque, Load, Motion, PointLoad, Scene
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import constant, cycloid, pulse, sine, spin_up
 from flexarm_env.trajectory import Trajectory
+from tests.scene_tools import tips_apart
 
 DURATION, SAMPLE = 1.0, 0.01
 REFERENCE = {"elements": 24, "order": 2, "dt": 2.5e-4, "rho_inf": 0.9}
@@ -300,7 +301,7 @@ def measure(features: tuple[str, ...], method: str) -> dict[str, float]:
         torque = float(np.abs(run.joint_torque[:, joints] - torques).max() / np.abs(torques).max())
     return {
         "bent": bent,
-        "tip": float(np.hypot(*(run.tip - other.tip)[:, :2].T).max()) / other.scene.arm.total_length,
+        "tip": tips_apart(run, other),
         "torque": torque,
         "dissipated": abs(float(run.dissipated[-1] / other.dissipated[-1]) - 1.0),
         "balance": float(np.abs(run.balance).max()) / run.turned_over,

@@ -3,11 +3,13 @@
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from flexarm_env.parameters import Arm, Link, Section
 from flexarm_env.scene import PointLoad, Scene
 from flexarm_env.time_functions import constant
+from flexarm_env.trajectory import Trajectory
 
 SECTION = Section(1000.0, 1e4, 1e4, 1.0, 10.0)
 ONE = Arm("one", (Link(10.0, SECTION),))
@@ -24,6 +26,11 @@ def everything(scene: Scene) -> Scene:
     loads = (*scene.loads, PointLoad(0, "tip", force_y=constant(1e-300)))
     arm = replace(scene.arm, tau_d=max(scene.arm.tau_d, 1e-300))
     return replace(scene, arm=arm, loads=loads, gravity=scene.gravity or (0.0, 0.0))
+
+
+def tips_apart(one: Trajectory, other: Trajectory) -> float:
+    """Largest distance of two runs' tips in the plane, as a share of the arm's length."""
+    return float(np.hypot(*(one.tip - other.tip)[:, :2].T).max() / one.scene.arm.total_length)
 
 
 Method = tuple[str, dict[str, Any]]

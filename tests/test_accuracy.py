@@ -17,7 +17,7 @@ from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import cycloid, linear_table, ramp
 from flexarm_env.time_functions import steps as stairs
 from flexarm_env.trajectory import Trajectory
-from tests.scene_tools import everything
+from tests.scene_tools import everything, tips_apart
 
 
 def true_error(run: Trajectory) -> float:
@@ -92,7 +92,7 @@ def test_kinks_in_every_step_are_no_way_round() -> None:
     scene = everything(Scene("bang", arm, duration=1.0, dt=0.05, loads=(torque,)))
     coarse = simulate(scene)
     fine = simulate(scene, dt=0.05 / 16, sample=0.05)
-    error = float(np.hypot(*(coarse.tip - fine.tip)[:, :2].T).max())
+    error = tips_apart(coarse, fine)
     assert coarse.error_parts["time_step"] > 0.2 * error > 0.0
 
 
@@ -167,6 +167,6 @@ def test_steps_that_resolve_nothing_do_not_pass_for_exact(formulation: str, zeta
     scene = everything(Scene("turned", arm, duration=3.0 * slow, dt=0.3 * slow, motions=motions))
     run = simulate(scene, formulation)
     fine = simulate(scene, "elastica", dt=0.003 * slow, estimate_error=False)
-    error = float(np.hypot(*(run.tip - fine.tip)[:, :2].T).max())
+    error = tips_apart(run, fine)
     assert error > 0.03
     assert error / 3.0 < run.error_estimate < 3.0 * error

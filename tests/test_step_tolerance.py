@@ -13,6 +13,7 @@ from flexarm_env.runtime.fitted import FITS
 from flexarm_env.simulation import Simulation, simulate
 from flexarm_env.tasks.program import LEVEL
 from tests.env_tools import assert_goes_back, assert_pair_same, assert_same, pair
+from tests.scene_tools import tips_apart
 
 UNLIKE = {"payload": (0.1, 8.0), "EI": (0.4, 2.5)}
 FITTED: dict[str, Any] = {"dt": 0.02, "step_tolerance": 2e-5, "randomization": UNLIKE, "duration": 0.4}
@@ -109,7 +110,7 @@ def test_a_scene_fits_its_steps_and_says_how_far_it_is_off() -> None:
     steps, errors = [], []
     for tolerance in (1e-3, 1e-4, 1e-5):
         run_ = simulate(scene, "elastica", nodes=4, dt=0.02, sample=0.02, step_tolerance=tolerance)
-        errors.append(float(np.hypot(*(run_.tip - fine.tip)[:, :2].T).max()))
+        errors.append(tips_apart(run_, fine))
         steps.append(run_.steps)
         assert run_.status == "ok"
         assert errors[-1] < 20.0 * tolerance  # over 200 stretches
