@@ -383,7 +383,7 @@ def csv_forms(path: Path) -> Iterator[bytes]:
         yield made([lines[0], *scaled])
 
 
-def changed(kind: str, path: Path, other: bytes) -> Iterator[bytes]:
+def changed(path: Path, other: bytes) -> Iterator[bytes]:
     """All that is done to a file."""
     yield from bytes_of(path, other)
     if path.suffix == ".npz":
@@ -425,15 +425,17 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return good(tmp_path_factory.mktemp("good"))
 
 
-def tried(kind: str, kept: dict[str, Path], folder: Path, every: int) -> None:
-    """Every so-manieth of the files that `changed` gives, read; prints what came of them."""
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", FILES)
+def test_whatever_is_in_a_file_it_is_good_or_refused_in_a_sentence(
+    kind: str, kept: dict[str, Path], tmp_path: Path
+) -> None:
+    """All that `changed` does to it; prints what came of it."""
     found: Counter[str] = Counter()
     assert outcome(kind, kept[kind]) == "good"
-    shutil.copytree(kept[kind].parent, folder / "in")
-    path, other = folder / "in" / kept[kind].name, kept["arm" if kind != "arm" else "log"].read_bytes()
-    for k, content in enumerate(changed(kind, kept[kind], other)):
-        if k % every:
-            continue
+    shutil.copytree(kept[kind].parent, tmp_path / "in")
+    path, other = tmp_path / "in" / kept[kind].name, kept["arm" if kind != "arm" else "log"].read_bytes()
+    for k, content in enumerate(changed(kept[kind], other)):
         path.write_bytes(content)
         try:
             found[outcome(kind, path)] += 1
@@ -442,20 +444,6 @@ def tried(kind: str, kept: dict[str, Path], folder: Path, every: int) -> None:
     print(f"\n{kind}: {found.total()} files, {found['good']} good, {found['refused']} refused")
     assert found["refused"] > 5 or kind == "run folder"  # where training is told, and no more
     assert kind != "trajectory" or found["good"] > 2  # what kernels read, they read no further than arrays reach
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", FILES)
-def test_whatever_is_in_a_file_it_is_good_or_refused_in_a_sentence(
-    kind: str, kept: dict[str, Path], tmp_path: Path
-) -> None:
-    tried(kind, kept, tmp_path, 21 if kind == "trajectory" else 7)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", FILES)
-def test_all_of_them(kind: str, kept: dict[str, Path], tmp_path: Path) -> None:
-    tried(kind, kept, tmp_path, 1)
 
 
 @pytest.mark.parametrize(
