@@ -67,7 +67,7 @@ SENSORS = {
     **GAUGE,
     "encoders": {"low_pass": {"frequency": 15.0, "order": 2}, "delay": 0.03},
     "accelerometer": {"bias": 0.1, "low_pass": {"frequency": 10.0}},
-    "camera": {"period": 0.06},
+    "camera": {"period": 0.06, "delay": 0.025},
 }
 EVENTS = {
     "pushes": {"wait": (0.02, 0.06), "force": (0.1, 0.3), "lasting": 0.2},

@@ -118,6 +118,22 @@ def test_a_filter_is_exact_between_coarse_instants() -> None:
         assert np.ptp(read(Law(low_pass=LowPass(5.0, order=order)), np.full(50, 1.7))) < 1e-12
 
 
+@pytest.mark.parametrize("delay", [0.02, 0.05, 0.0625, 0.11])
+def test_a_filter_is_exact_when_it_comes_late(delay: float) -> None:
+    """Of a ramp from rest, as above, a delay that is no whole number of periods included; of order 2 with damping 1
+    y = t - 2 / w + exp(-w t) (t + 2 / w)."""
+    w, period = 2.0 * math.pi * 5.0, 0.05
+    t = period * np.arange(20)
+    past = np.maximum(t - delay, 0.0)
+    expected = {
+        1: past - (1.0 - np.exp(-w * past)) / w,
+        2: past - 2.0 / w + np.exp(-w * past) * (past + 2.0 / w),
+    }
+    for order, y in expected.items():
+        found = read(Law(low_pass=LowPass(5.0, order=order, damping=1.0), delay=delay), t, period=period)
+        np.testing.assert_allclose(found, y, atol=1e-12)
+
+
 @pytest.mark.parametrize("frequency", [2.0, 9.0])
 def test_a_rate_is_the_filtered_difference(frequency: float) -> None:
     w, period = 2.0 * math.pi * frequency, 0.01

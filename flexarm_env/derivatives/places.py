@@ -135,9 +135,10 @@ def _of_sensors(instruments: Any, first: int, recorded: Any, own: Any) -> tuple[
     shaken = 0 if instruments.accelerometer is None else len(instruments.accelerometer) - 1  # axes
     for c, law in enumerate(instruments.laws.reshape(-1, _LAW.end)):
         at = CHANNEL.offsets(first + c * CHANNEL.offsets(0, instruments.room).end, instruments.room)
-        late = int(law[_LAW.late]) + (law[_LAW.share] > 0.0)
+        late, filtered = int(law[_LAW.late]), law[_LAW.own : _LAW.after].any()
         parts = {
-            "filter": ((at.input, 3), law[_LAW.own : _LAW.after].any()),
+            "filter": ((at.input, 3), filtered),
+            "before": ((at.output, 1), not filtered and law[_LAW.share] > 0.0),
             "tip": ((at.place, 3), encoders <= c < encoders + shaken),
             "spin": ((at.rate, 1), shaken > 2 and encoders <= c < encoders + shaken),
             "reading": ((at.reading, 1), c < encoders or law[_LAW.every] > 1.0),

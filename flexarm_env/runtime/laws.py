@@ -24,11 +24,12 @@ def law_of(law: Any, scale: float, period: float, path: str = "sensors") -> np.n
     if late > MOST_LATE:
         raise ValueError(f"{path}.delay = {law.delay!r}: must be at most {MOST_LATE} periods of {period:g} s")
     whole = math.floor(late + 1e-9)
+    share = late - whole if late - whole > 1e-9 else 0.0
     own, before, after = _held_filter(law.low_pass, period)
     kept = math.exp(-2.0 * math.pi * getattr(law, "rate_frequency", 0.0) * period)
     return LAW.pack(
         {}, gain=law.gains, bias=np.array(law.biases) / scale, noise=law.noise / scale, quantum=law.step / scale,
-        own=own, before=before, after=after, late=whole, share=late - whole if late - whole > 1e-9 else 0.0,
+        own=own, before=before, after=after, late=whole, share=share, bow=_bow(law.low_pass, period, share),
         every=max(1.0, float(round(every))), rate=(1.0 - kept) / period, kept=kept,
     )  # fmt: skip
 
@@ -57,9 +58,21 @@ def _held_filter(low_pass: Any, period: float) -> tuple[Any, Any, Any]:
     return power[:2, :2].ravel(), power[:2, 2] - power[:2, 3], power[:2, 3]
 
 
+def _bow(low_pass: Any, period: float, share: float) -> np.ndarray:
+    """`LAW.bow`: by how much the exact solution a share of a period before its end, of an input that runs straight, is
+    above the straight line between its values at both ends."""
+    if low_pass is None or share == 0.0:
+        return np.zeros(4)
+    rows = []
+    for part in (1.0, 1.0 - share):
+        own, before, after = _held_filter(low_pass, part * period)
+        rows.append(np.array([own[0], own[1], before[0] + (1.0 - part) * after[0], part * after[0]]))
+    return np.asarray(rows[1] - (1.0 - share) * rows[0] - np.array([share, 0.0, 0.0, 0.0]))
+
+
 def room_of(laws: np.ndarray) -> int:
     """Room for the past that these laws (c, LAW) need."""
-    return int((laws[:, _LAW.late] + (laws[:, _LAW.share] > 0.0)).max(initial=0.0))
+    return int(laws[:, _LAW.late].max(initial=0.0))
 
 
 def memory_of(channels: int, room: int) -> np.ndarray:
@@ -88,9 +101,10 @@ def read(lane, laws, room, c, memory, base, stream, arm, value, first):
     first. Under a dual tag the number of one arm goes through with its tangents; rounding leaves these as they are.
     """
     i, o, at = arm % arms(lane), c * _LAW.end, channel_of(base, room, c)
-    since = laws[o + _LAW.every]
+    since, late, share, bow = laws[o + _LAW.every], int(laws[o + _LAW.late]), laws[o + _LAW.share], o + _LAW.bow
     if first:
         _remember(lane, laws, room, o, at, memory, stream, arm, value)
+        here = pick(lane, memory, at.output, i)
     else:
         y, s = pick(lane, memory, at.output, i), pick(lane, memory, at.slope, i)
         u = pick(lane, memory, at.input, i)
@@ -99,16 +113,18 @@ def read(lane, laws, room, c, memory, base, stream, arm, value, first):
         held = laws[o + _LAW.before + 1] * u + laws[o + _LAW.after + 1] * value
         place(lane, memory, at.slope, i, laws[o + _LAW.own + 2] * y + laws[o + _LAW.own + 3] * s + held)
         since = memory[at.since * len(lane) + i] + 1.0
+        here = pick(lane, memory, at.output, i)
+        if share > 0.0:
+            here = here + (y - here) * share
+            here = here + (laws[bow] * y + laws[bow + 1] * s + laws[bow + 2] * u + laws[bow + 3] * value)
     place(lane, memory, at.input, i, value)
-    here, late, share = pick(lane, memory, at.output, i), int(laws[o + _LAW.late]), laws[o + _LAW.share]
+    now = here
     if late > 0:
         here = pick(lane, memory, at.past + late - 1, i)
-    if share > 0.0:
-        here = here + (pick(lane, memory, at.past + late, i) - here) * share
     for k in range(room - 1, 0, -1):
         place(lane, memory, at.past + k, i, pick(lane, memory, at.past + k - 1, i))
     if room > 0:
-        place(lane, memory, at.past, i, pick(lane, memory, at.output, i))
+        place(lane, memory, at.past, i, now)
     if since > laws[o + _LAW.every] - 0.5:
         here = here * pick(lane, memory, at.gain, i) + pick(lane, memory, at.bias, i)
         noise, quantum = laws[o + _LAW.noise], laws[o + _LAW.quantum]

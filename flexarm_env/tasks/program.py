@@ -39,6 +39,8 @@ LAW = Layout(
     Field("after", (2,), "", "and after it"),
     Field("late", (), "", "whole periods of delay"),
     Field("share", (), "", "and the rest, of a period"),
+    Field("bow", (4,), "", "filter: output that share ago, over the straight line between outputs at instants;"
+          " by output, slope and input before, and input after"),
     Field("every", (), "", "periods from one reading to the next"),
     Field("rate", (), "1/s", "of a difference of readings that comes into a rate in a period"),
     Field("kept", (), "", "of the rate before it"),
@@ -57,7 +59,7 @@ CHANNEL = Layout(
     Field("motor", (), "rad", "angle of the joint's motor, over the ratio"),
     Field("place", (), "m", "of the tip at the instant before, for an accelerometer's channels x, y, z"),
     Field("speed", (), "m/s", "its rate"), Field("turn", (), "rad, rad/s", "tip angle, rate; in space rotation vector"),
-    Field("past", ("room",), "", "outputs before the last, the newest first"),
+    Field("past", ("room",), "", "outputs a share of a period before each instant but the last, the newest first"),
 )  # fmt: skip
 """What a sensor remembers of a quantity that it reads."""
 
