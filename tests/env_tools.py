@@ -1,6 +1,7 @@
 """What the tests of the environments share: the ids, exact comparison, an episode."""
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import gymnasium as gym
@@ -92,15 +93,22 @@ def episode(env: gym.Env[Any, Any], seed: int, steps: int, **options: Any) -> li
     return outcomes
 
 
-def successes(env: Any, controller: Any, seed: int) -> float:
-    """Share of a vector's arms that a controller has where they belong at the end of an episode."""
-    observation, _ = env.reset(seed=seed)
+def steered(env: Any, controller: Any, **reset: Any) -> Iterator[Any]:
+    """What each step of an episode under a controller or a policy returns."""
+    observation, _ = env.reset(**reset)
     controller.reset(observation)
     for _ in range(env.unwrapped.plan.limit):
         action = controller.act(observation)
         assert action.dtype == np.float32
         assert np.abs(action).max() <= 1.0
-        observation, _, _, _, info = env.step(action)
+        outcome = env.step(action)
+        observation = outcome[0]
+        yield outcome
+
+
+def successes(env: Any, controller: Any, seed: int) -> float:
+    """Share of a vector's arms that a controller has where they belong at the end of an episode."""
+    *_, (*_, info) = steered(env, controller, seed=seed)
     return float(info["is_success"].mean())
 
 

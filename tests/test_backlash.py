@@ -16,7 +16,7 @@ from flexarm_env.scene import JointTorque, Motion, Scene
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import constant, sine
-from tests.env_tools import assert_pair_same, pair
+from tests.env_tools import assert_pair_same, pair, steered
 from tests.scene_tools import Method, every, everything, tips_apart
 
 STRIP = Section(EI=2.0, EA=2e6, C=7e5, m=0.3, J=1e-7)
@@ -129,13 +129,7 @@ def test_controllers_are_designed_as_if_gears_had_no_play(name: str) -> None:
     arm = arms.named("strip_geared")
     loose = dataclasses.replace(arm, joints=(dataclasses.replace(arm.joints[0], backlash=0.01),))
     env = gym.make("FlexibleArm-v0", arm=loose)
-    controller = control.make(name, env)
-    observation, _ = env.reset(seed=1)
-    controller.reset(observation)
-    errors = []
-    for _ in range(200):
-        observation, *_ = env.step(controller.act(observation))
-        errors.append(observation[5])
+    errors = [observation[5] for observation, *_ in steered(env, control.make(name, env), seed=1)]
     assert np.abs(errors[-50:]).max() < 0.05
     assert arm_model(loose).frequencies.tolist() == arm_model(arm).frequencies.tolist()
 

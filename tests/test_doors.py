@@ -17,6 +17,7 @@ import pytest
 from flexarm_env.control import load_policy
 from flexarm_env.remote import Limits, Server, Session
 from tests.c_tools import needs_c
+from tests.env_tools import steered
 from tests.processes import ROOT, served
 
 PAGE = (ROOT / "docs" / "doors.md").read_text("utf-8")
@@ -51,10 +52,7 @@ def test_an_arm_and_its_policy_in_c(tmp_path: Path) -> None:
     (tmp_path / "closed.c").write_text(blocks("c")[0])
     printed = shell(tmp_path, blocks("sh")[0]).splitlines()[-1].split()
     env, policy = gym.make("FlexibleArm-v0"), load_policy("flexible_arm")
-    observation, _ = env.reset(seed=7)
-    policy.reset(observation)
-    for _ in range(200):
-        observation, _, _, _, info = env.step(policy.act(observation))
+    *_, (*_, info) = steered(env, policy, seed=7)
     assert printed[2] == "1" and info["is_success"]
     assert np.array(printed[:2], float) == pytest.approx(info["tip_position"], abs=1e-6)
     if shutil.which("cmake"):

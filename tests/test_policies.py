@@ -4,6 +4,7 @@ import gymnasium as gym
 import pytest
 
 from flexarm_env import control
+from tests.env_tools import successes
 
 NAMES = control.policy_names()
 LEFT_OUT = ("duration", "reward", "randomization")
@@ -20,10 +21,7 @@ def test_packaged_policies_reach_their_targets(name):
     kwargs = {k: v for k, v in policy.meta["env_kwargs"].items() if k not in LEFT_OUT}
     env = gym.make_vec(policy.meta["env_id"], num_envs=16, vectorization_mode="vector_entry_point", **kwargs)
     policy.check(control.Setup.of(env))
-    observation, _ = env.reset(seed=500)
-    for _ in range(env.unwrapped.plan.limit):
-        observation, _, _, _, info = env.step(policy.act(observation))
-    assert info["is_success"].mean() >= 0.9
+    assert successes(env, policy, 500) >= 0.9
     env.close()
 
 
