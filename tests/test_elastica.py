@@ -8,7 +8,6 @@ import pytest
 from scipy.optimize import fsolve
 
 from benchmarks.formulation_runs import ARMS, driven, long_run, release
-from benchmarks.formulation_runs import apart as distances
 from flexarm_env import simulate
 from flexarm_env.compiler.decorator import kernel
 from flexarm_env.compiler.lanes import EIGHT, SINGLE, load, sincos, store
@@ -312,7 +311,7 @@ def test_strip_against_the_exact_beam(arm: Arm, share: float) -> None:
 
     def apart(a: Trajectory, b: Trajectory) -> float:
         assert a.status == b.status == "ok"
-        return float(distances(a, b).max())
+        return tips_apart(a, b)
 
     for kind, bound in (("random", 5e-3), ("bang-bang", 5e-3), ("slow", 1e-3)):
         scene = driven(arm, kind, 3)

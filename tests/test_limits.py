@@ -69,8 +69,7 @@ def test_a_start_is_where_angles_can_be_told_apart(env_id: str) -> None:
     for angle in (1e6, -1e6):
         observation, _ = env.reset(seed=0, options={"start": [angle] * joints})
         assert env.observation_space.contains(observation)
-        hub = observation[0] ** 2 + observation[1 if joints == 1 else 2 - 1] ** 2
-        assert hub == pytest.approx(1.0, abs=1e-6)
+        assert observation[0] ** 2 + observation[1] ** 2 == pytest.approx(1.0, abs=1e-6)
         assert observation[0] == pytest.approx(np.sin(angle), abs=1e-6)
     if joints == 1:
         with pytest.raises(ValueError, match=r"options\.motion: joint0 at t = 0 = 1e"):

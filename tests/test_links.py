@@ -144,12 +144,10 @@ def test_meshes_end_at_jumps() -> None:
     link = Link(1.0, [(0.0, THICK), (0.3, THICK), (0.3, THIN), (1.0, THIN)])
     np.testing.assert_allclose(link.mesh(4, "elements"), [0.0, 0.3, 0.3 + 0.7 / 3, 0.3 + 1.4 / 3, 1.0])
     assert [part.uniform for part in link.cut(3, "elements")] == [THICK, THIN, THIN]
-    for formulation, option in (("geometrically_exact", "elements"), ("floating_frame", "elements")):
-        options = {"segments": 1} if formulation == "floating_frame" else {}
-        with pytest.raises(
-            ValueError, match=r"^elements = 1: must be at least 2 for a link whose sections jump 1 times"
-        ):
-            assemble(scene(Arm("a", (link,))), Settings.make(formulation, **options, **{option: 1}))
+    for coarse in (Settings.make("geometrically_exact", elements=1), Settings.make(segments=1, elements=1)):
+        words = r"^elements = 1: must be at least 2 for a link whose sections jump 1 times"
+        with pytest.raises(ValueError, match=words):
+            assemble(scene(Arm("a", (link,))), coarse)
     many = [(0.0, THICK)] + [(0.2 * k, s) for k in (1, 2, 3) for s in (THICK, THIN)] + [(1.0, THICK)]
     with pytest.raises(ValueError, match=r"^nodes = 4: must be at least 5"):
         assemble(scene(Arm("a", (Link(1.0, many),))), Settings.make("elastica", nodes=4, dt=0.01))
@@ -218,23 +216,19 @@ def test_a_refusal_names_what_is_wrong(make: Any, message: str) -> None:
     says(message, make)
 
 
-KEPT = Link(0.6, THICK, tau_d=4e-3), Link(0.4, THICK, tau_d=4e-3)
-UNLIKE = Arm("a", (KEPT[0], Link(0.4, THICK)), hub_inertia=0.05, payload=Payload(0.1), tau_d=2e-4)
-
-
 def test_damping_of_one_link_alone() -> None:
     """Links of the same tau_d, their own or the arm's, are one model."""
-    kept = KEPT
-    same = Arm("a", kept, payload=Payload(0.1), tau_d=1.0), Arm("a", tuple(Link(k.length, THICK) for k in kept),
-        payload=Payload(0.1), tau_d=4e-3)  # fmt: skip
+    kept, plain = ((Link(0.6, THICK, tau_d=tau_d), Link(0.4, THICK, tau_d=tau_d)) for tau_d in (4e-3, None))
+    same = Arm("a", kept, payload=Payload(0.1), tau_d=1.0), Arm("a", plain, payload=Payload(0.1), tau_d=4e-3)
     for formulation, options in METHODS:
         one, other = (assemble(scene(arm), Settings.make(formulation, dt=0.01, **options)) for arm in same)
         assert np.array_equal(one.par, other.par)
         assert [x is None for x in one.model] == [x is None for x in other.model]
-    assert UNLIKE.damping == (4e-3, (1.0, 0.05))
-    assert arms.from_toml(arms.to_toml(UNLIKE)) == UNLIKE
+    unlike = Arm("a", (kept[0], plain[1]), hub_inertia=0.05, payload=Payload(0.1), tau_d=2e-4)
+    assert unlike.damping == (4e-3, (1.0, 0.05))
+    assert arms.from_toml(arms.to_toml(unlike)) == unlike
     with pytest.raises(ValueError, match=r"^period_correction = True: must be False where the links' tau_d differ"):
-        assemble(scene(UNLIKE), Settings.make("geometrically_exact", period_correction=True))
+        assemble(scene(unlike), Settings.make("geometrically_exact", period_correction=True))
 
 
 # ------------------------------------------------------------------ rigid ends
