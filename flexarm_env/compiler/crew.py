@@ -207,8 +207,8 @@ class _Worker:
         self._board, self._rounds, self._call_back = boards[k * BOARD : (k + 1) * BOARD], ROUNDS, done
         self._go = threading.Lock()
         self._go.acquire()
-        self._thread = threading.Thread(target=self._work, args=(boards, k), name="flexarm", daemon=True)
-        self._thread.start()
+        self.thread = threading.Thread(target=self._work, args=(boards, k), name="flexarm", daemon=True)
+        self.thread.start()
 
     def _work(self, boards: NDArray[np.int64], k: int) -> None:
         while (why := serve(boards, k, self._rounds)) != END:
@@ -228,9 +228,6 @@ class _Worker:
         self._board[TASK] = OVER
         if self._go.locked():
             self._go.release()
-
-    def join(self) -> None:
-        self._thread.join()
 
 
 class Crew:
@@ -289,7 +286,7 @@ class Crew:
         for worker in self._workers:
             worker.stop()
         for worker in self._workers:
-            worker.join()
+            worker.thread.join()
         self._workers, self._busy = [], False
 
     def close(self, process: Callable[[], int] = os.getpid) -> None:

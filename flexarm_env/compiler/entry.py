@@ -108,8 +108,7 @@ def call(kernel: Kernel, items: Sequence[Any]) -> Any:
             letters += "q"
             values.append(placed.address)
         else:
-            shape, _ = described_as(item, f"argument {k + 1} of {kernel.__name__}()")
-            shapes.append(shape)
+            shapes.append(described_as(item, f"argument {k + 1} of {kernel.__name__}()"))
             more = words_of(item)
             letters += "q" * len(more)
             values += more

@@ -104,7 +104,7 @@ class Expressions:
     def condition(self, node: ast.expr) -> Any:
         """A bool where it is known, otherwise an LLVM bit."""
         if isinstance(node, ast.BoolOp):
-            return self._both(node, self.condition)
+            return self._all(isinstance(node.op, ast.And), self.condition, node.values)
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
             test = self.condition(node.operand)
             return not test if isinstance(test, bool) else self.b.not_(test)
@@ -148,7 +148,7 @@ class Expressions:
     def field(self, item: Record | Stored, name: str) -> Any:
         """A field of a named tuple."""
         if isinstance(item, Record):
-            fields: tuple[str, ...] = item.instance_class._fields  # type: ignore[attr-defined]
+            fields: tuple[str, ...] = item.instance_class._fields
             if name not in fields:
                 return self._beside(item, name)
             return item.values[fields.index(name)]
@@ -305,25 +305,16 @@ class Expressions:
 
     def of_Compare(self, node: ast.Compare) -> Any:
         left = self.value(node.left)
-        if len(node.ops) == 1:
-            return self._compared(node.ops[0], left, self.value(node.comparators[0]))
-        return self._chain(node, left)
 
-    def _chain(self, node: ast.Compare, left: Any) -> Any:
-        """a < b < c: b is looked at once, c where a < b."""
+        def tested(following: tuple[ast.cmpop, ast.expr]) -> Any:
+            nonlocal left
+            op, right = following[0], self.value(following[1])
+            result = self._compared(op, left, right)
+            left = right
+            return truth(self.b, result)
 
-        def step(k: int) -> Callable[[Any], Any]:
-            def test(_: Any) -> Any:
-                nonlocal left
-                right = self.value(node.comparators[k])
-                result = self._compared(node.ops[k], left, right)
-                left = right
-                return truth(self.b, result)
-
-            return test
-
-        tests = [step(k) for k in range(len(node.ops))]
-        result = self._all(True, [(test, None) for test in tests])
+        # a < b < c: b is looked at once, c where a < b
+        result = self._all(True, tested, list(zip(node.ops, node.comparators, strict=True)))
         return result if isinstance(result, bool) else Truth(result)
 
     def _compared(self, op: ast.cmpop, x: Any, y: Any) -> Any:
@@ -342,24 +333,21 @@ class Expressions:
                 raise Refused("`and` and `or` give one of their operands: compare with something, or ask in an `if`")
             return truth(self.b, item)
 
-        found = self._both(node, tested)
+        found = self._all(isinstance(node.op, ast.And), tested, node.values)
         return found if isinstance(found, bool) else Truth(found)
 
-    def _both(self, node: ast.BoolOp, tested: Callable[[Any], Any]) -> Any:
-        return self._all(isinstance(node.op, ast.And), [(tested, part) for part in node.values])
-
-    def _all(self, every: bool, tests: Sequence[tuple[Callable[[Any], Any], Any]]) -> Any:
+    def _all(self, every: bool, tested: Callable[[Any], Any], parts: Sequence[Any]) -> Any:
         """`and` (every) or `or`, which look at what follows only where it matters."""
         incoming: list[tuple[Any, Any]] = []
         end, names = None, self.names
         result: Any = every
-        for k, (tested, part) in enumerate(tests):
+        for k, part in enumerate(parts):
             result = tested(part)
             if isinstance(result, bool):
                 if result != every:
                     break
                 continue
-            if k == len(tests) - 1:
+            if k == len(parts) - 1:
                 break
             if end is None:
                 end = self.code.append_basic_block("decided")

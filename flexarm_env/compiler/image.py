@@ -8,9 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .decorator import Kernel
 from .kinds import Layout, is_tag, words_of
-from .program import linkable
 
 LINE = 64
 """Bytes of a cache line, on which every array begins."""
@@ -59,10 +57,6 @@ class Image:
                 image.changing = len(data)
         image.data = bytes(data)
         return image
-
-    def linkable(self, kernel: Kernel, integers: int, name: str, cpu: str | None) -> bytes:
-        """A kernel's program for this named tuple, as an object file; see `program.linkable`."""
-        return linkable(kernel, self.layout, integers, name, cpu)
 
 
 def _parts(path: str, value: Any) -> Iterator[tuple[str, Any]]:

@@ -12,6 +12,7 @@ meets, None, sizes, tags, functions, strings, Python's own numbers, is known at 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -31,43 +32,40 @@ class Refused(TypeError):
     placed = False
 
 
+@dataclass(slots=True, eq=False)
 class Integer:
     """A whole number of 64 bits; unsigned: np.uint64."""
 
-    __slots__ = ("unsigned", "value")
-
-    def __init__(self, value: Any, unsigned: bool = False) -> None:
-        self.value, self.unsigned = value, unsigned
+    value: Any
+    unsigned: bool = False
 
 
+@dataclass(slots=True, eq=False)
 class Truth:
     """True or False, of run time."""
 
-    __slots__ = ("value",)
-
-    def __init__(self, value: Any) -> None:
-        self.value = value
+    value: Any
 
 
+@dataclass(slots=True, eq=False)
 class Narrow:
     """A float32 (letter g) or an uint8 (b) on its way from or to an array."""
 
-    __slots__ = ("letter", "value")
-
-    def __init__(self, value: Any, letter: str) -> None:
-        self.value, self.letter = value, letter
+    value: Any
+    letter: str
 
 
+@dataclass(slots=True, eq=False)
 class Array:
     """A C-contiguous array: the address of its first number, its shape, the letter of its numbers.
 
     fixed: nobody may write to it, as it is global or NumPy says so.
     """
 
-    __slots__ = ("data", "fixed", "letter", "shape")
-
-    def __init__(self, data: Any, shape: tuple[Any, ...], letter: str, fixed: bool) -> None:
-        self.data, self.shape, self.letter, self.fixed = data, shape, letter, fixed
+    data: Any
+    shape: tuple[Any, ...]
+    letter: str
+    fixed: bool
 
     def written(self) -> None:
         """Refused: it is fixed."""
@@ -75,13 +73,12 @@ class Array:
             raise Refused("an array that is global or read-only is written to: give the kernel one of its own")
 
 
+@dataclass(slots=True, eq=False)
 class Record:
     """A named tuple that a kernel has made."""
 
-    __slots__ = ("instance_class", "values")
-
-    def __init__(self, instance_class: type, values: list[Any]) -> None:
-        self.instance_class, self.values = instance_class, values
+    instance_class: Any
+    values: list[Any]
 
 
 class Stored:
@@ -101,37 +98,35 @@ class Layout:
 
     _known: dict[Any, Layout] = {}  # noqa: RUF012
 
-    def __init__(self, instance_class: type, parts: dict[str, tuple[Any, int]], words: int, text: str) -> None:
+    def __init__(self, instance_class: Any, parts: dict[str, tuple[Any, int]], words: int, text: str) -> None:
         self.instance_class, self.parts, self.words, self.text = instance_class, parts, words, text
 
     @classmethod
     def of(cls, value: Any) -> Layout:
         """Of a named tuple of arrays, numbers, None, tuples and named tuples. TypeError: it holds something else."""
-        names, described, at = [], [], 0
+        parts, at = {}, 0
         for name, part in zip(value._fields, value, strict=True):
-            shape, words = described_as(part, name)
-            names.append(name)
-            described.append((shape, at))
-            at += words
-        key = (type(value), tuple(described))
+            shape = described_as(part, name)
+            parts[name] = shape, at
+            at += width(shape)
+        key = (type(value), tuple(parts.values()))
         if key not in cls._known:
-            parts = dict(zip(names, described, strict=True))
             shapes = [(name, shape.text if isinstance(shape, Layout) else shape) for name, (shape, _) in parts.items()]
             text = f"{type(value).__module__}.{type(value).__qualname__}{shapes}"
             cls._known[key] = cls(type(value), parts, at, text)
         return cls._known[key]
 
 
-def described_as(part: Any, name: str) -> tuple[Any, int]:
-    """What a part of a named tuple is, and how many words it takes; named tuples lie within the one that holds them."""
+def described_as(part: Any, name: str) -> Any:
+    """What a part of a named tuple is; named tuples lie within the one that holds them."""
     if part is None:
-        return "none", 0
+        return "none"
     if isinstance(part, bool | np.bool_):
-        return "truth", 1
+        return "truth"
     if isinstance(part, int | np.integer):
-        return ("unsigned" if isinstance(part, np.uint64) else "integer"), 1
+        return "unsigned" if isinstance(part, np.uint64) else "integer"
     if isinstance(part, float | np.floating):
-        return "number", 1
+        return "number"
     if isinstance(part, np.ndarray):
         letter, flags = LETTERS.get(part.dtype.name), part.flags
         if letter is None or not flags.c_contiguous or not flags.aligned or not part.dtype.isnative or part.ndim == 0:
@@ -141,16 +136,25 @@ def described_as(part: Any, name: str) -> tuple[Any, int]:
             )
         if not isinstance(part, np.memmap) and type(part) is not np.ndarray:
             raise TypeError(f"{name}: {type(part).__name__}: a kernel takes plain arrays (np.asarray makes one)")
-        return (letter, part.ndim) if flags.writeable else (letter, part.ndim, "fixed"), 1 + part.ndim
+        return (letter, part.ndim) if flags.writeable else (letter, part.ndim, "fixed")
     if isinstance(part, tuple):
         if hasattr(part, "_fields"):
-            layout = Layout.of(part)
-            return layout, layout.words
+            return Layout.of(part)
         if is_tag(part):
-            return ("tag", len(part)), 0
-        inner = [described_as(x, name) for x in part]
-        return ("tuple", tuple(shape for shape, _ in inner)), sum(words for _, words in inner)
+            return ("tag", len(part))
+        return ("tuple", tuple(described_as(x, name) for x in part))
     raise TypeError(f"{name}: {type(part).__name__}: a kernel is given arrays, numbers, None and tuples of these")
+
+
+def width(shape: Any) -> int:
+    """How many words a part of a named tuple takes."""
+    if isinstance(shape, Layout):
+        return shape.words
+    if isinstance(shape, str):
+        return 0 if shape == "none" else 1
+    if shape[0] == "tag":
+        return 0
+    return sum(map(width, shape[1])) if shape[0] == "tuple" else 1 + int(shape[1])
 
 
 def words_of(value: Any) -> list[int]:
@@ -173,9 +177,9 @@ def is_tag(item: Any) -> bool:
 
 def is_static(item: Any) -> bool:
     """Whether an item is known when the kernel is compiled."""
-    if isinstance(item, Value | Integer | Truth | Narrow | Array | Record | Stored):
-        return False
-    return not (type(item) is tuple and not all(map(is_static, item)))
+    if is_tuple(item):
+        return all(map(is_static, item))
+    return not isinstance(item, Value | Integer | Truth | Narrow | Array | Record | Stored)
 
 
 def is_tuple(item: Any) -> bool:
@@ -195,7 +199,7 @@ def leaves(item: Any) -> list[Any]:
         return [leaf for x in item.values for leaf in leaves(x)]
     if isinstance(item, Stored):
         return [item.address]
-    if type(item) is tuple and not is_static(item):
+    if is_tuple(item):
         return [leaf for x in item for leaf in leaves(x)]
     return []
 
@@ -203,8 +207,7 @@ def leaves(item: Any) -> list[Any]:
 def rebuilt(item: Any, it: Iterator[Any], builder: Any) -> Any:
     """The same item of other LLVM values."""
     if isinstance(item, Value):
-        first = Value(builder, next(it), item.count)
-        return first.having([Value(builder, next(it), item.count) for _ in item.tangents])
+        return Value.of(builder, [next(it) for _ in (item, *item.tangents)], item.count)
     if isinstance(item, Integer):
         return Integer(next(it), item.unsigned)
     if isinstance(item, Truth):
@@ -217,7 +220,7 @@ def rebuilt(item: Any, it: Iterator[Any], builder: Any) -> Any:
         return Record(item.instance_class, [rebuilt(x, it, builder) for x in item.values])
     if isinstance(item, Stored):
         return Stored(next(it), item.layout)
-    if type(item) is tuple and not is_static(item):
+    if is_tuple(item):
         return tuple(rebuilt(x, it, builder) for x in item)
     return item
 
@@ -238,7 +241,7 @@ def kind(item: Any) -> Any:
         return ("record", item.instance_class, tuple(map(kind, item.values)))
     if isinstance(item, Stored):
         return ("stored", item.layout)
-    if type(item) is tuple and not is_tag(item):  # item by item: (1, True) equals (1, 1), and is not the same
+    if is_tuple(item) and not is_tag(item):  # item by item: (1, True) equals (1, 1), and is not the same
         return ("tuple", tuple(map(kind, item)))
     return ("static", type(item), item)
 
@@ -256,17 +259,6 @@ def told(item: Any) -> str:
         return "a float32" if item.letter == "g" else "an uint8"
     if isinstance(item, Record | Stored):
         return f"a {item.instance_class.__name__}"
-    if type(item) is tuple:
+    if is_tuple(item):
         return f"a tuple of {len(item)}"
     return repr(item)
-
-
-def width(shape: Any) -> int:
-    """How many words a part of a named tuple takes."""
-    if isinstance(shape, Layout):
-        return shape.words
-    if isinstance(shape, str):
-        return 0 if shape == "none" else 1
-    if shape[0] == "tag":
-        return 0
-    return sum(map(width, shape[1])) if shape[0] == "tuple" else 1 + int(shape[1])

@@ -58,9 +58,7 @@ def fitted(writer: Any, item: Any, template: Any) -> Any:
     """An item in the shape of a template that `joined` gave."""
     b = writer.b
     if isinstance(template, Value):
-        x = arithmetic.number(b, item)
-        first, *rest = [Value(b, part, template.count) for part in x.parts(template.count, len(template.tangents))]
-        return first.having(rest)
+        return arithmetic.number(b, item).full(template.count, len(template.tangents))
     if isinstance(template, Integer) and not isinstance(item, Integer):
         return Integer(arithmetic.whole(b, item))
     if isinstance(template, Record):

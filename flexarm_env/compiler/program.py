@@ -102,12 +102,12 @@ def _compiled(
     return machine_code(str(module.code), made), spec, module.used
 
 
-def linkable(kernel: Kernel, layout: Layout, integers: int, name: str, cpu: str | None) -> bytes:
-    """A kernel's program as an object file to be linked: `name` (address of a placed named tuple, whole numbers).
+def linkable(kernel: Kernel, layout: Layout, name: str, cpu: str | None) -> bytes:
+    """A kernel's program as an object file to be linked: `name` (address of a placed named tuple, two whole numbers).
 
     cpu: by LLVM's name, its code anywhere in memory; None: this machine's. Bits are those of the program in Python.
     """
-    shapes = [("placed", layout), *["integer" for _ in range(integers)]]
+    shapes = [("placed", layout), "integer", "integer"]
     with _LOCK, announced(kernel.function), _uncollected():
         return _compiled(kernel, shapes, True, name, machine(cpu or target_text()[1], linked=True))[0]
 

@@ -96,10 +96,8 @@ class Backward(Writer):
             super().block([statement])
 
     def on_While(self, node: ast.While) -> None:
-        before, items = self.loops, len(self.b.region.items)
-        self.loops = []
+        items = len(self.b.region.items)
         super().on_While(node)
-        self.loops = before
         if self.b.active_since(items):
             raise Refused("a while loop of numbers has no derivative backwards: count by range")
 
@@ -139,8 +137,7 @@ class Backward(Writer):
             ends.append(self.names)
             returned.append(self.done)
             self._branched, self.done = self._branched - 1, False
-        self.b.position_at_end(after)
-        self.names = self.merged(ends)
+        self.meet(after, ends)
         if any(way.items for way in ways):
             outer.items.append(lambda: self._either(test, ways))
         if any(returned):
@@ -191,7 +188,7 @@ class Backward(Writer):
         way.ends = None  # type: ignore[assignment]
         self._round(node.body, way, before)
         loop.close()
-        self.names = self.merged([before])
+        self.meet(loop.end, [before])
         if loop.items:
             outer.items.append(loop.go_back)
 
@@ -251,7 +248,6 @@ class _Turns(Region):
         tape.store(tape.add(self.turn, ir.Constant(WORD, 1)), self._counter)
         self._writer.module.mark_loop(tape.branch(self._head))
         super().close()
-        tape.position_at_end(self.end)
 
     def go_back(self) -> None:
         """The loop backwards."""

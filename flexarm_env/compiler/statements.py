@@ -125,14 +125,18 @@ class Writer(Expressions):
             return rebuilt(item.template, iter([self.b.load(place) for place in item.places]), self.b)
         return item
 
-    def merged(self, ends: Sequence[Names]) -> Names:
-        """Names that have one meaning at the end of all ways that lead on."""
+    def meet(self, block: Any, ends: Sequence[Names]) -> None:
+        """Go on at a block, with names that have one meaning at the end of all ways to it; there may be none."""
+        self.b.position_at_end(block)
+        if not ends:
+            self.b.unreachable()
+            return
         first, *others = ends
 
         def everywhere(name: str, item: Any) -> bool:
             return all(name in other and _same(other[name], item) for other in others)
 
-        return {name: item for name, item in first.items() if everywhere(name, item)}
+        self.names = {name: item for name, item in first.items() if everywhere(name, item)}
 
     # --- statements --------------------------------------------------------------------------------
     def block(self, statements: Sequence[ast.stmt]) -> None:
@@ -206,12 +210,7 @@ class Writer(Expressions):
                     continue
                 self.b.branch(after)
             ends.append(self.names)
-        self.b.position_at_end(after)
-        if ends:
-            self.names = self.merged(ends)
-        else:
-            self.names = before
-            self.b.unreachable()
+        self.meet(after, ends)
 
     def on_For(self, node: ast.For) -> None:
         if node.orelse:
@@ -224,30 +223,17 @@ class Writer(Expressions):
         end = self.code.append_basic_block("end")
         ends: list[Names] = []
         for item in items:  # written out
-            step = self.code.append_basic_block("next")
-            loop = Loop(step, end)
+            loop = Loop(self.code.append_basic_block("next"), end)
             self.assign(node.target, item)
-            self.loops.append(loop)
-            self.block(node.body)
-            self.loops.pop()
-            nexts = loop.nexts
-            if not self.b.block.is_terminated:
-                self.b.branch(step)
-                nexts.append(self.names)
+            self._round(node.body, loop, {})
             ends += loop.ends
-            self.b.position_at_end(step)
-            if not nexts:
-                self.b.unreachable()
+            self.meet(loop.nxt, loop.nexts)
+            if not loop.nexts:
                 break
-            self.names = self.merged(nexts)
         if not self.b.block.is_terminated:
             self.b.branch(end)
             ends.append(self.names)
-        self.b.position_at_end(end)
-        if ends:
-            self.names = self.merged(ends)
-        else:
-            self.b.unreachable()
+        self.meet(end, ends)
 
     def _count(self, node: ast.For, limits: list[Any], keywords: bool) -> None:
         """for ... in range(...)"""
@@ -276,8 +262,7 @@ class Writer(Expressions):
         flags = ("nsw",) if known(step) and abs(step) == 1 else ()
         self.b.store(self.b.add(self.b.load(counter), by, flags=flags), counter)
         self.module.mark_loop(self.b.branch(head))
-        self.b.position_at_end(end)
-        self.names = self.merged([before, *loop.ends])
+        self.meet(end, [before, *loop.ends])
 
     def _round(self, body: Sequence[ast.stmt], loop: Loop, before: Names) -> None:
         """A loop's body: what is known at its beginning must be so again each time."""
@@ -311,11 +296,7 @@ class Writer(Expressions):
         self.b.position_at_end(body)
         self.names = dict(before)
         self._round(node.body, loop, before)
-        self.b.position_at_end(end)
-        if loop.ends:
-            self.names = self.merged(loop.ends)
-        else:
-            self.b.unreachable()
+        self.meet(end, loop.ends)
 
     def on_Break(self, node: ast.Break) -> None:
         self.b.branch(self.loops[-1].end)

@@ -38,6 +38,12 @@ class Value:
     def __init__(self, builder: Any, value: Any, count: int, tangents: Sequence[Value] = ()) -> None:
         self.builder, self.value, self.count, self.tangents = builder, value, count, tuple(tangents)
 
+    @classmethod
+    def of(cls, builder: Any, parts: Sequence[Any], count: int) -> Value:
+        """Of its parts, numbers in `count` lanes."""
+        first, *rest = [cls(builder, part, count) for part in parts]
+        return first.having(rest)
+
     def wide(self, count: int) -> Any:
         """The same in `count` lanes."""
         return self.value if self.count == count else broadcast(self.builder, self.value, count)
@@ -46,6 +52,10 @@ class Value:
         """The value and its tangents in `count` lanes: numbers."""
         slopes = self.tangents or (self.other(0.0),) * tangents
         return [x.wide(count) for x in (self, *slopes)]
+
+    def full(self, count: int, tangents: int) -> Value:
+        """The same in so many lanes with so many tangents."""
+        return Value.of(self.builder, self.parts(count, tangents), count)
 
     def like(self, value: Any, count: int) -> Value:
         """A new value."""
@@ -138,8 +148,7 @@ def select_lt(a: Value, b: Value, x: Value, y: Value) -> Value:
     less = a.builder.fcmp_ordered("<", a.wide(count), b.wide(count))
     found = len(x.tangents or y.tangents)
     pairs = zip(x.parts(count, found), y.parts(count, found), strict=True)
-    value, *tangents = [a.like(a.builder.select(less, one, other), count) for one, other in pairs]
-    return value.having(tangents)
+    return Value.of(a.builder, [a.builder.select(less, one, other) for one, other in pairs], count)
 
 
 def absolute(x: Value) -> Value:

@@ -107,16 +107,16 @@ class Tape(Rooms):
         size = array.shape[0]
         for more in array.shape[1:]:
             size = self.mul(size, more)
-        room = None
         if bar is None:
-            room = self.taken(size)
-            self._taken.append(room)
+            cotangents = self.taken(size)
+            self._taken.append(cotangents)
         else:
             bar.written()
+            cotangents = bar.data
         with self.at(self._forth):
             data = self.load(slot)
         self._copied.append((slot, data, (array.data, size, bar is None)))
-        self.paired(data, room if bar is None else bar.data, own=bar is None)
+        self.paired(data, cotangents, own=bar is None)
         return data
 
     def begin(self) -> None:
@@ -124,7 +124,7 @@ class Tape(Rooms):
         self._first = self.block
         self.position_at_end(self._forth)
         self._begin = len(self._code.blocks)
-        self.region = self.whole = _Whole(self, self._code, self._forth)
+        self.region = self.whole = Region(self, self._code, self._forth)  # whose values are at hand on the way back
         del self.home[id(self._forth)]
         self.recording = True
 
@@ -230,44 +230,44 @@ class Tape(Rooms):
         if self.recording and any(id(x) in self.nodes for x in values):
             raise Refused(f"{what} has no derivative backwards")
 
-    def fadd(self, x: Any, y: Any, *rest: Any, **more: Any) -> Any:
-        return self._made(super().fadd(x, y, *rest, **more), (x, _same), (y, _same))
+    def fadd(self, x: Any, y: Any) -> Any:
+        return self._made(super().fadd(x, y), (x, _same), (y, _same))
 
-    def fsub(self, x: Any, y: Any, *rest: Any, **more: Any) -> Any:
-        return self._made(super().fsub(x, y, *rest, **more), (x, _same), (y, self.fneg))
+    def fsub(self, x: Any, y: Any) -> Any:
+        return self._made(super().fsub(x, y), (x, _same), (y, self.fneg))
 
-    def fmul(self, x: Any, y: Any, *rest: Any, **more: Any) -> Any:
+    def fmul(self, x: Any, y: Any) -> Any:
         by_x, by_y = lambda g: self.fmul(g, self.back(y)), lambda g: self.fmul(g, self.back(x))
-        return self._made(super().fmul(x, y, *rest, **more), (x, by_x), (y, by_y))
+        return self._made(super().fmul(x, y), (x, by_x), (y, by_y))
 
-    def fdiv(self, x: Any, y: Any, *rest: Any, **more: Any) -> Any:
-        ratio = super().fdiv(x, y, *rest, **more)
+    def fdiv(self, x: Any, y: Any) -> Any:
+        ratio = super().fdiv(x, y)
 
         def by_y(g: Any) -> Any:
             return self.fneg(self.fdiv(self.fmul(g, self.back(ratio)), self.back(y)))
 
         return self._made(ratio, (x, lambda g: self.fdiv(g, self.back(y))), (y, by_y))
 
-    def fneg(self, x: Any, *rest: Any, **more: Any) -> Any:
-        return self._made(super().fneg(x, *rest, **more), (x, self.fneg))
+    def fneg(self, x: Any) -> Any:
+        return self._made(super().fneg(x), (x, self.fneg))
 
-    def frem(self, x: Any, y: Any, *rest: Any, **more: Any) -> Any:
+    def frem(self, x: Any, y: Any) -> Any:
         self._no_rule((x, y), "a remainder")
-        return super().frem(x, y, *rest, **more)
+        return super().frem(x, y)
 
-    def fptrunc(self, x: Any, *rest: Any, **more: Any) -> Any:
+    def fptrunc(self, x: Any, kind: Any) -> Any:
         self._no_rule((x,), "a float32")
-        return super().fptrunc(x, *rest, **more)
+        return super().fptrunc(x, kind)
 
-    def select(self, test: Any, x: Any, y: Any, *rest: Any, **more: Any) -> Any:
+    def select(self, test: Any, x: Any, y: Any) -> Any:
         by_x, by_y = (
             lambda g: self.select(self.back(test), g, _all(g.type)),
             lambda g: self.select(self.back(test), _all(g.type), g),
         )
-        return self._made(super().select(test, x, y, *rest, **more), (x, by_x), (y, by_y))
+        return self._made(super().select(test, x, y), (x, by_x), (y, by_y))
 
-    def call(self, function: Any, values: Any, *rest: Any, **more: Any) -> Any:
-        found, name = super().call(function, values, *rest, **more), function.name.split(".")
+    def call(self, function: Any, values: Any) -> Any:
+        found, name = super().call(function, values), function.name.split(".")
         if not self.recording or not any(id(x) in self.nodes for x in values):
             return found
         (x,) = values[:1]
@@ -286,20 +286,20 @@ class Tape(Rooms):
     def _signed(self, g: Any, x: Any) -> Any:
         return self.select(self.fcmp_ordered("<", x, _all(g.type)), self.fneg(g), g)
 
-    def insert_element(self, into: Any, x: Any, k: Any, *rest: Any, **more: Any) -> Any:
+    def insert_element(self, into: Any, x: Any, k: Any) -> Any:
         by_into, by_x = (
             lambda g: self.insert_element(g, _all(DOUBLE), k),
             lambda g: self.extract_element(g, k),
         )
-        return self._made(super().insert_element(into, x, k, *rest, **more), (into, by_into), (x, by_x))
+        return self._made(super().insert_element(into, x, k), (into, by_into), (x, by_x))
 
-    def extract_element(self, x: Any, k: Any, *rest: Any, **more: Any) -> Any:
+    def extract_element(self, x: Any, k: Any) -> Any:
         by_x = lambda g: self.insert_element(_all(x.type), g, k)  # noqa: E731
-        return self._made(super().extract_element(x, k, *rest, **more), (x, by_x))
+        return self._made(super().extract_element(x, k), (x, by_x))
 
-    def shuffle_vector(self, x: Any, y: Any, mask: Any, *rest: Any, **more: Any) -> Any:
+    def shuffle_vector(self, x: Any, y: Any, mask: Any) -> Any:
         """The first number in all lanes (`symbols.broadcast`)."""
-        return self._made(super().shuffle_vector(x, y, mask, *rest, **more), (x, self._summed))
+        return self._made(super().shuffle_vector(x, y, mask), (x, self._summed))
 
     def _summed(self, g: Any) -> Any:
         total = self.extract_element(g, ir.Constant(SLOT, 0))
@@ -345,8 +345,8 @@ class Tape(Rooms):
             return self.bitcast(bar, place.type)
         return self.gep(bar, [self.back(k) for k in place.indices], inbounds=True)
 
-    def load(self, place: Any, *rest: Any, **more: Any) -> Any:
-        found = super().load(place, *rest, **more)
+    def load(self, place: Any, align: int | None = None) -> Any:
+        found = super().load(place, align=align)
         if self.recording and _is_number(found.type) and self.has_bar(place):
             self._note(found, [(None, lambda g: self._add(place, g))])
         return found
@@ -355,8 +355,8 @@ class Tape(Rooms):
         bar = self._bar(place)
         self.store(self.fadd(self.load(bar, align=8), g), bar, align=8)
 
-    def store(self, value: Any, place: Any, *rest: Any, **more: Any) -> Any:
-        made = super().store(value, place, *rest, **more)
+    def store(self, value: Any, place: Any, align: int | None = None) -> Any:
+        made = super().store(value, place, align=align)
         if self.recording:
             base, node = id(self._base(place)), self.nodes.get(id(value))
             self._changed.add(base)
@@ -418,10 +418,6 @@ class Tape(Rooms):
                 made = ir.Instruction(self.block, value.type, value.opname, operands)
             self._insert(made)
         return made
-
-
-class _Whole(Region):
-    """The function itself, whose values are at hand on the way back."""
 
 
 def _same(g: Any) -> Any:

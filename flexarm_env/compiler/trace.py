@@ -20,10 +20,11 @@ from typing import Any
 
 from llvmlite import ir
 
-from . import lanes, symbols
+from . import lanes
 from .decorator import UNCOMPILED, Kernel
 from .kinds import Array, Record, Refused, Stored, is_static, is_tuple
 from .symbols import DOUBLE, Value, vector
+from .words import SYMBOLIC
 
 
 class Slots:
@@ -43,8 +44,7 @@ class Slots:
     def get(self, k: int, count: int, tangents: int) -> Value:
         """Element k of `count` lanes, with its tangents."""
         places = [self.address(k * (1 + tangents) + part, count) for part in range(1 + tangents)]
-        first, *rest = [Value(self.builder, self.builder.load(place, align=8), count) for place in places]
-        return first.having(rest)
+        return Value.of(self.builder, [self.builder.load(place, align=8) for place in places], count)
 
     def put(self, k: int, value: Value, count: int, tangents: int) -> None:
         """Write element k."""
@@ -63,17 +63,13 @@ class Tracer:
             lanes.load: self.load,
             lanes.store: self.store,
             lanes.splat: lambda lane, x: self.value(x),
-            lanes.select_lt: lambda *items: symbols.select_lt(*(self.value(x) for x in items)),
-            lanes.absolute: symbols.absolute,
-            lanes.square_root: symbols.square_root,
-            lanes.turn: symbols.turned,
-            lanes.round_even: symbols.round_even,
-            lanes.alone: symbols.alone,
-            lanes.change: symbols.change,
-            lanes.with_slope: symbols.with_slope,
             lanes.stack: lambda lane, sizes: [None] * len(sizes),
             lanes.size: lambda n: len(n) if isinstance(n, tuple) else n,
+            **{word: self._on_values(function) for word, function in SYMBOLIC.items()},
         }
+
+    def _on_values(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        return lambda *items: function(*map(self.value, items))
 
     def value(self, x: Any) -> Value:
         return x if isinstance(x, Value) else Value(self.builder, ir.Constant(DOUBLE, float(x)), 1)
@@ -122,7 +118,7 @@ class Tracer:
             return self.slots(item) if item.letter == "f" else None
         if isinstance(item, Record | Stored):
             values = map(self.symbol, self.writer.parts(item))
-            names = item.instance_class._fields  # type: ignore[attr-defined]
+            names = item.instance_class._fields
             return python.SimpleNamespace(**dict(zip(names, values, strict=True)), instance_class=item.instance_class)
         if is_tuple(item):
             return tuple(map(self.symbol, item))
@@ -178,9 +174,7 @@ class Straight:
         tracer.close()
         if found is None:
             return None
-        values = (tracer.value(x).parts(tracer.count, tracer.tangents) for x in found)
-        wide = ([Value(writer.b, part, tracer.count) for part in parts] for parts in values)
-        return tuple(first.having(tangents) for first, *tangents in wide)
+        return tuple(tracer.value(x).full(tracer.count, tracer.tangents) for x in found)
 
 
 def traced(function: Any) -> Any:

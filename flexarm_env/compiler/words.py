@@ -37,12 +37,6 @@ def shape_of(lane: Any) -> tuple[int, int]:
     return lanes.shape(len(lane))
 
 
-def full(x: Value, count: int, tangents: int) -> Value:
-    """x in so many lanes with so many tangents."""
-    first, *rest = [Value(x.builder, part, count) for part in x.parts(count, tangents)]
-    return first.having(rest)
-
-
 def _floats(array: Any) -> Any:
     if not isinstance(array, Array) or array.letter != "f":
         raise Refused(f"{told(array)} where an array of float64 is wanted")
@@ -66,8 +60,7 @@ def _places(e: Any, array: Any, k: Any, count: int, tangents: int) -> list[Any]:
 def load(e: Any, lane: Any, array: Any, k: Any) -> Value:
     count, tangents = shape_of(lane)
     places = _places(e, array, k, count, tangents)
-    first, *rest = [Value(e.b, e.b.load(place, align=8), count) for place in places]
-    return first.having(rest)
+    return Value.of(e.b, [e.b.load(place, align=8) for place in places], count)
 
 
 def store(e: Any, array: Any, k: Any, value: Any) -> None:
@@ -87,8 +80,7 @@ def _own_places(e: Any, lane: Any, array: Any, k: Any, i: Any) -> list[Any]:
 
 
 def pick(e: Any, lane: Any, array: Any, k: Any, i: Any) -> Value:
-    first, *rest = [Value(e.b, e.b.load(place), 1) for place in _own_places(e, lane, array, k, i)]
-    return first.having(rest)
+    return Value.of(e.b, [e.b.load(place) for place in _own_places(e, lane, array, k, i)], 1)
 
 
 def place(e: Any, lane: Any, array: Any, k: Any, i: Any, value: Any) -> None:
@@ -106,18 +98,18 @@ def stack(e: Any, lane: Any, sizes: Any) -> Array:
     return Array(e.b.bitcast(room, DOUBLE.as_pointer()), (ir.Constant(WORD, count),), "f", False)
 
 
-def _on_symbols(operation: Any, plain: bool = False) -> Any:
-    """A word that `symbols` has; plain: without tangents, as it gives it."""
+def _on_symbols(operation: Any) -> Any:
+    """A word that `symbols` has."""
 
     def word(e: Any, *items: Any) -> Any:
         values = [number(e.b, item) for item in items]
         found = operation(*values)
-        if plain:
+        if operation in (symbols.alone, symbols.largest):  # without tangents
             return found
         count, tangents = max(x.count for x in values), max(len(x.tangents) for x in values)
         if isinstance(found, tuple):
-            return tuple(full(x, count, tangents) for x in found)
-        return full(found, count, tangents)
+            return tuple(x.full(count, tangents) for x in found)
+        return found.full(count, tangents)
 
     return word
 
@@ -194,7 +186,7 @@ def _length(e: Any, item: Any) -> Any:
     if isinstance(item, Array):
         return Integer(item.shape[0])
     if isinstance(item, Record | Stored):
-        return len(item.instance_class._fields)  # type: ignore[attr-defined]
+        return len(item.instance_class._fields)
     if isinstance(item, tuple | str | range):
         return len(item)
     raise Refused(f"the length of {told(item)}")
@@ -221,23 +213,28 @@ def _bool(e: Any, item: Any) -> Any:
     return found if isinstance(found, bool) else Truth(found)
 
 
+SYMBOLIC: dict[Any, Callable[..., Any]] = {
+    lanes.select_lt: symbols.select_lt,
+    lanes.absolute: symbols.absolute,
+    lanes.square_root: symbols.square_root,
+    lanes.round_even: symbols.round_even,
+    lanes.turn: symbols.turned,
+    lanes.with_slope: symbols.with_slope,
+    lanes.change: symbols.change,
+    lanes.alone: symbols.alone,
+    lanes.largest: symbols.largest,
+}
+"""Words that are a function of symbols."""
+
 WORDS: dict[Any, Callable[..., Any]] = {
+    **{word: _on_symbols(function) for word, function in SYMBOLIC.items()},
     lanes.load: load,
     lanes.store: store,
-    lanes.splat: lambda e, lane, x: full(number(e.b, x), *shape_of(lane)),
+    lanes.splat: lambda e, lane, x: number(e.b, x).full(*shape_of(lane)),
     lanes.pick: pick,
     lanes.place: place,
     lanes.stack: stack,
     lanes.arms: lambda e, lane: shape_of(lane)[0],
-    lanes.select_lt: _on_symbols(symbols.select_lt),
-    lanes.absolute: _on_symbols(symbols.absolute),
-    lanes.square_root: _on_symbols(symbols.square_root),
-    lanes.round_even: _on_symbols(symbols.round_even),
-    lanes.turn: _on_symbols(symbols.turned),
-    lanes.with_slope: _on_symbols(symbols.with_slope),
-    lanes.change: _on_symbols(symbols.change),
-    lanes.alone: _on_symbols(symbols.alone, plain=True),
-    lanes.largest: _on_symbols(symbols.largest, plain=True),
     lanes.size: lambda e, n: len(n) if is_tuple(n) else n,
     lanes.follow: lambda e, x: x,
     len: _length,

@@ -14,7 +14,7 @@ import numpy as np
 from .. import validation as check
 from ..compiler import UNCOMPILED
 from ..compiler.image import Image
-from ..compiler.program import is_processor
+from ..compiler.program import is_processor, linkable
 from ..derivatives import Periods
 from ..files import write_whole
 from ..physics.model import Jointed
@@ -93,7 +93,7 @@ def write(env: Any, folder: Path, name: str, cpu: str | None = None, derivatives
             made.append((f"{name}_adjoint_program", adjoint.adjoint))
         images += [worlds[1]] * (len(made) - 2)
     objects = {
-        f"{symbol}.o": image.linkable(kernel, 2, symbol, target)
+        f"{symbol}.o": linkable(kernel, image.layout, symbol, target)
         for (symbol, kernel), image in zip(made, images, strict=True)
     }
     source = Source(env, name, worlds, periods, absent, [symbol for symbol, _ in made], target or "this machine")
