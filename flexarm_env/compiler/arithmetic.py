@@ -12,7 +12,7 @@ import numpy as np
 from llvmlite import ir
 
 from . import symbols
-from .kinds import BIT, WORD, Integer, Narrow, Refused, Truth, is_static, is_tuple, told
+from .kinds import BIT, NUMBERS, WORD, Integer, Narrow, Refused, Truth, is_static, is_tuple, told
 from .symbols import DOUBLE, Value
 
 KNOWN = {
@@ -276,6 +276,14 @@ def absolute(b: Any, x: Any) -> Any:
         p = whole(b, x)
         return Integer(b.select(b.icmp_signed("<", p, ir.Constant(WORD, 0)), b.neg(p), p))
     return symbols.absolute(number(b, x))
+
+
+def narrow(b: Any, x: Any, letter: str) -> Narrow:
+    """x as a float32 (letter g) or a whole number as an uint8 (b)."""
+    if isinstance(x, Narrow) and x.letter == letter:
+        return x
+    made = b.trunc(whole(b, x), NUMBERS["b"]) if letter == "b" else b.fptrunc(number(b, x).value, NUMBERS["g"])
+    return Narrow(made, letter)
 
 
 def bit(x: bool) -> Any:

@@ -4,7 +4,7 @@ import inspect
 from collections.abc import Hashable
 from typing import Any
 
-from .decorator import Kernel
+from .decorator import Kernel, completed
 from .dispatch import nothing
 from .kinds import Record, Refused, Stored, is_static, leaves, rebuilt, told
 from .words import WORDS
@@ -51,15 +51,7 @@ def call(writer: Any, function: Any, items: list[Any], named: dict[str, Any]) ->
 
 
 def _record(function: Any, items: list[Any], named: dict[str, Any]) -> Record:
-    defaults = function._field_defaults
-    values = list(items)
-    for name in function._fields[len(items) :]:
-        if name not in named and name not in defaults:
-            raise Refused(f"{function.__name__} wants a value for {name!r}")
-        values.append(named.pop(name) if name in named else defaults[name])
-    if named or len(values) > len(function._fields):
-        raise Refused(f"{function.__name__} has the fields {', '.join(function._fields)}")
-    return Record(function, values)
+    return Record(function, completed(function.__name__, function._fields, function._field_defaults, items, named))
 
 
 def _kernel(writer: Any, kernel: Kernel, items: list[Any]) -> Any:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import functools
 import os
-import threading
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextvars import ContextVar
 from types import FunctionType
 from typing import Any, ClassVar
 
@@ -46,30 +46,38 @@ class Kernel:
         self.forms: dict[Any, Any] = {}
 
     def __call__(self, *items: Any, **named: Any) -> Any:
-        if _by_python.now:
+        if _by_python.get():
             return self.function(*items, **named)
         return Kernel.run(self, self.complete(items, named) if named else items)
 
     def complete(self, items: Sequence[Any], named: dict[str, Any]) -> list[Any]:
-        """All arguments in their order. Refused: one is missing, not known, or given twice."""
-        code, given = self.function.__code__, list(items)
+        """All arguments in their order; see `completed`."""
+        code = self.function.__code__
         names = code.co_varnames[: code.co_argcount]
         defaults = dict(zip(reversed(names), reversed(self.function.__defaults__ or ()), strict=False))
-        for name in names[len(given) :]:
-            if name not in named and name not in defaults:
-                raise Refused(f"{self.function.__name__}() wants {name!r}")
-            given.append(named[name] if name in named else defaults[name])
-        wrong = [name for name in named if name not in names[len(items) :]]
-        if wrong or len(given) > len(names):
-            more = f", not {wrong[0]!r}" if wrong else ""
-            raise Refused(f"{self.function.__name__}() takes ({', '.join(names)}){more}")
-        return given
+        return completed(self.function.__name__, names, defaults, items, named)
 
     def __get__(self, instance: Any, owner: Any = None) -> Any:
         return self  # no method: a kernel in a class is the same kernel
 
     def __reduce__(self) -> str:
         return self.__qualname__
+
+
+def completed(
+    word: str, names: Sequence[str], defaults: Mapping[str, Any], items: Sequence[Any], named: Mapping[str, Any]
+) -> list[Any]:
+    """What is given for each name, in their order. Refused: one is missing, not known, or given twice."""
+    given = list(items)
+    for name in names[len(given) :]:
+        if name not in named and name not in defaults:
+            raise Refused(f"{word}() wants {name!r}")
+        given.append(named[name] if name in named else defaults[name])
+    wrong = [name for name in named if name not in names[len(items) :]]
+    if wrong or len(given) > len(names):
+        more = f", not {wrong[0]!r}" if wrong else ""
+        raise Refused(f"{word}() takes ({', '.join(names)}){more}")
+    return given
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -81,13 +89,8 @@ def kernel(function: Callable[..., Any]) -> Any:
     return function if UNCOMPILED else Kernel(function)
 
 
-class _ByPython(threading.local):
-    """Whether kernels that Python calls are run by Python at this moment, in this thread."""
-
-    now = False
-
-
-_by_python = _ByPython()
+_by_python = ContextVar("_by_python", default=False)
+"""Whether kernels that Python calls are run by Python at this moment, in this thread."""
 
 
 def uncompiled(function: Any) -> Any:
@@ -96,11 +99,11 @@ def uncompiled(function: Any) -> Any:
         return function
 
     def run(*items: Any) -> Any:
-        before, _by_python.now = _by_python.now, True
+        before = _by_python.set(True)
         try:
             return function.function(*items)
         finally:
-            _by_python.now = before
+            _by_python.reset(before)
 
     return run
 

@@ -279,10 +279,8 @@ class Expressions:
             made = x.value
         elif item.letter in "iu":
             made = whole(b, value)
-        elif item.letter == "b":
-            made = value.value if isinstance(value, Narrow) else b.trunc(whole(b, value), NUMBERS["b"])
         else:
-            made = value.value if isinstance(value, Narrow) else b.fptrunc(number(b, value).value, NUMBERS["g"])
+            made = arithmetic.narrow(b, value, item.letter).value
         b.store(made, place)
 
     def of_UnaryOp(self, node: ast.UnaryOp) -> Any:

@@ -49,8 +49,6 @@ def joined(one: Any, other: Any) -> Any:
     if is_tuple(one) and is_tuple(other) and len(one) == len(other) and not (is_static(one) and is_static(other)):
         parts = [joined(x, y) for x, y in zip(one, other, strict=True)]
         return APART if any(x is APART for x in parts) else tuple(parts)
-    if is_static(one) and is_static(other) and type(one) is type(other) and one == other:
-        return one
     return APART
 
 

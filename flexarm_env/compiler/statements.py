@@ -170,13 +170,11 @@ class Writer(Expressions):
 
     def on_AugAssign(self, node: ast.AugAssign) -> None:
         op = type(node.op).__name__
-        if isinstance(node.target, ast.Name):
-            self.bind(node.target.id, binary(self.b, op, self.read(node.target.id), self.value(node.value)))
-        elif isinstance(node.target, ast.Subscript):
+        if isinstance(node.target, ast.Subscript):
             array, at = self.value(node.target.value), self.value(node.target.slice)
             self.put(array, at, binary(self.b, op, self.get(array, at), self.value(node.value)))
         else:
-            raise Refused("only names and elements of arrays get values")
+            self.assign(node.target, binary(self.b, op, self.value(node.target), self.value(node.value)))
 
     def assign(self, target: ast.expr, item: Any) -> None:
         if isinstance(target, ast.Name):

@@ -13,12 +13,9 @@ from llvmlite import ir
 from . import arithmetic, lanes, symbols
 from .arithmetic import known, number, whole
 from .kinds import (
-    BYTE,
-    SINGLE_PRECISION,
     WORD,
     Array,
     Integer,
-    Narrow,
     Record,
     Refused,
     Stored,
@@ -193,19 +190,8 @@ def _length(e: Any, item: Any) -> Any:
 
 
 def _unsigned(e: Any, item: Any) -> Any:
-    if not arithmetic.whole_kind(item):
-        item = arithmetic.truncated(e.b, item)
+    item = arithmetic.truncated(e.b, item)
     return np.uint64(item) if known(item) else Integer(whole(e.b, item), True)
-
-
-def _narrow(letter: str) -> Any:
-    def word(e: Any, item: Any) -> Any:
-        if letter == "b":
-            item = item if arithmetic.whole_kind(item) else arithmetic.truncated(e.b, item)
-            return Narrow(e.b.trunc(whole(e.b, item), BYTE), "b")
-        return Narrow(e.b.fptrunc(number(e.b, item).value, SINGLE_PRECISION), "g")
-
-    return word
 
 
 def _bool(e: Any, item: Any) -> Any:
@@ -250,8 +236,8 @@ WORDS: dict[Any, Callable[..., Any]] = {
     math.isfinite: _finite,
     math.isnan: _not_a_number,
     np.floor: _intrinsic("floor", lambda x: float(math.floor(x)), False),
-    np.uint8: _narrow("b"),
+    np.uint8: lambda e, x: arithmetic.narrow(e.b, arithmetic.truncated(e.b, x), "b"),
     np.uint64: _unsigned,
-    np.float32: _narrow("g"),
+    np.float32: lambda e, x: arithmetic.narrow(e.b, x, "g"),
     **{getattr(math, name): _external(name) for name in ("sin", "cos", "acos", "log", "exp", "tanh", "atan2", "hypot")},
 }
