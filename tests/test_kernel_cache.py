@@ -34,8 +34,10 @@ def key(text: str, stamp: str = "sources", base: str = BASE) -> Key:
     return Key(base, stamp, text)
 
 
-def keep(key: Key, code: bytes) -> None:
+def keep(key: Key, code: bytes) -> Path:
+    """Where a program is kept."""
     save(key, code, ["tuple", ["number", "none"]], {OWN: set()})
+    return objects.folders()[0] / key.name
 
 
 def kept(key: Key) -> bytes | None:
@@ -65,7 +67,6 @@ for k in range(300):
 
 @pytest.mark.slow
 def test_processes_that_write_one_file_never_tear_it(folder: Path) -> None:
-
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     crowd = [subprocess.Popen([sys.executable, "-c", CROWD, letter], cwd=ROOT, env=environment) for letter in "abc"]
     assert [one.wait(timeout=300) for one in crowd] == [0, 0, 0]
@@ -94,11 +95,10 @@ def test_other_functions_files_stay() -> None:
     assert kept(near) == b"near"
 
 
-def test_a_file_under_anothers_name_is_not_taken(folder: Path) -> None:
+def test_a_file_under_anothers_name_is_not_taken() -> None:
     """Of another processor, say: what it was made for stands in the file too."""
-    keep(key("form for this processor"), b"code")
-    (path,) = folder.iterdir()
-    path.rename(folder / key("form for another").name)
+    path = keep(key("form for this processor"), b"code")
+    path.rename(path.with_name(key("form for another").name))
     assert kept(key("form for another")) is None
 
 
@@ -111,10 +111,9 @@ def harmed_head(content: bytes) -> bytes:
 @pytest.mark.parametrize(
     "harm", [lambda b: b[:100], lambda b: b[:80] + bytes([b[80] ^ 1]) + b[81:], lambda b: b"", harmed_head]
 )
-def test_a_damaged_file_is_dropped(harm: Callable[[bytes], bytes], folder: Path) -> None:
+def test_a_damaged_file_is_dropped(harm: Callable[[bytes], bytes]) -> None:
     """Cut short, one bit wrong (which would run), empty, of another form."""
-    keep(key("form"), b"x" * 200)
-    (path,) = folder.iterdir()
+    path = keep(key("form"), b"x" * 200)
     path.write_bytes(harm(path.read_bytes()))
     assert kept(key("form")) is None and not path.exists()
     keep(key("form"), b"anew")
@@ -168,8 +167,7 @@ def test_what_lies_beside_the_sources_is_read_too(monkeypatch: pytest.MonkeyPatc
 @pytest.mark.skipif(os.name != "posix", reason="no owners and modes")
 @pytest.mark.parametrize(("what", "mode"), [("file", 0o664), ("file", 0o646), ("folder", 0o775), ("folder", 0o757)])
 def test_what_others_can_write_is_not_read(what: str, mode: int, folder: Path) -> None:
-    keep(key("form"), b"code")
-    (path,) = folder.iterdir()
+    path = keep(key("form"), b"code")
     (path if what == "file" else folder).chmod(mode)
     assert kept(key("form")) is None
     if what == "folder":
@@ -181,8 +179,7 @@ def test_what_others_can_write_is_not_read(what: str, mode: int, folder: Path) -
 
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="only root can give a file away")
 def test_what_another_owns_is_not_read(folder: Path) -> None:
-    keep(key("form"), b"code")
-    (path,) = folder.iterdir()
+    path = keep(key("form"), b"code")
     os.chown(path, 12345, -1)
     assert kept(key("form")) is None
     os.chown(path, 0, -1)
@@ -191,7 +188,7 @@ def test_what_another_owns_is_not_read(folder: Path) -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="no modes")
-def test_what_a_generous_umask_makes_is_read(folder: Path) -> None:
+def test_what_a_generous_umask_makes_is_read() -> None:
     """Where new folders can be written by a group, those of programs cannot."""
     before = os.umask(0)
     try:
@@ -201,15 +198,14 @@ def test_what_a_generous_umask_makes_is_read(folder: Path) -> None:
     assert kept(key("form")) == b"code"
 
 
-def test_nothing_is_a_pickle(folder: Path) -> None:
+def test_nothing_is_a_pickle() -> None:
     """Nothing that is read runs before its machine code does."""
     for path in (ROOT / "flexarm_env" / "compiler").glob("*.py"):
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [str(node.module)] if isinstance(node, ast.ImportFrom) else []
             assert not {"pickle", "marshal", "shelve", "dill", "cloudpickle"} & set(names), path
-    keep(key("form"), b"code")
-    (path,) = folder.iterdir()
+    path = keep(key("form"), b"code")
     assert path.read_bytes()[hashlib.sha256().digest_size :].startswith(b'{"key": "form"')
 
 
