@@ -13,9 +13,7 @@ something fails; the table at the end says what was tried, and `python -m tests.
 docs/results/releases.md.
 """
 
-import os
 import platform
-import shutil
 import subprocess
 import sys
 import tarfile
@@ -34,9 +32,10 @@ from packaging.requirements import Requirement
 
 from benchmarks.machine import cpu_seconds, table, write_text
 from tests.browser.chrome import NAMES, browser, program
-from tests.versions import NEEDED, ROOT, ages, bounds, pythons
+from tests.versions import NEEDED, ROOT, ages, bounds, made, plain, pythons
 
 FOLDER = ROOT / ".venv-versions" / "release"
+CACHE = {"FLEXARM_CACHE_DIR": str(FOLDER / "cache")}
 PICTURES = ROOT / "runs" / "release"
 MOST_BYTES = 3_000_000
 SECONDS = 60.0
@@ -106,14 +105,9 @@ def faults_of(wheel: Path, sdist: Path) -> list[str]:
 def installed(python: str, age: str, file: Path) -> Path:
     """The interpreter of a fresh environment that holds the file and what it asks for."""
     folder = FOLDER / f"{python}-{age}-{'wheel' if '.whl' in file.suffix else 'sdist'}"
-    shutil.rmtree(folder, ignore_errors=True)
-    subprocess.run([python, "-m", "venv", folder], check=True, env=_plain())
-    inside = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
     pinned = [f"{name}=={low}" for name, (low, _) in bounds().items()] if age == "oldest" else []
-    pip = [inside, "-m", "pip", "install", "--disable-pip-version-check", "--quiet"]
-    pip += ["-c", ROOT / "constraints.txt"] if age == "train" else []  # so that PyTorch is the one that is tested with
-    subprocess.run([*pip, str(file), *pinned], check=True, env=_plain())
-    return inside
+    held = ["-c", ROOT / "constraints.txt"] if age == "train" else []  # so that PyTorch is the one that is tested with
+    return made(python, folder, *held, file, *pinned)
 
 
 TRAINED = (
@@ -131,7 +125,7 @@ TRAINED = (
 def flexarm(python: Path, folder: Path, *words: str) -> None:
     """A command in a folder, which must end well."""
     command = [python, "-m", "flexarm_env", *words]
-    done = subprocess.run(command, cwd=folder, env=_own(), capture_output=True, text=True, check=False)
+    done = subprocess.run(command, cwd=folder, env=plain() | CACHE, capture_output=True, text=True, check=False)
     if done.returncode:
         raise RuntimeError(f"flexarm {' '.join(words)}: {(done.stdout + done.stderr)[-2000:]}")
 
@@ -146,23 +140,13 @@ def trained(python: Path, folder: Path) -> None:
     if missing:
         raise RuntimeError(f"not written: {', '.join(missing)}")
     serve = [python, "-m", "flexarm_env", "serve", "FlexibleArm-v0", "--rate", "50", "--port", "0", "--seconds", "120"]
-    with subprocess.Popen(serve, cwd=folder, env=_own(), stdout=subprocess.PIPE, text=True) as server:
+    with subprocess.Popen(serve, cwd=folder, env=plain() | CACHE, stdout=subprocess.PIPE, text=True) as server:
         try:
             assert server.stdout is not None
             address = server.stdout.readline().split(" at ")[1].split(",")[0]
             flexarm(python, folder, "run", "run", "--to", address, "--seconds", "1")
         finally:
             server.terminate()
-
-
-def _plain() -> dict[str, str]:
-    """This process's variables without those that would lead another Python here."""
-    return {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
-
-
-def _own() -> dict[str, str]:
-    """Those, with a cache of compiled programs that all of these share."""
-    return _plain() | {"FLEXARM_CACHE_DIR": str(FOLDER / "cache")}
 
 
 def _clocks() -> NDArray[np.float64]:
@@ -174,7 +158,7 @@ def versions(python: Path) -> list[str]:
     """Of Python and of the packages that tests.versions names."""
     lines = "import platform, sys; from importlib.metadata import version; print(platform.python_version()); "
     lines += f"print(*map(version, {NEEDED}), sep='\\n')"
-    done = subprocess.run([python, "-c", lines], check=True, capture_output=True, text=True, env=_plain())
+    done = subprocess.run([python, "-c", lines], check=True, capture_output=True, text=True, env=plain())
     return done.stdout.split()
 
 

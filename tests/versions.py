@@ -48,18 +48,34 @@ def bounds() -> dict[str, tuple[str, str]]:
     return found
 
 
+def plain() -> dict[str, str]:
+    """This process's variables without those that would lead another Python here."""
+    return {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
+
+
+def interpreter(folder: Path) -> Path:
+    """Of an environment."""
+    return folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+
+
+def made(python: str, folder: Path, *wanted: str | Path) -> Path:
+    """The interpreter of a new environment with what pip is told to install."""
+    shutil.rmtree(folder, ignore_errors=True)
+    subprocess.run([python, "-m", "venv", folder], check=True, env=plain())
+    pip = [interpreter(folder), "-m", "pip", "install", "--disable-pip-version-check", "--quiet"]
+    subprocess.run([*pip, *wanted], check=True, env=plain())
+    return interpreter(folder)
+
+
 def environment(python: str, age: str) -> Path:
     """The interpreter of an environment; made where there is none of the same requirements."""
     wanted = [f"{name}=={low}" if age == "oldest" else text for name, (low, text) in bounds().items()]
     folder = FOLDER / f"{python}-{age}"
-    inside, stamp = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python"), folder / "requirements.txt"
+    stamp = folder / "requirements.txt"
     if not stamp.exists() or stamp.read_text() != "\n".join(wanted):
-        shutil.rmtree(folder, ignore_errors=True)
-        subprocess.run([python, "-m", "venv", folder], check=True)
-        pip = [inside, "-m", "pip", "install", "--disable-pip-version-check", "--quiet", "--only-binary", ":all:"]
-        subprocess.run([*pip, *wanted], check=True)
+        made(python, folder, "--only-binary", ":all:", *wanted)
         stamp.write_text("\n".join(wanted))
-    return inside
+    return interpreter(folder)
 
 
 def moved(path: str) -> None:
