@@ -58,10 +58,7 @@ class Draft:
         lengths = (1.0,) if self.links == 1 else (0.6, 0.4)
         links, payload, joint = [self.link(length) for length in lengths], self.payload, self.joint
         if self.shared:
-            links = [
-                dataclasses.replace(link, root_offset=link.root_offset or 1e-12, curvature=link.curvature or 1e-12)
-                for link in links
-            ]
+            links = alike(links)
             payload = dataclasses.replace(payload, offset=payload.offset if any(payload.offset) else (0.0, 1e-12))
             if joint != Joint():
                 joint = dataclasses.replace(joint, friction_coulomb=joint.friction_coulomb or 1e-12)
@@ -85,6 +82,14 @@ class Draft:
             rigid_joints=self.rigid, motions=tuple(self.motions), loads=tuple(loads),
             gravity=(0.0, -9.81 * self.gravity * self.scale),
         )  # fmt: skip
+
+
+def alike(links: list[Link]) -> list[Link]:
+    """The links with a rigid end and a curvature of next to nothing where they have none."""
+    return [
+        dataclasses.replace(link, root_offset=link.root_offset or 1e-12, curvature=link.curvature or 1e-12)
+        for link in links
+    ]
 
 
 def _two(d: Draft) -> None:
@@ -123,12 +128,6 @@ def _free_flight(d: Draft) -> None:
     d.loads.append(PointLoad(0, "root", *load))
 
 
-def _tapered(d: Draft) -> None:
-    """A strip half as thick at its tip as at its root."""
-    sides = {"widths": (0.02, 0.015), "thicknesses": (6.5e-3, 3.25e-3)}
-    d.link = lambda length: Link.tapered(length, **sides, E=7e9, rho=2700.0, G=2.6e9)
-
-
 def _stepped(d: Draft) -> None:
     """A strip that goes on thinner from three fifths of its length, and thinner still towards its tip."""
     thin = Section(1.4, 1.6e6, 5.6e5, 0.25, 8e-8)
@@ -151,14 +150,23 @@ def _rigid_ends(d: Draft) -> None:
     )
 
 
-def _curved(d: Draft) -> None:
-    """Links that are bent without stress, by a radian together."""
-    made = d.link
-    d.link = lambda length: dataclasses.replace(made(length), curvature=((0.0, 1.6), (length, 0.4)))
-
-
-def _sets(**values: Any) -> Callable[[Draft], None]:
+def sets(**values: Any) -> Callable[[Any], None]:
+    """Fields of a draft."""
     return lambda d: vars(d).update(values)
+
+
+def changed(change: Callable[[float, Link], Link]) -> Callable[[Any], None]:
+    """What a draft's links are made into, by their length and as they were."""
+
+    def feature(d: Any) -> None:
+        made = d.link
+        d.link = lambda length: change(length, made(length))
+
+    return feature
+
+
+curved = changed(lambda length, link: dataclasses.replace(link, curvature=((0.0, 1.6), (length, 0.4))))
+"""Links that are bent without stress, by a radian together."""
 
 
 def _moves(*motions: Callable[[Draft], Motion]) -> Callable[[Draft], None]:
@@ -166,12 +174,12 @@ def _moves(*motions: Callable[[Draft], Motion]) -> Callable[[Draft], None]:
 
 
 FEATURES: dict[str, Callable[[Draft], None]] = {
-    "hub torque": _sets(),
-    "light damping": _sets(tau_d=2e-4),
-    "heavy damping": _sets(tau_d=0.05),  # the first mode has a ratio of about 0.2, the second is overdamped
-    "gravity": _sets(gravity=1.0),
-    "payload inertia": _sets(payload=Payload(0.1, 4e-3)),
-    "eccentric payload": _sets(payload=Payload(0.1, 2e-4, (0.05, 0.08))),
+    "hub torque": sets(),
+    "light damping": sets(tau_d=2e-4),
+    "heavy damping": sets(tau_d=0.05),  # the first mode has a ratio of about 0.2, the second is overdamped
+    "gravity": sets(gravity=1.0),
+    "payload inertia": sets(payload=Payload(0.1, 4e-3)),
+    "eccentric payload": sets(payload=Payload(0.1, 2e-4, (0.05, 0.08))),
     "elbow masses": _elbow_masses,
     "spin": _spin,
     "shaken base": _moves(
@@ -185,13 +193,15 @@ FEATURES: dict[str, Callable[[Draft], None]] = {
     "tip load": _tip_load,
     "root load": lambda d: d.loads.append(PointLoad(0, "root", torque=sine(0.8 * d.scale, 4.0 * math.pi))),
     "free flight": _free_flight,
-    "tapered": _tapered,
+    "tapered": changed(  # half as thick at its tip as at its root
+        lambda length, _: Link.tapered(length, (0.02, 0.015), (6.5e-3, 3.25e-3), E=7e9, rho=2700.0, G=2.6e9)
+    ),
     "stepped": _stepped,
     "own damping": _own_damping,
     "rigid ends": _rigid_ends,
-    "curved": _curved,
-    "elastic gears": _sets(joint=Joint(stiffness=25.0, damping=0.03, motor_inertia=1e-4, gear_ratio=10.0)),
-    "friction": lambda d: _sets(
+    "curved": curved,
+    "elastic gears": sets(joint=Joint(stiffness=25.0, damping=0.03, motor_inertia=1e-4, gear_ratio=10.0)),
+    "friction": lambda d: sets(
         joint=Joint(motor_inertia=1e-4, gear_ratio=10.0, friction_viscous=0.05, friction_coulomb=0.2 * d.scale)
     )(d),
 }
@@ -264,6 +274,11 @@ NOT_JOINED = {"elastic gears", "friction", "rigid ends", "eccentric payload", "c
 """Frames joined by multipliers take none of these. Cells with one of them share a compiled form: `Draft.shared`."""
 WHOLE = ("modes", "clamped modes")
 """Links reduced as a whole."""
+
+
+def name_of(features: tuple[str, ...]) -> str:
+    """A cell's name."""
+    return " + ".join(features)
 
 
 def scene_of(features: tuple[str, ...], scale: float = 1.0) -> Scene:
@@ -340,7 +355,7 @@ if __name__ == "__main__":
             worst = max(row["tip"] / TIP.get(method, 1.0), row["torque"] / TORQUE, row["dissipated"] / DISSIPATED)
             rows.append((max(worst, row["balance"] / BALANCE), features, method, row))
             numbers = "  ".join(f"{name} {value:.2g}" for name, value in row.items())
-            print(f"{' + '.join(features):36s} {method:18s} {numbers}", flush=True)
+            print(f"{name_of(features):36s} {method:18s} {numbers}", flush=True)
     print("\nworst, as shares of what is allowed")
     for share, features, method, _ in sorted((row for row in rows if row[2] in TIP), key=lambda row: row[0])[-8:]:
-        print(f"{share:.2f}  {' + '.join(features)}, {method}")
+        print(f"{share:.2f}  {name_of(features)}, {method}")

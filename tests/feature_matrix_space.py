@@ -32,6 +32,7 @@ from flexarm_env.settings import Settings
 from flexarm_env.simulation import simulate
 from flexarm_env.tasks.program import PayloadChange
 from flexarm_env.time_functions import constant, cycloid, sine, spin_up, steps
+from tests.feature_matrix import alike, changed, curved, name_of, sets
 from tests.oracle_space import Array, SpatialOracle
 
 DURATION, SAMPLE = 0.8, 0.04
@@ -76,10 +77,7 @@ class Draft:
         """The scene: one link of 1 m, or two of 0.6 and 0.4 m, perhaps behind a pillar."""
         links = [self.link(length) for length in ((1.0,) if self.links == 1 else (0.6, 0.4))]
         if self.shared:
-            links = [
-                dataclasses.replace(link, root_offset=link.root_offset or 1e-12, curvature=link.curvature or 1e-12)
-                for link in links
-            ]
+            links = alike(links)
         elbows = [self.elbow] * (self.links - 1)
         if self.pillar:
             links.insert(0, RigidLink(0.15, 0.5, (0.08, 0.01, 0.02), tensor(2e-3, 3e-3, 4e-3)))
@@ -123,10 +121,6 @@ def shares() -> Array:
     return wave.astype(np.float32).astype(np.float64)
 
 
-def _sets(**values: Any) -> Callable[[Draft], None]:
-    return lambda d: vars(d).update(values)
-
-
 def _elbow(d: Draft) -> None:
     d.links = 2
     d.elbow = Elbow(
@@ -168,14 +162,6 @@ def _resting(start: str) -> Callable[[Draft], None]:
     return feature
 
 
-def _changed(change: Callable[[float, Link], Link]) -> Callable[[Draft], None]:
-    def feature(d: Draft) -> None:
-        made = d.link
-        d.link = lambda length: change(length, made(length))
-
-    return feature
-
-
 def _own_damping(d: Draft) -> None:
     d.links = 2
     made, taus = d.link, iter((6e-3, 5e-4))
@@ -200,32 +186,32 @@ def _control(d: Draft) -> None:
 
 FEATURES: dict[str, Callable[[Draft], None]] = {
     "control periods": _control,
-    "torques and tip load": _sets(),
-    "light damping": _sets(tau_d=2e-4),
-    "heavy damping": _sets(tau_d=0.02),
-    "oblique hub": _sets(hub={"hub_axis": (1.0, 2.0, 2.0), "hub_mount": ((0.3, 0.2, 0.5), 0.6)}),
-    "gravity": _sets(gravity=(1.0, -4.0, -8.0)),
-    "payload": _sets(payload=Payload(0.1, tensor(3e-4, 5e-4, 7e-4), (0.05, 0.06, -0.08))),
+    "torques and tip load": sets(),
+    "light damping": sets(tau_d=2e-4),
+    "heavy damping": sets(tau_d=0.02),
+    "oblique hub": sets(hub={"hub_axis": (1.0, 2.0, 2.0), "hub_mount": ((0.3, 0.2, 0.5), 0.6)}),
+    "gravity": sets(gravity=(1.0, -4.0, -8.0)),
+    "payload": sets(payload=Payload(0.1, tensor(3e-4, 5e-4, 7e-4), (0.05, 0.06, -0.08))),
     "elbow": _elbow,
     "prescribed hub": lambda d: d.motions.append(Motion("joint0", spin_up(5.0, 0.7, 0.2))),
     "prescribed elbow": _prescribed_elbow,
-    "rigid elbow": _sets(links=2, rigid=(1,)),
+    "rigid elbow": sets(links=2, rigid=(1,)),
     "shaken base": _shaken,
     "root load": _root_load,
     "free flight": _free,
     "turning start": lambda d: vars(d).update(rates=(3.0, -2.0)[: d.links]),
-    "pillar": _sets(pillar=True),
-    "rigid ends": _changed(
+    "pillar": sets(pillar=True),
+    "rigid ends": changed(
         lambda length, link: dataclasses.replace(
             link, length=0.85 * length, root_offset=0.1 * length, tip_offset=0.05 * length, **ENDS
         )
     ),
-    "curved": _changed(lambda length, link: dataclasses.replace(link, curvature=((0.0, 1.6), (length, 0.4)))),
-    "tapered": _changed(
+    "curved": curved,
+    "tapered": changed(
         lambda length, link: Link.tapered(length, (0.024, 0.016), (0.02, 0.012), E=2e8, rho=800.0, G=1e8)
     ),
     "own damping": _own_damping,
-    "soft": _changed(lambda length, link: Link(length, dataclasses.replace(STRIP, EA=400.0, C=150.0, C_y=200.0))),
+    "soft": changed(lambda length, link: Link(length, dataclasses.replace(STRIP, EA=400.0, C=150.0, C_y=200.0))),
     "held start": _resting("held"),
     "rest start": _resting("equilibrium"),
     "elastic gear": lambda d: d.joint.update(stiffness=12.0, damping=0.02),
@@ -237,8 +223,8 @@ FEATURES: dict[str, Callable[[Draft], None]] = {
     ),
     "backlash": lambda d: d.joint.update(backlash=0.06, damping=0.02),
     "driven motor": _driven_motor,
-    "gripped": _sets(),
-    "let go": _sets(),
+    "gripped": sets(),
+    "let go": sets(),
 }
 """In the order in which they are applied."""
 JOINTED = {*list(FEATURES)[list(FEATURES).index("elastic gear") : -2]}
@@ -366,11 +352,6 @@ def _kept() -> dict[str, dict[str, Array]]:
 def reference(features: tuple[str, ...]) -> dict[str, Array]:
     """What is kept of the oracle's run."""
     return _kept()[name_of(features)]
-
-
-def name_of(features: tuple[str, ...]) -> str:
-    """A cell's name."""
-    return " + ".join(features)
 
 
 def in_batch(features: tuple[str, ...], method: str, n: int = 9, dt: float = 5e-4) -> SimpleNamespace:

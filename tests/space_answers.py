@@ -55,6 +55,35 @@ def rest(arm: fx.Arm, *loads: fx.PointLoad, formulation: str | None = None, **me
     return np.asarray(tips(arm, simulation.settings, simulation.system.q0[None])[0, 0])
 
 
+def finished(scene: fx.Scene, formulation: str | None = None, **options: Any) -> Any:
+    """The run of a scene, without an estimate, which comes to its end."""
+    run = fx.simulate(scene, formulation, estimate_error=False, **options)
+    assert run.finished, run.message
+    return run
+
+
+def beside(env: Any, action: Any, start: Any, duration: float = 0.05) -> Any:
+    """That of the arm of an environment under its weight, from the same start, an action's torques held."""
+    plan = env.unwrapped.plan
+    torques = np.array(plan.arm.torque_limits) * action
+    loads = tuple(fx.JointTorque(k, constant(float(u))) for k, u in enumerate(torques))
+    scene = fx.Scene(
+        "s", plan.arm, duration=duration, dt=plan.settings.dt, gravity=(0, 0, -9.81), angles=start, loads=loads
+    )
+    return finished(scene, plan.settings.formulation, **plan.settings.options())
+
+
+def falling(turn: Rotation | None, one: Any, other: Any, when: dict[str, float], **arm: Any) -> fx.Scene:
+    """Two links that fall and are bent by far, in the plane, or in one that is turned so."""
+    given = {"elbows": (fx.Elbow(0.2, 1e-3, 1e-3),), "payload": fx.Payload(0.3, 1e-3, (0.05, 0.02)), **arm}
+    links, loads = (fx.Link(0.6, one), fx.Link(0.5, other)), (fx.JointTorque(1, constant(0.7)),)
+    if turn is None:
+        flat = fx.Arm("flat", links, **given)
+        return fx.Scene("flat", flat, gravity=(0.0, -9.81), loads=loads, angles=(0.3, 0.8), **when)
+    turned, g = fx.Arm("turned", links, hub_mount=turn.as_matrix(), **given), turn.apply([0.0, -9.81, 0.0])
+    return fx.Scene("turned", turned, gravity=tuple(g), loads=loads, angles=(0.3, 0.5), space=True, **when)
+
+
 # ------------------------------------------------------------------ statics
 BENT_45 = {8.3333e5: (-23.56065, -13.60467, 53.47554), 0.14058 * 5e6: (-23.8191, -13.7316, 53.6080)}
 """Bathe & Bolourchi 1979: by GJ (published figures differ by which was taken) displacements of the tip by shooting on

@@ -8,7 +8,7 @@ from flexarm_env.scene import JointTorque, Scene
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import steps
 from tests import feature_matrix as matrix
-from tests.feature_matrix import CORE, PAIRS, POSTURES, SINGLE, TIP
+from tests.feature_matrix import CORE, PAIRS, POSTURES, SINGLE, TIP, name_of
 from tests.scene_tools import everything, tips_apart
 
 OFTEN = [(cell, method) for cell in CORE for method in ("exact", "elastica", "segments", "modes")]
@@ -35,21 +35,17 @@ def check(features: tuple[str, ...], method: str) -> None:
     assert row["balance"] <= matrix.BALANCE
 
 
-def name(features: tuple[str, ...]) -> str:
-    return " + ".join(features)
-
-
 @pytest.mark.parametrize(
     ("features", "method"),
     [*OFTEN, pytest.param(matrix.VARYING, "exact", marks=pytest.mark.slow)],
-    ids=lambda x: x if isinstance(x, str) else name(x),
+    ids=lambda x: x if isinstance(x, str) else name_of(x),
 )
 def test_core(features: tuple[str, ...], method: str) -> None:
     check(features, method)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("features", "method"), CELLS, ids=lambda x: x if isinstance(x, str) else name(x))
+@pytest.mark.parametrize(("features", "method"), CELLS, ids=lambda x: x if isinstance(x, str) else name_of(x))
 def test_all(features: tuple[str, ...], method: str) -> None:
     check(features, method)
 

@@ -29,12 +29,11 @@ from tests import space_answers as answers
 from tests.refusals import says
 from tests.scene_tools import everything
 
-EXACT, FLOATING = "geometrically_exact", "floating_frame"
+EXACT, FLOATING, STRAINS = "geometrically_exact", "floating_frame", "elastica"
 MODES = "floating_frame in modes"
-MESH: dict[str, dict[str, int]] = {EXACT: {"elements": 3}, FLOATING: {"segments": 3}}
-MESH[MODES] = {"segments": 4, "modes": 4}
-STRAINS = "elastica"
-MESH[STRAINS] = {"nodes": 4}
+MESH: dict[str, dict[str, int]] = {
+    EXACT: {"elements": 3}, FLOATING: {"segments": 3}, MODES: {"segments": 4, "modes": 4}, STRAINS: {"nodes": 4},
+}  # fmt: skip
 _REDUCED = pytest.param(True, MODES, marks=pytest.mark.slow)
 CHAINS = pytest.mark.parametrize(
     ("levers", "how"),
@@ -58,9 +57,6 @@ class Drawn:
         self, levers: bool, bent: float, moving: float, damped: bool = False, how: str = EXACT,
         joints: tuple[fx.Joint, ...] = (), stiffer: dict[str, float] | None = None,
     ) -> None:  # fmt: skip
-        def tensor(*own: float) -> Any:
-            return tuple(map(tuple, np.diag(own)))
-
         s = fx.Section(EI=10.0, EA=1e4, C=4e3, m=0.5, J=1e-3, EI_y=20.0, C_y=4e3, J_y=2e-3, GJ=5.0)
         thin = dataclasses.replace(s, EI=3.0, EI_y=12.0, m=0.3)
         s, thin = (
@@ -71,13 +67,14 @@ class Drawn:
         links: tuple[fx.Link, ...] = (tapered, fx.Link(0.6, s), fx.Link(0.7, s, curvature=0.5))
         if levers:
             ends = {"root_offset": 0.05, "tip_offset": 0.08, "tip_mass": 0.1, "tip_inertia": 1e-3, "root_mass": 0.2}
-            rigid = fx.RigidLink(0.2, 1.0, (0.1, 0.02, 0.01), tensor(0.01, 0.02, 0.025))
+            rigid = fx.RigidLink(0.2, 1.0, (0.1, 0.02, 0.01), np.diag([0.01, 0.02, 0.025]))
             links = (fx.Link(1.0, s, **ends), rigid, links[2])
+        tensor = np.diag([1e-3, 2e-3, 2.5e-3])
         elbows = (
-            fx.Elbow(0.2, 1e-3, tensor(1e-3, 2e-3, 2.5e-3), axis=(0, 1, 1), mount=((0.3, 0.2, 0.5), 0.6)),
+            fx.Elbow(0.2, 1e-3, tensor, axis=(0, 1, 1), mount=((0.3, 0.2, 0.5), 0.6)),
             fx.Elbow(axis=(1, 0, 1)),
         )
-        payload = fx.Payload(0.3, tensor(1e-3, 2e-3, 2.5e-3), (0.05, 0.02, 0.1))
+        payload = fx.Payload(0.3, tensor, (0.05, 0.02, 0.1))
         if damped:
             links = (dataclasses.replace(links[0], tau_d=4e-3), links[1], dataclasses.replace(links[2], tau_d=1e-3))
         arm = fx.Arm("drawn", links, elbows=elbows, payload=payload, joints=joints, tau_d=1e-300)
@@ -396,17 +393,9 @@ def test_a_rigid_body_turns_as_euler_has_it() -> None:
 
 @pytest.mark.parametrize("seed", range(10))
 def test_a_planar_scene_in_a_drawn_plane_is_the_same_turned(seed: int) -> None:
-    turn = Rotation.random(random_state=seed)
-    s = answers.section(5.0, 2.0, EI_y=9.0)
-    links = (fx.Link(0.6, s), fx.Link(0.5, s))
-    flat: dict[str, Any] = {"elbows": (fx.Elbow(0.2, 1e-3, 1e-3),), "payload": fx.Payload(0.3, 1e-3, (0.05, 0.02))}
-    common: dict[str, Any] = {"duration": 0.4, "dt": 2e-3, "sample": 0.05, "angles": (0.3, 0.8)}
-    g = np.array([0.0, -9.81, 0.0])
-    torque = fx.JointTorque(1, constant(0.7))
-    plane = fx.Scene("flat", fx.Arm("a", links, **flat), gravity=(0.0, -9.81), space=True, loads=(torque,), **common)
-    turned = fx.Arm("a", links, hub_mount=turn.as_matrix(), **flat)
-    common["angles"] = (0.3, 0.5)  # of the joints
-    tilted = fx.Scene("turned", turned, gravity=tuple(turn.apply(g)), loads=(torque,), space=True, **common)
+    turn, s = Rotation.random(random_state=seed), answers.section(5.0, 2.0, EI_y=9.0)
+    flat, tilted = (answers.falling(t, s, s, {"duration": 0.4, "dt": 2e-3, "sample": 0.05}) for t in (None, turn))
+    plane = dataclasses.replace(flat, space=True)
     one, other = (fx.simulate(everything(s), estimate_error=False, tolerance=1e-12) for s in (plane, tilted))
     assert np.abs(turn.apply(one.tip) - other.tip).max() < 1e-9 * 1.1
     assert np.abs(one.joint_angles - other.joint_angles).max() < 1e-8

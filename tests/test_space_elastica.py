@@ -3,7 +3,6 @@
 
 import dataclasses
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -33,18 +32,9 @@ FREE = fx.Arm(
 @pytest.mark.slow
 def test_it_is_the_planar_elastica_in_a_drawn_plane() -> None:
     """Two links that fall and bend by far; of converged strains and small steps, mounted in a drawn plane."""
-    s, g = answers.section(5.0, 2.0, 9.0), np.array([0.0, -9.81, 0.0])
-    fields: dict[str, Any] = {
-        "links": (fx.Link(0.6, s), fx.Link(0.5, s)), "elbows": (fx.Elbow(0.2, 1e-3, 1e-3),),
-        "payload": fx.Payload(0.3, 1e-3), "tau_d": 1e-3,
-    }  # fmt: skip
-    loads, when = (fx.JointTorque(1, constant(0.7)),), {"duration": 0.3, "dt": 2.5e-4, "sample": 0.05}
-    plane = fx.Scene("p", fx.Arm("a", **fields), gravity=(0.0, -9.81), loads=loads, angles=(0.3, 0.8), **when)
-    turn = Rotation.random(random_state=3)
-    arm = fx.Arm("a", hub_mount=turn.as_matrix(), **fields)
-    scene = fx.Scene(
-        "s", arm, gravity=tuple(turn.apply(g)), loads=loads, angles=(0.3, 0.5), space=True, **when
-    )
+    turn, s = Rotation.random(random_state=3), answers.section(5.0, 2.0, 9.0)
+    when = {"duration": 0.3, "dt": 2.5e-4, "sample": 0.05}
+    plane, scene = (answers.falling(t, s, s, when, payload=fx.Payload(0.3, 1e-3), tau_d=1e-3) for t in (None, turn))
     flat = fx.simulate(plane, STRAINS, nodes=8, estimate_error=False).tip[:, :2]
     found = fx.simulate(scene, STRAINS, nodes=8, estimate_error=False).tip[:, :3]
     assert np.abs(turn.inv().apply(found) - np.column_stack([flat, 0.0 * flat[:, 0]])).max() < 2e-6

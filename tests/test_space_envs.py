@@ -11,11 +11,12 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import flexarm_env as fx
-from flexarm_env import arms, control, time_functions
+from flexarm_env import arms, control
 from flexarm_env.control.space import holding
 from flexarm_env.physics.space.reading import frames, links
 from flexarm_env.rigid import rate_scale
-from flexarm_env.rotations import matrices, vectors
+from flexarm_env.rotations import matrices, of_quaternions, vectors
+from tests import space_answers as answers
 from tests.env_tools import assert_pair_same, pair
 from tests.refusals import refuses, says
 
@@ -23,6 +24,8 @@ ARM = arms.named("three_dof")
 COARSE: dict[str, Any] = {"elements": 1, "dt": 0.005}
 FRAMES: dict[str, Any] = {"formulation": "floating_frame", "segments": 1}
 MODES: dict[str, Any] = {"formulation": "floating_frame", "modes": 3}
+
+
 def test_poses_are_those_of_recorded_coordinates() -> None:
     """Kernel beside what trajectories are read with; rates beside differences."""
     env = gym.make_vec("SpatialFlexArm-v0", num_envs=3, **COARSE)
@@ -152,11 +155,7 @@ def test_every_entry_is_that_of_a_scene_run_beside(settings: dict[str, Any]) -> 
     env.reset(seed=0, options={"start": start, "target": target})
     for _ in range(5):
         seen, *_, info = env.step(action)
-    torques = np.array(ARM.torque_limits) * action
-    loads = tuple(fx.JointTorque(k, time_functions.constant(float(u))) for k, u in enumerate(torques))
-    scene = fx.Scene("s", ARM, duration=0.0502, dt=2e-4, gravity=(0, 0, -9.81), angles=start, loads=loads)
-    own = {"formulation": "geometrically_exact", **settings, "tolerance": 1e-9}
-    run = fx.simulate(scene, estimate_error=False, **own)
+    run = answers.beside(env, action, start, 0.0502)
     at = len(run.t) - 2
     assert run.t[at] == pytest.approx(0.05)
     L, w = ARM.total_length, [rate_scale(ARM, k) for k in range(3)]
@@ -167,7 +166,7 @@ def test_every_entry_is_that_of_a_scene_run_beside(settings: dict[str, Any]) -> 
     for k in (1, 2):
         expected += [*(bend[at, k] / 0.1), *(slope(bend[:, k]) / (0.3 * w[0]))]
         expected += [twist[at, k] / 0.1, slope(twist[:, k]) / (0.3 * w[0])]
-    root = matrices(vectors_of(run.link_rotations[at, 0, 0]))
+    root = matrices(of_quaternions(run.link_rotations[at, 0, 0]))
     expected += [*(root.T @ run.tip_velocity[at, :3] / (w[0] * L)), *(root.T @ (target - run.tip[at]) / (0.5 * L))]
     assert len(seen) == len(expected) == 27
     assert seen == pytest.approx(np.array(expected), abs=2e-3)
@@ -175,13 +174,7 @@ def test_every_entry_is_that_of_a_scene_run_beside(settings: dict[str, Any]) -> 
     assert info["tip_position"] == pytest.approx(run.tip[at], abs=1e-4)
     assert info["tip_deflection"] == pytest.approx(bend[at].T.ravel(), abs=1e-4)
     assert info["twist"] == pytest.approx(twist[at], abs=1e-4)
-    assert info["joint_torque"] == pytest.approx(torques)
-
-
-def vectors_of(quaternion: np.ndarray) -> np.ndarray:
-    """The rotation vector of a quaternion."""
-    half = math.atan2(float(np.linalg.norm(quaternion[1:])), float(quaternion[0]))
-    return np.asarray(2.0 * half * quaternion[1:] / max(1e-300, math.sin(half)))
+    assert info["joint_torque"] == pytest.approx(np.array(ARM.torque_limits) * action)
 
 
 @pytest.mark.parametrize("more", [{}, {"task": "track", "action_mode": "residual_pd"}], ids=["reach", "track"])

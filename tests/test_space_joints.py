@@ -13,44 +13,30 @@ from flexarm_env import arms
 from flexarm_env.linear import modes, static_equilibrium
 from flexarm_env.rotations import matrices
 from flexarm_env.time_functions import constant, linear_table, ramp, sine
+from tests import space_answers as answers
 from tests.env_tools import assert_pair_same, pair
+from tests.scene_tools import everything
 
 EXACT, FLOATING = "geometrically_exact", "floating_frame"
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
-def tensor(*own: float) -> Any:
-    return tuple(map(tuple, np.diag(own)))
-
-
 def gimbal(*joints: fx.Joint, mass: float = 0.4) -> fx.Arm:
     """Yaw about z, pitch about y, then a wheel about the x axis of the pitching link: all rigid, of 0.1, 0.2, 0.1 m."""
     links = (
-        fx.RigidLink(0.1, 1.0, (0.0, 0.0, 0.0), tensor(0.01, 0.01, 0.01)),
-        fx.RigidLink(0.2, 0.0, (0.0, 0.0, 0.0), tensor(1e-4, 1e-4, 1e-4)),
-        fx.RigidLink(0.1, mass, (0.0, 0.0, 0.0), tensor(2e-3, 1e-3, 1e-3)),
+        fx.RigidLink(0.1, 1.0, (0.0, 0.0, 0.0), np.diag([0.01, 0.01, 0.01])),
+        fx.RigidLink(0.2, 0.0, (0.0, 0.0, 0.0), np.diag([1e-4, 1e-4, 1e-4])),
+        fx.RigidLink(0.1, mass, (0.0, 0.0, 0.0), np.diag([2e-3, 1e-3, 1e-3])),
     )
     return fx.Arm("gimbal", links, elbows=(fx.Elbow(axis=Y), fx.Elbow(axis=X)), joints=joints)
 
 
-def everything(scene: fx.Scene) -> fx.Scene:
-    """The same motion with next to nothing of gravity, a load, damping, friction and a rotor: one compiled form."""
-    arm = scene.arm
-    first = arm.joint(0)
-    least = {name: max(1e-300, getattr(first, name)) for name in ("friction_coulomb", "motor_inertia")}
-    arm = dataclasses.replace(
-        arm, joints=(dataclasses.replace(first, **least), *(arm.joint(k) for k in range(1, arm.n_links))),
-        tau_d=max(arm.tau_d, 1e-300),
-    )  # fmt: skip
-    load = fx.PointLoad(0, "tip", force_z=constant(1e-300))
-    return dataclasses.replace(scene, arm=arm, loads=(*scene.loads, load), gravity=scene.gravity or (0.0, 0.0, 0.0))
-
-
 def run(scene: fx.Scene, how: str = EXACT, **options: Any) -> Any:
-    scene = everything(scene)
-    found = fx.simulate(scene, how, estimate_error=False, **options)
-    assert found.finished, found.message
-    return found
+    """`scene_tools.everything`, friction and a rotor among it."""
+    first, *others = (scene.arm.joint(k) for k in range(scene.arm.n_links))
+    least = {name: max(1e-300, getattr(first, name)) for name in ("friction_coulomb", "motor_inertia")}
+    arm = dataclasses.replace(scene.arm, joints=(dataclasses.replace(first, **least), *others))
+    return answers.finished(everything(dataclasses.replace(scene, arm=arm)), how, **options)
 
 
 # ------------------------------------------------------------------ rotors on axes that turn
@@ -102,9 +88,9 @@ def test_what_friction_takes_of_a_swinging_link(how: str) -> None:
     integral of c w^2, both as the rigid pendulum has them."""
     mass, length, gravity, coulomb, viscous = 1.2, 0.6, 9.81, 0.3, 0.05
     inertia, weight = mass * length**2 / 3.0, mass * gravity * 0.5 * length
-    link = fx.RigidLink(length, mass, (0.5 * length, 0.0, 0.0), tensor(1e-5, *(mass * length**2 / 12.0,) * 2))
+    link = fx.RigidLink(length, mass, (0.5 * length, 0.0, 0.0), np.diag([1e-5, *(mass * length**2 / 12.0,) * 2]))
     joint = fx.Joint(friction_coulomb=coulomb, friction_viscous=viscous)
-    more = fx.RigidLink(0.1, 1e-9, (0.0, 0.0, 0.0), tensor(1e-12, 1e-12, 1e-12))
+    more = fx.RigidLink(0.1, 1e-9, (0.0, 0.0, 0.0), np.diag([1e-12, 1e-12, 1e-12]))
     arm = fx.Arm("p", (link, more), hub_axis=Y, hub_mount=((0.0, 0.0, 1.0), 0.4), joints=(joint, fx.Joint()))
     scene = fx.Scene("p", arm, duration=0.4, dt=5e-4, sample=0.01, gravity=(0.0, 0.0, -gravity), rigid_joints=(1,))
     found = run(scene, how, rho_inf=1.0)
@@ -142,8 +128,8 @@ def test_a_joint_with_friction_whose_base_is_struck(how: str, rate: float) -> No
     mass, length, speed, coulomb, begin = 1.2, 0.6, 0.5, 0.3, 0.08
     inertia, blow = mass * length**2 / 3.0, mass * speed * 0.5 * length
     slow = coulomb / inertia
-    link = fx.RigidLink(length, mass, (0.5 * length, 0.0, 0.0), tensor(1e-5, *(mass * length**2 / 12.0,) * 2))
-    more = fx.RigidLink(0.1, 1e-9, (0.0, 0.0, 0.0), tensor(1e-12, 1e-12, 1e-12))
+    link = fx.RigidLink(length, mass, (0.5 * length, 0.0, 0.0), np.diag([1e-5, *(mass * length**2 / 12.0,) * 2]))
+    more = fx.RigidLink(0.1, 1e-9, (0.0, 0.0, 0.0), np.diag([1e-12, 1e-12, 1e-12]))
     arm = fx.Arm("p", (link, more), hub_axis=(0.0, -1.0, 0.0), joints=(fx.Joint(friction_coulomb=coulomb), fx.Joint()))
     drawn = fx.Motion("root_z", linear_table([0.0, begin, 1.1], [0.0, 0.0, (1.1 - begin) * speed]))
     before = rate - math.copysign(slow * begin, rate) if rate else 0.0
@@ -169,7 +155,7 @@ def test_joints_with_friction_of_a_bent_arm_whose_base_is_struck() -> None:
     masses and the base's velocity, are as before after the blow, and change from then on by dT/dx - T_C sign x'."""
     mass, length, coulomb, begin = (0.9, 0.6), (0.5, 0.4), (0.08, 0.03), 0.05
     axes, velocity = (np.array([0.6, 0.0, 0.8]), np.array([0.0, 0.6, 0.8])), np.array([0.5, -0.7, 0.4])
-    own = [tensor(1e-4, *(m * x**2 / 12.0,) * 2) for m, x in zip(mass, length, strict=True)]
+    own = [np.diag([1e-4, *(m * x**2 / 12.0,) * 2]) for m, x in zip(mass, length, strict=True)]
     rods = tuple(fx.RigidLink(x, m, (0.5 * x, 0.0, 0.0), I) for m, x, I in zip(mass, length, own, strict=True))
     joints = tuple(fx.Joint(friction_coulomb=c) for c in coulomb)
     arm = fx.Arm("two", rods, hub_axis=tuple(axes[0]), elbows=(fx.Elbow(axis=tuple(axes[1])),), joints=joints)
@@ -189,7 +175,7 @@ def test_joints_with_friction_of_a_bent_arm_whose_base_is_struck() -> None:
             A = A @ matrices(x[k] * axes[k])
             centre = v + np.cross(w, A @ [0.5 * length[k], 0.0, 0.0])
             inner = A.T @ w
-            total += 0.5 * mass[k] * centre @ centre + 0.5 * inner @ np.array(own[k]) @ inner
+            total += 0.5 * mass[k] * centre @ centre + 0.5 * inner @ own[k] @ inner
             v = v + np.cross(w, A @ [length[k], 0.0, 0.0])
         return float(total)
 
