@@ -21,8 +21,7 @@ Z: Vector = (0.0, 0.0, 1.0)
 
 def vector(path: str, value: object, unit: str = "") -> Vector:
     """Three finite numbers."""
-    given = check.sequence(path, value, f"three numbers{f' ({unit})' if unit else ''}", 3)
-    x, y, z = (check.number(f"{path}[{i}]", entry, unit) for i, entry in enumerate(given))
+    x, y, z = check.numbers(path, value, f"three numbers{f' ({unit})' if unit else ''}", 3, unit)
     return x, y, z
 
 

@@ -84,8 +84,7 @@ class Payload:
         )
         what = "two numbers (m), along the tip's tangent and across it"
         count = 3 if isinstance(self.offset, list | tuple) and len(self.offset) == 3 else 2
-        given = check.sequence("payload.offset", self.offset, what, count)
-        offset = tuple(check.number(f"payload.offset[{i}]", x, "m") for i, x in enumerate(given))
+        offset = check.numbers("payload.offset", self.offset, what, count, "m")
         _store(self, offset=offset if any(offset[2:]) else offset[:2])
 
     @property
@@ -381,8 +380,7 @@ class Arm:
 def _torque_limits(value: object, n: int) -> tuple[float, ...] | None:
     if value is None:
         return None
-    limits = check.sequence("torque_limits", value, f"{n} positive numbers (N m), one a joint", n)
-    return tuple(check.number(f"torque_limits[{i}]", v, "N m", above=0.0) for i, v in enumerate(limits))
+    return check.numbers("torque_limits", value, f"{n} positive numbers (N m), one a joint", n, "N m", above=0.0)
 
 
 def _joint_limits(value: object, n: int) -> tuple[JointRange | None, ...] | None:
@@ -393,9 +391,7 @@ def _joint_limits(value: object, n: int) -> tuple[JointRange | None, ...] | None
         if entry is None or (isinstance(entry, list | tuple) and not entry):
             ranges.append(None)
             continue
-        low, high = check.sequence(f"joint_limits[{i}]", entry, "two numbers, (low, high) in rad", 2)
-        low = check.number(f"joint_limits[{i}][0]", low, "rad")
-        high = check.number(f"joint_limits[{i}][1]", high, "rad")
+        low, high = check.numbers(f"joint_limits[{i}]", entry, "two numbers, (low, high) in rad", 2, "rad")
         if not low < high:
             raise check.InvalidValue(f"joint_limits[{i}]", (low, high), "must be (low, high) with low < high (rad)")
         ranges.append((low, high))

@@ -66,10 +66,7 @@ class Section:
         """
         width = check.number("section.width", width, "m", above=0.0)
         thickness = check.number("section.thickness", thickness, "m", above=0.0)
-        E = check.number("section.E", E, "Pa", above=0.0)
-        rho = check.number("section.rho", rho, "kg/m^3", above=0.0)
-        G = check.number("section.G", G, "Pa", above=0.0)
-        kappa = check.number("section.kappa", kappa, above=0.0, maximum=1.0)
+        E, rho, G, kappa = _material(E, rho, G, kappa)
         A = width * thickness
         second_moment, across = width * thickness**3 / 12.0, thickness * width**3 / 12.0
         return cls(
@@ -87,10 +84,7 @@ class Section:
         """Homogeneous round tube; diameter (outer), wall: m, the rest as in :meth:`rectangle`."""
         outer = check.number("section.diameter", diameter, "m", above=0.0)
         wall = check.number("section.wall", wall, "m", above=0.0, maximum=outer / 2.0)
-        E = check.number("section.E", E, "Pa", above=0.0)
-        rho = check.number("section.rho", rho, "kg/m^3", above=0.0)
-        G = check.number("section.G", G, "Pa", above=0.0)
-        kappa = check.number("section.kappa", kappa, above=0.0, maximum=1.0)
+        E, rho, G, kappa = _material(E, rho, G, kappa)
         inner = outer - 2.0 * wall
         A, I = math.pi / 4.0 * (outer**2 - inner**2), math.pi / 64.0 * (outer**4 - inner**4)
         shear = kappa * G * A
@@ -101,6 +95,16 @@ class Section:
 
 ACROSS = {"EI_y": "N m^2", "C_y": "N", "J_y": "kg m", "GJ": "N m^2"}
 """Fields of a section that motion in the plane does not see, and their units."""
+
+
+def _material(E: float, rho: float, G: float, kappa: float) -> tuple[float, float, float, float]:
+    """What a homogeneous section is made of, checked."""
+    return (
+        check.number("section.E", E, "Pa", above=0.0),
+        check.number("section.rho", rho, "kg/m^3", above=0.0),
+        check.number("section.G", G, "Pa", above=0.0),
+        check.number("section.kappa", kappa, above=0.0, maximum=1.0),
+    )
 
 
 def torsion_constant(width: Any, thickness: Any) -> Any:
@@ -142,12 +146,11 @@ class Taper:
 
     def __post_init__(self) -> None:
         for name in ("widths", "thicknesses"):
-            sides = check.sequence(f"section.{name}", getattr(self, name), "two positive numbers (m), root and tip", 2)
-            named = (check.number(f"section.{name}[{i}]", side, "m", above=0.0) for i, side in enumerate(sides))
-            check.store(self, **{name: tuple(named)})
-        one = self.rectangle(0.0)  # which checks the material
-        assert one.EI > 0.0
-        check.store(self, **{name: float(getattr(self, name)) for name in ("E", "rho", "G", "kappa")})
+            what = "two positive numbers (m), root and tip"
+            sides = check.numbers(f"section.{name}", getattr(self, name), what, 2, "m", above=0.0)
+            check.store(self, **{name: sides})
+        E, rho, G, kappa = _material(self.E, self.rho, self.G, self.kappa)
+        check.store(self, E=E, rho=rho, G=G, kappa=kappa)
 
     def sides(self, share: Any) -> tuple[Any, Any]:
         """Width and thickness, m, at a share of the length (a number or an array)."""

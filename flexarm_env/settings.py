@@ -178,10 +178,8 @@ class Settings:
             return
         if self.rho_inf is not None:
             raise check.InvalidValue("rho_inf", self.rho_inf, "must not be given together with newmark")
-        beta, gamma = check.sequence("newmark", self.newmark, "two numbers, (beta, gamma)", 2)
-        beta = check.number("newmark[0]", beta, above=0.0, maximum=1.0)
-        gamma = check.number("newmark[1]", gamma, above=0.0, maximum=1.0)
-        check.store(self, newmark=(beta, gamma))
+        both = check.numbers("newmark", self.newmark, "two numbers, (beta, gamma)", 2, above=0.0, maximum=1.0)
+        check.store(self, newmark=both)
 
     @classmethod
     def make(cls, formulation: str = "floating_frame", **options: Any) -> Settings:

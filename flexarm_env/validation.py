@@ -8,11 +8,11 @@ import contextlib
 import dataclasses
 import difflib
 import math
-import numbers
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import metadata
+from numbers import Integral, Real
 from typing import Any, TypeVar
 
 import numpy as np
@@ -182,7 +182,7 @@ def number(
         allowed = "must be a finite number" + (f", {limits}" if limits else "")
     if unit:
         allowed += f" ({unit})"
-    if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
+    if isinstance(value, bool | np.bool_) or not isinstance(value, Real):
         raise InvalidValue(path, value, allowed)
     try:
         result = float(value)
@@ -211,8 +211,8 @@ SIZES = {"m": (1e-9, 1e9), "s": (0.0, LARGEST)}
 
 def limits(path: str, value: object, unit: str = "", **bounds: float) -> tuple[float, float]:
     """``value`` as two numbers (low, high), low at most high; bounds as in :func:`number`."""
-    low, high = sequence(path, value, f"two numbers{f' ({unit})' if unit else ''}, (low, high)", 2)
-    low, high = number(f"{path}[0]", low, unit, **bounds), number(f"{path}[1]", high, unit, **bounds)
+    what = f"two numbers{f' ({unit})' if unit else ''}, (low, high)"
+    low, high = numbers(path, value, what, 2, unit, **bounds)
     if low > high:
         raise InvalidValue(path, (low, high), "must be (low, high) with low at most high")
     return low, high
@@ -222,7 +222,7 @@ def integer(path: str, value: object, *, minimum: int, maximum: int | None = Non
     """``value`` as an int within inclusive limits. A bool, a float or a string is none."""
     limits = f"at least {minimum}" if maximum is None else f"from {minimum} to {maximum}"
     allowed = f"must be a whole number, {limits}"
-    if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Integral):
+    if isinstance(value, bool | np.bool_) or not isinstance(value, Integral):
         raise InvalidValue(path, value, allowed)
     result = int(value)
     if result < minimum or (maximum is not None and result > maximum):
@@ -258,6 +258,14 @@ def sequence(path: str, value: object, what: str, length: int | None = None) -> 
     if not isinstance(value, list | tuple) or (length is not None and len(value) != length):
         raise InvalidValue(path, value, f"must be a sequence of {what}")
     return tuple(value)
+
+
+def numbers(
+    path: str, value: object, what: str, length: int | None = None, unit: str = "", **bounds: float
+) -> tuple[float, ...]:
+    """``value`` as a tuple of numbers: see :func:`sequence` and :func:`number`."""
+    given = sequence(path, value, what, length)
+    return tuple(number(f"{path}[{i}]", one, unit, **bounds) for i, one in enumerate(given))
 
 
 def several(value: object) -> bool:

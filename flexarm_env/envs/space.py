@@ -33,14 +33,10 @@ class Place(Target):
     paths: ClassVar = {name: (*entries, ("elevation", "rad")) for name, entries in POINT.paths.items()}
 
     def read(self, arm: Arm, value: Any) -> Any:
-        what = "three numbers (m), (x, y, z)"
-        point = [
-            check.number(f"options.target[{k}]", x, "m")
-            for k, x in enumerate(check.sequence("options.target", value, what, 3))
-        ]
+        point = check.numbers("options.target", value, "three numbers (m), (x, y, z)", 3, "m")
         angles = angles_at(arm, np.array(point))
         if angles is None:
-            raise check.InvalidValue("options.target", tuple(point), "must be a point that the rigid arm's tip reaches")
+            raise check.InvalidValue("options.target", point, "must be a point that the rigid arm's tip reaches")
         return angles
 
     def reached(self, arm: Arm, angles: Sequence[float]) -> Any:

@@ -114,8 +114,9 @@ class Scene:
         self._join_instants()
 
     def _one_a_link(self, name: str, unit: str, n: int) -> tuple[float, ...]:
-        given = check.sequence(name, getattr(self, name), f"{n} numbers ({unit})")
-        return _numbers(name, given, unit, n) if given else (0.0,) * n
+        what = f"{n} numbers ({unit})"
+        given = check.sequence(name, getattr(self, name), what)
+        return check.numbers(name, given, what, n, unit) if given else (0.0,) * n
 
     def _check_rates(self) -> None:
         if self.start != "unloaded":
@@ -293,15 +294,10 @@ class Scene:
         return toml.text_of(self)
 
 
-def _numbers(path: str, values: object, unit: str, n: int) -> tuple[Any, ...]:
-    entries = check.sequence(path, values, f"{n} numbers ({unit})", n)
-    return tuple(check.number(f"{path}[{i}]", value, unit) for i, value in enumerate(entries))
-
-
 def _vector(path: str, values: object, unit: str) -> tuple[Any, ...]:
     """Two numbers, or three where the third is not 0."""
     count = 3 if isinstance(values, list | tuple | np.ndarray) and len(values) == 3 else 2
-    found = _numbers(path, values, unit, count)
+    found = check.numbers(path, values, f"{count} numbers ({unit})", count, unit)
     return found if any(found[2:]) else found[:2]
 
 
