@@ -1,19 +1,21 @@
 """A tapered two-link arm with elastic, damped joints and rigid ends in large motion: the exact beam beside Exudyn.
 
     python -m benchmarks.exudyn_arm            measures both and prints the distances (extra: bench)
-    python -m benchmarks.exudyn_arm ours FILE  ours alone, into a file that a Python with Exudyn then reads:
-    python -m benchmarks.exudyn_arm peer FILE
 
 Exudyn's beam elements are of one section each, so that its error is of second order in their number: two meshes are
 extrapolated (Richardson). Rigid ends are local positions of bodies on the beams' end nodes, joints revolute ones with
 torsional springs whose offsets are the motors' angles.
 """
 
-import math
-import sys
 from typing import Any
 
 import numpy as np
+
+from benchmarks.exudyn_peer import beam, sensor_of, settings_of
+from flexarm_env.parameters import Arm, Joint, Link, Payload
+from flexarm_env.scene import Motion, Scene
+from flexarm_env.simulation import Trajectory, simulate
+from flexarm_env.time_functions import cycloid
 
 LENGTHS, ENDS, MATERIAL = (0.55, 0.4), ((0.05, 0.04), (0.03, 0.0)), {"E": 7e9, "rho": 2700.0, "G": 2.6e9}
 SIDES: tuple[tuple[Any, Any], ...] = (((0.02, 0.015), (8e-3, 5e-3)), ((0.015, 0.01), (5e-3, 3e-3)))
@@ -22,12 +24,8 @@ TURNS, TIMES = (1.6, -2.0), (0.4, 0.3)
 DURATION, SAMPLE = 1.0, 0.01
 
 
-def scene() -> Any:
+def scene() -> Scene:
     """The scene: motors turn the joints' springs by cycloids."""
-    from flexarm_env.parameters import Arm, Joint, Link, Payload
-    from flexarm_env.scene import Motion, Scene
-    from flexarm_env.time_functions import cycloid
-
     links = tuple(
         Link.tapered(length, *sides, **MATERIAL, root_offset=ends[0], tip_offset=ends[1])
         for length, sides, ends in zip(LENGTHS, SIDES, ENDS, strict=True)
@@ -38,20 +36,10 @@ def scene() -> Any:
     return Scene("tapered", arm, duration=DURATION, dt=5e-4, sample=SAMPLE, motions=motions)
 
 
-def ours(elements: int = 10, dt: float = 5e-4) -> Any:
+def ours(elements: int = 10, dt: float = 5e-4) -> Trajectory:
     """The exact beam's run."""
-    from flexarm_env.simulation import simulate
-
     options: dict[str, Any] = {"elements": elements, "order": 2, "dt": dt, "rho_inf": 0.9}
     return simulate(scene(), "geometrically_exact", estimate_error=False, **options)
-
-
-def _cycloid(k: int, t: float, derivative: int) -> float:
-    """Angle of motor k, or its rate."""
-    s = min(t / TIMES[k], 1.0)
-    if derivative:
-        return TURNS[k] / TIMES[k] * (1.0 - math.cos(2.0 * math.pi * s)) if s < 1.0 else 0.0
-    return TURNS[k] * (s - math.sin(2.0 * math.pi * s) / (2.0 * math.pi))
 
 
 def peer(elements: int, dt: float) -> np.ndarray:
@@ -60,59 +48,34 @@ def peer(elements: int, dt: float) -> np.ndarray:
     from exudyn import itemInterface
 
     items: Any = itemInterface
-
+    known = scene()
     mbs = exu.SystemContainer().AddSystem()
     x, before = 0.0, mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=mbs.AddObject(items.ObjectGround())))
-    for k, (length, (b, h), (root, tip)) in enumerate(zip(LENGTHS, SIDES, ENDS, strict=True)):
-        start = x + root
-        nodes = [
-            mbs.AddNode(items.NodeRigidBody2D(referenceCoordinates=[start + s, 0.0, 0.0]))
-            for s in np.linspace(0.0, length, 2 * elements + 1)
-        ]
-        for e in range(elements):
-            share = (e + 0.5) / elements
-            width, thick = b[0] + (b[1] - b[0]) * share, h[0] + (h[1] - h[0]) * share
-            area, second = width * thick, width * thick**3 / 12.0
-            EI, EA, C = MATERIAL["E"] * second, MATERIAL["E"] * area, 0.85 * MATERIAL["G"] * area
-            mbs.AddObject(items.ObjectBeamGeometricallyExact2D(
-                nodeNumbers=nodes[2 * e : 2 * e + 3], length=length / elements,
-                massPerLength=MATERIAL["rho"] * area, crossSectionInertia=MATERIAL["rho"] * second,
-                bendingStiffness=EI, axialStiffness=EA, shearStiffness=C,
-                bendingDamping=TAU_D * EI, axialDamping=TAU_D * EA, shearDamping=TAU_D * C,
-            ))  # fmt: skip
+    for k, link in enumerate(known.arm.links):
+        start, motor = x + link.root_offset, known.motion_of(f"motor{k}")
+        nodes = beam(mbs, link, elements, 2, (start, 0.0), tau_d=TAU_D)
         last = k + 1 == len(LENGTHS)
         inertia, (mass, turning) = HUB if k == 0 else 1e-12, PAYLOAD if last else (1e-12, 1e-12)
         first = mbs.AddObject(items.ObjectRigidBody2D(mass=1e-12, inertia=inertia, nodeNumber=nodes[0]))
         end = mbs.AddObject(items.ObjectRigidBody2D(mass=mass, inertia=turning, nodeNumber=nodes[-1]))
-        near = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=first, localPosition=[-root, 0.0, 0.0]))
+        near = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=first, localPosition=[-link.root_offset, 0.0, 0.0]))
         mbs.AddObject(items.RevoluteJoint2D(markerNumbers=[before, near]))
 
         def torque(mbs: Any, t: float, item: int, angle: float, rate: float, stiffness: float, damping: float,
-                   offset: float, k: int = k) -> float:  # fmt: skip
-            return stiffness * (angle - _cycloid(k, t, 0)) + damping * (rate - _cycloid(k, t, 1))
+                   offset: float, motor: Any = motor) -> float:  # fmt: skip
+            return float(stiffness * (angle - motor(t)) + damping * (rate - motor(t, 1)))
 
         mbs.AddObject(items.TorsionalSpringDamper(
             markerNumbers=[before, near], stiffness=SPRINGS[k], damping=DAMPERS[k], springTorqueUserFunction=torque,
         ))  # fmt: skip
-        before = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=end, localPosition=[tip, 0.0, 0.0]))
-        x = start + length + tip
-    return _solved(exu, items, mbs, nodes[-1], elements, dt)
-
-
-def _solved(exu: Any, items: Any, mbs: Any, tip: Any, elements: int, dt: float) -> np.ndarray:
-    """The tip's positions at the samples."""
-    sensor = mbs.AddSensor(items.SensorNode(
-        nodeNumber=tip, storeInternal=True, outputVariableType=exu.OutputVariableType.Position
-    ))  # fmt: skip
+        before = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=end, localPosition=[link.tip_offset, 0.0, 0.0]))
+        x = start + link.length + link.tip_offset
+    sensor = sensor_of(mbs, nodes[-1])
     mbs.Assemble()
-    settings = exu.SimulationSettings()
-    settings.timeIntegration.numberOfSteps = round(DURATION / dt)
-    settings.timeIntegration.endTime = DURATION
-    settings.timeIntegration.verboseMode = 0
-    settings.timeIntegration.newton.relativeTolerance, settings.timeIntegration.newton.absoluteTolerance = 1e-5, 1e-6
-    settings.timeIntegration.generalizedAlpha.spectralRadius = 0.9
-    settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
-    settings.solution.file.write = False
+    settings = settings_of(0.9, dense=False)
+    of = settings.timeIntegration
+    of.numberOfSteps, of.endTime = round(DURATION / dt), DURATION
+    of.newton.relativeTolerance, of.newton.absoluteTolerance = 1e-5, 1e-6
     settings.solution.sensors.writePeriod = SAMPLE
     if not mbs.SolveDynamic(settings):
         raise RuntimeError(f"Exudyn with {elements} elements a link and steps of {dt:g} s did not come to an end")
@@ -147,15 +110,11 @@ def _name(elements: int, dt: float) -> str:
     return f"{elements} elements a link, {1e3 * dt:g} ms"
 
 
-def main(arguments: list[str]) -> None:
+def main() -> None:
     """See the module."""
-    what, path = (arguments[0], arguments[1]) if len(arguments) == 2 else ("", "")
-    mine = dict(np.load(path)) if what == "peer" else {_name(*case): ours(*case).tip[:, :2] for case in OURS}
-    if what == "ours":
-        np.savez(path, **mine)
-    else:
-        print(compared(mine, {_name(*case): peer(*case) for case in PEERS}))
+    mine = {_name(*case): ours(*case).tip[:, :2] for case in OURS}
+    print(compared(mine, {_name(*case): peer(*case) for case in PEERS}))
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

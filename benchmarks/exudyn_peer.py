@@ -25,19 +25,21 @@ from flexarm_env.scenes import named
 SCENES = ("robot_arm_motion_smooth", "robot_arm_motion", "robot_arm_torque", "flying_rod", "flying_rod_soft")
 
 
-def _beam(
+def beam(
     mbs: Any, link: Link, elements: int, order: int, start: tuple[float, float] = (0.0, 0.0), angle: float = 0.0,
     tau_d: float = 0.0,
 ) -> list[Any]:  # fmt: skip
-    """The nodes of a straight link; order: 1 or 2, nodes of an element less one."""
+    """The nodes of a straight link; order: 1 or 2, nodes of an element less one. An element is of one section, that of
+    its middle."""
     from exudyn import itemInterface
 
-    section, along = link.section, np.array([np.cos(angle), np.sin(angle)])
+    along = np.array([np.cos(angle), np.sin(angle)])
     nodes = [
         mbs.AddNode(itemInterface.NodeRigidBody2D(referenceCoordinates=[*(np.array(start) + along * x), angle]))
         for x in np.linspace(0.0, link.length, order * elements + 1)
     ]
     for e in range(elements):
+        section = link.along((e + 0.5) / elements * link.length)
         mbs.AddObject(itemInterface.ObjectBeamGeometricallyExact2D(
             nodeNumbers=nodes[order * e : order * (e + 1) + 1], length=link.length / elements,
             massPerLength=section.m, crossSectionInertia=section.J,
@@ -63,7 +65,7 @@ def _held(mbs: Any, node: Any, coordinates: tuple[int, ...], **function: Any) ->
         mbs.AddObject(itemInterface.CoordinateConstraint(markerNumbers=markers, **function))
 
 
-def _settings(rho_inf: float, dense: bool) -> Any:
+def settings_of(rho_inf: float, dense: bool) -> Any:
     """Generalized-alpha, modified Newton, nothing written."""
     import exudyn as exu
 
@@ -76,6 +78,15 @@ def _settings(rho_inf: float, dense: bool) -> Any:
     return settings
 
 
+def sensor_of(mbs: Any, node: Any) -> Any:
+    """What keeps the places of a node."""
+    import exudyn as exu
+    from exudyn import itemInterface
+
+    position = exu.OutputVariableType.Position
+    return mbs.AddSensor(itemInterface.SensorNode(nodeNumber=node, storeInternal=True, outputVariableType=position))
+
+
 def run(name: str, elements: int, dt: float, *, rho_inf: float = 1.0) -> dict[str, Any]:
     """One scene: tip positions at its sampling instants (m), CPU seconds of the solver, and whether it finished."""
     import exudyn as exu
@@ -85,7 +96,7 @@ def run(name: str, elements: int, dt: float, *, rho_inf: float = 1.0) -> dict[st
     container = exu.SystemContainer()
     mbs = container.AddSystem()
     angle = scene.angles[0]
-    nodes = _beam(mbs, scene.arm.links[0], elements, order, scene.position, angle)
+    nodes = beam(mbs, scene.arm.links[0], elements, order, scene.position, angle)
     if scene.root == "pinned":
         _held(mbs, nodes[0], (0, 1))
     motion = scene.motion_of("joint0")
@@ -100,12 +111,9 @@ def run(name: str, elements: int, dt: float, *, rho_inf: float = 1.0) -> dict[st
                 marker = _marker(mbs, nodes[0], coordinate)
                 item = itemInterface.LoadCoordinate(markerNumber=marker, load=function(0.0))
                 loads.append((mbs.AddLoad(item), function))
-    position = exu.OutputVariableType.Position
-    sensor = mbs.AddSensor(
-        itemInterface.SensorNode(nodeNumber=nodes[-1], storeInternal=True, outputVariableType=position)
-    )
+    sensor = sensor_of(mbs, nodes[-1])
     mbs.Assemble()
-    settings = _settings(rho_inf, dense=elements * order < 30)
+    settings = settings_of(rho_inf, dense=elements * order < 30)
     settings.solution.sensors.writePeriod = scene.sample
     settings.show.statistics = settings.show.computationTime = False
     instants = [0.0, *scene.kinks, scene.duration] if loads else [0.0, scene.duration]
@@ -136,14 +144,14 @@ def stepper(elements: int, n_steps: int, period: float = 0.02) -> Callable[[int]
     assert arm.torque_limits is not None
     container = exu.SystemContainer()
     mbs = container.AddSystem()
-    nodes = _beam(mbs, arm.links[0], elements, 1, tau_d=arm.tau_d)
+    nodes = beam(mbs, arm.links[0], elements, 1, tau_d=arm.tau_d)
     rigid = itemInterface.ObjectRigidBody2D
     mbs.AddObject(rigid(physicsMass=1e-6, physicsInertia=arm.hub_inertia, nodeNumber=nodes[0]))
     mbs.AddObject(rigid(physicsMass=arm.payload.mass, physicsInertia=1e-9, nodeNumber=nodes[-1]))
     _held(mbs, nodes[0], (0, 1))
     torque = mbs.AddLoad(itemInterface.LoadCoordinate(markerNumber=_marker(mbs, nodes[0], 2), load=0.0))
     mbs.Assemble()
-    settings = _settings(0.7, dense=True)
+    settings = settings_of(0.7, dense=True)
     settings.timeIntegration.adaptiveStep = False
     settings.timeIntegration.numberOfSteps = n_steps
     settings.timeIntegration.endTime = 0.0

@@ -16,6 +16,7 @@ import numpy as np
 
 import flexarm_env as fx
 from benchmarks import pages
+from benchmarks.exudyn_peer import sensor_of, settings_of
 from benchmarks.machine import table
 from flexarm_env.rotations import matrices, quaternions
 from flexarm_env.time_functions import constant, sine
@@ -133,17 +134,13 @@ def peer(scene: fx.Scene, elements: int, dt: float) -> tuple[Array, float, bool]
             marker = ends[load.link][load.end]
             _force(mbs, items.Force, marker, [load.force_x, load.force_y, load.force_z], False)
             _force(mbs, items.Torque, marker, [load.torque_x, load.torque_y, load.torque], False)
-    sensor = mbs.AddSensor(items.SensorNode(
-        nodeNumber=nodes[-1], storeInternal=True, outputVariableType=exu.OutputVariableType.Position
-    ))  # fmt: skip
+    sensor = sensor_of(mbs, nodes[-1])
     mbs.Assemble()
-    settings: Any = exu.SimulationSettings()
+    settings = settings_of(0.9, dense=False)
     of = settings.timeIntegration
-    of.numberOfSteps, of.endTime, of.verboseMode, of.adaptiveStep = round(scene.duration / dt), scene.duration, 0, False
+    of.numberOfSteps, of.endTime, of.adaptiveStep = round(scene.duration / dt), scene.duration, False
     of.newton.relativeTolerance = of.newton.absoluteTolerance = 1e-6
-    of.generalizedAlpha.spectralRadius, of.newton.useModifiedNewton = 0.9, True
-    settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
-    settings.solution.file.write, settings.solution.sensors.writePeriod = False, SAMPLE
+    settings.solution.sensors.writePeriod = SAMPLE
     clock = time.process_time()
     try:
         finished = bool(mbs.SolveDynamic(settings))
