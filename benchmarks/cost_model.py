@@ -60,21 +60,16 @@ def arithmetic_numbers() -> np.ndarray:
     return np.ones(CHAINS * len(EIGHT))
 
 
-def chain(numbers: np.ndarray, count: int) -> None:
-    """`count` times 24 multiplications and additions in eight lanes, nothing but that."""
+def chain(numbers: np.ndarray, count: int, lane: tuple[int, ...] = EIGHT) -> None:
+    """`count` times 24 multiplications and additions in lanes, nothing but that."""
     numbers[:] = 1.0
-    _chains(EIGHT, numbers, count)
+    _chains(lane, numbers, count)
 
 
 def ceiling(lane: tuple[int, ...]) -> float:
     """Operations a second of one core, all lanes together."""
     x, count = np.ones(CHAINS * len(lane)), 200_000
-
-    def run() -> None:
-        x[:] = 1.0
-        _chains(lane, x, count)
-
-    return 2 * CHAINS * len(lane) * count / _best(run)
+    return 2 * CHAINS * len(lane) * count / _best(lambda: chain(x, count, lane))
 
 
 def step_time(arm_name: str, formulation: str, options: dict[str, Any], lane: tuple[int, ...]) -> float:
@@ -84,17 +79,12 @@ def step_time(arm_name: str, formulation: str, options: dict[str, Any], lane: tu
     start = np.concatenate([np.repeat(state, len(lane)), counters])
     par, flat, steps = np.repeat(simulation.par, len(lane)), start.copy(), 8
 
-    def run() -> None:
+    def run(count: int) -> None:
         for _ in range(100):
             flat[:] = start
-            advance(lane, simulation.model, None, par, flat, 0, 0.0, STEP, steps, simulation.scheme, None)
+            advance(lane, simulation.model, None, par, flat, 0, 0.0, STEP, count, simulation.scheme, None)
 
-    def overhead() -> None:
-        for _ in range(100):
-            flat[:] = start
-            advance(lane, simulation.model, None, par, flat, 0, 0.0, STEP, 0, simulation.scheme, None)
-
-    return (_best(run) - _best(overhead)) / (100 * steps * len(lane))
+    return (_best(lambda: run(steps)) - _best(lambda: run(0))) / (100 * steps * len(lane))
 
 
 def in_lanes(runs: list[Simulation], steps: int = 50) -> list[float]:

@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.ticker import NullFormatter
 
 from benchmarks import pages
-from benchmarks.formulation_runs import slope
+from benchmarks.formulation_runs import known_path, slope
 from benchmarks.machine import table
 from flexarm_env.plotting import COLORS, FAINT, plot_trajectory, styled_figure
 from flexarm_env.scenes import named, names, reference, reference_names
@@ -70,14 +70,6 @@ def center_of_mass(run: Trajectory) -> Array:
     for e in range(elements):
         weights[8 * e : 8 * e + 9] += np.array([1, 4, 2, 4, 2, 4, 2, 4, 1]) / 24 / elements
     return np.asarray(np.einsum("k,tkd->td", weights, run.shapes))
-
-
-def known_path(name: str, t: Array) -> Array:
-    """Where the centre of mass must be: a mass of 10 under a force of 8 for 2.5 s, or of 40 for 0.5 s, in x."""
-    end, force = (2.5, 8.0) if name == "flying_rod" else (0.5, 40.0)
-    pulled = np.minimum(t, end)
-    x = 3.0 + force / 10.0 * (0.5 * pulled**2 + end * (t - pulled))
-    return np.column_stack([x, np.full_like(t, 4.0)])
 
 
 def free_energy(run: Trajectory) -> tuple[Array, Array]:

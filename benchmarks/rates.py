@@ -1,5 +1,6 @@
 """Environment steps a second: single and vector, ours and others', measured in turn so that ratios are of one run."""
 
+import itertools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,7 +16,6 @@ from benchmarks.cost_model import arithmetic_numbers, chain
 from flexarm_env.envs.options import DEFAULT_FORMULATION, DEFAULT_OPTIONS, OF_MODES
 
 IDS = ("FlexibleArm-v0", "TwoLinkFlexArm-v0")
-
 
 Made = tuple[Callable[[int], int], Callable[[], None]]
 
@@ -163,32 +163,27 @@ def arithmetic(threads: int) -> Case:
 def own_cases(sizes: tuple[int, ...], threads: tuple[int, ...], formulations: tuple[str, ...]) -> list[Case]:
     """Both ids under each formulation at the settings that the environments use by default, single and vector."""
     cases = []
-    for env_id in IDS:
-        for formulation in formulations:
-            options: dict[str, Any] = {} if formulation == DEFAULT_FORMULATION else {"formulation": formulation}
-            cases.append(single(f"{env_id} {formulation}", env_id, **options))
-            for n in sizes:
-                for count in threads:
-                    if count == 1 or n >= 8 * count:
-                        name = f"{env_id} {formulation} x {n}, {count} thread(s)"
-                        cases.append(vector(name, env_id, n, count, **options))
-        for case in cases:
-            if case.facts["id"] == env_id:
-                chosen = case.facts["options"].get("formulation", DEFAULT_FORMULATION)
-                case.facts |= {"formulation": chosen, "settings": DEFAULT_OPTIONS[chosen]}
+    for env_id, formulation in itertools.product(IDS, formulations):
+        options: dict[str, Any] = {} if formulation == DEFAULT_FORMULATION else {"formulation": formulation}
+        own = [single(f"{env_id} {formulation}", env_id, **options)]
+        for n, count in itertools.product(sizes, threads):
+            if count == 1 or n >= 8 * count:
+                own.append(vector(f"{env_id} {formulation} x {n}, {count} thread(s)", env_id, n, count, **options))
+        for case in own:
+            case.facts |= {"formulation": formulation, "settings": DEFAULT_OPTIONS[formulation]}
+        cases += own
     return cases
 
 
 def reduced_cases(modes: int, n_envs: int) -> list[Case]:
     """Both ids, each link a floating frame of so many modes at its default step, under torques within its range."""
     cases = []
-    for env_id in IDS:
-        for threads in (1, 2):
-            label = f"floating_frame, {modes} modes a link"
-            name = f"{env_id} {label} x {n_envs}, {threads} thread(s)"
-            case = vector(name, env_id, n_envs, threads, WEAK, formulation="floating_frame", modes=modes)
-            case.facts |= {"formulation": label, "settings": {"modes": modes, **OF_MODES}}
-            cases.append(case)
+    for env_id, threads in itertools.product(IDS, (1, 2)):
+        label = f"floating_frame, {modes} modes a link"
+        name = f"{env_id} {label} x {n_envs}, {threads} thread(s)"
+        case = vector(name, env_id, n_envs, threads, WEAK, formulation="floating_frame", modes=modes)
+        case.facts |= {"formulation": label, "settings": {"modes": modes, **OF_MODES}}
+        cases.append(case)
     return cases
 
 

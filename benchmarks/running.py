@@ -12,6 +12,9 @@ from typing import Any
 
 Row = dict[str, Any]
 
+STORE = Path(__file__).parents[1] / "runs" / "benchmarks"
+"""Where results are kept on the way."""
+
 
 def cores() -> int:
     """Processor cores that this process may use."""

@@ -113,27 +113,24 @@ def blocks(found: pages.Found) -> pages.Blocks:
     """The page's tables."""
     percent = "{:.2g} %".format
     shares, step = {1.0: "full", 0.25: "a quarter"}, "{:g} ms".format
-    tables = {
-        "accuracy": [
-            (shares[row["share"]], mesh(row), step(1e3 * row["dt"]), *(percent(100 * e) for e in row["errors"]))
-            for row in found["accuracy"]
-        ],
-        "books": [
-            (row["elements"], step(1e3 * row["dt"]), percent(100 * row["pd"]), percent(100 * row["full"]))
-            for row in found["books"]
-        ],
-    }
-    heads = {
-        "accuracy": "torques | a link | dt | after 0.1 s | 0.2 s | 0.3 s | 0.5 s",
-        "books": "elements | dt | under `pd` | full torques of random sign",
-    }
+    errors = [
+        (shares[row["share"]], mesh(row), step(1e3 * row["dt"]), *(percent(100 * e) for e in row["errors"]))
+        for row in found["accuracy"]
+    ]
+    kept = [
+        (row["elements"], step(1e3 * row["dt"]), percent(100 * row["pd"]), percent(100 * row["full"]))
+        for row in found["books"]
+    ]
     base, one, *vectors = found["rates"].values()
     many, twice, *modes = (each / base for each in vectors)
     told = f"one arm {one / base:.2f} of it, 1024 arms {many:.2f} of it on one thread, {twice:.2f} on two"
     if modes:
         told += "; in two modes a link at 5 ms, under a quarter of the torques, {:.2f} and {:.2f}".format(*modes)
-    written = {name: table(heads[name], rows) for name, rows in tables.items()}
-    return {**written, "rates": [f"Steps a second, `Pendulum-v1` making {base:,.0f} in the same run: {told}."]}
+    return {
+        "accuracy": table("torques | a link | dt | after 0.1 s | 0.2 s | 0.3 s | 0.5 s", errors),
+        "books": table("elements | dt | under `pd` | full torques of random sign", kept),
+        "rates": [f"Steps a second, `Pendulum-v1` making {base:,.0f} in the same run: {told}."],
+    }
 
 
 if __name__ == "__main__":

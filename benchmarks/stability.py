@@ -32,14 +32,12 @@ from benchmarks import exudyn_peer, pages, stiff_arms
 from benchmarks.converged import tip_error
 from benchmarks.long_runs import LONG, long_run, table_of_long_runs
 from benchmarks.machine import table
-from benchmarks.running import cores, run_all
+from benchmarks.running import STORE, cores, run_all
 from benchmarks.stability_cases import MAIN, Case, cases, reference_of, scene_of
 from benchmarks.stability_figures import maps
 from flexarm_env.scenes import named
 from flexarm_env.simulation import Trajectory, simulate
 
-ROOT = Path(__file__).parents[1]
-STORE = ROOT / "runs" / "benchmarks"
 TIME_LIMIT = 20.0
 """s that the run itself, and each of its companions, may take."""
 GAIN, LOSS, TIP, TRUST = 1e-2, 0.1, 0.01, 5.0

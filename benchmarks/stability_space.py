@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import pages, stability
-from benchmarks.running import cores, run_all
+from benchmarks.running import STORE, cores, run_all
 from benchmarks.stability_cases import TORQUE_LIMIT, Case, grid, period, switched
 from flexarm_env.parameters import Arm, Elbow, Joint, Link, Payload, Section
 from flexarm_env.scene import JointTorque, Load, Motion, PointLoad, Scene
@@ -240,7 +240,7 @@ def measured(options: argparse.Namespace) -> pages.Found:
     chosen = cases()
     if options.limit:
         chosen = chosen[:: max(1, len(chosen) // options.limit)]
-    rows = run_all("space", chosen, measure, stability.STORE / "stability_space.jsonl", options.workers, options.fresh)
+    rows = run_all("space", chosen, measure, STORE / "stability_space.jsonl", options.workers, options.fresh)
     for row in rows:
         row["outcome"] = stability.outcome(row)
     names = [name for name in ("family", "method", *DEFAULTS) if name != "options"]

@@ -18,7 +18,6 @@ import time
 from collections.abc import Sequence
 from functools import cache
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,7 @@ from benchmarks.converged import FOLDER as CONVERGED
 from benchmarks.converged import tip_error as converged_error
 from benchmarks.long_runs import torques
 from benchmarks.machine import table
-from benchmarks.running import run_all
+from benchmarks.running import STORE, run_all
 from benchmarks.work_precision_figures import JOINED, PEERS, scene_figure, summary_figure
 from flexarm_env import arms
 from flexarm_env.comparison import tip_error
@@ -41,8 +40,6 @@ from flexarm_env.validation import Array
 
 Case = dict[str, Any]
 
-ROOT = Path(__file__).parents[1]
-STORE = ROOT / "runs" / "benchmarks"
 ENVIRONMENTS = {"FlexibleArm-v0": ("strip", 4.0), "TwoLinkFlexArm-v0": ("de_luca_siciliano", 2.0)}
 """Arm and horizon (s) of each environment; longer runs of two links are chaotic."""
 LONG = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
