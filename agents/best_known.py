@@ -36,22 +36,18 @@ from flexarm_env.control.dynamics import Dynamics, dynamics
 from flexarm_env.control.mpc import MPC, MPCGains, regulator
 from flexarm_env.suite.best import Actions
 from flexarm_env.training import episodes as fixed
-from flexarm_env.training.evaluate import Arguments as Question
-from flexarm_env.training.evaluate import keywords as keywords_of
 from flexarm_env.training.policies import choose
 from flexarm_env.training.runs import command, read_json, versions, write_json
 from flexarm_env.validation import Array
 
 EXACT: dict[str, Any] = {"elements": 4, "order": 3, "dt": 0.001, "tolerance": 1e-8}
-"""The converged exact beam, as in `agents.table`."""
+"""The converged exact beam: its own error is a hundredth of the band in which a tip counts as settled."""
 
 AFTER = MPCGains(10.0, 10.0, 10.0, 10.0)
 """What a plan costs once the tip is in its band, and the regulator that holds the arm behind it."""
 
-
 GUESSED = {"slew": MPCGains(50.0, 50.0, 50.0, 50.0), "reach": MPCGains(50.0, 20.0, 20.0, 20.0)}
 """Of the receding-horizon controller that plans begin with: eager, for the arm is the nominal one."""
-
 
 POLICY = "quickest policy"
 """What the first guess is called that is made of what policies do."""
@@ -212,7 +208,7 @@ def policies(case: Case, first: int, count: int) -> Judged:
     settling: dict[str, list[float]] = {}
     returns: dict[str, list[float]] = {}
     for name, chosen in made.items():
-        env = fixed.make_episodes(case.env, count, **keywords_of(Question(policy=name, env=case.env), chosen))
+        env = fixed.make_episodes(case.env, count, **fixed.judged_in(chosen.env_kwargs))
         torques: list[Array] = []
         policy = Watched(chosen.make(env), env, torques)
         outcome = fixed.run(env, policy, first)

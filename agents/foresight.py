@@ -18,10 +18,11 @@ import numpy as np
 
 from agents import payoff
 from flexarm_env import suite
+from flexarm_env.files import write_npz
 from flexarm_env.suite.best import Actions
 from flexarm_env.suite.policies import Chosen, choose
 from flexarm_env.suite.score import EPISODES, FIRST
-from flexarm_env.training.runs import read_json, write_json, write_whole
+from flexarm_env.training.runs import read_json, write_json
 from flexarm_env.validation import Array
 
 SENSED = ("observation", "history", "sensors")
@@ -204,8 +205,7 @@ def beside(task: suite.Task, home: Path) -> list[Path]:
 
 def keep(path: Path, actions: Array, returns: Array) -> None:
     """Write actions (T, n, N) and returns (n,)."""
-    given = {"actions": actions.astype(np.float32), "returns": returns}
-    write_whole(path, lambda part: np.savez_compressed(part, **given))
+    write_npz(path, {"actions": actions.astype(np.float32), "returns": returns})
 
 
 def read(path: Path) -> tuple[Array, Array]:

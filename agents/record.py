@@ -24,12 +24,13 @@ from agents import foresight
 from agents.suite import RESULTS, ROOT, of_run
 from flexarm_env import control, suite
 from flexarm_env import validation as check
+from flexarm_env.files import write_npz
 from flexarm_env.suite import best, results
 from flexarm_env.suite.frozen import instants
 from flexarm_env.suite.policies import choose
 from flexarm_env.suite.results import chosen_tasks, frozen
 from flexarm_env.suite.score import EPISODES
-from flexarm_env.training.runs import command, read_json, write_whole
+from flexarm_env.training.runs import command, read_json
 
 HOME = ROOT / "flexarm_env" / "data" / "suite" / "best"
 SEARCH, GROWS = "search from ", ("none", "failed", "all")
@@ -128,10 +129,8 @@ def published(task: suite.Task) -> Any:
 
 def write(task: suite.Task, home: Path, actions: Any, values: Any, by: list[str]) -> None:
     """Write what there is by now: the next run goes on from it, as from a record."""
-    what = {"actions": best.packed(actions), "values": values, "by": np.array(by), "digest": np.array(task.digest)}
-    what |= {"date": np.array(date.today().isoformat())}
-    home.mkdir(parents=True, exist_ok=True)
-    write_whole(home / f"{task.id}.npz", lambda part: np.savez_compressed(part, **what))
+    what = {"actions": best.packed(actions), "values": values, "by": by, "digest": task.digest}
+    write_npz(home / f"{task.id}.npz", what | {"date": date.today().isoformat()})
 
 
 def made(task: suite.Task, arguments: Arguments) -> str:

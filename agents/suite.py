@@ -291,8 +291,5 @@ def work(arguments: Arguments) -> int:
 
 main = partial(command, Arguments, "python -m agents.suite", __doc__, work)
 
-
-__all__ = ["EPISODES", "METHODS", "Arguments", "Job", "jobs", "main", "references", "run"]
-
 if __name__ == "__main__":
     sys.exit(main())

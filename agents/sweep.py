@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.rllib import cluster
+from benchmarks.machine import table
 from flexarm_env.training import episodes
 from flexarm_env.training.runs import INTERRUPTED, command, read_json, read_run, write_json, write_rows, write_text
 
@@ -112,10 +113,10 @@ def check(arguments: Arguments, wanted: list[dict[str, Any]]) -> None:
             raise ValueError(f"--space: {error}") from error
 
 
-def trial(config: Mapping[str, Any], table: Mapping[str, Any]) -> None:
+def trial(config: Mapping[str, Any], told: Mapping[str, Any]) -> None:
     """One trial, in a process of its own: train (or go on, or keep what has finished), judge, report.
 
-    config: {"choice": name}. table: name -> {"run": arguments of the training run, and of the evaluation "env",
+    config: {"choice": name}. told: name -> {"run": arguments of the training run, and of the evaluation "env",
     "kwargs", "episodes"}.
     """
     from ray import tune
@@ -123,7 +124,7 @@ def trial(config: Mapping[str, Any], table: Mapping[str, Any]) -> None:
     from agents.train_rllib import Arguments as Training
     from agents.train_rllib import train
 
-    given = table[config["choice"]]
+    given = told[config["choice"]]
     folder = Path(given["run"]["out"])
     if not (folder / "judged.json").is_file():
         if not (folder / "run.json").is_file():
@@ -199,14 +200,14 @@ def _tuned(arguments: Arguments, given: list[dict[str, Any]], out: Path) -> int:
 
     os.environ.setdefault("RAY_CHDIR_TO_TRIAL_DIR", "0")
     kept = out / "tune"
-    table = {each["run"]["out"].name: each for each in given}
-    trainable = tune.with_resources(tune.with_parameters(trial, table=table), {"cpu": 1})
+    told = {each["run"]["out"].name: each for each in given}
+    trainable = tune.with_resources(tune.with_parameters(trial, told=told), {"cpu": 1})
     if arguments.resume and tune.Tuner.can_restore(str(kept)):
         tuner = tune.Tuner.restore(str(kept), trainable, resume_unfinished=True, restart_errored=True)
     else:
         tuner = tune.Tuner(
             trainable,
-            param_space={"choice": tune.grid_search(list(table))},
+            param_space={"choice": tune.grid_search(list(told))},
             tune_config=tune.TuneConfig(
                 max_concurrent_trials=arguments.at_once, trial_dirname_creator=_folder, trial_name_creator=_folder
             ),
@@ -235,12 +236,11 @@ def _resumed(arguments: Arguments) -> Arguments:
 def write(out: Path, rows: list[dict[str, Any]], varied: list[str], env_id: str) -> None:
     """results.csv, results.md and results.png."""
     write_rows(out / "results.csv", list(rows[0]), rows)
-    heads = [*varied, "seed", *SHOWN.values()]
-    lines = ["| " + " | ".join(heads) + " |", "|" + "---:|" * len(heads)]
+    cells = []
     for row in rows:
-        cells = [f"{row[key]}" for key in (*varied, "seed")]
-        cells += [f"{row[key]:.0%}" if key == "success_rate" else f"{row[key]:.3g}" for key in SHOWN]
-        lines.append("| " + " | ".join(cells) + " |")
+        shown = (f"{row[key]:.0%}" if key == "success_rate" else f"{row[key]:.3g}" for key in SHOWN)
+        cells.append([*(row[key] for key in (*varied, "seed")), *shown])
+    lines = table(" | ".join([*varied, "seed", *SHOWN.values()]), cells, numbers=True)
     write_text(out / "results.md", "\n".join(lines) + "\n")
     from flexarm_env.training.figures import compared
 

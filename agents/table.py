@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from agents import families
-from agents.best_known import joined
+from agents.best_known import EXACT, joined
 from agents.demo import say
 from agents.families import ROOT, TRAINED, Family
 from benchmarks.machine import table, told
@@ -33,9 +33,6 @@ from flexarm_env.training.evaluate import evaluate
 from flexarm_env.training.figures import learning_curve, tip_errors
 from flexarm_env.training.runs import command, read_json, read_run, versions, write_json
 from flexarm_env.training.statistics import markdown
-
-EXACT: dict[str, Any] = {"elements": 4, "order": 3, "dt": 0.001, "tolerance": 1e-8}
-"""The converged exact beam: its own error is a hundredth of the band in which a tip counts as settled."""
 
 FEWER_EPISODES = 100
 """Where the episodes are long to compute, or many."""

@@ -19,18 +19,15 @@ from flexarm_env.suite.score import FIRST
 from flexarm_env.training import config
 from flexarm_env.training.train import Arguments as Training
 from tests.agents_tools import told
+from tests.test_suite_bench import entry_of
 
 TASKS = suite.tasks()
 LEARNT = [method for method in reference.METHODS if method.algorithm not in ("", "foresight")]
 
 
-def entry(task: suite.Task, mean: float, learnt: bool = False) -> dict:
-    return {
-        "digest": task.digest, "first_seed": FIRST, "episodes": 100, "returns": [mean] * 100, "successes": [True] * 100,
-        "costs": [2.0] * 100, "lengths": [4] * 100, "wall_s": 1.0, "cpu_s": 1.0, "decision_us": 2.0,
-        "policy": {"kind": "policy", "source": "", "fingerprint": "x"},
-        "training": {"algorithm": "ppo", "steps": 9.0, "wall_s": 1.0, "cpu_s": 1.0} if learnt else None,
-    }  # fmt: skip
+def entry(task: suite.Task, mean: float, **changes) -> dict:
+    """Of a controller."""
+    return entry_of(task, mean, **{"costs": [2.0] * 100, "training": None} | changes)
 
 
 @pytest.mark.parametrize("method", LEARNT, ids=[method.name for method in LEARNT])
@@ -53,7 +50,7 @@ def test_controllers_first_then_each_seed_in_turn():
 
 
 def test_what_is_done_is_not_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
-    kept = {TASKS[0].id: entry(TASKS[0], 1.0), TASKS[1].id: entry(TASKS[1], 1.0) | {"digest": "another"}}
+    kept = {TASKS[0].id: entry(TASKS[0], 1.0), TASKS[1].id: entry(TASKS[1], 1.0, digest="another")}
     results.Results("pd", 0, kept, {TASKS[2].id: "not made for it"}).write(tmp_path / "suite")
     monkeypatch.setattr(reference, "MANY", {TASKS[1].id: 200})
     ran = []
@@ -80,7 +77,7 @@ def test_references_are_pd_and_the_best_of_what_was_judged(monkeypatch: pytest.M
     first = TASKS[0]
     found = [
         results.Results("pd", 0, {first.id: entry(first, 10.0), TASKS[1].id: entry(TASKS[1], 10.0)}),
-        results.Results("ppo", 3, {first.id: entry(first, 30.0, learnt=True)}),
+        results.Results("ppo", 3, {first.id: entry_of(first, 30.0)}),
         results.Results("zv", 0, {first.id: entry(first, 20.0), TASKS[1].id: entry(TASKS[1], 5.0)}),
     ]
     frozen = reference.frozen_references()
@@ -132,6 +129,11 @@ def test_a_record_that_is_broken_off_keeps_what_was_found(tmp_path: Path, monkey
         assert np.array_equal(found["values"], known.values)
 
 
+def free(seen, state):
+    """What costs nothing."""
+    return 0.0, np.zeros_like(seen), 0.0
+
+
 def test_slopes_of_a_return_on_a_steadied_way(monkeypatch: pytest.MonkeyPatch):
     """On the way itself nothing is added; slopes are those of differences, through what each action adds to later ones,
     and more than a hundredth off those without it."""
@@ -142,7 +144,7 @@ def test_slopes_of_a_return_on_a_steadied_way(monkeypatch: pytest.MonkeyPatch):
     steady = payoff.Steady(arms, start, actions, SimpleNamespace(act=lambda seen: seen @ gain))
 
     def value(x, pulled=steady, **more):
-        return payoff.returned(arms, start, x, lambda seen, state: (0.0, np.zeros_like(seen), 0.0), pulled, **more)
+        return payoff.returned(arms, start, x, free, pulled, **more)
 
     rounded = value(actions, grid=64.0)[2]
     assert np.array_equal(64.0 * rounded, np.round(64.0 * rounded)) and 0.0 < np.abs(rounded - actions).max() < 0.05
@@ -161,9 +163,7 @@ def test_slopes_of_a_return_whose_periods_weigh():
     weight, way = np.array([1.0, 0.0, 2.0, 5.0, 0.0, 0.0]), rng.normal(size=actions.shape)
 
     def value(x, weight=weight):
-        return payoff.returned(arms, start, x, lambda seen, state: (0.0, np.zeros_like(seen), 0.0), weight=weight)[
-            :2
-        ]
+        return payoff.returned(arms, start, x, free, weight=weight)[:2]
 
     total, slopes = value(actions)
     singly = [value(actions, np.arange(6) == k)[0] for k in range(6)]

@@ -4,11 +4,10 @@ import gymnasium as gym
 import pytest
 
 from flexarm_env import control
+from flexarm_env.training.episodes import judged_in, make_episodes
 from tests.env_tools import successes
 
 NAMES = control.policy_names()
-LEFT_OUT = ("duration", "reward", "randomization")
-"""Keywords of the environment that hold in training alone."""
 
 
 def test_the_package_brings_its_policies():
@@ -18,8 +17,7 @@ def test_the_package_brings_its_policies():
 @pytest.mark.parametrize("name", NAMES)
 def test_packaged_policies_reach_their_targets(name):
     policy = control.load_policy(name)
-    kwargs = {k: v for k, v in policy.meta["env_kwargs"].items() if k not in LEFT_OUT}
-    env = gym.make_vec(policy.meta["env_id"], num_envs=16, vectorization_mode="vector_entry_point", **kwargs)
+    env = make_episodes(policy.meta["env_id"], 16, **judged_in(policy.meta["env_kwargs"]))
     policy.check(control.Setup.of(env))
     assert successes(env, policy, 500) >= 0.9
     env.close()

@@ -358,16 +358,18 @@ def test_each_task_may_have_a_policy_of_its_own():
 
 
 # ------------------------------------------------------------------ files and pages
-def written(folder: Path, name: str, run: int, mean: float, task: suite.Task = FIRST_TASK, **changes) -> Path:
-    entry = {
+def entry_of(task: suite.Task, mean: float, **changes) -> dict:
+    """As a results file has it, of a trained policy that succeeds in all episodes."""
+    return {
         "digest": task.digest, "first_seed": 10_000, "episodes": 100, "returns": [mean] * 100,
         "successes": [True] * 100, "costs": [0.0] * 100, "lengths": [4] * 100, "wall_s": 1.0, "cpu_s": 1.0,
-        "decision_us": 2.0,
-        "policy": {"kind": "policy", "source": name, "fingerprint": "x"}, "versions": {"numpy": "2"},
+        "decision_us": 2.0, "policy": {"kind": "policy", "source": "", "fingerprint": "x"}, "versions": {"numpy": "2"},
         "training": {"algorithm": "ppo", "steps": 1000.0, "wall_s": 7200.0, "cpu_s": 3600.0}, "date": "2026-01-01",
-    }  # fmt: skip
-    results.Results(name, run, {task.id: entry | changes}).write(folder)
-    return folder / f"{name}-{run}.json"
+    } | changes  # fmt: skip
+
+
+def written(folder: Path, name: str, run: int, mean: float, **changes) -> Path:
+    return results.Results(name, run, {FIRST_TASK.id: entry_of(FIRST_TASK, mean, **changes)}).write(folder)
 
 
 def test_the_page_is_made_of_all_files_in_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):

@@ -15,11 +15,11 @@ from typing import Any
 import gymnasium as gym
 
 from flexarm_env import control, named, scenes, simulate, suite
-from flexarm_env.cli.play import NOT_PLAYED
 from flexarm_env.control import load_policy
 from flexarm_env.recording import EpisodeRecorder
 from flexarm_env.shapes import Cylinder, HalfSpace
 from flexarm_env.suite.policies import choose
+from flexarm_env.training.episodes import judged_in
 from flexarm_env.view import Clip, Player, SpaceClip
 
 HOME = Path(__file__).parent
@@ -49,7 +49,7 @@ def played(
     clips: Clips = []
     for label, word in words.items():
         policy = load_policy(word) if word in control.policy_names() else None
-        own = {} if policy is None else {k: v for k, v in policy.meta["env_kwargs"].items() if k not in NOT_PLAYED}
+        own = {} if policy is None else judged_in(policy.meta["env_kwargs"])
         env = EpisodeRecorder(gym.make(env_id, **{**kwargs, **own}))
         env.reset(seed=seed)
         player = make(word, env) if policy is None else policy

@@ -8,6 +8,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -63,8 +64,8 @@ def environments(formulation: str | None) -> Iterator[Use]:
             envs.close()
 
     for name in ENVIRONMENTS:
-        yield name, lambda name=name: one(name)  # type: ignore[misc]
-        yield f"{name}, vector", lambda name=name: many(name)  # type: ignore[misc]
+        yield name, partial(one, name)
+        yield f"{name}, vector", partial(many, name)
 
 
 def _scenes(formulation: str | None) -> Iterator[Use]:

@@ -23,12 +23,10 @@ from flexarm_env.envs.options import ARGUMENTS
 from flexarm_env.envs.video import film_path, write_film
 from flexarm_env.recording import EpisodeRecorder, save_episodes
 from flexarm_env.suite.policies import controller
+from flexarm_env.training.episodes import judged_in
 
 KEYBOARD = "keyboard"
 DEFAULT_ENV = "FlexibleArm-v0"
-NOT_PLAYED = ("duration", "reward", "randomization")
-"""Keywords that belong to a policy's training, not to the environment that it is shown in."""
-
 KEYS = {"left": (0, 1.0), "right": (0, -1.0), "up": (1, 1.0), "down": (1, -1.0)}
 """Key -> joint and direction of its torque."""
 GENTLE = 0.3
@@ -107,8 +105,8 @@ def choose(word: str) -> Player:
     if not Path(word).exists() and word not in control.policy_names():
         raise check.UnknownKey(word, (KEYBOARD, *control.NAMES, *control.policy_names()), "policy (and no policy.npz)")
     policy = load_policy(word)
-    kwargs = {k: v for k, v in policy.meta["env_kwargs"].items() if k not in NOT_PLAYED}
-    return Player(Path(word).stem, str(policy.meta["env_id"]), kwargs, lambda env: policy.check(Setup.of(env)))
+    kwargs, env_id = judged_in(policy.meta["env_kwargs"]), str(policy.meta["env_id"])
+    return Player(Path(word).stem, env_id, kwargs, lambda env: policy.check(Setup.of(env)))
 
 
 def play(env: Any, player: Player, seeds: range, outcomes: list[dict[str, Any]]) -> Iterator[NDArray[np.uint8]]:

@@ -7,7 +7,7 @@ import os
 import signal
 import stat
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -107,33 +107,34 @@ def _drive(args: argparse.Namespace) -> int:
         for word, value, unit in (("angle", args.most_angle, "rad"), ("rate", args.most_rate, "rad/s"))
     ]
     seconds = None if args.seconds is None else check.number("--seconds", args.seconds, "s", above=0.0)
-    listed, named = Path(args.policy).suffix.lower() == ".csv", ":" in args.policy and not Path(args.policy).exists()
-    if listed or named:
-        own = function_named(args.policy, "POLICY") if named else None
-        env = RemoteArmEnv(host, int(port), key_of(args.key))
-        try:
-            played = own or Played(args.policy, env.wire.period, env.wire.limits)
-            values = run_policy(played, env, seconds or float(getattr(played, "seconds", 10.0)), *most)
-        finally:
-            env.close()
-        show({"to": args.to, "policy": args.policy} | values, args.json)
-        return DONE
+    name, policy_for = _policy(args)
+    with contextlib.closing(RemoteArmEnv(host, int(port), key_of(args.key))) as env:
+        policy = policy_for(env)
+        values = run_policy(policy, env, seconds or float(getattr(policy, "seconds", 10.0)), *most)
+    show({"to": args.to, "policy": name} | values, args.json)
+    return DONE
+
+
+def _policy(args: argparse.Namespace) -> tuple[str, Callable[[RemoteArmEnv], Any]]:
+    """What it is called, and how to make it for an arm at the other end of the wire."""
+    if ":" in args.policy and not Path(args.policy).exists():
+        own = function_named(args.policy, "POLICY")
+        return args.policy, lambda env: own
+    if Path(args.policy).suffix.lower() == ".csv":
+        return args.policy, lambda env: Played(args.policy, env.wire.period, env.wire.limits)
     player = choose(args.policy)
     env_id = args.env or player.env_id
     if player.name == KEYBOARD or not env_id:
         raise check.InvalidValue("POLICY", args.policy, "must be a policy, or a controller with --env for its model")
-    env = RemoteArmEnv(host, int(port), key_of(args.key))
-    try:
+
+    def made(env: RemoteArmEnv) -> Any:
         kwargs = {**player.env_kwargs, **keywords(args.env_kwargs), "control_dt": env.wire.period}
-        model = gym.make(env_id, **kwargs)
-        setup = Setup.of(model)
-        scales = np.tile(np.array(setup.scales), setup.history)
-        if scales.shape != env.wire.scales.shape or not np.allclose(scales, env.wire.scales):
-            what = f"must be of an environment that observes what the arm at {args.to} reads, and as often"
-            raise check.InvalidValue("POLICY", args.policy, what)
-        values = run_policy(player.make(model), env, seconds or 10.0, *most)
-        model.close()
-    finally:
-        env.close()
-    show({"to": args.to, "policy": player.name} | values, args.json)
-    return DONE
+        with contextlib.closing(gym.make(env_id, **kwargs)) as model:
+            setup = Setup.of(model)
+            scales = np.tile(np.array(setup.scales), setup.history)
+            if scales.shape != env.wire.scales.shape or not np.allclose(scales, env.wire.scales):
+                what = f"must be of an environment that observes what the arm at {args.to} reads, and as often"
+                raise check.InvalidValue("POLICY", args.policy, what)
+            return player.make(model)
+
+    return player.name, made

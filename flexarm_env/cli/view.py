@@ -13,7 +13,7 @@ import gymnasium as gym
 from flexarm_env import control, scenes
 from flexarm_env import validation as check
 from flexarm_env.cli.codes import DONE
-from flexarm_env.cli.play import DEFAULT_ENV, NOT_PLAYED, Player, choose, play
+from flexarm_env.cli.play import DEFAULT_ENV, Player, choose, play
 from flexarm_env.cli.progress import ProgressBar, show
 from flexarm_env.envs.ids import PACKAGE, own_ids
 from flexarm_env.files import npz_names
@@ -151,7 +151,7 @@ def _of_player(player: Player, seed: int, shared: dict[str, Any]) -> Clip | Spac
         raise check.InvalidValue("RUN", player.name, what)
     if env_id not in own_ids():
         raise check.UnknownKey(env_id, own_ids(), "environment")
-    env = EpisodeRecorder(gym.make(env_id, **{k: v for k, v in kwargs.items() if k not in NOT_PLAYED}))
+    env = EpisodeRecorder(gym.make(env_id, **kwargs))
     try:
         for _ in play(env, player, range(seed, seed + 1), []):
             pass

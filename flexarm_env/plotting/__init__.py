@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from flexarm_env.comparison import common_instants
 from flexarm_env.view.clip import cuts_of
-from flexarm_env.view.sources import shapes_of
+from flexarm_env.view.sources import mesh_of, shapes_of
 
 from ..validation import Array
 from .space import plot_in_space
@@ -224,8 +224,7 @@ def _title(trajectory: Trajectory, given: str | None) -> str:
     if given is not None:
         return given
     settings = trajectory.settings
-    keys = ("segments", "elements", "coupling", "modes", "order", "nodes")
-    own = ", ".join(f"{k} {getattr(settings, k)}" for k in keys if getattr(settings, k) is not None)
+    own = ", ".join(mesh_of(settings))
     ended = "" if trajectory.finished else f"   [{trajectory.status} after {trajectory.t[-1]:g} s]"
     return f"{trajectory.scene.name}   ({settings.formulation}: {own}, dt {settings.dt:g} s){ended}"
 

@@ -159,13 +159,13 @@ def _second(task: Task, line: Line, learnt: set[int]) -> str:
     others = [entry["second"] for entry in line.entries if entry.get("second")]
     if len(others) < len(line.entries):
         return "public alone |  | " if any("second" in entry for entry in line.entries) else " |  | "
-    time = np.mean([settling(task, other) for other in others])
-    mark = " †" if any(id(entry) in learnt for entry in line.entries) else ""
-    if others[0]["pd"] is None:
-        return f"{np.mean([np.mean(one['successes']) for one in others]):.0%} | {_two(float(time))} | "
-    gain, there = (np.mean([less_pd(task, one) for one in lot]) for lot in (line.entries, others))
     rate = np.mean([np.mean(one["successes"]) for one in others])
-    return f"{rate:.0%} | {_two(float(time))} | {there:.1f} ({gain:.1f}){mark}"
+    time = float(np.mean([settling(task, one) for one in others]))
+    if others[0]["pd"] is None:
+        return f"{rate:.0%} | {_two(time)} | "
+    gain, there = (np.mean([less_pd(task, one) for one in lot]) for lot in (line.entries, others))
+    mark = " †" if any(id(entry) in learnt for entry in line.entries) else ""
+    return f"{rate:.0%} | {_two(time)} | {there:.1f} ({gain:.1f}){mark}"
 
 
 def gap(task: Task, line: Line, first: Line) -> tuple[float, float, int] | None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..files import read_json, write_text
-from . import digest, make_vec, policies, second
+from . import data, digest, make_vec, policies, second
 from .data import Task, tasks
 from .frozen import Possible, instants, possible
 from .judge import judge
@@ -363,11 +363,9 @@ def versions() -> dict[str, str]:
 
 def chosen_tasks(words: str | None) -> tuple[Task, ...]:
     """Tasks by ids separated by commas, each once; all for None."""
-    from .data import task
-
     if words is None:
         return tasks()
-    return tuple({one.id: one for one in map(task, listed("--task", words))}.values())
+    return tuple({one.id: one for one in map(data.task, listed("--task", words))}.values())
 
 
 def listed(flag: str, words: str) -> list[str]:

@@ -78,14 +78,14 @@ def interquartile_mean(scores: Mapping[str, Sequence[float]]) -> float:
 
 
 def interval(
-    scores: Mapping[str, Sequence[float]], *, resamples: int = RESAMPLES, level: float = LEVEL, seed: int = 0
+    scores: Mapping[str, Sequence[float]], *, resamples: int = RESAMPLES, seed: int = 0
 ) -> tuple[float, float] | None:
-    """Percentile interval of the interquartile mean, runs drawn anew in each task; None where no task has two."""
+    """Percentile interval (`LEVEL`) of the interquartile mean, runs drawn in each task; None where none has two."""
     if all(len(runs) < 2 for runs in scores.values()):
         return None
     rng = np.random.default_rng(seed)
     drawn = [np.asarray(runs, float)[rng.integers(len(runs), size=(resamples, len(runs)))] for runs in scores.values()]
-    low, high = np.quantile(_middle(np.concatenate(drawn, axis=1)), [0.5 - level / 2.0, 0.5 + level / 2.0])
+    low, high = np.quantile(_middle(np.concatenate(drawn, axis=1)), [0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0])
     return float(low), float(high)
 
 

@@ -30,6 +30,11 @@ SLEW_BAND, SLEW_BAND_LEAST, REACH_BAND = 0.02, float(np.radians(0.5)), 0.02
 """Settled: tip angle within this share of the slew, at least so many rad; tip within so many m of its target."""
 
 
+def judged_in(kwargs: Mapping[str, Any]) -> dict[str, Any]:
+    """Keywords of the environment that a policy is judged or shown in, of those that it was trained with."""
+    return {k: v for k, v in kwargs.items() if k not in (*TRAINING_ONLY, "randomization")}
+
+
 def validation(env_id: str, kwargs: Mapping[str, Any]) -> dict[str, Any]:
     """Keywords of the environment that training chooses on, of those that it trains with: its reward is the
     environment's own, less `cost` where it learns from that."""

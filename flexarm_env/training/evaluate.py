@@ -82,8 +82,7 @@ def evaluate(arguments: Arguments) -> tuple[dict[str, dict[str, Any]], dict[str,
 
 def keywords(arguments: Arguments, chosen: Chosen) -> dict[str, Any]:
     """Keywords of the environment in which a policy is judged: from training what makes another task of it."""
-    left_out = (*fixed.TRAINING_ONLY, "randomization")
-    kwargs = {k: v for k, v in chosen.env_kwargs.items() if k not in left_out} | arguments.env_kwargs
+    kwargs = fixed.judged_in(chosen.env_kwargs) | arguments.env_kwargs
     if arguments.formulation is not None:
         kwargs["formulation"] = arguments.formulation
     if arguments.randomized:

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexarm_env.envs.video import film_path, write_film
-from flexarm_env.training.episodes import TEST, TRAINING_ONLY
+from flexarm_env.training.episodes import TEST, judged_in
 from flexarm_env.training.policies import Chosen, choose
 from flexarm_env.training.runs import command
 
@@ -70,10 +71,14 @@ def episode(env_id: str, chosen: Chosen, kwargs: Mapping[str, Any], seed: int) -
     env.close()
 
 
-def film(env_id: str, chosen: Chosen, kwargs: Mapping[str, Any], seed: int, path: Path, fps: float = 50.0) -> None:
+def film(env_id: str, chosen: Chosen, kwargs: Mapping[str, Any], seed: int, path: Path) -> None:
     """Write an episode as a film, one picture a control period."""
+    _written(path, episode(env_id, chosen, kwargs, seed), 50.0)
+
+
+def _written(path: Path, pictures: Iterator[Picture], fps: float) -> Path:
     try:
-        write_film(path, episode(env_id, chosen, kwargs, seed), fps)
+        return write_film(path, pictures, fps)
     except gym.error.DependencyNotInstalled as error:
         raise ValueError(str(error)) from error
 
@@ -108,8 +113,7 @@ def make(arguments: Arguments) -> Path:
         raise ValueError(f"--labels {arguments.labels}: must be {len(words)}, one for each policy")
     films = []
     for one in chosen:
-        kept = {k: v for k, v in one.env_kwargs.items() if k not in (*TRAINING_ONLY, "randomization")}
-        films.append(episode(arguments.env, one, kept | arguments.env_kwargs, arguments.seed))
+        films.append(episode(arguments.env, one, judged_in(one.env_kwargs) | arguments.env_kwargs, arguments.seed))
     env: Any = gym.make(arguments.env, **arguments.env_kwargs).unwrapped
     period = env.dt
     for name in ("fps", "speed", "size"):
@@ -117,19 +121,8 @@ def make(arguments: Arguments) -> Path:
             raise ValueError(f"--{name} {getattr(arguments, name)}: must be positive")
     every = max(1, round(arguments.speed / (arguments.fps * period)))
     count = None if arguments.seconds is None else round(arguments.seconds / period) + 1
-    pictures = beside([_some(one, every, count) for one in films], labels, arguments.size)
-    try:
-        return write_film(arguments.out, pictures, arguments.speed / (every * period))
-    except gym.error.DependencyNotInstalled as error:
-        raise ValueError(str(error)) from error
-
-
-def _some(pictures: Iterator[Picture], every: int, count: int | None) -> Iterator[Picture]:
-    for k, picture in enumerate(pictures):
-        if count is not None and k >= count:
-            return
-        if k % every == 0:
-            yield picture
+    pictures = beside([islice(one, 0, count, every) for one in films], labels, arguments.size)
+    return _written(arguments.out, pictures, arguments.speed / (every * period))
 
 
 main = partial(

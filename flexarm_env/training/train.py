@@ -73,11 +73,7 @@ def train(arguments: Arguments) -> Any:
         write_json(folder / "run.json", record)
     _log(model, folder, arguments)
     meta = {key: record[key] for key in OF_POLICY}
-    watcher = watch.Watch(
-        folder, eval_env, meta, evaluate_every=arguments.evaluate_every, checkpoint_every=arguments.checkpoint_every,
-        solved_at=arguments.solved_at, stop=arguments.stop_when_solved, progress=progress, total=config.n_timesteps,
-        bar=arguments.progress, best_by=arguments.best_by,
-    )  # fmt: skip
+    watcher = watch.Watch(arguments, eval_env, meta, progress, config.n_timesteps)
     left = config.n_timesteps - model.num_timesteps
     if left > 0:
         try:

@@ -13,7 +13,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from flexarm_env.training import episodes
 from flexarm_env.training.policies import acting
 from flexarm_env.training.progress import Progress, after, write_curve
-from flexarm_env.training.runs import checkpoints, fall_back, load_normaliser, new_checkpoint, write_whole
+from flexarm_env.training.runs import Training, checkpoints, fall_back, load_normaliser, new_checkpoint, write_whole
 from flexarm_env.training.starts import staggered
 
 
@@ -21,21 +21,14 @@ class Watch(BaseCallback):
     """Evaluates between rollouts, keeps the best model, saves checkpoints, and ends the run when it is solved.
 
     Args:
-        folder: the run folder. env: the vector environment for evaluation. meta: of the exported policy.
-        evaluate_every, checkpoint_every: environment steps. solved_at: success rate. stop: end when solved.
-        progress: what an earlier part of the run has come to. total: steps of the run. bar: show a progress bar.
-        best_by: as in `progress.cost`.
+        arguments: of the run. env: the vector environment for evaluation. meta: of the exported policy.
+        progress: what an earlier part of the run has come to. total: steps of the run.
     """
 
-    def __init__(
-        self, folder: Path, env: Any, meta: dict[str, Any], *, evaluate_every: int, checkpoint_every: int,
-        solved_at: float, stop: bool, progress: Progress, total: int, bar: bool, best_by: str = "settling",
-    ) -> None:  # fmt: skip
+    def __init__(self, arguments: Training, env: Any, meta: dict[str, Any], progress: Progress, total: int) -> None:
         super().__init__()
-        self.folder, self.eval_env, self.meta, self.state = folder, env, meta, progress
-        self.evaluate_every, self.checkpoint_every = evaluate_every, checkpoint_every
-        self.solved_at, self.stop, self.total, self.show = solved_at, stop, total, bar
-        self.best_by = best_by
+        self.arguments, self.folder = arguments, arguments.folder
+        self.eval_env, self.meta, self.state, self.total = env, meta, progress, total
         self._bar: Any = None
         self._over = False
         self._wall = self._cpu = 0.0
@@ -52,9 +45,9 @@ class Watch(BaseCallback):
 
     # --- events --------------------------------------------------------------------------------------
     def _on_training_start(self) -> None:
-        self._next_evaluation = after(self.num_timesteps - 1, self.evaluate_every)
-        self._next_checkpoint = after(self.num_timesteps, self.checkpoint_every)
-        if self.show:
+        self._next_evaluation = after(self.num_timesteps - 1, self.arguments.evaluate_every)
+        self._next_checkpoint = after(self.num_timesteps, self.arguments.checkpoint_every)
+        if self.arguments.progress:
             from tqdm import tqdm
 
             self._bar = tqdm(
@@ -66,11 +59,11 @@ class Watch(BaseCallback):
         steps = self.num_timesteps
         self._tick()
         if steps >= self._next_evaluation:
-            self._next_evaluation = after(steps, self.evaluate_every)
+            self._next_evaluation = after(steps, self.arguments.evaluate_every)
             if not self.state.judged(steps):  # a resumed run may have been judged here
                 self.judge()
         if steps >= self._next_checkpoint:
-            self._next_checkpoint = after(steps, self.checkpoint_every)
+            self._next_checkpoint = after(steps, self.arguments.checkpoint_every)
             save_checkpoint(self.folder, self.model, self.state)
         self._reset_clock()
         if self._bar is not None:
@@ -95,7 +88,7 @@ class Watch(BaseCallback):
         state = self.state
         std = getattr(self.model.policy, "log_std", None)
         better = state.add(
-            result, self.num_timesteps, self.solved_at, self.best_by,
+            result, self.num_timesteps, self.arguments.solved_at, self.arguments.best_by,
             train_return=float(np.mean([e["r"] for e in self.model.ep_info_buffer or []] or [np.nan])),
             std=float(np.exp(std.detach().numpy()).mean()) if std is not None else float("nan"),
             learning_rate=float(self.model.lr_schedule(self.model._current_progress_remaining)),
@@ -103,7 +96,7 @@ class Watch(BaseCallback):
         if better:
             save_model(self.folder, self.model)
         row = state.curve[-1]
-        self._over = self.stop and state.solved is not None
+        self._over = self.arguments.stop_when_solved and state.solved is not None
         write_curve(self.folder / "learning_curve.csv", state.curve)
         for name in ("success_rate", "settling_mean", "settling_median", "return_mean"):
             self.logger.record(f"validation/{name}", row[name])

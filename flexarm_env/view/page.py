@@ -114,37 +114,38 @@ def _json(clips: Sequence[Any], step: int, title: str) -> str:
 
 
 def _clip(clip: Clip | SpaceClip) -> dict[str, Any]:
-    if isinstance(clip, SpaceClip):
-        return _space_clip(clip)
-    roots = clip.points[:, :1]
+    return _common(clip) | (_in_space(clip) if isinstance(clip, SpaceClip) else _in_plane(clip))
+
+
+def _in_plane(clip: Clip) -> dict[str, Any]:
     return {
-        **_common(clip),
-        "root": _packed("f8", roots[:, 0]),
-        "points": _packed("f4", clip.points - roots),  # of the arm's size wherever it is: good to 1e-7 of it
-        **{name: _packed("f4", getattr(clip, name)) for name in ("angles", "rigid", "rest")},
-        **{name: getattr(clip, name) for name in ("cuts", "surface", "polar", "pinned", "payload")},
+        **{name: _packed("f4", getattr(clip, name)) for name in ("angles", "rest")},
+        "surface": clip.surface,
+        "polar": clip.polar,
         "curvature": _short(clip.curvature),
-        "target": None if clip.target is None else _packed("f4", clip.target),
         **({} if clip.base is None else {"base": _packed("f4", clip.base)}),
-    } | ({"walls": [_packed("f4", wall) for wall in clip.walls]} if clip.walls else {})
+        **({"walls": [_packed("f4", wall) for wall in clip.walls]} if clip.walls else {}),
+    }
 
 
-def _space_clip(clip: SpaceClip) -> dict[str, Any]:
-    roots, faces = clip.points[:, :1], [[face[0], *pair] for face in clip.walls for pair in pairwise(face[1:])]
-    optional = {name: getattr(clip, name) for name in ("rigid", "target")}
-    return _common(clip) | {
-        "root": _packed("f8", roots[:, 0]),
-        "points": _packed("f4", clip.points - roots),
+def _in_space(clip: SpaceClip) -> dict[str, Any]:
+    faces = [[face[0], *pair] for face in clip.walls for pair in pairwise(face[1:])]
+    return {
         "across": _short(clip.across),
         "sides": clip.sides.tolist(),
-        **{name: None if x is None else _packed("f4", x) for name, x in optional.items()},
-        **{name: getattr(clip, name) for name in ("cuts", "length", "ground", "pinned", "payload")},
+        "length": clip.length,
+        "ground": clip.ground,
         "walls": _packed("f4", np.array(faces)) if faces else None,
     }
 
 
 def _common(clip: Clip | SpaceClip) -> dict[str, Any]:
+    roots, optional = clip.points[:, :1], {"rigid": clip.rigid, "target": clip.target}
     return {
+        "root": _packed("f8", roots[:, 0]),
+        "points": _packed("f4", clip.points - roots),  # of the arm's size wherever it is: good to 1e-7 of it
+        **{name: None if x is None else _packed("f4", x) for name, x in optional.items()},
+        **{name: getattr(clip, name) for name in ("cuts", "pinned", "payload")},
         "label": clip.label,
         "note": clip.note + (f", one instant of {clip.skipped}" if clip.skipped > 1 else ""),
         "t": _packed("f8", clip.t),

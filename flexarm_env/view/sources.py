@@ -59,11 +59,15 @@ def _energies(run: Any) -> dict[str, Array]:
     return energies | {"dissipated": run.dissipated, "work": run.work}
 
 
-def _note(settings: Settings, ended: str) -> str:
+def mesh_of(settings: Settings) -> list[str]:
+    """What links are made of, in words."""
     keys = ("segments", "elements", "coupling", "modes", "order", "nodes")
-    given = [f"{key} {getattr(settings, key)}" for key in keys if getattr(settings, key) is not None]
-    words = [settings.formulation.replace("_", " "), *given, f"dt {settings.dt:.4g} s", *([ended] if ended else [])]
-    return ", ".join(words)
+    return [f"{key} {getattr(settings, key)}" for key in keys if getattr(settings, key) is not None]
+
+
+def _note(settings: Settings, ended: str) -> str:
+    words = [settings.formulation.replace("_", " "), *mesh_of(settings), f"dt {settings.dt:.4g} s"]
+    return ", ".join([*words, ended] if ended else words)
 
 
 def _common(arm: Arm, bend: Array, torque: Array, energies: Mapping[str, Array], shown: Any) -> list[Chart]:
