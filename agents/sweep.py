@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.rllib import cluster
-from benchmarks.machine import table
+from flexarm_env.files import table
 from flexarm_env.training import episodes
 from flexarm_env.training.runs import INTERRUPTED, command, read_json, read_run, write_json, write_rows, write_text
 

@@ -3,13 +3,14 @@
 import argparse
 import os
 import platform
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from datetime import date
 from pathlib import Path
 from typing import Any
 
 import flexarm_env
 from benchmarks.running import cores
+from flexarm_env.files import table as table
 from flexarm_env.files import write_text as write_text
 from flexarm_env.validation import installed
 
@@ -46,12 +47,6 @@ def cpu_seconds() -> float:
 def told(machine: Mapping[str, Any]) -> str:
     """The machine's facts in a line."""
     return " · ".join(f"{key}: {fact}" for key, fact in machine.items())
-
-
-def table(columns: str, rows: Iterable[Iterable[object]] = (), numbers: bool = False) -> list[str]:
-    """Lines of a Markdown table; columns: their heads between bars; numbers: all but the first to the right."""
-    rule = "|---|" + ("---:|" if numbers else "---|") * columns.count(" | ")
-    return [f"| {columns} |", rule, *("| " + " | ".join(map(str, row)) + " |" for row in rows)]
 
 
 def command(description: str | None, **numbers: int) -> argparse.ArgumentParser:

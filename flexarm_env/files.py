@@ -216,6 +216,12 @@ def write_json(path: Path, content: Any) -> None:
     write_text(path, json.dumps(content, indent=2) + "\n")
 
 
+def table(columns: str, rows: Iterable[Iterable[object]] = (), numbers: bool = False) -> list[str]:
+    """Lines of a Markdown table; columns: their heads between bars; numbers: all but the first to the right."""
+    rule = "|---|" + ("---:|" if numbers else "---|") * columns.count(" | ")
+    return [f"| {columns} |", rule, *("| " + " | ".join(map(str, row)) + " |" for row in rows)]
+
+
 def write_npz(path: Path, arrays: Mapping[str, Any]) -> None:
     """Write arrays as an .npz file, whole or not at all. Raises OSError."""
     buffer = io.BytesIO()

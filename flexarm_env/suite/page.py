@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..files import table
 from . import best
 from .data import Task, tasks
 from .results import Results, all_values, length, of_the_protocol, settling, summary, values
@@ -92,25 +93,24 @@ def lines_of(task: Task, found: Sequence[Results]) -> list[Line]:
     return sorted(rows, key=lambda line: -float(np.mean([one["value"] for one in line.summaries])))
 
 
-def _scores(known: Sequence[Task], lines: dict[str, list[Line]]) -> Iterator[str]:
+def _scores(known: Sequence[Task], lines: dict[str, list[Line]]) -> list[str]:
     """A row a method: its interquartile mean, and its mean score on each task."""
     scores: dict[str, dict[str, list[float]]] = {}
     for task in known:
         for line in lines[task.id]:
             if line.mean("score") is not None:
                 scores.setdefault(line.method, {})[task.id] = [one["score"] for one in line.summaries]
-    yield "| method | runs | IQM | " + " | ".join(f"{task.number}" for task in known) + " |"
-    yield "|---|---:|---:|" + "---:|" * len(known)
-    ordered = sorted(scores, key=lambda name: (-len(scores[name]), -interquartile_mean(scores[name])))
-    for name in ordered:
+    rows: list[tuple[str, ...]] = []
+    for name in sorted(scores, key=lambda name: (-len(scores[name]), -interquartile_mean(scores[name]))):
         own = scores[name]
-        cells = [_two(float(np.mean(own[task.id]))) if task.id in own else "" for task in known]
+        means = (_two(float(np.mean(own[task.id]))) if task.id in own else "" for task in known)
         counts = sorted({len(runs) for runs in own.values()})
         runs = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]}-{counts[-1]}"
-        yield f"| {name} | {runs} | {_middle(own, len(known))} | " + " | ".join(cells) + " |"
+        rows.append((name, runs, _middle(own, len(known)), *means))
     for head, text in (("*best less worst*", _spread), ("*left to the best known*", _left)):
-        yield f"| {head} |  |  | " + " | ".join(text(_of_policies(lines[task.id])) for task in known) + " |"
-    yield "| *widest ±* |  |  | " + " | ".join(f"{widest(task, lines[task.id]):.3f}" for task in known) + " |"
+        rows.append((head, "", "", *(text(_of_policies(lines[task.id])) for task in known)))
+    rows.append(("*widest ±*", "", "", *(f"{widest(task, lines[task.id]):.3f}" for task in known)))
+    return table(" | ".join(["method", "runs", "IQM", *(f"{task.number}" for task in known)]), rows, numbers=True)
 
 
 def _of_policies(lines: Sequence[Line]) -> list[float]:
@@ -154,18 +154,18 @@ def less_pd(task: Task, numbers: Mapping[str, Any]) -> NDArray[np.float64]:
     return gain
 
 
-def _second(task: Task, line: Line, learnt: set[int]) -> str:
+def _second(task: Task, line: Line, learnt: set[int]) -> tuple[str, str, str]:
     """Of the second hundred success, settling and the value less PD's, beside that on the public one."""
     others = [entry["second"] for entry in line.entries if entry.get("second")]
     if len(others) < len(line.entries):
-        return "public alone |  | " if any("second" in entry for entry in line.entries) else " |  | "
+        return "public alone" if any("second" in entry for entry in line.entries) else "", "", ""
     rate = np.mean([np.mean(one["successes"]) for one in others])
     time = float(np.mean([settling(task, one) for one in others]))
     if others[0]["pd"] is None:
-        return f"{rate:.0%} | {_two(time)} | "
+        return f"{rate:.0%}", _two(time), ""
     gain, there = (np.mean([less_pd(task, one) for one in lot]) for lot in (line.entries, others))
     mark = " †" if any(id(entry) in learnt for entry in line.entries) else ""
-    return f"{rate:.0%} | {_two(time)} | {there:.1f} ({gain:.1f}){mark}"
+    return f"{rate:.0%}", _two(time), f"{there:.1f} ({gain:.1f}){mark}"
 
 
 def gap(task: Task, line: Line, first: Line) -> tuple[float, float, int] | None:
@@ -216,27 +216,24 @@ def _table(task: Task, lines: Sequence[Line], learnt: set[int]) -> Iterator[str]
         yield ""
     if task.id in best.known():
         yield from (_record(task, lines), "")
-    yield (
-        "| method | runs | J | worst, best run | score | behind the best policy | success | settled, s | "
-        + ("second hundred: success | settled, s | J - J_PD | cost | training, share of the budget | CPU s | ")
-        + "decision, µs |"
-    )
-    yield "|---|" + "---:|" * 14
     first = next((line for line in lines if line.policy), None)
+    rows = []
     for line in lines:
         values = [one["value"] for one in line.summaries]
-        score, rate, runs = line.mean("score"), line.mean("success_rate"), len(values)
-        time = line.mean("settling_s")
-        settled = "" if time is None else _two(time)
-        steps, cpu = line.trained("steps"), line.trained("cpu_s")
-        yield (
-            f"| {f'*{line.method}*' if line.short(task) else line.method} | {runs} | {np.mean(values):.1f} | "
-            + (f"{min(values):.1f}, {max(values):.1f}" if runs > 1 else "")
-            + f" | {'' if score is None else _two(score)} | {_behind(task, line, first)} | {rate:.0%} | {settled} | "
-            + f"{_second(task, line, learnt)} | {line.mean('cost'):.2f} | "
-            + (f"{steps / task.budget:.0%} | {cpu:.0f}" if steps else " | ")
-            + f" | {line.mean('decision_us'):.1f} |"
-        )
+        score, time, steps = line.mean("score"), line.mean("settling_s"), line.trained("steps")
+        rows.append((
+            f"*{line.method}*" if line.short(task) else line.method, len(values), f"{np.mean(values):.1f}",
+            f"{min(values):.1f}, {max(values):.1f}" if len(values) > 1 else "", "" if score is None else _two(score),
+            _behind(task, line, first), f"{line.mean('success_rate'):.0%}", "" if time is None else _two(time),
+            *_second(task, line, learnt), f"{line.mean('cost'):.2f}",
+            *((f"{steps / task.budget:.0%}", f"{line.trained('cpu_s'):.0f}") if steps else ("", "")),
+            f"{line.mean('decision_us'):.1f}",
+        ))  # fmt: skip
+    yield from table(
+        "method | runs | J | worst, best run | score | behind the best policy | success | settled, s | "
+        "second hundred: success | settled, s | J - J_PD | cost | training, share of the budget | CPU s | decision, µs",
+        rows, numbers=True,
+    )  # fmt: skip
 
 
 def _made(found: Sequence[Results]) -> Iterator[str]:

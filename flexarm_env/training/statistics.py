@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from flexarm_env.files import table
 from flexarm_env.training.episodes import Episodes
 from flexarm_env.validation import Array
 
@@ -50,16 +51,14 @@ def summary(result: Episodes) -> dict[str, Any]:
 
 def markdown(rows: Mapping[str, Mapping[str, Any]], bounds: Mapping[str, float] | None = None) -> str:
     """A table: a row a policy, intervals in brackets; the bounds' medians below it."""
-    heads = [head for head, _, _ in QUANTITIES.values()]
-    lines = ["| policy | " + " | ".join(heads) + " |", "|---|" + "---:|" * len(heads)]
+    lines = []
     for name, row in rows.items():
-        cells = [_cell(key, row[key], row[f"{key}_interval"]) for key in QUANTITIES]
-        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+        lines.append((name, *(_cell(key, row[key], row[f"{key}_interval"]) for key in QUANTITIES)))
     for name, value in (bounds or {}).items():
-        cells = ["" for _ in QUANTITIES]
-        cells[list(QUANTITIES).index("settling_time_median")] = f"{value:.2f}"
-        lines.append(f"| *{name}* | " + " | ".join(cells) + " |")
-    return "\n".join(lines) + "\n"
+        shown = {"settling_time_median": f"{value:.2f}"}
+        lines.append((f"*{name}*", *(shown.get(key, "") for key in QUANTITIES)))
+    heads = " | ".join(["policy", *(head for head, _, _ in QUANTITIES.values())])
+    return "\n".join(table(heads, lines, numbers=True)) + "\n"
 
 
 def _cell(key: str, value: float, interval: Sequence[float]) -> str:
