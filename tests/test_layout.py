@@ -1,7 +1,6 @@
 """One declaration of a layout: what NumPy packs is what kernels find."""
 
 import ast
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +10,7 @@ from flexarm_env.layout import Field, Layout
 from flexarm_env.physics.exact.layout import CHAIN, ELEMENT_FACTORS, FACTORS
 from flexarm_env.physics.integrator.work import WORK
 from flexarm_env.physics.layout import BOOKS, COUNTS, LOAD, MOTION, POSES
+from tests.processes import ROOT
 from tests.refusals import refuses
 
 PAIR = Layout("Pair", "", Field("k", (), "N/m", "stiffness"), Field("g", (2, 2), "1/m", "coupling"))
@@ -69,7 +69,7 @@ def test_it_says_what_is_in_it() -> None:
 def test_no_kernel_holds_a_place_as_a_number(room: str) -> None:
     """In what is loaded, stored or indexed, no sum or product with a number above 1."""
     found = []
-    for file in (Path(__file__).resolve().parents[1] / "flexarm_env" / "physics" / room).glob("*.py"):
+    for file in (ROOT / "flexarm_env" / "physics" / room).glob("*.py"):
         if room == "floating" and file.name in ("build.py", "constants.py", "reduction.py"):  # NumPy: nodes' matrices
             continue
         for node in ast.walk(ast.parse(file.read_text("utf-8"))):
