@@ -14,7 +14,6 @@ from flexarm_env.cli import main
 from flexarm_env.control.in_c import controller_source
 from flexarm_env.control.space import AboutRest
 from tests.c_tools import needs_compiler, shared
-from tests.cli_tools import refused
 from tests.refusals import refuses
 
 CLOSE = 1e-6
@@ -129,15 +128,9 @@ def test_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert main(["export", "lqr", "--to", "c", "--env", "FlexibleArm-v0", "--out", out]) == 0
     assert "function: lqr_decide" in capsys.readouterr().out
     assert shared(tmp_path, Path(out).read_text()).lqr_reset
-    assert "--env" in refused(capsys, "export", "lqr", "--to", "c", "--out", out)
-    assert "must be c" in refused(capsys, "export", "lqr", "--to", "onnx", "--env", "FlexibleArm-v0", "--out", "a.onnx")
-    assert "must not be given" in refused(capsys, "export", "two_link", "--to", "c", "--env", "X", "--out", out)
     words = ["export", "time_optimal", "--to", "c", "--env", "FlexibleArm-v0", "--out", out]
-    assert "slew" in refused(capsys, *words)
     assert main([*words, "--slew", "1.2"]) == 0
     capsys.readouterr()
     words = ["export", "zv", "--to", "c", "--env", "TwoLinkFlexArm-v0", "--out", out]
-    for elbows, sentence in (("1", "--elbows = '1'"), ("0:x", "must be LOW:HIGH"), ("0:1,0:1", "sequence of 1 p")):
-        assert sentence in refused(capsys, *words, "--elbows", elbows)
     assert main([*words, "--elbows", "0:0.5"]) == 0
     assert "6 postures, the elbows from 0 to 0.5 rad" in Path(out).read_text()

@@ -5,6 +5,7 @@ import dataclasses
 import itertools
 import json
 import re
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -139,11 +140,44 @@ def test_an_action_does_not_depend_on_how_many_are_asked_for():
     assert np.abs(np.array([policy.act(one) for one in seen]) - policy.act(seen)).max() <= 1e-7
 
 
-def test_what_cannot_be_exported_is_refused_in_a_sentence(tmp_path: Path, capsys):
-    out = str(tmp_path / "policy.c")
-    assert "must end in .onnx" in refused(capsys, "export", "two_link", "--to", "onnx", "--out", out)
-    assert "no policy.npz there" in refused(capsys, "export", "nobody", "--to", "c", "--out", out)
-    assert "invalid choice" in refused(capsys, "export", "two_link", "--to", "ada", "--out", out)
+PD, ZV = "pd --env FlexibleArm-v0 --to", "zv --env TwoLinkFlexArm-v0 --to"
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("two_link --to onnx --out policy.c", "must end in .onnx"),
+        ("nobody --to c --out policy.c", "no policy.npz there"),
+        ("two_link --to ada --out policy.c", "invalid choice"),
+        ("two_link --to c --env X --out policy.c", "must not be given"),
+        ("two_link --to c --out policy.c --cpu native", "but with --to library or fmu"),
+        ("lqr --to c --out lqr.c", "--env"),
+        ("lqr --env FlexibleArm-v0 --to onnx --out lqr.onnx", "must be c"),
+        ("time_optimal --env FlexibleArm-v0 --to c --out time.c", "slew"),
+        (f"{ZV} c --out zv.c --elbows 1", "--elbows = '1'"),
+        (f"{ZV} c --out zv.c --elbows 0:x", "must be LOW:HIGH"),
+        (f"{ZV} c --out zv.c --elbows 0:1,0:1", "sequence of 1 p"),
+        (f"{PD} library --out pd", "must be c or fmu for a controller"),
+        (f"{PD} fmu --out pd.c", "must end in .fmu"),
+        (f"{PD} fmu --out pd.fmu --name 1", "must be a C identifier"),
+        ("mpc --env FlexibleArm-v0 --to fmu --out mpc.fmu", "must be pd"),
+        ("strip --to fmu --out strip.zip", "must end in .fmu"),
+        ("nobody --to library --out x", "nobody"),
+        ("strip --to library --out ''", "--out = '': must be a path"),
+        ("strip --to library --out x --env-kwargs {", "must be JSON"),
+        *((f"strip --to library --out x --name '{name}'", "must be a C identifier")
+          for name in ("1x", "", "a b", "x" * 61, "../x", "a\nb")),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_exported_is_refused_in_a_sentence(
+    words: str, sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    assert sentence in refused(capsys, "export", *shlex.split(words))
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_c_has_no_words_for():
     policy = POLICIES["tanh"]
     with pytest.raises(ValueError, match="must be a divisor of 10"):
         c_source(policy, dataclasses.replace(Entries.of(policy), names=("a",) * 3, scales=(1.0,) * 3), "policy")

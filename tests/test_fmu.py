@@ -19,7 +19,6 @@ from flexarm_env.library.fmu import FORMS
 from flexarm_env.library.source import Source
 from flexarm_env.physics.layout import SPACE_POSE
 from tests.c_tools import needs_c
-from tests.cli_tools import refused
 from tests.refusals import refuses
 
 Array = np.ndarray[Any, Any]
@@ -319,15 +318,6 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert zipfile.is_zipfile(out) and str(out) in capsys.readouterr().out
     assert main(["export", "pd", "--env", "FlexibleArm-v0", "--to", "fmu", "--out", str(tmp_path / "pd.fmu")]) == 0
     assert zipfile.is_zipfile(tmp_path / "pd.fmu") and "pd.fmu" in capsys.readouterr().out
-    pd = ("pd", "--env", "FlexibleArm-v0", "--to")
-    for words, sentence in (
-        (("strip", "--to", "fmu", "--out", "strip.zip"), "must end in .fmu"),
-        ((*pd, "fmu", "--out", "pd.c"), "must end in .fmu"),
-        ((*pd, "library", "--out", "pd"), "must be c or fmu for a controller"),
-        ((*pd, "fmu", "--out", "pd.fmu", "--name", "1"), "must be a C identifier"),
-        (("mpc", *pd[1:], "fmu", "--out", "x.fmu"), "must be pd"),
-    ):
-        assert sentence in refused(capsys, "export", *words)
 
 
 def test_refusals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -253,18 +253,8 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     out = tmp_path / "my-strip"
     assert main(["export", "strip", "--to", "library", "--out", str(out)]) == 0
     assert "libmy_strip.so" in capsys.readouterr().out and (out / "my_strip.h").is_file()
-    for words, sentence in (
-        (["nobody", "--to", "library", "--out", "x"], "nobody"),
-        *(
-            (["strip", "--to", "library", "--out", "x", "--name", name], "must be a C identifier")
-            for name in ("1x", "", "a b", "x" * 61, "../x", "a\nb")
-        ),
-        (["strip", "--to", "library", "--out", ""], "--out = '': must be a path"),
-        (["strip", "--to", "library", "--out", str(tmp_path / "my-strip" / "my_strip.h")], "my_strip.h: File exists"),
-        (["strip", "--to", "library", "--out", "x", "--env-kwargs", "{"], "must be JSON"),
-        (["two_link", "--to", "c", "--out", "x.c", "--cpu", "native"], "but with --to library or fmu"),
-    ):
-        assert sentence in refused(capsys, "export", *words)
+    file = str(out / "my_strip.h")
+    assert "my_strip.h: File exists" in refused(capsys, "export", "strip", "--to", "library", "--out", file)
 
 
 @pytest.mark.skipif(UNCOMPILED, reason="nothing is compiled")
