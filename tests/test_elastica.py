@@ -4,21 +4,22 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.optimize import fsolve
 
 from benchmarks.formulation_runs import ARMS, driven, known_path, long_run, release
 from flexarm_env import simulate
 from flexarm_env.compiler.decorator import kernel
 from flexarm_env.compiler.lanes import EIGHT, SINGLE, load, sincos, store
+from flexarm_env.linear import static_equilibrium
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.physics.elastica.build import phase_correction
-from flexarm_env.physics.elastica.chain import Chain, chain, nodes
+from flexarm_env.physics.elastica.chain import chain, nodes
 from flexarm_env.physics.elastica.slenderness import stretch_and_shear
 from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene
 from flexarm_env.scenes import named, reference
 from flexarm_env.settings import Settings
 from flexarm_env.time_functions import TimeFunction, constant, pulse, sine
 from flexarm_env.trajectory import Trajectory
+from tests.linear_tools import at_rest, one_link
 from tests.processes import ROOT, uncompiled_tests
 from tests.scene_tools import everything, tips_apart
 
@@ -43,29 +44,12 @@ def test_nodes(n: int, tip: bool) -> None:
     assert found == pytest.approx(oracle_nodes(n, tip), abs=1e-13)
 
 
-def bend(parts: Chain, force: float) -> Any:
-    """Angles of a clamped link under a transverse tip force of fixed direction."""
-
-    def unbalanced(x: Any) -> Any:
-        phi = np.concatenate([[0.0], x])
-        return (parts.K[0] @ phi - force * parts.w * np.cos(phi))[1:]
-
-    start = np.linspace(0.0, 0.5, parts.n)[1:]
-    return np.concatenate([[0.0], fsolve(unbalanced, start, xtol=1e-12)])
-
-
 def test_large_deflection_of_a_cantilever() -> None:
     """Tip force P L^2 / EI = 10: Bisshopp & Drucker 1945, by elliptic integrals; spectral convergence."""
-    x, y = 1.0 - 0.5550, 0.8106
-    errors = []
-    reference = chain(ONE, 12)
-    phi = bend(reference, 70.0)
-    best = np.array([reference.w @ np.cos(phi), reference.w @ np.sin(phi)])
-    assert best == pytest.approx([x, y], abs=1e-4)
-    for n in (4, 6, 8):
-        parts = chain(ONE, n)
-        phi = bend(parts, 70.0)
-        errors.append(float(np.hypot(*(np.array([parts.w @ np.cos(phi), parts.w @ np.sin(phi)]) - best))))
+    scene = at_rest(one_link(), loads=(PointLoad(0, "tip", force_y=constant(10.0)),))
+    tips = [static_equilibrium(scene, "elastica", nodes=n).observe()[0][0, 6:8] for n in (4, 6, 8, 12)]
+    assert tips[-1] == pytest.approx([1.0 - 0.5550, 0.8106], abs=1e-4)
+    errors = [float(np.hypot(*(tip - tips[-1]))) for tip in tips]
     assert errors[0] < 3e-3
     assert errors[1] < errors[0] / 8
     assert errors[2] < errors[1] / 8
