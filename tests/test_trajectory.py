@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,9 +12,9 @@ from flexarm_env.parameters import Arm, Link, Payload, Section
 from flexarm_env.scene import JointTorque, Motion, Scene
 from flexarm_env.scenes import named, read_trajectory
 from flexarm_env.simulation import simulate
-from flexarm_env.time_functions import constant, pulse, ramp
+from flexarm_env.time_functions import constant, pulse, ramp, spline_table
 from flexarm_env.trajectory import COLUMNS, Trajectory
-from tests.scene_tools import everything
+from tests.scene_tools import every, everything
 
 
 @pytest.fixture(scope="module")
@@ -82,15 +83,16 @@ def test_prescribed_angle_is_followed(run: Trajectory) -> None:
     np.testing.assert_allclose(run.joint_rates[1:, 0], rates[1:], atol=1e-9)
 
 
-def test_torque_that_enforces_a_motion_is_that_which_causes_it() -> None:
-    """A smooth motion's enforcing torque, applied as a load, gives the motion back."""
-    fine = simulate(named("robot_arm_motion_smooth"), segments=2, dt=0.005, sample=0.005, duration=4.0)
-    from flexarm_env.time_functions import spline_table
-
-    scene = named("robot_arm_motion_smooth")
+@every([("floating_frame", {"segments": 2}), ("geometrically_exact", {"elements": 5}), ("elastica", {"nodes": 6})])
+def test_torque_that_enforces_a_motion_is_that_which_causes_it(formulation: str, options: dict[str, Any]) -> None:
+    """A smooth motion's enforcing torque, applied as a load, gives the motion back; the books balance."""
+    scene = replace(named("robot_arm_motion_smooth"), duration=4.0)
+    options = options | {"dt": 0.005, "sample": 0.005, "rho_inf": 1.0, "estimate_error": False}
+    fine = simulate(everything(scene), formulation, **options)
+    assert np.abs(fine.balance).max() < 1e-4 * fine.energy.max()
     torque = JointTorque(0, spline_table(fine.t, fine.joint_torque[:, 0]))
-    driven = simulate(replace(scene, motions=(), loads=(torque,), duration=4.0), segments=2, dt=0.005, sample=0.005)
-    assert np.abs(driven.tip - fine.tip).max() < 2e-3
+    driven = simulate(everything(replace(scene, motions=(), loads=(torque,))), formulation, **options)
+    assert np.abs(driven.tip - fine.tip).max() < 1e-4
 
 
 def test_kinks_after_the_scenes_own_end_count() -> None:
