@@ -25,8 +25,8 @@ from .segments import ENDS, frames, turned_over
 
 Array = NDArray[np.float64]
 
-AXIS = {"xy": 2, "xz": 1, "torsion": 0}
-"""About which of a section's axes."""
+AXIS = {"xy": (2, 1.0), "xz": (1, -1.0), "torsion": (0, 1.0)}
+"""About which of a section's axes, and which way."""
 
 
 def gauges(scene: Scene, settings: Settings, spots: Sequence[Any]) -> Array:
@@ -36,11 +36,9 @@ def gauges(scene: Scene, settings: Settings, spots: Sequence[Any]) -> Array:
         what = "must be left out where strain gauges are read in space: these know segments of one element"
         raise check.InvalidValue("modes", settings.modes, what)
     for k, place, *more in spots:
-        link, measures = scene.arm.links[k], more[0] if more else "xy"
-        n, axis = count_elements(link, settings), AXIS[measures]
+        link, (axis, sign) = scene.arm.links[k], AXIS[more[0] if more else "xy"]
         own = _segment if settings.formulation == "floating_frame" else _elements
-        first, near, far, rest = own(link, n, place * link.length, axis)
-        sign = -1.0 if measures == "xz" else 1.0
+        first, near, far, rest = own(link, count_elements(link, settings), place * link.length, axis)
         found.append(
             GAUGE.pack({}, link=k, element=first, axis=axis, near=sign * near, far=sign * far, rest=sign * rest)
         )
@@ -51,10 +49,10 @@ def strained_rows(scene: Scene, settings: Settings, system: Any, spots: Sequence
     """(G, n): of links whose coordinates are their strains, what a gauge reads is a row times these."""
     n, names, found = polynomials(settings), list(system.names), np.zeros((len(spots), len(system.q0)))
     for row, (k, place, *more) in zip(found, spots, strict=True):
-        measures, length = more[0] if more else "xy", scene.arm.links[k].length
-        first = names.index(f"link{k}.{AXES_OF_STRAINS[AXIS[measures]]}1")
-        values = np.polynomial.legendre.legvander(2.0 * place - 1.0, n - 1).ravel() / length
-        row[first : first + 3 * n : 3] = -values if measures == "xz" else values
+        axis, sign = AXIS[more[0] if more else "xy"]
+        first = names.index(f"link{k}.{AXES_OF_STRAINS[axis]}1")
+        values = np.polynomial.legendre.legvander(2.0 * place - 1.0, n - 1).ravel() / scene.arm.links[k].length
+        row[first : first + 3 * n : 3] = sign * values
     return found
 
 
