@@ -21,11 +21,15 @@ from dataclasses import dataclass, field, replace
 from functools import reduce
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from .parameters import Arm, Link
 from .scene import Scene
 from .settings import MOST_ELEMENTS, Settings
 from .validation import Array
+
+_SAME_TIME = 1e-9
+"""Instants this close (s, and relative to the last one) are the same."""
 
 INACCURATE = "inaccurate"
 """Status of a run that came to its end, its estimated error above the limit."""
@@ -231,16 +235,23 @@ def _step_of(lengths: Array, settings: Settings, sample: float) -> float:
     return found
 
 
+def common_instants(t: ArrayLike, other: ArrayLike) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Indices into two increasing sequences of times, t (n,) s and other (m,) s, of the instants that both have."""
+    first, second = np.asarray(t, dtype=float), np.asarray(other, dtype=float)
+    nearest = np.clip(np.searchsorted(second, first), 0, second.size - 1)
+    before = np.maximum(nearest - 1, 0)
+    nearest = np.where(np.abs(second[before] - first) < np.abs(second[nearest] - first), before, nearest)
+    same = np.abs(second[nearest] - first) <= _SAME_TIME * max(1.0, abs(float(second[-1])))
+    return np.flatnonzero(same), nearest[same]
+
+
 def distance(one: Probe, other: Probe) -> float:
-    """Largest distance of two tips, or of their axes' ends, m, over the instants of the one with fewer; infinite where
-    either failed."""
+    """Largest distance of two tips, or of their axes' ends, m, over the instants that both have; infinite where either
+    failed."""
     if not (one.good and other.good):
         return math.inf
-    if one.t.size > other.t.size:
-        one, other = other, one
-    at = np.clip(np.searchsorted(other.t, one.t * (1.0 - 1e-12) - 1e-15), 0, other.t.size - 1)
-    common = np.abs(other.t[at] - one.t) <= 1e-9 * max(1.0, float(one.t[-1]))
-    return float(reduce(np.hypot, np.moveaxis((other.tip[at] - one.tip)[common], -1, 0)).max())
+    mine, theirs = common_instants(one.t, other.t)
+    return float(reduce(np.hypot, np.moveaxis(other.tip[theirs] - one.tip[mine], -1, 0)).max())
 
 
 def estimate(

@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexarm_env import validation as check
-
-_SAME_TIME = 1e-9
-"""Instants this close (s, and relative to the last one) are the same."""
+from flexarm_env.accuracy import common_instants
 
 
 @dataclass(frozen=True)
@@ -33,16 +31,6 @@ class TipError:
     def found(self) -> dict[str, float]:
         """What there was to compare, by name."""
         return {name: value for name, value in dataclasses.asdict(self).items() if not math.isnan(value)}
-
-
-def common_instants(t: ArrayLike, other: ArrayLike) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Indices into two increasing sequences of times, t (n,) s and other (m,) s, of the instants that both have."""
-    first, second = np.asarray(t, dtype=float), np.asarray(other, dtype=float)
-    nearest = np.clip(np.searchsorted(second, first), 0, second.size - 1)
-    before = np.maximum(nearest - 1, 0)
-    nearest = np.where(np.abs(second[before] - first) < np.abs(second[nearest] - first), before, nearest)
-    same = np.abs(second[nearest] - first) <= _SAME_TIME * max(1.0, abs(float(second[-1])))
-    return np.flatnonzero(same), nearest[same]
 
 
 def tip_error(

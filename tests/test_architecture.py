@@ -63,7 +63,7 @@ ROOMS: dict[str, set[str]] = {
     "simulation": {*_DESCRIPTION, *_COMPILED, "trajectory", "spatial", "accuracy", "rest"},
     "batch": {*_DESCRIPTION, *_COMPILED, "layout", "trajectory", "simulation"},
     "linear": {*_DESCRIPTION, *_COMPILED, "trajectory", "simulation", "rest"},
-    "comparison": {*_DESCRIPTION, "trajectory", "simulation"},
+    "comparison": {"validation", "accuracy"},
     "derivatives": {*_COMPILED, "batch", "simulation", "trajectory", "validation"},
     "control": {*_PHYSICS, "tasks", "derivatives"},
     "envs": {*_PHYSICS, "compiler", "control", "view"},

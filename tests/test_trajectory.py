@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexarm_env.comparison import common_instants, tip_error
+from flexarm_env.accuracy import common_instants
+from flexarm_env.comparison import tip_error
 from flexarm_env.parameters import Arm, Link, Payload, Section
 from flexarm_env.scene import JointTorque, Motion, Scene
 from flexarm_env.scenes import named, read_trajectory

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexarm_env.comparison import common_instants
+from flexarm_env.accuracy import common_instants
 from flexarm_env.view.clip import cuts_of
 from flexarm_env.view.sources import mesh_of, shapes_of
 
