@@ -8,8 +8,6 @@ A task's page shows the player docs/players/ID.json where there is one.
 from pathlib import Path
 from textwrap import fill
 
-import numpy as np
-
 from benchmarks.machine import DOCS, table, write_text
 from benchmarks.pages import filled
 from flexarm_env import suite
@@ -46,13 +44,12 @@ def keywords(task: suite.Task) -> str:
 
 def facts(task: suite.Task, plan: Plan) -> list[list[str]]:
     """What the task's table has."""
-    built = plan.kind.build(plan.arm, np.array(plan.rewards), plan.period, plan.aims)
     bands = ", ".join(
         f"{name} below {bound:.4g} {unit}".strip()
-        for (name, (_, unit)), bound in zip(plan.kind.bands.items(), built.bands, strict=True)
+        for (name, (_, unit)), bound in zip(plan.kind.bands.items(), plan.record.bands, strict=True)
         if bound < float("inf")
     )
-    once = ", and stays one" if built.once is not None else ""
+    once = ", and stays one" if plan.record.once is not None else ""
     price = [["price of a unit of cost", f"{task.price:g}"]] if task.price else []
     return [
         ["id for `gymnasium.make`", f"`{task.env_id}`"],
@@ -61,7 +58,7 @@ def facts(task: suite.Task, plan: Plan) -> list[list[str]]:
         ["actions", f"{plan.arm.n_links}, torques"],
         ["numbers in an observation", f"{len(plan.names) * plan.history} = {len(plan.names)} entries × {plan.history}"],
         ["control period, episode", f"{plan.period:g} s, {plan.limit} periods"],
-        ["success", f"{bands}, for {(built.hold - 1.0) * plan.period:g} s{once}"],
+        ["success", f"{bands}, for {(plan.record.hold - 1.0) * plan.period:g} s{once}"],
         ["training", f"at most {task.budget:,} control periods"],
         *price,
         ["digest", f"`{task.digest}`"],

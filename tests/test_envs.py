@@ -166,7 +166,7 @@ def test_the_docstring_names_everything_there_is() -> None:
 
 
 def test_reward_is_the_sum_of_bounded_terms(env: Any) -> None:
-    weights = dict(zip(REWARDS, env.unwrapped.plan.rewards, strict=True))
+    weights = dict(zip(REWARDS, env.unwrapped.plan.record.weights, strict=True))
     for observation, reward, terminated, _, info in episode(env, 4, 150)[1:]:
         terms = {name: info[f"reward_{name}"] for name in REWARDS}
         assert reward == pytest.approx(sum(terms.values()), abs=1e-12)

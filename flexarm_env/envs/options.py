@@ -13,7 +13,7 @@ import numpy as np
 
 from .. import arms
 from .. import validation as check
-from ..batch import ALWAYS, CLIP, FACTOR_NAMES, FURTHER, Batch, Extras, Starts
+from ..batch import ALWAYS, CLIP, FACTOR_NAMES, FURTHER, Batch, Extras, Starts, Task
 from ..parameters import Arm, Base
 from ..physics import precision
 from ..physics.gauges import Spot
@@ -65,10 +65,10 @@ class Plan:
     """A checked environment: all that a Batch is made from, and what its outside looks like.
 
     names, scales: of the entries of one observation; history: how many of these stand in what is observed, the oldest
-    first. aims: those fields of the task's record that are not the usual. gauges, gauge_scales: link and place of each
-    strain gauge, 1/m. limit: control periods to `duration` or max_episode_steps; max_steps: the latter. motion: of
-    every episode of task="replay". entries: of info. full: energies in it; words: words in it.
-    action_mode: what an action stands for. keep_out: shapes that it is to stay out of.
+    first. record: of the task. gauges, gauge_scales: link and place of each strain gauge, 1/m. limit: control periods
+    to `duration` or max_episode_steps; max_steps: the latter. motion: of every episode of task="replay". entries: of
+    info. full: energies in it; words: words in it. action_mode: what an action stands for. keep_out: shapes that it is
+    to stay out of.
     """
 
     kind: Kind
@@ -84,8 +84,7 @@ class Plan:
     words: bool
     render_mode: str | None
     starts: Starts
-    rewards: tuple[float, ...]
-    aims: Mapping[str, Any]
+    record: Task
     extras: Extras
     names: tuple[str, ...]
     scales: tuple[float, ...]
@@ -100,9 +99,8 @@ class Plan:
 
     def batch(self, n: int, threads: int = 1) -> Batch:
         """n arms of this environment."""
-        task = self.kind.build(self.arm, np.array(self.rewards), self.period, self.aims)
         return Batch(
-            self.arm, self.settings, n, task, self.starts,
+            self.arm, self.settings, n, self.record, self.starts,
             period=self.period, gravity=self.gravity, books=self.full, threads=threads, extras=self.extras,
         )  # fmt: skip
 
@@ -220,16 +218,16 @@ def plan(
     drawn = {name: k for k, name in enumerate(FACTOR_NAMES) if name in (randomization or {})}
     drawn |= _told(extras, carried.readings(own, kind.space))
     aims = events.aims(frame, extras, success, turns, absolute, max(drawn.values(), default=-1))
-    built = kind.build(own, weights, period, aims)
+    record = kind.build(own, weights, period, aims)
     return Plan(
         kind=kind, task=word, arm=own, settings=settings, period=period, duration=length, limit=limit,
         max_steps=max_episode_steps, gravity=frame.gravity, full=full, words=words, render_mode=render_mode,
-        starts=begun, rewards=tuple(weights.tolist()), aims=aims, extras=extras,
+        starts=begun, record=record, extras=extras,
         names=seen.of(seen.names), scales=seen.of(seen.scales), history=frames, sensors=carried,
         gauges=tuple(gauge.spot for gauge in gauges), gauge_scales=tuple(gauge_scales(frame, gauges)),
         motion=_replayed(kind, own.n_links, motion) if word == "replay" else None,
         entries=info_entries(
-            kind, built, full, full and own.jointed and word != "replay", extras, settings.step_tolerance is not None,
+            kind, record, full, full and own.jointed and word != "replay", extras, settings.step_tolerance is not None,
             drawn,
         ),
         action_mode=action_mode, keep_out=events.shapes_of(kind.space, keep_out),

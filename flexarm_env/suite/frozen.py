@@ -36,7 +36,7 @@ def possible(task_id: str) -> Possible:
     """Of a task by its id, from the bounds of the reward's terms (docs/suite.md): accuracy and settle pay 1 at most,
     distance, vibration and attitude take 1, effort 1 and change 4 a joint, each times its weight; a failure is once."""
     made = resolved(task(task_id))
-    weight = dict(zip(made.kind.rewards, made.rewards, strict=True))
+    weight = dict(zip(made.kind.rewards, made.record.weights.tolist(), strict=True))
     paid = weight["accuracy"] + weight["settle"]
     joints = made.arm.n_links * (weight["effort"] + 4.0 * weight.get(CHANGE, 0.0))
     taken = weight["distance"] + joints + weight["vibration"] + weight.get(ATTITUDE, 0.0) + weight.get(COST, 0.0)
@@ -47,14 +47,12 @@ def possible(task_id: str) -> Possible:
 def instants(task_id: str) -> tuple[float, int]:
     """Of a task by its id: the control period, s, and over how many of them the bounds of success have to be kept."""
     made = resolved(task(task_id))
-    built = made.kind.build(made.arm, np.array(made.rewards), made.period, made.aims)
-    return made.period, int(built.hold) - 1
+    return made.period, int(made.record.hold) - 1
 
 
 def digest_of(one: Task) -> str:
     """See `flexarm_env.suite.digest`."""
     made = resolved(one)
-    built = made.kind.build(made.arm, np.array(made.rewards), made.period, made.aims)
     arm = {key: value for key, value in arms.to_table(made.arm, made.arm.spatial).items() if key != "source"}
     starts = {key: getattr(made.starts, key) for key in ("start", "target", "straight", "vibration")}
     starts["factors"] = [made.starts.drawn[name] for name in ("payload", "EI", "damping", "torque_constant")]
@@ -67,9 +65,9 @@ def digest_of(one: Task) -> str:
         "period": made.period,
         "limit": made.limit,
         "gravity": made.gravity,
-        "weights": dict(zip(made.kind.rewards, made.rewards, strict=True)),
+        "weights": dict(zip(made.kind.rewards, made.record.weights.tolist(), strict=True)),
         "starts": starts,
-        "success": dict(zip((*made.kind.bands, "hold"), (*built.bands, built.hold), strict=True)),
+        "success": dict(zip((*made.kind.bands, "hold"), (*made.record.bands, made.record.hold), strict=True)),
         "observation": [list(pair) for pair in zip(made.names, made.scales, strict=True)],
         "history": made.history,
     }

@@ -107,7 +107,7 @@ class Gradient(BaseAlgorithm):
         keywords = {k: v for k, v in spec.kwargs.items() if k not in NOT_OF_ARMS}
         self.arms = Arms(spec.id, self.n_envs, **keywords)
         plan = self.arms.environment.plan
-        self.limit, self.price = int(plan.limit), float(plan.rewards[-1])
+        self.limit, self.price = int(plan.limit), float(plan.record.weights[-1])
         last = len(plan.names) * (plan.history - 1)
         self.margins = [
             (last + plan.names.index(f"{name}_sin"), last + plan.names.index(f"{name}_cos"), *limits)
