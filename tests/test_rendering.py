@@ -24,24 +24,21 @@ Picture = NDArray[np.uint8]
 
 
 def arm(*angles: float, bend: float = 0.0, at: tuple[float, float] = (0.0, 0.0)) -> tuple[list[Any], Any]:
-    """Links of length 1 / N, root tangents at these absolute angles, each bent by `bend` rad: points and poses."""
-    n, length = len(angles), 1.0 / len(angles)
-    points, poses = [], np.zeros((n, 12))
-    start = np.array(at)
-    for k, angle in enumerate(angles):
+    """Links of length 1 / N, root tangents at these absolute angles, each bent by `bend` rad: points, and angles (N, 2)
+    at roots and tips."""
+    length, points, start = 1.0 / len(angles), list[Any](), np.array(at)
+    for angle in angles:
         turn = angle + bend * np.linspace(0.0, 1.0, 11)
         middle = 0.5 * (turn[1:] + turn[:-1])
         steps = 0.1 * length * np.column_stack([np.cos(middle), np.sin(middle)])
         points.append(np.vstack([start, start + np.cumsum(steps, axis=0)]))
-        poses[k, [0, 1, 2]] = *start, angle
-        poses[k, [6, 7, 8]] = *points[-1][-1], angle + bend
         start = points[-1][-1]
-    return points, poses
+    return points, np.array(angles)[:, None] + [0.0, bend]
 
 
 def draw(renderer: Renderer, *angles: float, **more: Any) -> Picture:
-    points, poses = arm(*angles, bend=more.pop("bend", 0.0), at=more.pop("at", (0.0, 0.0)))
-    picture = renderer.frame(points, poses, more.pop("target", None), more.pop("time", 0.0), **more)
+    points, turned = arm(*angles, bend=more.pop("bend", 0.0), at=more.pop("at", (0.0, 0.0)))
+    picture = renderer.frame(points, turned, more.pop("target", None), more.pop("time", 0.0), **more)
     assert picture is not None
     return picture
 
@@ -77,8 +74,8 @@ def test_a_picture(angles: tuple[float, ...], size: tuple[int, int]) -> None:
 
 def test_the_link_is_where_it_is() -> None:
     renderer = Renderer("rgb_array", 1.0)
-    points, poses = arm(0.5, bend=1.2)
-    picture = renderer.frame(points, poses, None, 0.0)
+    points, turned = arm(0.5, bend=1.2)
+    picture = renderer.frame(points, turned, None, 0.0)
     assert picture is not None
     for point in points[0][2:-1]:
         assert near(picture, *point)[2] > near(picture, *point)[0] + 40, "blue along the bent link"
@@ -102,12 +99,12 @@ def test_small_and_absent_things() -> None:
 
 def test_a_broken_state_is_told_and_not_drawn() -> None:
     renderer = Renderer("rgb_array", 1.0)
-    points, poses = arm(0.3)
+    points, turned = arm(0.3)
     points[0][4, 1] = np.nan
-    picture = renderer.frame(points, poses, (0.5, 0.5), 0.0, [0.1], [np.nan])
+    picture = renderer.frame(points, turned, (0.5, 0.5), 0.0, [0.1], [np.nan])
     assert picture is not None and has(picture, rendering.DEFLECTION) and not has(picture, rendering.PAYLOAD)
-    huge, poses = arm(0.3, at=(1e12, -1e12))
-    assert renderer.frame(huge, poses, (0.5, 0.5), 0.1) is not None
+    huge, turned = arm(0.3, at=(1e12, -1e12))
+    assert renderer.frame(huge, turned, (0.5, 0.5), 0.1) is not None
 
 
 def test_the_view_follows_a_root_that_leaves() -> None:
@@ -152,8 +149,8 @@ def test_wrong_arguments(mode: str, reach: float, words: str) -> None:
 
 # -------------------------------------------------------------------- geometry
 def test_the_rigid_arm() -> None:
-    points, poses = arm(0.3, 1.0, bend=0.4)
-    first, second = rigid_arm(points, poses)
+    points, turned = arm(0.3, 1.0, bend=0.4)
+    first, second = rigid_arm(points, turned)
     np.testing.assert_allclose(first[1], 0.5 * np.array([np.cos(0.3), np.sin(0.3)]), atol=1e-12)
     np.testing.assert_array_equal(second[0], first[1])
     # the elbow's angle is from link 1's tip, 0.7, to link 2's root, 1.0: the rigid second link points along 0.6
@@ -180,11 +177,11 @@ def test_ribbon_and_steps() -> None:
 # ---------------------------------------------------------------------- window
 def test_no_display_is_said_once(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    points, poses = arm(0.1)
+    points, turned = arm(0.1)
     renderer = Renderer("human", 1.0)
     with caplog.at_level(logging.WARNING):
-        assert renderer.frame(points, poses, None, 0.0) is None
-        assert renderer.frame(points, poses, None, 0.1) is None
+        assert renderer.frame(points, turned, None, 0.0) is None
+        assert renderer.frame(points, turned, None, 0.1) is None
     assert [record.message.startswith("render_mode 'human' shows nothing") for record in caplog.records] == [True]
     assert not pygame.display.get_init()
     renderer.close()
@@ -194,18 +191,18 @@ def test_a_window(monkeypatch: pytest.MonkeyPatch) -> None:
     """With SDL's dummy driver in place of a display."""
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     monkeypatch.setattr(pygame.display, "get_driver", lambda: "a display")
-    points, poses = arm(0.1)
+    points, turned = arm(0.1)
     renderer = Renderer("human", 1.0, (200, 150), fps=1000)
     assert not pygame.display.get_init(), "no window before the first picture"
-    assert renderer.frame(points, poses, None, 0.0) is None
+    assert renderer.frame(points, turned, None, 0.0) is None
     shown = drawing.array_of(pygame.display.get_surface())
     np.testing.assert_array_equal(shown, draw(Renderer("rgb_array", 1.0, (200, 150)), 0.1))
     assert pickle.loads(pickle.dumps(renderer))._window is None
 
     pygame.event.post(pygame.event.Event(pygame.QUIT))
-    assert renderer.frame(points, poses, None, 0.1) is None
+    assert renderer.frame(points, turned, None, 0.1) is None
     assert renderer.closed and not pygame.display.get_init()
-    assert renderer.frame(points, poses, None, 0.2) is None
+    assert renderer.frame(points, turned, None, 0.2) is None
     renderer.close()
 
 
@@ -220,7 +217,7 @@ assert "pygame" not in sys.modules
 r = Renderer("rgb_array", 1.0)
 import pygame
 points = np.array([[0.0, 0.0], [1.0, 0.0]])
-assert r.frame([points], np.zeros((1, 12)), None, 0.0).shape == (640, 640, 3)
+assert r.frame([points], np.zeros((1, 2)), None, 0.0).shape == (640, 640, 3)
 assert not pygame.display.get_init() and "SDL_VIDEODRIVER" not in os.environ
 """
     python("-c", code)
@@ -315,7 +312,7 @@ for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER", "XDG_RUNTIME_DIR")
     os.environ.pop(name, None)
 import numpy as np
 from flexarm_env.envs.rendering import Renderer
-assert Renderer("human", 1.0).frame([np.array([[0.0, 0.0], [1.0, 0.0]])], np.zeros((1, 12)), None, 0.0) is None
+assert Renderer("human", 1.0).frame([np.array([[0.0, 0.0], [1.0, 0.0]])], np.zeros((1, 2)), None, 0.0) is None
 """
     done = python("-c", code)
     assert done.stderr.startswith("render_mode 'human' shows nothing here") and done.stderr.count("\n") == 1

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..batch import View
 from ..parameters import Arm
-from ..physics.layout import ROOT, SPACE_POSE
+from ..physics.layout import POSE, ROOT, SPACE_POSE
 from ..physics.space.reading import straight
 from ..view.ribbons import ribbons, sides
 from .drawing import PAPER, pygame_module
@@ -102,7 +102,8 @@ def draw(pen: Renderer, plan: Plan, view: View) -> Any:
     if plan.arm.base is not None:  # of its attitude is the last row
         attitude, hub = float(view.q[-1]), view.points[0]
         target = hub + target if plan.kind.target.numbers == 1 else target
-    return pen.frame(shapes, view.poses, target, view.time, view.torques / limits, view.deflection, attitude)
+    angles = view.poses[:, [POSE.angle, POSE.tip_angle]]
+    return pen.frame(shapes, angles, target, view.time, view.torques / limits, view.deflection, attitude)
 
 
 def chain(points: NDArray[np.float64], poses: NDArray[np.float64]) -> list[NDArray[np.float64]]:

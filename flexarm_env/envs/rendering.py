@@ -16,9 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..physics.layout import POSE
 from ..shapes import Shape
-from ..trajectory import joint_angles
 from ..validation import Array
 from ..view.outlines import outline_of
 from .drawing import (
@@ -104,6 +102,7 @@ class Renderer:
         self.closed = False
         """Whether the window was closed, by the user or by `close`."""
         self._cell = round_step(self.reach / 3.0)
+        self._room: Any = 0.94 * MARGIN * self.reach * np.array(self.size) / min(self.size)
         self._window: Any = None
         self._clock: Any = None
         self._opened = False
@@ -123,7 +122,7 @@ class Renderer:
     def frame(
         self,
         shape_points: Sequence[ArrayLike],
-        poses: ArrayLike,
+        angles: ArrayLike,
         target: ArrayLike | None,
         time: float,
         torques: ArrayLike | None = None,
@@ -134,7 +133,7 @@ class Renderer:
 
         Args:
             shape_points: for each of the N links its points (n, 2) from root to tip, m.
-            poses: (N, 12), of the links, as `physics.layout` says.
+            angles: (N, 2), of the tangents at their roots and tips, rad.
             target: (2,) m, or None. time: s; an earlier time than before starts a new episode.
             torques: (N,) in shares of the limit, or None. deflection: (N,) tip deflections over L, or None.
             attitude: of a base that floats, rad, or None.
@@ -144,25 +143,17 @@ class Renderer:
         if not self.ready():
             return None
         points = [np.asarray(p, dtype=np.float64).reshape(-1, 2) for p in shape_points]
-        pose = np.asarray(poses, dtype=np.float64).reshape(len(points), POSE.end)
-        if time < self._time:
-            self._restart()
-        angles = pose[:, [POSE.angle, POSE.tip_angle]]
-        good = bool(np.isfinite(angles).all() and all(np.isfinite(p).all() for p in points))
-        if good:
-            self._follow(np.concatenate(points))
-            if time > self._time:
-                self._trace.append(points[-1][-1].copy())
-        self._time = time
-
+        ends = np.asarray(angles, dtype=np.float64).reshape(len(points), 2)
+        good = bool(np.isfinite(ends).all() and all(np.isfinite(p).all() for p in points))
+        self._go_on(time, np.concatenate(points) if good else None)
         sheet = Sheet(self.size, self.reach, MARGIN, self._center, self._cell)
         if good:
-            chain = [smooth(p, pose[k, POSE.angle], pose[k, POSE.tip_angle]) for k, p in enumerate(points)]
+            chain = [smooth(line, root, tip) for line, (root, tip) in zip(points, ends.tolist(), strict=True)]
             for shape in self.keep_out:
                 sheet.area(outline_of(shape, self._center, 3.0 * self.reach), blend(KEEP_OUT, PAPER, 0.82), KEEP_OUT)
             if attitude is not None:
                 _draw_base(sheet, chain[0][0], attitude)
-            _draw_ghost(sheet, rigid_arm(chain, pose))
+            _draw_ghost(sheet, rigid_arm(chain, ends))
             _draw_trace(sheet, self._trace)
             if target is not None:
                 _draw_target(sheet, np.asarray(target, dtype=np.float64), chain)
@@ -173,16 +164,6 @@ class Renderer:
             turned = f"{angle:+.1f}°".replace("-", "−") if angle else "0°"
             write(picture, f"base {turned}", (14 * u, 69.5 * u), 17 * u, FAINT, "midleft")
         return self._told(picture, time, torques, deflection, good)
-
-    def _told(
-        self, picture: Any, time: float, torques: ArrayLike | None, deflection: ArrayLike | None, good: bool
-    ) -> NDArray[np.uint8] | None:
-        """The picture with its panels: its pixels, or None where it is shown in a window."""
-        self._draw_panels(picture, time, torques, deflection, good)
-        if self.mode == "rgb_array":
-            return array_of(picture)
-        self.show(picture)
-        return None
 
     @property
     def visible(self) -> bool:
@@ -235,11 +216,19 @@ class Renderer:
         pg.display.flip()
         self._clock.tick(self.fps)
 
-    def _follow(self, points: Array) -> None:
-        """Move the view as little as it takes to keep the arm inside."""
-        half = 0.94 * MARGIN * self.reach * np.array(self.size) / min(self.size)
-        low, high = points.max(axis=0) - half, points.min(axis=0) + half  # where the centre may be
-        self._center = np.where(low > high, 0.5 * (low + high), np.clip(self._center, low, np.maximum(low, high)))
+    def _go_on(self, time: float, points: Array | None) -> None:
+        """The view moves as little as it takes to keep the arm inside, and the trace goes on to its tip.
+
+        points (n, 2), in space (n, 3): from root to tip; None where they are not finite.
+        """
+        if time < self._time:
+            self._restart()
+        if points is not None:
+            low, high = points.max(axis=0) - self._room, points.min(axis=0) + self._room  # where the centre may be
+            self._center = np.where(low > high, 0.5 * (low + high), np.clip(self._center, low, np.maximum(low, high)))
+            if time > self._time:
+                self._trace.append(points[-1].copy())
+        self._time = time
 
     # ----------------------------------------------------------------- arm
     def _draw_links(self, sheet: Sheet, chain: list[Array]) -> None:
@@ -260,10 +249,11 @@ class Renderer:
             sheet.disc(chain[-1][-1], 3.0, blend(PAYLOAD, WHITE, 0.55))
 
     # --------------------------------------------------------------- panels
-    def _draw_panels(
+    def _told(
         self, picture: Any, time: float, torques: ArrayLike | None, deflection: ArrayLike | None, good: bool
-    ) -> None:
-        """Time, scale, deflections and torques, in the corners that the circle of reach leaves free."""
+    ) -> NDArray[np.uint8] | None:
+        """The picture with time, scale, deflections and torques, in the corners that the circle of reach leaves free:
+        its pixels, or None where it is shown in a window."""
         pg, u = pygame_module(), max(0.75, min(self.size) / 640.0)
         width, height = self.size
         write(picture, f"{time:.2f} s", (14 * u, 12 * u), 28 * u, INK, "topleft")
@@ -291,6 +281,10 @@ class Renderer:
             names = ["hub", "elbow"] if len(values) <= 2 else [f"joint {k + 1}" for k in range(len(values))]
             note = f"torque, ±{100 * self.ends[1]:g} % of limit"
             _draw_bars(picture, u, width - 182 * u, note, names, values / self.ends[1], values, TORQUE)
+        if self.mode == "rgb_array":
+            return array_of(picture)
+        self.show(picture)
+        return None
 
 
 # ----------------------------------------------------------------------- parts
@@ -304,12 +298,12 @@ def stroke_widths(k: int, n: int) -> tuple[float, float]:
     return 12.0 - 6.0 * k / n, 12.0 - 6.0 * (k + 1) / n
 
 
-def rigid_arm(chain: Sequence[Array], poses: Array) -> list[Array]:
-    """Straight links (2, 2) of the chain's lengths at the joint angles of `poses` (N, 12)."""
-    at, angle = chain[0][0], 0.0
+def rigid_arm(chain: Sequence[Array], ends: Array) -> list[Array]:
+    """Straight links (2, 2) of the chain's lengths at the joint angles that angles (N, 2) of roots and tips tell."""
+    at, angle, before = chain[0][0], 0.0, 0.0
     arm = []
-    for line, turn in zip(chain, joint_angles(poses)[0].tolist(), strict=True):
-        angle += turn
+    for line, (root, tip) in zip(chain, ends.tolist(), strict=True):
+        angle, before = angle + (root - before), tip
         end = at + length_of(line) * np.array([math.cos(angle), math.sin(angle)])
         arm.append(np.array([at, end]))
         at = end

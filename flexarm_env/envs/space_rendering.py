@@ -75,7 +75,7 @@ class SpaceRenderer(Renderer):
         super().__init__(mode, reach, size, fps, payload=payload, **more)
         least = np.array([0.03, 0.007]) * self.reach
         self.half = 0.5 * np.where(np.asarray(sides) > 0.0, np.maximum(sides, least), 0.06 * self.reach)
-        self.ground, self.links = ground, list(links)
+        self.ground, self.links, self._room = ground, list(links), 0.94 * MARGIN * self.reach
 
     def _restart(self) -> None:
         super()._restart()
@@ -100,26 +100,15 @@ class SpaceRenderer(Renderer):
         """
         if not self.ready():
             return None
-        if time < self._time:
-            self._restart()
         good = bool(all(np.isfinite(points).all() and np.isfinite(across).all() for points, across in chain))
-        if good:
-            self._follow(np.concatenate([points for points, _ in chain]))
-            if time > self._time:
-                self._trace.append(chain[-1][0][-1].copy())
-        self._time, self.ghost = time, rigid is not None
+        self._go_on(time, np.concatenate([points for points, _ in chain]) if good else None)
+        self.ghost = rigid is not None
         camera = Camera(self.size, self.reach, self._center)
         canvas = _empty(self.size, self.reach, tuple(self._center), self.ground, self._cell).copy()
         if good:
             self._draw_scene(canvas, camera, chain, target, rigid)
         picture = pygame_module().transform.smoothscale(canvas, self.size)
         return self._told(picture, time, torques, deflection, good)
-
-    def _follow(self, points: Array) -> None:
-        room = 0.94 * MARGIN * self.reach
-        low, high = points.max(axis=0) - room, points.min(axis=0) + room
-        inside = np.clip(self._center, low, np.maximum(low, high))
-        self._center = np.where(low > high, 0.5 * (low + high), inside)
 
     # ---------------------------------------------------------------- the scene
     def _draw_scene(

@@ -14,7 +14,6 @@ from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..physics.layout import POSE, ROOT, TIP
 from ..physics.space.reading import straight
 from ..trajectory import Trajectory
 from ..view.clip import cuts_of
@@ -84,8 +83,8 @@ def _in_the_plane(trajectory: Trajectory, mode: str, usual: dict[str, Any]) -> t
 
     def draw(i: int, torques: Any) -> Any:
         chain = [trajectory.shapes[i, a : b + 1] for a, b in pairwise(hinges)]
-        poses, time = _poses(trajectory, i, chain), float(trajectory.t[i])
-        return pen.frame(chain, poses, None, time, torques, trajectory.tip_deflection[i])
+        angles, time = trajectory.link_angles[i], float(trajectory.t[i])
+        return pen.frame(chain, angles, None, time, torques, trajectory.tip_deflection[i])
 
     return pen, draw
 
@@ -189,12 +188,3 @@ def _first(frames: Iterator[NDArray[np.uint8]]) -> NDArray[np.uint8]:
 def _import(module: str, package: str) -> Any:
     with check.needs("such a film", package, "render", DependencyNotInstalled):
         return importlib.import_module(module)
-
-
-def _poses(trajectory: Trajectory, i: int, chain: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Link poses (N, 12) as far as a picture needs them."""
-    poses = np.zeros((len(chain), POSE.end))
-    poses[:, [POSE.angle, POSE.tip_angle]] = trajectory.link_angles[i]
-    for k, line in enumerate(chain):
-        poses[k, ROOT][:2], poses[k, TIP][:2] = line[0], line[-1]
-    return poses
