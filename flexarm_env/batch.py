@@ -22,10 +22,11 @@ from .physics.integrator.work import unpack, work_size
 from .physics.joints.build import with_own_laws
 from .physics.layout import COUNTS, POSE, SPACE_POSE
 from .physics.model import OK, System
+from .physics.obstacles import KeepOut, packed
 from .physics.space.reading import read
 from .runtime import episode as environment
 from .runtime import starts
-from .runtime.keep_out import KeepOut, packed, with_room
+from .runtime.keep_out import with_room
 from .runtime.laws import LAW_SIZE, law_of, room_of
 from .runtime.layout import aligned, layout_of, readings_size
 from .runtime.sampling import observe_arm
@@ -71,6 +72,7 @@ from .tasks.slew import Slew
 from .tasks.space import SpaceReach
 from .tasks.starts import ALWAYS, FACTOR_NAMES, Starts
 from .tasks.task import Task
+from .trajectory import joint_angles
 from .validation import Array
 
 LANES_FROM = 3
@@ -223,6 +225,11 @@ class Batch:
         end = self.layout.record - len(self.task.base) * len(self.lane)
         return self._mine(self.layout.poses, end, i).reshape(self.arm.n_links, -1).copy()
 
+    def joints(self, i: int) -> tuple[Array, Array]:
+        """Angles and rates (N,) of arm i's joints, the first of a base's from the x axis, as `poses`."""
+        poses = self.poses(i)
+        return (poses[:, SPACE_POSE.angle], poses[:, SPACE_POSE.rate]) if self.arm.spatial else joint_angles(poses)
+
     # --- motion ----------------------------------------------------------------------------------
     def parameters(self, i: int) -> Array:
         """What is arm i's own (see `physics.model.PAYLOAD_MASS`), a copy."""
@@ -312,20 +319,14 @@ class Batch:
     def _repeat_alone(self) -> None:
         """Arms whose Newton iteration failed in their lane go through the period again, where steps are halved."""
         for i in np.flatnonzero(self.table[self.info_at.reason, : self.n] == RETRY).tolist():
-            alone = self.alone()
+            alone = self._alone = self._alone or Batch(
+                self.arm, self.settings, 1, self.task, self.starts,
+                period=self.period, gravity=self.gravity, books=self.books, extras=self.extras,
+            )  # fmt: skip
             alone.set_state(0, self.get_state(i))
             alone.action[0] = self.action[i]
             alone.compiled_step(alone.address, 0, 1)
             self.set_state(i, alone.get_state(0))
-
-    def alone(self) -> Batch:
-        """A batch of one like this one."""
-        if self._alone is None:
-            self._alone = Batch(
-                self.arm, self.settings, 1, self.task, self.starts,
-                period=self.period, gravity=self.gravity, books=self.books, extras=self.extras,
-            )  # fmt: skip
-        return self._alone
 
     def get_state(self, i: int) -> dict[str, Any]:
         """Everything about arm i, copied."""

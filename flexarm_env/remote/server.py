@@ -21,7 +21,6 @@ from .. import validation as check
 from ..control import make as controller
 from ..control.base import Setup
 from ..control.pd import PD, SpatialPD
-from ..validation import Array
 from .packet import (
     ARM,
     HELD,
@@ -114,17 +113,7 @@ class Session:
     def _reset(self) -> None:
         self.observation, _ = self.env.reset(seed=self.seed)
         self.status, self.torque = 0.0, np.zeros(len(self.torque_limits))
-        (self._angles, self._slow), self.row = self._joints(), tuple[float, ...]()
-
-    def _joints(self) -> tuple[Array, Array]:
-        """Angles and rates, rad and rad/s, of the arm itself."""
-        poses = self.plain.batch.poses(0)
-        if self.plain.plan.arm.spatial:
-            return poses[:, 0], poses[:, 1]
-        angles, rates = poses[:, 2].copy(), poses[:, 5].copy()
-        angles[1:] -= poses[:-1, 8]
-        rates[1:] -= poses[:-1, 11]
-        return angles, rates
+        (self._angles, self._slow), self.row = self.plain.batch.joints(0), tuple[float, ...]()
 
     # --- packets ------------------------------------------------------------------------------------
     def receive(self, content: bytes, address: Any) -> bytes | None:
@@ -176,7 +165,7 @@ class Session:
     # --- periods ------------------------------------------------------------------------------------
     def _stop(self, reason: str) -> None:
         if not self.held:
-            self._angles = self._joints()[0]
+            self._angles = self.plain.batch.joints(0)[0]
         self.held, self.reason = True, reason
 
     def advance(self) -> bytes | None:
@@ -190,7 +179,7 @@ class Session:
                 self.held, self.reason = False, ""
         elif self.silent > self.limits.watchdog and not self.held:
             self._stop(f"no command for {self.limits.watchdog} periods")
-        angles, rates = self._joints()
+        angles, rates = self.plain.batch.joints(0)
         self._slow += self._pd.passed * (rates - self._slow)
         if not self.held and (np.abs(angles).max() > self.limits.angle or np.abs(rates).max() > self.limits.rate):
             self._stop("a joint is beyond its limits of angle or rate")
@@ -228,7 +217,7 @@ class Session:
 
     def readings(self) -> tuple[float, ...]:
         """Joint angles, rates, torques, and what the sensors read, in SI units."""
-        angles, rates = self._joints()
+        angles, rates = self.plain.batch.joints(0)
         seen = self.observation * self.scales
         return tuple(np.concatenate([angles, rates, self.torque, seen]).tolist())
 

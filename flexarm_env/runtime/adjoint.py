@@ -90,7 +90,7 @@ def _period(lane, d, g, block, bars, tape):
     par_bar, poses_bar, record_bar, action_bar, seen_bar, reward_bar, _, _ = sections(layout, bars)
     fill(lane, d, d.places, layout, g, block)
     keep(w, record, saved)
-    ask(lane, p, model, p.controller, p.actuator, par, poses, record, action, w)
+    ask(lane, p, model, par, poses, record, action, w)
     length = _length(model, p.task) * len(lane)
     start = tape[(p.n_steps + 1) * length :]
     for s in range(p.n_steps):

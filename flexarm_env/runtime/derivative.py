@@ -28,7 +28,6 @@ from .events import change_payloads
 from .fitted import FITS, TAKEN, move
 from .guided import follow_motions
 from .keeping import keep
-from .motors import take_steps
 from .sensors import measure
 
 
@@ -219,10 +218,7 @@ def _go(lane, p, guide, models, model, parts, layout, block, w, moves, anew):
         if guide is None:
             change_payloads(lane, p, par, record, w)
             keep(w, record, saved)
-            if models is None:
-                take_steps(lane, p, model, parts, p.controller, p.actuator, par, poses, record, action, saved, block, w)
-            else:
-                move(lane, p, models, par, poses, record, action, saved, scratch, block, w)
+            move(lane, p, models, model, parts, par, poses, record, action, saved, scratch, block, w)
         else:
             follow_motions(lane, guide, p, model, par, record, action, w, anew)
         close(lane, p, layout, block, w)

@@ -67,7 +67,7 @@ def _period(lane, p, g, block, w):
     read_actions(lane, p, g, action, record, w.flag)
     apply_events(lane, p, g, par, record, w)
     keep(w, record, saved)
-    move(lane, p, p.models, par, poses, record, action, saved, scratch, block, w)
+    move(lane, p, p.models, p.model, 1, par, poses, record, action, saved, scratch, block, w)
     task_poses(lane, p.model, par, w.q, w.v, poses)
     move_targets(lane, p.reference, p.task, p.period, record)
     observe_state(lane, p, False, poses, record, seen)

@@ -35,10 +35,10 @@ _FLAG, _FINE, TAKEN, APART, _TIPS = _FIRST.flag, _FIRST.fine, _FIRST.taken, _FIR
 
 
 @kernel
-def move(lane, p, models, par, poses, record, action, saved, scratch, block, w):
-    """The steps of one period: those that are set, or fitted."""
+def move(lane, p, models, model, parts, par, poses, record, action, saved, scratch, block, w):
+    """The steps of one period: those that are set, each in so many parts, or fitted."""
     if models is None:
-        take_steps(lane, p, p.model, 1, p.controller, p.actuator, par, poses, record, action, saved, block, w)
+        take_steps(lane, p, model, parts, par, poses, record, action, saved, block, w)
     else:
         _fit(lane, p, models, par, poses, record, action, saved, scratch, block, w)
 
@@ -49,7 +49,7 @@ def _fit(lane, p, models, par, poses, record, action, saved, scratch, block, w):
     open_fit(lane, links, level, record, saved, scratch, w)
     for k in range(FITS):
         if start_run(lane, k, saved, scratch, record, w):
-            take_steps(lane, p, models[k], 2**k, p.controller, p.actuator, par, poses, record, action, saved, block, w)
+            take_steps(lane, p, models[k], 2**k, par, poses, record, action, saved, block, w)
             link_poses(lane, models[k], par, w.q, w.v, poses)
             if not end_run(lane, k, links, p.allowed, p.period, poses, record, saved, scratch, level, w):
                 break

@@ -7,7 +7,7 @@ carries some of the columns (`physics.integrator.tangents`).
 
 from __future__ import annotations
 
-from ..compiler import follow, kernel, largest, load, select_lt, size, splat, store
+from ..compiler import follow, inlined, kernel, largest, load, select_lt, size, splat, store
 from ..physics.arithmetic import put
 from ..physics.integrator.newton import slopes_of
 from ..physics.integrator.start import restart
@@ -43,10 +43,11 @@ def implicit(address, first, last):
     return 0
 
 
-@kernel
+@inlined
 def _chunk(d, c, scratch):
-    """The dual block of chunk c of the columns."""
-    return scratch[c * d.both.row : (c + 1) * d.both.row]
+    """The dual block of chunk c of the columns, and the work array in it."""
+    both = scratch[c * d.both.row : (c + 1) * d.both.row]
+    return both, unpack(d.dual, d.program.model, both, 0)
 
 
 @kernel
@@ -66,52 +67,52 @@ def _period(lane, d, g, chunks, block, scratch, w):
     fill(lane, d, d.places, layout, g, block)
     change_payloads(lane, p, par, record, w)
     keep(w, record, saved)
-    ask(lane, p, model, p.controller, p.actuator, par, poses, record, action, w)
+    ask(lane, p, model, par, poses, record, action, w)
     for c in range(chunks):
-        _open(d, g, c, _chunk(d, c, scratch))
+        _open(d, g, c, scratch)
     slopes = slopes_of(p.scheme, p.h)
     for s in range(p.n_steps):
-        _turn(lane, d, p.actuator, s, chunks, record, scratch, w)
+        _turn(lane, d, s, chunks, record, scratch, w)
         if s == 0:
             _jump(lane, d, chunks, par, record, saved, block, scratch, w)
         advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
         prepare(lane, model, par, w, slopes)
         for c in range(chunks):
-            both = _chunk(d, c, scratch)
-            x = unpack(d.dual, model, both, 0)
+            both, x = _chunk(d, c, scratch)
             step_tangents(lane, d.dual, model, _parameters(d, both), w, x, slopes, p.scheme, d.passes)
     for c in range(chunks):
-        _close(lane, d, g, c, _chunk(d, c, scratch), w)
+        _close(lane, d, g, c, scratch, w)
     close(lane, p, layout, block, w)
     write_outcome(lane, d, d.places, layout, g, block)
 
 
 @kernel
-def _turn(lane, d, actuator, s, chunks, record, scratch, w):
+def _turn(lane, d, s, chunks, record, scratch, w):
     """The motors' torques in step s, and their tangents."""
+    actuator = d.program.actuator
     if actuator is not None:
         turn_motors(lane, d.program.task, actuator, s, record, w)
         for c in range(chunks):
-            both = _chunk(d, c, scratch)
-            x = unpack(d.dual, d.program.model, both, 0)
+            both, x = _chunk(d, c, scratch)
             turn_motors(d.dual, d.program.task, actuator, s, _record(d, both), x)
 
 
 @kernel
-def _open(d, g, c, both):
+def _open(d, g, c, scratch):
     """Columns of chunk c, as far as the commands."""
-    p, x, lane = d.program, unpack(d.dual, d.program.model, both, 0), d.dual
+    p, lane = d.program, d.dual
+    both, x = _chunk(d, c, scratch)
     poses, action = both[d.both.poses : d.both.record], both[d.both.action : d.both.seen]
     fill(lane, d, d.twice, d.both, g, both)
     seed(lane, d, c * at_once(d), min((c + 1) * at_once(d), d.columns), both)
     change_payloads(lane, p, _parameters(d, both), _record(d, both), x)
-    ask(lane, p, p.model, p.controller, p.actuator, _parameters(d, both), poses, _record(d, both), action, x)
+    ask(lane, p, p.model, _parameters(d, both), poses, _record(d, both), action, x)
 
 
 @kernel
-def _close(lane, d, g, c, both, w):
+def _close(lane, d, g, c, scratch, w):
     """What is to be seen by the columns of chunk c, and all of them into the arms' Jacobians."""
-    x = unpack(d.dual, d.program.model, both, 0)
+    both, x = _chunk(d, c, scratch)
     copy_state(lane, d.dual, d.program.model, w, x)
     close(d.dual, d.program, d.both, both, x)
     take_columns(d.dual, d, -1, g, c * at_once(d), min((c + 1) * at_once(d), d.columns), both)
@@ -119,7 +120,7 @@ def _close(lane, d, g, c, both, w):
 
 @kernel
 def _jump(lane, d, chunks, par, record, saved, block, scratch, w):
-    """`motors._jump` with its tangents."""
+    """`motors.jump` with its tangents."""
     if isinstance(d.program.model.predictor, tuple):
         _afresh(lane, d, chunks, par, block, scratch, w)
     elif light(d.program.model) is not None:
@@ -133,8 +134,7 @@ def _afresh(lane, d, chunks, par, block, scratch, w):
     model = d.program.model
     restart(lane, model, None, par, block, 0, 0.0, d.program.h, True)
     for c in range(chunks):
-        both = _chunk(d, c, scratch)
-        x = unpack(d.dual, model, both, 0)
+        both, x = _chunk(d, c, scratch)
         restart_tangents(lane, d.dual, model, _parameters(d, both), w, x)
         copy_rows(d.dual, size(model.n), x.r, x.a)
         copy_rows(d.dual, size(model.n), x.r, x.b)
@@ -144,15 +144,14 @@ def _afresh(lane, d, chunks, par, block, scratch, w):
 def _light(lane, d, chunks, par, record, block, scratch, w):
     p, model = d.program, d.program.model
     for c in range(chunks):
-        both = _chunk(d, c, scratch)
-        x, first, zero = unpack(d.dual, model, both, 0), starting(d.dual, _record(d, both)), splat(d.dual, 0.0)
+        both, x = _chunk(d, c, scratch)
+        first, zero = starting(d.dual, _record(d, both)), splat(d.dual, 0.0)
         before_switch(lane, d.dual, model, _parameters(d, both), w, x)
         for k in range(size(model.n)):
             store(x.q0, k, select_lt(0.5, first, zero, load(d.dual, x.q0, k)))
     switch(lane, model, par, block, 0, p.h, starting(lane, record))
     for c in range(chunks):
-        both = _chunk(d, c, scratch)
-        x = unpack(d.dual, model, both, 0)
+        both, x = _chunk(d, c, scratch)
         light_tangents(lane, d.dual, model, _parameters(d, both), w, x, p.h)
 
 
@@ -161,15 +160,14 @@ def _stiff(lane, d, chunks, par, record, saved, block, scratch, w):
     p, model = d.program, d.program.model
     first = start_stiff(lane, p, model, par, record, saved, block, w)
     for c in range(chunks):
-        both = _chunk(d, c, scratch)
-        x = unpack(d.dual, model, both, 0)
+        both, x = _chunk(d, c, scratch)
         if largest(first) > 0.5:
             _start_tangents(lane, d, model, p, both, w, x)
         before_switch(lane, d.dual, model, _parameters(d, both), w, x)
     switch(lane, model, par, block, 0, p.h, None)
     for c in range(chunks):
-        both = _chunk(d, c, scratch)
-        switch_tangents(lane, d.dual, model, _parameters(d, both), w, unpack(d.dual, model, both, 0))
+        both, x = _chunk(d, c, scratch)
+        switch_tangents(lane, d.dual, model, _parameters(d, both), w, x)
 
 
 @kernel

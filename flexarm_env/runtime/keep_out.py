@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler import apart, kernel, load, maximum, size, splat, stack, uncompiled
-from ..physics.obstacles import OBSTACLE, KeepOut, distance, packed
+from ..physics.obstacles import OBSTACLE, KeepOut, distance
 from ..physics.protocol import shape
 from ..tasks.program import FURTHER
 from ..tasks.task import info_of, put_info
-
-__all__ = ["KeepOut", "clearance", "packed", "record_clearance", "with_room"]
 
 Array = NDArray[np.float64]
 

@@ -87,24 +87,28 @@ def command(lane, task, controller, amplifier, model, par, action, poses, record
 
 
 @kernel
-def take_steps(lane, p, model, parts, controller, actuator, par, poses, record, action, saved, block, w):
-    """The steps of one period under an action, each in so many parts."""
-    ask(lane, p, model, controller, actuator, par, poses, record, action, w)
-    if actuator is None:
+def take_steps(lane, p, model, parts, par, poses, record, action, saved, block, w):
+    """The steps of one period under an action, each in so many parts; motors that are not ideal in each step anew."""
+    ask(lane, p, model, par, poses, record, action, w)
+    if p.actuator is None:
         jump(lane, p, model, par, record, saved, block, w)
         advance(lane, model, None, par, block, 0, 0.0, p.h / parts, p.n_steps * parts, p.scheme, p.books)
     else:
-        _run_motors(lane, p, model, parts, actuator, par, record, saved, block, w)
+        for s in range(p.n_steps):
+            turn_motors(lane, p.task, p.actuator, s, record, w)
+            if s == 0:
+                jump(lane, p, model, par, record, saved, block, w)
+            advance(lane, model, None, par, block, 0, 0.0, p.h / parts, parts, p.scheme, p.books)
 
 
 @kernel
-def ask(lane, p, model, controller, actuator, par, poses, record, action, w):
+def ask(lane, p, model, par, poses, record, action, w):
     """w.u <- inputs of a period, u0 those before; what motors are asked for they remember."""
     copy_rows(lane, size(model.n_inputs), w.u, w.u0)
     set_pushes(lane, p, record, w)
-    command(lane, p.task, controller, p.amplifier, model, par, action, poses, record, w)
-    if actuator is not None:
-        record_commands(lane, p.task, actuator, record, w)
+    command(lane, p.task, p.controller, p.amplifier, model, par, action, poses, record, w)
+    if p.actuator is not None:
+        record_commands(lane, p.task, p.actuator, record, w)
 
 
 @kernel
@@ -145,16 +149,6 @@ def jump(lane, p, model, par, record, saved, block, w, kept=None):
 
 
 @kernel
-def _run_motors(lane, p, model, parts, actuator, par, record, saved, block, w):
-    """The motors' torques followed through each step."""
-    for s in range(p.n_steps):
-        turn_motors(lane, p.task, actuator, s, record, w)
-        if s == 0:
-            jump(lane, p, model, par, record, saved, block, w)
-        advance(lane, model, None, par, block, 0, 0.0, p.h / parts, parts, p.scheme, p.books)
-
-
-@kernel
 def motors_at(task, actuator):
     """Where in the record the motors' fields are."""
     return record_at(0, size(task.links), size(task.acted), 1, actuator.rows, 0, 0, 0)
@@ -165,7 +159,9 @@ def record_commands(lane, task, actuator, record, w):
     """Remember what the motors are asked for, w.u."""
     n, at = size(task.links), motors_at(task, actuator)
     for k in range(n):
-        _shift_in(lane, record, at.commands + k, n, actuator.rows - 1, load(lane, w.u, k))
+        for row in range(actuator.rows - 1, 0, -1):
+            store(record, at.commands + row * n + k, load(lane, record, at.commands + (row - 1) * n + k))
+        store(record, at.commands + k, load(lane, w.u, k))
 
 
 @kernel
@@ -219,11 +215,3 @@ def draw_lateness(actuator, stream, arm, record, lanes):
     if actuator is not None and actuator.jitter is not None:
         drawn = math.floor(uniform(stream, arm) * (actuator.jitter[0] + 1.0))
         record[LATE * lanes + arm % lanes] = drawn
-
-
-@kernel
-def _shift_in(lane, record, first, stride, count, value):
-    """Push a value into a memory of count + 1 entries, the newest first."""
-    for k in range(count, 0, -1):
-        store(record, first + k * stride, load(lane, record, first + (k - 1) * stride))
-    store(record, first, value)

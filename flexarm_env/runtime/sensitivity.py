@@ -117,9 +117,8 @@ def tangent_rows(lane, wide, model, drive, steps, scheme, factors, here, ahead, 
             w.q[2 * drive.known[i] + 1] = moved[k, i, OF_MOTION.value]
         for i in range(inputs):
             store(w.u, i, splat(wide, here.u[k * inputs + i]))
-        _add_residual(lane, here, steps, k, r, w.S, given)
-        _add_residual(lane, ahead, steps, k, r, w.S, given)
-        _add_residual(lane, behind, steps, k, r, w.S, given)
+        for one in (here, ahead, behind):
+            _add_residual(lane, one, steps, k, r, w.S, given)
         for _ in range(passes):
             _follow(wide, model, drive, w, d, slopes, steps, k, moved)
             residual(wide, model, par, state_of(w), w.u, w.r, w.S)
@@ -127,9 +126,9 @@ def tangent_rows(lane, wide, model, drive, steps, scheme, factors, here, ahead, 
                 r[i], dv[i], da[i] = given[i] + w.r[2 * i + 1], w.v[2 * i + 1], w.a[2 * i + 1]
             take_out_known(lane, model, drive, r, own, False)
             solve(lane, model, own, r)
-            _add_friction(lane, here, own)
-            _add_friction(lane, ahead, own)
-            _add_friction(lane, behind, own)
+            for one in (here, ahead, behind):
+                if one.weight != 0.0:  # what `own` notes of friction changes by a neighbour's, where joints slide
+                    change_friction(lane, one.model, one.par, one.weight, own)
             weights = Weights(slopes.a, slopes.v, 1.0)
             friction_tangents(lane, model, State(dv, dv, da), weights, slopes.v / slopes.a, own, r)
             for i in range(n):
@@ -168,13 +167,6 @@ def _add_residual(lane, one, on, k, r, free, given):
         residual(lane, one.model, one.par, _state(on, k, n), one.u[k * inputs : (k + 1) * inputs], r, free)
         for i in range(n):
             given[i] += one.weight * r[i]
-
-
-@kernel
-def _add_friction(lane, one, matrix):
-    """What `matrix` notes of friction changes by a neighbour's, times its weight, where joints slide."""
-    if one.weight != 0.0:
-        change_friction(lane, one.model, one.par, one.weight, matrix)
 
 
 @kernel

@@ -52,7 +52,9 @@ def measure(lane, p, stream, arm, poses, record, seen, first):
     """Entries as sensors read them, in the place of the true ones; stream: see `read`."""
     instruments = p.instruments
     if instruments is not None:
-        base, at = record.shape[0] // len(lane) - readings_size(instruments), _further(p.task, p.reference)
+        base, at = record.shape[0] // len(lane) - readings_size(instruments), size(p.task.entries)
+        if p.reference is not None:
+            at += p.reference.scales.shape[0]
         who = Who(stream, arm, arm % arms(lane), base, first)
         c = _encoders(lane, p, instruments, who, poses, record, seen)
         _turned(lane, p, instruments, who, poses, record, seen)
@@ -79,14 +81,6 @@ def readings_size(instruments):
     if instruments is not None:
         return (instruments.laws.shape[0] // LAW_SIZE) * channel_at(0, instruments.room).end
     return 0
-
-
-@kernel
-def _further(task, reference):
-    """How many entries the task and a moving target have."""
-    if reference is not None:
-        return size(task.entries) + reference.scales.shape[0]
-    return size(task.entries)
 
 
 @kernel

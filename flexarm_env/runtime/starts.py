@@ -282,12 +282,8 @@ def finish_guided(address, arm, code):
     code: status of the period, or -1 for an episode's start.
     """
     p = follow(address)
-    g = arm // len(p.lane)
-    _finish_guided(p.lane, p, arm, code, p.block[g * p.layout.row : (g + 1) * p.layout.row])
-
-
-@kernel
-def _finish_guided(lane, p, arm, code, block):
+    lane, g = p.lane, arm // len(p.lane)
+    block = p.block[g * p.layout.row : (g + 1) * p.layout.row]
     _, poses, record, action, seen, info, _, _ = sections(p.layout, block)
     live, outcome = _only(lane, arm % len(lane)), stack(lane, OUTCOME)
     store(outcome, 0, splat(lane, 0.0))
