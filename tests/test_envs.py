@@ -10,7 +10,8 @@ import pytest
 
 import flexarm_env
 from flexarm_env import arms
-from flexarm_env.envs.task import REACH, REWARDS, SLEW, inertia_beyond
+from flexarm_env.envs.task import REACH, REWARDS, SLEW
+from flexarm_env.rigid import inertia_beyond
 from tests.env_tools import ENERGIES, IDS, MULTI, RANDOM, STANDARD, assert_same, episode, rich, turned
 
 

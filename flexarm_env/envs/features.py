@@ -15,10 +15,11 @@ from ..control.base import RESIDUAL_SHARE
 from ..parameters import Arm
 from ..physics.gauges import over
 from ..physics.joints.build import NOTHING
+from ..rigid import inertia_beyond
 from ..settings import Settings
 from ..validation import Array
 from .targets import AHEAD
-from .task import Kind, controller_gains
+from .task import Kind
 
 ACTION_MODES = ("torque", "current", "voltage", "residual_pd")
 LONGEST = 1000
@@ -73,14 +74,18 @@ def _late(path: str, value: Any, step: float, name: str) -> tuple[int, int]:
 
 # --- controllers -------------------------------------------------------------------------------------
 def controller(frame: Frame, mode: Any, share: Any) -> Controller | None:
-    """The joint controllers under the action, or None where the action is a torque, a current or a voltage."""
+    """The joint controllers under the action, or None where the action is a torque, a current or a voltage.
+
+    Stiffness: the full torque at an error of pi/4. Damping: critical for the rigid arm beyond the joint, straight.
+    """
     if check.choice("action_mode", mode, ACTION_MODES) != "residual_pd":
         if share is not None:
             raise check.InvalidValue("residual_share", share, 'must be given with action_mode="residual_pd" only')
         return None
     part = RESIDUAL_SHARE if share is None else check.number("residual_share", share, above=0.0)
-    gains = controller_gains(frame.arm).reshape(-1, 2)
-    return Controller(gains[:, 0].copy(), gains[:, 1].copy(), part, (0,) if frame.arm.jointed else None)
+    stiffness = np.array(frame.arm.torque_limits) / (math.pi / 4)
+    inertia = np.array([inertia_beyond(frame.arm, k) for k in range(frame.arm.n_links)])
+    return Controller(stiffness, 2.0 * np.sqrt(stiffness * inertia), part, (0,) if frame.arm.jointed else None)
 
 
 def amplified(arm: Arm, mode: Any) -> tuple[Arm, Amplifier | None]:
@@ -201,11 +206,6 @@ def sensors(
 
 
 _STIFFNESS = {"xz": "EI_y", "torsion": "GJ"}
-
-
-def gauge_names(count: int) -> tuple[str, ...]:
-    """Names of the gauges' entries."""
-    return tuple(f"strain_gauge_{k + 1}" for k in range(count))
 
 
 def gauge_scales(frame: Frame, gauges: Sequence[description.StrainGauge]) -> list[float]:

@@ -4,11 +4,10 @@ Such an arm does not run in the batch but as a `Simulation` of its own, which la
 `simulate`, so that the numbers are the same.
 """
 
-import dataclasses
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -247,14 +246,12 @@ class Guide:
         """Where the arm is."""
         simulation, poses = self.simulation, self.report()["poses"]
         if self.scene.spatial:
-            seen = self._read()
-            points, deflection = seen["shapes"][0], seen["tip_deflection"][0].T.ravel()
+            deflection = self._read()["tip_deflection"][0].T.ravel()
         else:
-            points = simulation.shape_points()
             deflection = link_deflection(poses) / np.array([link.span for link in self.scene.arm.links])
         return View(
-            points=points, poses=poses, time=simulation.t, target=target, torques=simulation.joint_torques(),
-            deflection=deflection, q=simulation.work.q.copy(),
+            points=simulation.shape_points(), poses=poses, time=simulation.t, target=target,
+            torques=simulation.joint_torques(), deflection=deflection, q=simulation.work.q.copy(),
         )  # fmt: skip
 
     def __getstate__(self) -> dict[str, Any]:
@@ -274,24 +271,24 @@ class Guide:
 
 def guide(plan: Any, motion: Prescribed, starts: Array) -> Guide:
     """The arm of an environment (`options.Plan`) under a motion. starts (N,): of joints left free, NaN: 0."""
-    arm, settings, period = plan.arm, plan.settings, plan.period
-    more = {"gauges": plan.gauges, "gauge_scales": plan.gauge_scales}
+    arm, scene = plan.arm, motion.scene
+    if scene is None:
+        scene = _moved(plan, motion, starts)
+    elif scene.arm.n_links != arm.n_links or replace(scene.arm, torque_limits=arm.torque_limits) != arm:
+        raise check.InvalidValue("options.motion", scene.name, "must be a scene of this environment's own arm")
     limits = np.array(arm.torque_limits)
-    if motion.scene is not None:
-        scene = motion.scene
-        alike = scene.arm.n_links == arm.n_links
-        if not alike or dataclasses.replace(scene.arm, torque_limits=arm.torque_limits) != arm:
-            raise check.InvalidValue("options.motion", scene.name, "must be a scene of this environment's own arm")
-        return Guide(scene, settings, period, limits, **more)
+    return Guide(scene, plan.settings, plan.period, limits, plan.gauges, plan.gauge_scales)
+
+
+def _moved(plan: Any, motion: Prescribed, starts: Array) -> Scene:
+    """A scene of the environment's arm under motions of its joints."""
     functions = dict(motion.functions)
     for k, function in functions.items():
         check.number(f"options.motion: joint{k} at t = 0", function.start, "rad", **ANGLE)
     joints = [functions[k].start if k in functions else (0.0 if math.isnan(a) else a) for k, a in enumerate(starts)]
     end = motion.end if motion.end > 0.0 else plan.duration
-    assert settings.dt is not None
-    scene = Scene(
-        "motion", arm, duration=end, dt=min(settings.dt, end), sample=min(period, end), gravity=plan.gravity,
-        angles=tuple(joints if arm.spatial else np.cumsum(joints).tolist()),
+    return Scene(
+        "motion", plan.arm, duration=end, dt=min(plan.settings.dt, end), sample=min(plan.period, end),
+        gravity=plan.gravity, angles=tuple(joints if plan.arm.spatial else np.cumsum(joints).tolist()),
         motions=tuple(Motion(f"joint{k}", f) for k, f in functions.items()),
     )  # fmt: skip
-    return Guide(scene, settings, period, limits, **more)

@@ -12,14 +12,13 @@ from .. import validation as check
 from ..batch import LAW_SIZE, Instruments, Selection, law_of, room_of
 from ..parameters import Arm
 from ..rigid import rate_scale
-from .features import Frame, gauge_names, gauge_scales
+from .features import Frame, gauge_scales
 from .task import Kind
 
 FULL, MEASURED = "full", "measured"
 LONGEST_HISTORY = 1000
 
 Entries = list[tuple[str, float]]
-Gauges = tuple[description.StrainGauge, ...]
 
 
 @dataclass(frozen=True)
@@ -98,7 +97,7 @@ def sight(frame: Frame, observation: str | tuple[str, ...], own: description.Sen
     for sensor, readings in description.OF_THE_TIP[kind.space].items():
         if getattr(own, sensor) is not None:
             entries += [(name, 1.0 if "_rise_" in name else sizes[sensor]) for name in readings]
-    gauges = list(zip(gauge_names(len(own.strain_gauges)), _scales(frame, own.strain_gauges), strict=True))
+    gauges = _gauge_entries(frame, own.strain_gauges)
     entries += gauges
     names, scales = tuple(name for name, _ in entries), tuple(scale for _, scale in entries)
     joints = [[names.index(f"{joint}_{of}") for of in ("sin", "cos", "rate")] for joint in arm.joint_names]
@@ -129,13 +128,13 @@ def _chosen(
     return tuple(names.index(name) for name in observation)
 
 
-def _scales(frame: Frame, gauges: Gauges) -> list[float]:
-    """Scale of each gauge, in its unit."""
-    sizes = []
+def _gauge_entries(frame: Frame, gauges: Sequence[description.StrainGauge]) -> Entries:
+    """Name and scale of each gauge, in its unit."""
+    found = []
     for i, (gauge, scale) in enumerate(zip(gauges, gauge_scales(frame, gauges), strict=True)):
         with check.under(f"sensors.strain_gauges[{i}]"):
-            sizes.append(scale * gauge.per_curvature_of(frame.arm.links[gauge.link]))
-    return sizes
+            found.append((f"strain_gauge_{i + 1}", scale * gauge.per_curvature_of(frame.arm.links[gauge.link])))
+    return found
 
 
 def _instruments(

@@ -284,21 +284,20 @@ def _settings(kind: Kind, formulation: str | None, period: float, options: dict[
     if kind.space and isinstance(chosen, str) and chosen == "elastica":
         what = "must be 'geometrically_exact' or 'floating_frame' in space"
         raise check.InvalidValue("formulation", chosen, what)
-    check_options(chosen, [name for name in options if name in default_options(chosen) or _known(name)])
+    check_options(chosen, [name for name in options if name in ARGUMENTS])
     for name in options:
-        if not _known(name):
+        if name not in ARGUMENTS:
             raise check.UnknownArgument(name, ARGUMENTS)
     usual = DEFAULT_OPTIONS | ({} if kind.settings is None else {"geometrically_exact": dict(kind.settings)})
     base = dict(usual[chosen]) if options.get("modes") is None else OF_MODES
     settings = Settings.make(chosen, **merged(base, options))
-    if "dt" not in options or options["dt"] is None:
-        assert settings.dt is not None
-        if not period / settings.dt <= MOST_STEPS:
+    assert settings.dt is not None
+    steps = period / settings.dt
+    if options.get("dt") is None:
+        if not steps <= MOST_STEPS:
             what = f"must be at most {MOST_STEPS} steps of dt = {settings.dt:g} s"
             raise check.InvalidValue("control_dt", period, what)
         return settings.dividing(period)
-    assert settings.dt is not None
-    steps = period / settings.dt
     if not steps <= MOST_STEPS:
         what = f"must be at least {period / MOST_STEPS:g} s, {MOST_STEPS} steps in a control period of {period!r} s"
         raise check.InvalidValue("dt", options["dt"], what)
@@ -306,10 +305,6 @@ def _settings(kind: Kind, formulation: str | None, period: float, options: dict[
         what = f"must divide control_dt = {period!r} s into a whole number of steps"
         raise check.InvalidValue("dt", options["dt"], what)
     return settings
-
-
-def _known(name: str) -> bool:
-    return any(name in default_options(f) for f in DEFAULT_OPTIONS)
 
 
 def _gravity(kind: Kind, given: Any) -> tuple[float, ...] | None:

@@ -32,7 +32,7 @@ class Request:
     motion: Prescribed | None = None
 
 
-def request_of(plan: Plan, options: Any, extra: tuple[str, ...] = ()) -> Request:
+def request_of(plan: Plan, options: Any) -> Request:
     """Checked options of one reset. ValueError names the key, the value and what is allowed."""
     n = plan.arm.n_links
     numbers = n if plan.kind.space else 2
@@ -41,30 +41,29 @@ def request_of(plan: Plan, options: Any, extra: tuple[str, ...] = ()) -> Request
     if options is None:
         return asked
     table = check.table_of("options", options)
-    check.known_keys("options", table, (*KEYS, *extra), "option")
-    if table.get("start") is not None:
-        asked.angles[:] = _start(plan, table["start"])
-    if table.get("target") is not None:
-        asked.target[:] = plan.kind.target.read(plan.arm, table["target"])
-    if table.get("vibration") is not None:
-        asked.vibration[:] = _vibration(table["vibration"], modes)
-    interpolation = table.get("interpolation")
-    if interpolation is not None and table.get("motion") is None:
-        raise check.InvalidValue("options.interpolation", interpolation, "must be given with options.motion")
-    motion = plan.motion
-    if table.get("motion") is not None:
-        motion = prescribed(table["motion"], n, interpolation)
-    if motion is not None:
-        unguided(plan.extras, "options.motion", table.get("motion"))
-    if motion is not None and table.get("vibration") is not None:
-        raise check.InvalidValue("options.vibration", table["vibration"], "must not be given together with a motion")
-    if table.get("vibration") is not None and asked.vibration.any() and plan.starts.shake is None:
+    check.known_keys("options", table, KEYS, "option")
+    given = {key: value for key, value in table.items() if value is not None}
+    if "start" in given:
+        asked.angles[:] = _start(plan, given["start"])
+    if "target" in given:
+        asked.target[:] = plan.kind.target.read(plan.arm, given["target"])
+    if "vibration" in given:
+        asked.vibration[:] = _vibration(given["vibration"], modes)
+    if "motion" in given:
+        asked = dataclasses.replace(asked, motion=prescribed(given["motion"], n, given.get("interpolation")))
+    elif "interpolation" in given:
+        raise check.InvalidValue("options.interpolation", given["interpolation"], "must be given with options.motion")
+    if asked.motion is not None:
+        unguided(plan.extras, "options.motion", given.get("motion"))
+    if "vibration" in given and asked.motion is not None:
+        raise check.InvalidValue("options.vibration", given["vibration"], "must not be given together with a motion")
+    if "vibration" in given and asked.vibration.any() and plan.starts.shake is None:
         what = "must be 0 in an environment without initial_vibration"
-        raise check.InvalidValue("options.vibration", table["vibration"], what)
-    if plan.task == "track" and table.get("target") is not None:
+        raise check.InvalidValue("options.vibration", given["vibration"], what)
+    if "target" in given and plan.task == "track":
         what = 'must not be given with task="track", where the reference says where the target is'
-        raise check.InvalidValue("options.target", table["target"], what)
-    return dataclasses.replace(asked, motion=motion)
+        raise check.InvalidValue("options.target", given["target"], what)
+    return asked
 
 
 def _vibration(value: Any, modes: int) -> Any:

@@ -11,7 +11,7 @@ from .. import validation as check
 from ..batch import FURTHER, Chain, Extras, Reach, Slew, Starts, Task, info_places
 from ..parameters import Arm
 from ..physics.layout import BASE_POSE
-from ..rigid import centre_shift, inertia_beyond, rate_scale
+from ..rigid import centre_shift, rate_scale
 from ..validation import Array
 from .targets import ANGLE_OF_TIP, POINT, Pair, Target
 
@@ -83,19 +83,6 @@ class Kind:
             base=(0,) * (BASE_POSE.end if arm.base else 0),
         )
         return usual._replace(**(aims or {}))
-
-
-def controller_gains(arm: Arm) -> Array:
-    """(N, 2) flattened: N m/rad and N m s/rad of each joint's controller in action_mode="residual_pd".
-
-    Stiffness: the full torque at an error of pi/4. Damping: critical for the rigid arm beyond the joint, straight.
-    """
-    assert arm.torque_limits is not None
-    gains = []
-    for k, limit in enumerate(arm.torque_limits):
-        stiffness = limit / (math.pi / 4)
-        gains.append((stiffness, 2.0 * math.sqrt(stiffness * inertia_beyond(arm, k))))
-    return np.array(gains).ravel()
 
 
 def _slew_entries(arm: Arm) -> list[tuple[str, float]]:
