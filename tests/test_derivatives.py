@@ -269,6 +269,27 @@ def test_dry_friction_in_space() -> None:
 
 
 @pytest.mark.slow
+def test_steps_that_are_halved_where_newton_fails() -> None:
+    """Two iterations do not suffice for all arms: the environment repeats these alone, in halved steps. Values are its,
+    bit for bit, derivatives those of differences of what it does."""
+    arms = Arms(ONE, 3, max_iterations=2, tolerance=1e-12)
+    as_in_the_environment(arms)
+    rng, state = np.random.default_rng(0), arms.reset(seed=0)
+    for _ in range(2):
+        state = arms.step(state, np.sign(rng.uniform(-1.0, 1.0, (3, 1))))[0]
+    action = 0.9 * np.sign(rng.uniform(-1.0, 1.0, (3, 1)))
+    found = arms.jacobians(state, action)
+    assert not arms.failed.any() and arms._stuck.any()
+    assert arms.environment.batch._alone is not None  # which the environment repeated an arm in, too
+    assert np.array_equal(found.state, arms.step(state, action)[0])
+    wanted = differences(arms, state, action, found.moved)
+    error = np.linalg.norm(found.moved - wanted, axis=(1, 2)) / np.linalg.norm(wanted, axis=(1, 2))
+    assert error.max() < 1e-8
+    as_the_jacobians(arms, state, action, 1e-12)
+    arms.close()
+
+
+@pytest.mark.slow
 def test_former_names_warn() -> None:
     arms = Arms(ONE, 2)
     state, action = moving(arms)

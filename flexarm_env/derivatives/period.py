@@ -1,7 +1,7 @@
 """Control periods of arms, differentiated: rows of numbers, no episodes, exact Jacobians."""
 
 import warnings
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from .. import validation as check
 from ..batch import Batch
 from ..compiler import SINGLE, WIDEST, Crew, Placed, dual, entry, native, uncompiled
 from ..physics import precision
-from ..physics.model import OK, STIFFNESSES, Elastica, ExactBeam, FloatingChain, Jointed
+from ..physics.model import NEWTON_FAILED, OK, STIFFNESSES, Elastica, ExactBeam, FloatingChain, Jointed
 from ..physics.space.chain import SpatialBeam, SpatialElastica
 from ..runtime import derivative
 from ..runtime.adjoint import adjoint, room_of
@@ -28,6 +28,9 @@ MOST_AT_ONCE = 3
 PASSES, MOST_PASSES = 5, 20
 """Solutions for a step's tangents where its matrix is the derivative but for a thousandth: of exact beams, in space; of
 exact beams there at most as many, until nothing is left."""
+
+
+Found = TypeVar("Found", bound=tuple[Array, ...])
 
 
 def _renamed(name: str, now: str) -> None:
@@ -127,15 +130,16 @@ class Periods:
     Args:
         batch: the arms. parameters: see `Arms`. kept: a state holds accelerations and torques, also where periods begin
         with accelerations solved afresh. guided: which arm alone, and its `envs.motion.Guide`; None: all arms, as they
-        move in the batch.
+        move in the batch. halved: arms one at a time, whose steps are halved where Newton's iteration fails.
     Attributes:
         n, state_size, action_size, observation_size, moving, names, failed, past: see `Arms`. backwards: whether
         cotangents have kernels of their own (`vjp`).
     """
 
     def __init__(
-        self, batch: Batch, parameters: bool = False, kept: bool = False, guided: tuple[int, Any] | None = None
-    ) -> None:
+        self, batch: Batch, parameters: bool = False, kept: bool = False, guided: tuple[int, Any] | None = None,
+        halved: bool = False,
+    ) -> None:  # fmt: skip
         if WIDEST is SINGLE:
             raise RuntimeError("derivatives are compiled: there are none where compilation is disabled")
         self._batch, self.parameters, self._guided = batch, parameters, guided
@@ -155,12 +159,13 @@ class Periods:
         self.names, self.moving = self._memory.names(names), self._memory.moving
         self.state_size = len(self.names)
         joined = model.algebraic is not None  # by multipliers, whose matrix has no lanes
-        lane = SINGLE if joined or guided else WIDEST
+        lane = SINGLE if joined or guided or halved else WIDEST
         lanes, columns = len(lane), core + self.action_size
         turned = getattr(model, "base", None) is not None  # by what keeps its momentum, too
-        decided = model.correction is None and not (fitted or joined or kept or turned)  # by a step's equations alone
+        taken = fitted or joined or kept or turned or halved  # not by a step's equations alone
+        decided = model.correction is None and not taken
         implied = decided and getattr(model, "friction", None) is None
-        at_once = -(-columns // -(-columns // MOST_AT_ONCE)) if implied or joined or guided else 1
+        at_once = -(-columns // -(-columns // MOST_AT_ONCE)) if implied or len(lane) == 1 else 1
         self._derivative, chunks = (implicit, -(-columns // at_once)) if implied else (derivative.tangents, 1)
         both = dual(lane, at_once)
         layouts = [layout_of(k, model, task, batch.entries, extras, fitted) for k in (lanes, len(both))]
@@ -204,6 +209,8 @@ class Periods:
         self.backwards = able and not gauges and all(part is None for part in forwards)
         self._shape = (self.n, rows, columns)
         self._placed = Placed(self._program)
+        self._kept, self._halves, self._stuck = kept, len(lane) == 1, np.zeros(self.n, np.bool_)
+        self._one: Periods | None = None
         self._threads = 1 if guided else batch.threads
         self._crew = Crew(self._threads - 1)
         self._entries: dict[Any, Any] = {}
@@ -236,7 +243,7 @@ class Periods:
         """State (n, S), observation (n, O) and reward (n,) a period later, under an action (n, A), clipped to +-1."""
         self._put(state, action)
         self._run(derivative.step)
-        return self._outcome()
+        return self._with_halved("step", self._outcome(), state, action)
 
     # --- derivatives -----------------------------------------------------------------------------
     def jacobians(self, state: Array, action: Array) -> Jacobians:
@@ -247,7 +254,7 @@ class Periods:
         moved[:, :, self._program.moving :] *= (np.abs(given) <= 1.0)[:, None, :]
         outcome, moved = self._outcome(), self._memory.whole(moved)
         moved[self.failed] = np.nan
-        return Jacobians(*outcome, moved)
+        return self._with_halved("jacobians", Jacobians(*outcome, moved), state, action)
 
     def vjp(
         self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array
@@ -277,7 +284,9 @@ class Periods:
             for values in (by_state, by_action):
                 values[self.failed] = 0.0  # of an arm that is asked nothing, whatever became of it
                 values[lost] = np.nan
-        return by_state, by_action
+        bars = given, seen, paid
+        self._stuck &= given.any(axis=1) | seen.any(axis=1) | (paid != 0.0)
+        return self._with_halved("vjp", (by_state, by_action), state, action, *bars)
 
     def pull(self, *items: Any) -> tuple[Array, Array]:
         """`vjp`, by its former name, for one release."""
@@ -299,6 +308,8 @@ class Periods:
     def close(self) -> None:
         """Let the threads go."""
         self._crew.close()
+        if self._one is not None:
+            self._one.close()
 
     # --- inside ----------------------------------------------------------------------------------
     def _put(self, state: Array, action: Any) -> Array:
@@ -341,8 +352,25 @@ class Periods:
     def _note_failures(self) -> None:
         self.failed, self.past = self._program.failed != OK, self._program.past.astype(np.bool_)
         if self.failed.any():
+            d = self._program
+            sound = [np.isfinite(rows.reshape(self.n, -1)).all(axis=1) for rows in (d.state, d.action)]
+            self._stuck[:] = (d.failed == NEWTON_FAILED) & sound[0] & sound[1] & (not self._halves)
             for block in self._blocks:
                 block[:] = 0.0
+        else:
+            self._stuck[:] = False
+
+    def _with_halved(self, name: str, found: Found, *rows: Any) -> Found:
+        """What a method gave of these rows; of arms whose Newton iteration failed beside others, as in the environment,
+        what it gives of each alone, whose steps are halved."""
+        for i in np.flatnonzero(self._stuck).tolist():
+            if self._one is None:
+                self._one = Periods(self._batch.alone(), self.parameters, self._kept, halved=True)
+            own = getattr(self._one, name)(*(np.asarray(row)[i : i + 1] for row in rows))
+            for values, value in zip(found, own, strict=True):
+                values[i] = value[0]
+            self.failed[i], self.past[i] = self._one.failed[0], self._one.past[0]
+        return found
 
     def _run(self, function: Any) -> None:
         if function not in self._entries:
