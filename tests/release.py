@@ -175,9 +175,7 @@ def photographed(folder: Path) -> None:
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile, browser(Path(profile) / "profile") as page:
         for name in VIEWS:
             page.open(folder / f"{name}.html")
-            page.run("document.querySelector('#time').value = 60")
-            page.run("document.querySelector('#time').dispatchEvent(new Event('input'))")
-            page.settle()
+            page.set("#time", 60)
             page.picture(PICTURES / f"{name}.png")
         if page.faults:
             raise RuntimeError(f"the browser complained: {page.faults}")

@@ -120,6 +120,12 @@ class Page:
         self.send("Input.dispatchKeyEvent", type="keyUp", **same)
         self.settle()
 
+    def set(self, selector: str, value: float, event: str = "input") -> None:
+        """Give a control a value, as a hand does."""
+        script = f"(c => {{ c.value = {value}; c.dispatchEvent(new Event('{event}')); }})"
+        self.run(f"{script}(document.querySelector({json.dumps(selector)}))")
+        self.settle()
+
     def box(self, selector: str) -> dict[str, float]:
         """Where an element is on the screen: x, y, width, height, after it has been scrolled to."""
         script = f"(() => {{ const e = document.querySelector({json.dumps(selector)}); "
@@ -136,6 +142,7 @@ class Page:
 
     def drag(self, selector: str, start: tuple[float, float], end: tuple[float, float], touch: bool = False) -> None:
         """The mouse or a finger from one place of an element to another."""
+        self.send("Emulation.setTouchEmulationEnabled", enabled=touch)
         places = [self._place(selector, (start[0] + s * (end[0] - start[0]), start[1])) for s in (0.0, 0.3, 0.7, 1.0)]
         kinds = ("touchStart", "touchMove", "touchEnd") if touch else ("mousePressed", "mouseMoved", "mouseReleased")
         for k, (x, y) in enumerate([*places, places[-1]]):
@@ -146,6 +153,7 @@ class Page:
             else:
                 self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
         self.settle()
+        self.send("Emulation.setTouchEmulationEnabled", enabled=False)
 
     def _place(self, selector: str, share: tuple[float, float]) -> tuple[float, float]:
         box = self.box(selector)

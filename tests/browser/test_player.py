@@ -47,13 +47,6 @@ def episode(env_id: str, push: float) -> Episode:
     return env.episodes[0]
 
 
-def seek(page: Page, i: int) -> None:
-    """Set the slider, as a hand does."""
-    script = f"(s => {{ s.value = {i}; s.dispatchEvent(new Event('input')); }})(document.querySelector('#time'))"
-    page.run(script)
-    page.settle()
-
-
 def pose(page: Page, k: int = 0) -> np.ndarray[Any, Any]:
     return np.array(page.run(f"flexarm.pose({k})")).reshape(-1, 2)
 
@@ -71,7 +64,7 @@ def test_the_slider_moves_the_arm_to_the_runs_own_poses(page: Page, tmp_path: Pa
     page.open(own.view().save(tmp_path / "run.html"))
     assert page.run("flexarm.instants") == len(own.t)
     for i in np.linspace(0, len(own.t) - 1, 20).round().astype(int):
-        seek(page, int(i))
+        page.set("#time", int(i))
         now = page.run("flexarm.now()")
         points = pose(page)
         assert abs(now["time"] - own.t[i]) < 1e-12 and now["magnify"] == 1
@@ -87,7 +80,7 @@ def test_magnified_deflection_is_the_packages_own_and_the_ghost_is_rigid(page: P
     clip = own.clip()
     page.open(Player([clip]).save(tmp_path / "run.html"))
     i = len(own.t) // 2
-    seek(page, i)
+    page.set("#time", i)
     for _ in range(4):
         page.press("ArrowUp")
     assert page.run("flexarm.now().magnify") == 5
@@ -143,7 +136,7 @@ def test_runs_that_are_equal_are_both_seen(page: Page, tmp_path: Path) -> None:
     """What lies below is wider: each run's colour is there, on the stage and in a chart."""
     own = run("two links")
     page.open(own.view(own, labels=["below", "above"]).save(tmp_path / "run.html"))
-    seek(page, 150)
+    page.set("#time", 150)
     assert page.run("document.querySelector('.chart h2').textContent").startswith("distance of the tip")
     for selector in ("#stage", ".chart:nth-child(2) canvas"):
         seen = page.run(f"""(() => {{
@@ -161,8 +154,7 @@ def test_runs_that_are_equal_are_both_seen(page: Page, tmp_path: Path) -> None:
 
 def test_playing_ends_at_the_end(page: Page, tmp_path: Path) -> None:
     page.open(run("two links").view().save(tmp_path / "run.html"))
-    page.run("document.querySelector('#speed').value = '4'")
-    page.run("document.querySelector('#speed').dispatchEvent(new Event('change'))")
+    page.set("#speed", 4, "change")
     page.click("#play")
     page.until("!flexarm.now().playing")
     assert abs(page.run("flexarm.now().time") - run("two links").t[-1]) < 1e-9
@@ -172,9 +164,7 @@ def test_playing_ends_at_the_end(page: Page, tmp_path: Path) -> None:
 def test_a_drag_on_a_chart_moves_the_cursor_of_all(page: Page, tmp_path: Path, touch: bool) -> None:
     own = run("two links")
     page.open(own.view().save(tmp_path / "run.html"), 360, 740, 2.0)
-    page.send("Emulation.setTouchEmulationEnabled", enabled=touch)
     page.drag(".chart canvas", (0.3, 0.5), (0.99, 0.5), touch)
-    page.send("Emulation.setTouchEmulationEnabled", enabled=False)
     assert page.run("flexarm.now().time") > 0.9 * own.t[-1]
     said = page.run("Array.from(document.querySelectorAll('.chart canvas'), c => c.getAttribute('aria-label'))")
     assert len(said) >= 4 and all(f"at {page.run('flexarm.now().time'):.2f} s" in text for text in said)
@@ -184,7 +174,7 @@ def test_charts_say_what_the_run_says(page: Page, tmp_path: Path) -> None:
     own = run("two links")
     page.open(own.view().save(tmp_path / "run.html"))
     i = 123
-    seek(page, i)
+    page.set("#time", i)
     script = """Object.fromEntries(Array.from(document.querySelectorAll('.chart'), c => [
       c.querySelector('h2').textContent,
       Array.from(c.querySelectorAll('output'), o => o.textContent.replace('\u2212', '-'))]))"""
@@ -201,7 +191,7 @@ def test_charts_say_what_the_run_says(page: Page, tmp_path: Path) -> None:
 def test_several_runs_over_each_other_and_beside(page: Page, tmp_path: Path) -> None:
     runs = [episode("FlexibleArm-v0", push) for push in (0.5, -0.4)]
     page.open(runs[0].view(runs[1], labels=["left", "right <b>"]).save(tmp_path / "two.html"))
-    seek(page, 50)
+    page.set("#time", 50)
     assert np.linalg.norm(pose(page, 0)[-1] - pose(page, 1)[-1]) > 0.1
     assert page.run("document.querySelector('#title').textContent") == "left and right <b>"
     tips = [one.infos["tip_position"][50] for one in runs]
@@ -270,7 +260,7 @@ def test_it_fits_and_shows_the_arm(page: Page, tmp_path: Path, pictures: Path, s
     width, height, scale, dark = BLINK[size]
     own = run("three links")
     page.open(own.view().save(tmp_path / "run.html"), width, height, scale, dark)
-    seek(page, 40)
+    page.set("#time", 40)
     assert page.run("document.documentElement.scrollWidth") <= width
     assert page.run("document.querySelector('#stage').getBoundingClientRect().height") >= 250
     drawn = page.run("""(() => {

@@ -9,7 +9,7 @@ import pytest
 
 from flexarm_env import named, simulate
 from tests.browser.chrome import Page
-from tests.browser.test_player import BLINK, seek
+from tests.browser.test_player import BLINK
 
 
 @cache
@@ -32,7 +32,7 @@ def test_the_slider_moves_the_arm_to_the_runs_own_poses(page: Page, tmp_path: Pa
     page.open(own.view().save(tmp_path / "run.html"))
     assert page.run("flexarm.instants") == len(own.t)
     for i in np.linspace(0, len(own.t) - 1, 8).round().astype(int):
-        seek(page, int(i))
+        page.set("#time", int(i))
         points = pose(page)
         assert np.abs(points[[0, -1]] - [own.start[i], own.tip[i]]).max() < 1e-5
         for hinge in own.hinges[i]:
@@ -57,18 +57,16 @@ def test_it_is_turned_seen_from_sides_and_followed(page: Page, tmp_path: Path) -
     page.press("1", "Digit1")
     assert camera(page) == pytest.approx(corner, abs=1e-6)
     page.press("c", "KeyC")
-    seek(page, 10)
+    page.set("#time", 10)
     before = camera(page)
-    seek(page, 30)
+    page.set("#time", 30)
     assert camera(page) - before == pytest.approx(own.tip[30] - own.tip[10], abs=1e-5)
 
 
 def test_a_finger_turns_it(page: Page, tmp_path: Path) -> None:
     page.open(run("three_dof_slew").view().save(tmp_path / "run.html"), 360, 740, 2.0)
-    page.send("Emulation.setTouchEmulationEnabled", enabled=True)
     before = camera(page)
     page.drag("#stage", (0.3, 0.5), (0.7, 0.5), touch=True)
-    page.send("Emulation.setTouchEmulationEnabled", enabled=False)
     assert np.linalg.norm(camera(page) - before) > 0.3
 
 
@@ -78,7 +76,7 @@ def test_it_fits_and_shows_the_arm(page: Page, tmp_path: Path, pictures: Path, s
     width, height, scale, dark = BLINK[size]
     own = run("three_dof_slew")
     page.open(own.view(own, labels=["one", "again"]).save(tmp_path / "run.html"), width, height, scale, dark)
-    seek(page, 20)
+    page.set("#time", 20)
     assert page.run("document.documentElement.scrollWidth") <= width
     page.press("s", "KeyS")
     colors = page.run("""new Promise((done) => requestAnimationFrame(() => {
