@@ -6,7 +6,7 @@ from typing import Any
 
 from agents import sweep, train_rllib
 from flexarm_env.training.arguments import parse
-from tests.ray.test_train_rllib import ROOT
+from tests.processes import ROOT
 
 TEXT = (ROOT / "docs" / "ray.md").read_text("utf-8")
 PROGRAMS = {"agents.train_rllib": train_rllib.Arguments, "agents.sweep": sweep.Arguments}

@@ -2,10 +2,6 @@
 
 import csv
 import os
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +10,7 @@ import yaml
 
 from agents import sweep
 from flexarm_env.training.runs import read_run
-from tests.ray.test_train_rllib import ENV, ROOT, SMALL
+from tests.ray.test_train_rllib import ENV, SMALL, killed
 
 
 def test_choices_are_all_combinations() -> None:
@@ -49,16 +45,9 @@ def test_a_sweep_that_is_killed_goes_on(ray_folder: str, cluster: Any, tmp_path:
     config.write_text(yaml.safe_dump({ENV: SMALL, "env_kwargs": {ENV: {"duration": 1.0}}}))
     out = tmp_path / "sweep"
     words = ["--space", '{"reward.vibration": [0.02, 0.2, 2.0]}', "--config", str(config), "--out", str(out)]
-    words += ["--eval-episodes", "4", "--at-once", "1", "--address", cluster.get_runtime_context().gcs_address]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "agents.sweep", *words], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
-    end = time.monotonic() + 180.0
-    while not (judged := list(out.glob("trials/*/judged.json"))) and time.monotonic() < end:
-        assert process.poll() is None
-        time.sleep(0.05)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
+    words += ["--eval-episodes", "4", "--at-once", "1"]
+    killed("agents.sweep", words, cluster, lambda: list(out.glob("trials/*/judged.json")))
+    judged = list(out.glob("trials/*/judged.json"))
     assert judged
     before = {path: os.stat(path).st_mtime_ns for path in judged}
     with pytest.raises(ValueError, match="holds a sweep already"):

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,8 @@ from flexarm_env.control import load_policy
 from flexarm_env.training.evaluate import Arguments as Judged
 from flexarm_env.training.evaluate import evaluate
 from flexarm_env.training.runs import checkpoints, read_run
+from tests.processes import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 ENV = "FlexibleArm-v0"
 SMALL = {
     "n_envs": 8, "n_timesteps": 2048, "policy_kwargs": "dict(net_arch=[16], log_std_init=-0.5)", "n_steps": 32,
@@ -34,6 +35,29 @@ def arguments(folder: Path, env_id: str = ENV, **changes: Any) -> train_rllib.Ar
     path = folder / "small.yml"
     path.write_text(yaml.safe_dump({env_id: SMALL, "env_kwargs": {env_id: {"duration": 1.0}}}))
     return dataclasses.replace(train_rllib.Arguments(env=env_id, config=path, out=folder / "run", **FEW), **changes)
+
+
+def killed(program: str, words: list[str], cluster: Any, when: Callable[[], object]) -> None:
+    """Run a program on a Ray that there is, and kill it once something has happened."""
+    words = ["-m", program, *words, "--address", cluster.get_runtime_context().gcs_address]
+    environment = {k: v for k, v in os.environ.items() if k != "RAY_ADDRESS"}
+    process = subprocess.Popen([sys.executable, *words], cwd=ROOT, env=environment, stderr=subprocess.DEVNULL)
+    end = time.monotonic() + 600.0
+    while not when() and process.poll() is None and time.monotonic() < end:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL, "it was killed, and has not ended before"
+
+
+def also(patch: pytest.MonkeyPatch, name: str, more: Callable[[train_rllib.Run], None]) -> None:
+    """Have a method of runs do something more at its end."""
+    usual = getattr(train_rllib.Run, name)
+
+    def method(self: train_rllib.Run, *items: Any) -> None:
+        usual(self, *items)
+        more(self)
+
+    patch.setattr(train_rllib.Run, name, method)
 
 
 def curve(folder: Path) -> list[dict[str, str]]:
@@ -123,31 +147,23 @@ def test_hyper_parameters_that_rllib_cannot_have_are_named(tmp_path: Path) -> No
 def test_a_runner_that_is_killed_is_started_anew_and_nothing_is_lost(
     cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, runners: int
 ) -> None:
-    killed: list[int] = []
+    gone: list[int] = []
     pids: list[set[int]] = []
-    usual = train_rllib.Run._note
 
-    def note(self: train_rllib.Run, result: Any) -> None:
-        usual(self, result)
-        there = self.algorithm.env_runner_group.foreach_env_runner(lambda _: os.getpid(), local_env_runner=False)
+    def note(run: train_rllib.Run) -> None:
+        there = run.algorithm.env_runner_group.foreach_env_runner(lambda _: os.getpid(), local_env_runner=False)
         pids.append(set(there))
-        if self.steps >= 1024 and not killed:
-            killed.append(self.steps)
+        if run.steps >= 1024 and not gone:
+            gone.append(there[0])
             os.kill(there[0], signal.SIGKILL)
-        if killed and 0 < len(there) < runners:
+        if gone and 0 < len(there) < runners:
             time.sleep(1.0)  # the other one is not to finish the run before it is back
 
-    monkeypatch.setattr(train_rllib.Run, "_note", note)
+    also(monkeypatch, "_note", note)
     kept: list[set[str]] = []
-    saving = train_rllib.Run.save
-
-    def save(self: train_rllib.Run) -> None:
-        saving(self)
-        kept.append({p.name for p in checkpoints(self.folder)})
-
-    monkeypatch.setattr(train_rllib.Run, "save", save)
+    also(monkeypatch, "save", lambda run: kept.append({p.name for p in checkpoints(run.folder)}))
     progress = train_rllib.train(arguments(tmp_path, n_timesteps=8192, tensorboard=False, runners=runners))
-    assert killed
+    assert gone
     assert progress.curve[-1]["steps"] >= 8192
     assert len(set().union(*pids)) == runners + 1, "the runners, and the one that took a place"
     assert len(pids[-1]) == runners
@@ -160,35 +176,25 @@ def test_a_run_that_is_killed_goes_on_from_its_last_checkpoint(ray_folder: str, 
     given = arguments(tmp_path, n_timesteps=200_000)
     words = ["--config", str(given.config), "--out", str(given.out), "--n-timesteps", "200000", "--no-progress"]
     words += ["--checkpoint-every", "512", "--evaluate-every", "1024", "--eval-episodes", "4", "--runners", "1"]
-    environment = {k: v for k, v in os.environ.items() if k != "RAY_ADDRESS"}
-    process = subprocess.Popen(
-        [sys.executable, "-m", "agents.train_rllib", *words, "--address", cluster.get_runtime_context().gcs_address],
-        cwd=ROOT, env=environment, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
     folder = tmp_path / "run"
-    end = time.monotonic() + 600.0
-    while len(checkpoints(folder)) < 2 and process.poll() is None and time.monotonic() < end:
-        time.sleep(0.05)
-    process.send_signal(signal.SIGKILL)
-    assert process.wait() == -signal.SIGKILL, "it was killed, and has not ended before"
+    killed("agents.train_rllib", words, cluster, lambda: len(checkpoints(folder)) >= 2)
     found = checkpoints(folder)
     assert found
     last = int(found[-1].name)
     before = [float(row["steps"]) for row in curve(folder)]
-    begun: list[int] = []
-    usual = train_rllib.Run._note
+    counts: list[int] = []
 
-    def note(self: train_rllib.Run, result: Any) -> None:
-        begun.append(self.steps)
-        usual(self, result)
-        if len(begun) == 8:
-            self.config = dataclasses.replace(self.config, text={**self.config.text, "n_timesteps": self.steps})
+    def note(run: train_rllib.Run) -> None:
+        counts.append(run.steps)
+        if len(counts) == 9:
+            run.config = dataclasses.replace(run.config, text={**run.config.text, "n_timesteps": run.steps})
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(train_rllib.Run, "_note", note)
+        also(patch, "_restore", lambda run: counts.append(run.steps))
+        also(patch, "_note", note)
         progress = train_rllib.train(train_rllib.Arguments(out=folder, resume=True, runners=1, progress=False))
-    assert begun[0] == last
-    assert begun[1] - begun[0] < 2 * 8 * 32, "the count goes on where it stopped"
+    assert counts[0] == last
+    assert counts[1] - counts[0] < 2 * 8 * 32, "the count goes on where it stopped"
     after = [row["steps"] for row in progress.curve]
     assert after == sorted(set(after))
     assert [s for s in before if s <= last] == [s for s in after if s <= last]
@@ -199,28 +205,19 @@ def test_a_damaged_checkpoint_is_passed_over(cluster: Any, tmp_path: Path) -> No
     class Stop(Exception):
         """As if the process were killed."""
 
-    saving = train_rllib.Run.save
-
-    def save(self: train_rllib.Run) -> None:
-        saving(self)
-        if len(checkpoints(self.folder)) == 2:
+    def stop(run: train_rllib.Run) -> None:
+        if len(checkpoints(run.folder)) == 2:
             raise Stop
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(train_rllib.Run, "save", save)
+        also(patch, "save", stop)
         with pytest.raises(Stop):
             train_rllib.train(arguments(tmp_path, runners=0))
     older, newer = checkpoints(tmp_path / "run")
     (newer / "state.pkl").write_bytes(b"torn")
     restored: list[int] = []
-    usual = train_rllib.Run._restore
-
-    def restore(self: train_rllib.Run) -> None:
-        usual(self)
-        restored.append(self.steps)
-
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(train_rllib.Run, "_restore", restore)
+        also(patch, "_restore", lambda run: restored.append(run.steps))
         again = train_rllib.Arguments(out=tmp_path / "run", resume=True, runners=0, progress=False)
         assert train_rllib.train(again).curve[-1]["steps"] >= 2048
     assert restored == [int(older.name)]
