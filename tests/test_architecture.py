@@ -132,20 +132,25 @@ def room_of(module: str) -> str:
     return parts[1] if len(parts) > 1 else "__init__"
 
 
-def imports_of(path: Path, known: set[str]) -> Iterator[tuple[int, str]]:
-    """Line and dotted name of every import in a file, those inside functions included.
+def imports_of(text: str, package: str, modules: set[str]) -> Iterator[tuple[int, str]]:
+    """Line and dotted name of every import in a text of a package, inside functions and for types alone included.
 
-    `from a import b` counts as `a.b` where b is a room of the package, as `a` elsewhere.
+    `from a import b` counts as `a.b` where that is one of the modules, as `a` elsewhere.
     """
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 yield node.lineno, alias.name
         elif isinstance(node, ast.ImportFrom):
-            base = resolve_name("." * node.level + (node.module or ""), module_name(path.parent))
+            base = resolve_name("." * node.level + (node.module or ""), package)
             for alias in node.names:
-                inside = base == PACKAGE and alias.name in known
-                yield node.lineno, f"{base}.{alias.name}" if inside else base
+                inner = f"{base}.{alias.name}"
+                yield node.lineno, inner if inner in modules else base
+
+
+def imports_in(path: Path, modules: set[str]) -> Iterator[tuple[int, str]]:
+    """Those of a file."""
+    return imports_of(path.read_text(encoding="utf-8"), module_name(path.parent), modules)
 
 
 def package_faults(path: Path, known: set[str]) -> list[str]:
@@ -155,7 +160,7 @@ def package_faults(path: Path, known: set[str]) -> list[str]:
     if room not in ROOMS:
         return [f"{module}: the room '{room}' is not declared in ROOMS"]
     faults = []
-    for line, name in imports_of(path, known):
+    for line, name in imports_in(path, known):
         top = name.split(".")[0]
         if top == PACKAGE:
             target = room_of(name)
@@ -178,7 +183,7 @@ def outside_faults(path: Path, known: set[str]) -> list[str]:
     allowed = _PUBLIC | _COMPILED if module in _INSIDE else _PUBLIC
     return [
         f"{module}:{line}: imports '{name}', which is not public"
-        for line, name in imports_of(path, known)
+        for line, name in imports_in(path, known)
         if name.split(".")[0] == PACKAGE and room_of(name) not in allowed
     ]
 
@@ -202,7 +207,8 @@ def module_name(path: Path) -> str:
 
 
 def existing_rooms() -> set[str]:
-    return {room_of(module_name(path)) for path in python_files(PACKAGE)}
+    """Their dotted names."""
+    return {f"{PACKAGE}.{room_of(module_name(path))}" for path in python_files(PACKAGE)}
 
 
 def repository_texts() -> Iterator[tuple[str, str]]:
@@ -235,18 +241,6 @@ def test_the_table_is_sound() -> None:
     assert done == low, f"rooms that import each other in a circle: {sorted(low - done)}"
 
 
-def modules_in(text: str, package: str, modules: set[str]) -> set[str]:
-    """Which of these modules a text of a package imports, inside functions and for types alone included."""
-    found = set()
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            base = resolve_name("." * node.level + (node.module or ""), package)
-            found |= {inner if (inner := f"{base}.{alias.name}") in modules else base for alias in node.names}
-    return found & modules
-
-
 def in_circles(imports: dict[str, set[str]]) -> list[str]:
     """The modules that are on a circle of imports, or between two circles: those that nothing frees."""
     left = {module: set(others) for module, others in imports.items()}
@@ -259,7 +253,7 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
     """Within a room as between rooms."""
     paths = {module_name(path): path for path in python_files(PACKAGE)}
     imports = {
-        module: modules_in(path.read_text(encoding="utf-8"), module_name(path.parent), set(paths)) - {module}
+        module: {name for _, name in imports_in(path, set(paths))} & set(paths) - {module}
         for module, path in paths.items()
     }
     assert in_circles(imports) == []
@@ -270,8 +264,9 @@ def test_a_circle_is_found() -> None:
     assert in_circles({"a": {"b"}, "b": {"c"}, "c": {"b", "d"}, "d": set()}) == ["b", "c"]
     modules = {"package", "package.room", "package.room.a", "package.b"}
     for text in ("def f():\n    from ..b import x\n", "if TYPE_CHECKING:\n    import package.b\n", "from .. import b"):
-        assert modules_in(text, "package.room", modules) == {"package.b"}
-    assert modules_in("from . import a\nfrom .a import f", "package.room", modules) == {"package.room.a"}
+        assert [name for _, name in imports_of(text, "package.room", modules)] == ["package.b"]
+    found = imports_of("from . import a\nfrom .a import f", "package.room", modules)
+    assert list(found) == [(1, "package.room.a"), (2, "package.room.a")]
 
 
 def test_every_room_is_drawn_and_told() -> None:
