@@ -319,14 +319,20 @@ class Batch:
     def _repeat_alone(self) -> None:
         """Arms whose Newton iteration failed in their lane go through the period again, where steps are halved."""
         for i in np.flatnonzero(self.table[self.info_at.reason, : self.n] == RETRY).tolist():
-            alone = self._alone = self._alone or Batch(
-                self.arm, self.settings, 1, self.task, self.starts,
-                period=self.period, gravity=self.gravity, books=self.books, extras=self.extras,
-            )  # fmt: skip
+            alone = self.alone()
             alone.set_state(0, self.get_state(i))
             alone.action[0] = self.action[i]
             alone.compiled_step(alone.address, 0, 1)
             self.set_state(i, alone.get_state(0))
+
+    def alone(self) -> Batch:
+        """A batch of one like this one."""
+        if self._alone is None:
+            self._alone = Batch(
+                self.arm, self.settings, 1, self.task, self.starts,
+                period=self.period, gravity=self.gravity, books=self.books, extras=self.extras,
+            )  # fmt: skip
+        return self._alone
 
     def get_state(self, i: int) -> dict[str, Any]:
         """Everything about arm i, copied."""
