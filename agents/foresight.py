@@ -9,6 +9,7 @@ whole state; it is played in the task itself, sensors and all, where it must giv
 import hashlib
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -59,29 +60,25 @@ def played(env: Any, policy: Any, price: float = 0.0) -> tuple[Array, Array]:
 def beginnings(task: suite.Task, trained: Sequence[Path] = ()) -> tuple[Array, Array]:
     """Of each episode the actions and J of the best of the controllers, which see all there is, and of trained
     policies (run folders), which see what the task shows, or all there is."""
-    best: Array | None = None
+    named = [word for word in CONTROLLERS if word != "mpc" or task.environment != payoff.SPACE]
     whole = gym.make_vec(task.environment, EPISODES, vectorization_mode="vector_entry_point", **seen_whole(task))
     shown = suite.make_vec(task.id, EPISODES) if trained and set(SENSED) & set(task.keywords) else whole
-    words = [*((word, whole) for word in controllers(task)), *((str(path), shown) for path in trained)]
+    words = [*((word, whole) for word in named), *((str(path), shown) for path in trained)]
+    tried = []
     for word, env in [*words, *((str(path), whole) for path in trained if whole is not shown)]:
-        try:
-            actions, returns = played(env, choose(word, task).make(env), task.price)
-        except ValueError:  # what is not made for the task, or for what is seen
-            continue
-        if best is None:
-            kept, best = actions, returns
-        better = returns > best
-        kept[:, better], best = actions[:, better], np.maximum(best, returns)
+        with suppress(ValueError):  # of what is not made for the task, or for what is seen
+            tried.append(played(env, choose(word, task).make(env), task.price))
     for env in (whole, shown):
         env.close()
-    if best is None:
+    if not tried:
         raise ValueError(f"{task.id}: no controller to begin with")
-    return kept, best
+    return best_of(*zip(*tried, strict=True))
 
 
-def controllers(task: suite.Task) -> tuple[str, ...]:
-    """See `CONTROLLERS`."""
-    return tuple(word for word in CONTROLLERS if word != "mpc" or task.environment != payoff.SPACE)
+def best_of(ways: Sequence[Array], values: Sequence[Array]) -> tuple[Array, Array]:
+    """Of each episode the best of actions (T, n, N) with values (n,), the first of equal ones, and its value."""
+    first = np.argmax(values, axis=0)
+    return np.stack(ways)[first, :, np.arange(EPISODES)].transpose(1, 0, 2), np.max(values, axis=0)
 
 
 def seen_whole(task: suite.Task) -> dict[str, Any]:
@@ -254,10 +251,9 @@ def found(task: suite.Task, folder: Path) -> Path:
 def better(task: suite.Task, *ways: Array) -> tuple[Array, Array]:
     """Of each episode the best of actions (T, n, N), as the task has it, and the returns."""
     env = suite.make_vec(task.id, EPISODES)
-    values = np.array([played(env, Actions(way), task.price)[1] for way in ways])
+    values = [played(env, Actions(way), task.price)[1] for way in ways]
     env.close()
-    first = values.argmax(axis=0)
-    return np.stack(ways)[first, :, np.arange(EPISODES)].transpose(1, 0, 2), values.max(axis=0)
+    return best_of(ways, values)
 
 
 def chosen(folder: Path) -> Chosen:

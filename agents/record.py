@@ -11,6 +11,7 @@ the episodes that do not succeed (failed), or of all.
 
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import date
 from functools import partial
@@ -102,22 +103,18 @@ def gathered(task: suite.Task, home: Path) -> tuple[Any, Any, list[str]]:
     shown = suite.make_vec(task.id, EPISODES)
     seen = foresight.seen_whole(task)
     wide = gym.make_vec(task.environment, EPISODES, vectorization_mode="vector_entry_point", **seen)
-    limit = int(shown.unwrapped.plan.limit)
-    kept = np.zeros((limit, *shown.action_space.shape), np.float32)
-    reached, by = np.full(EPISODES, -np.inf), [""] * EPISODES
+    names, ways, values = [], [], []
     for name, make, whole in candidates(task, home):
-        try:
-            policy = Recorded(make(wide if whole else shown))
-            values, _ = best.played(task, wide if whole else shown, policy)
-        except ValueError:  # a controller that is not made for the task
-            continue
-        actions = np.zeros_like(kept)
-        actions[: len(policy.actions)] = policy.actions
-        for k in np.flatnonzero(values > reached):
-            kept[:, k], reached[k] = actions[:, k], values[k]
-            by[k] = name or best.record(task).by[k]
+        env = wide if whole else shown
+        with suppress(ValueError):  # of a controller that is not made for the task
+            policy = Recorded(make(env))
+            values.append(best.played(task, env, policy)[0])
+            names.append(name)
+            ways.append(np.zeros((env.unwrapped.plan.limit, *env.action_space.shape), np.float32))
+            ways[-1][: len(policy.actions)] = policy.actions
     wide.close()
-    return kept, reached, by
+    by = [names[i] or best.record(task).by[k] for k, i in enumerate(np.argmax(values, axis=0))]
+    return *foresight.best_of(ways, values), by
 
 
 def published(task: suite.Task) -> Any:
