@@ -3,21 +3,17 @@
 Everything that a gain is derived from comes from `flexarm_env.linear`; nothing is fitted to a simulation.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .. import validation as check
+from ..linear.state_space import LinearModel, held, linearize
 from ..parameters import Arm
 from ..scene import Scene
 from ..validation import Array
-
-if TYPE_CHECKING:
-    from ..linear.state_space import LinearModel
 
 NODES = 7
 """Tangent angles a link (elastica) from which the modes are taken; the frequencies kept are then converged."""
@@ -33,17 +29,6 @@ def postures(goals: Array) -> list[tuple[float, ...]]:
     elbows = np.round(goals[:, 1:] / GRID) * GRID
     mirrored = [next((angle for angle in row if angle != 0.0), 1.0) < 0.0 for row in elbows.tolist()]
     return [tuple((0.0 + row * (-1.0 if flip else 1.0)).tolist()) for row, flip in zip(elbows, mirrored, strict=True)]
-
-
-def held(A: Array, B: Array, dt: float) -> tuple[Array, Array]:
-    """A continuous model over one period dt with its input held."""
-    from scipy.linalg import expm
-
-    n, m = B.shape
-    block = np.zeros((n + m, n + m))
-    block[:n, :n], block[:n, n:] = A, B
-    power = expm(block * dt)
-    return power[:n, :n], power[:n, n:]
 
 
 @dataclass(frozen=True)
@@ -91,8 +76,6 @@ class ArmModel:
 def linear_model(arm: Arm, posture: tuple[float, ...], **options: Any) -> LinearModel:
     """The elastica's about rest with elbows at a posture, rad (() is straight), gears without play; options: of
     `linear.linearize`."""
-    from ..linear import linearize
-
     angles = (0.0, *np.cumsum(posture or np.zeros(arm.n_links - 1)).tolist())
     scene = Scene("design", arm.taut, angles=angles, duration=1.0, dt=1e-3)
     return linearize(scene, "elastica", nodes=NODES, **options)

@@ -17,11 +17,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..linear.plane_model import gauge_name
+from ..linear.state_space import held
 from ..parameters import Arm
 from ..rigid import rigid_inertia
 from ..sensors import Encoder, Sensors, StrainGauge
 from ..validation import Array
-from .arm_model import held, linear_model, postures
+from .arm_model import linear_model, postures
 from .base import Controller, Setup, Signals
 from .lqr import SENSOR, StateWeights, riccati
 from .space import AboutRest, held_model, holding
@@ -185,9 +187,8 @@ def _regulator(setup: Setup, gains: LQGGains, own: Plant) -> Array:
 
 def curvatures(setup: Setup) -> list[tuple[float, str]]:
     """Of each gauge that is observed: its reading over the output of a linear model, and that output's name."""
-    what, links = {"xy": "curvature", "xz": "curvature_z", "torsion": "torsion"}, setup.arm.links
     return [
-        (g.per_curvature_of(links[g.link]) * float(np.mean(g.gains)), f"{what[g.measures]}{g.link}@{g.place:g}")
+        (g.per_curvature_of(setup.arm.links[g.link]) * float(np.mean(g.gains)), gauge_name(g.link, g.place, g.measures))
         for g in gauges_of(setup).values()
     ]
 

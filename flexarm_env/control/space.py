@@ -1,16 +1,15 @@
 """Arms in space as controllers know them: the rigid arm's kinematics, weight and inertia, joint angles for a point,
 and the flexible arm's rest there."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..bodies import tensor
+from ..linear import Equilibrium, LinearModel, linearize, static_equilibrium
 from ..parameters import Arm, Link
 from ..physics.gauges import Spot
 from ..physics.space.build import Body, X, axis_of, far_body, mount_of, near_body, tip_end, tip_lever
@@ -19,10 +18,6 @@ from ..scene import Scene
 from ..tasks.space_angles import JOINT
 from ..validation import Array
 from .base import Controller, Setup, Signals
-
-if TYPE_CHECKING:
-    from ..linear import Equilibrium
-    from ..linear.state_space import LinearModel
 
 NEAR, MOST = 5e-4, 12
 """How far the tip may rest from its target, over the arm's length; rests that are looked at from one start."""
@@ -168,8 +163,6 @@ def holding(
 
 def rest(arm: Arm, gravity: Array, angles: Array) -> Equilibrium:
     """The flexible arm at rest, its joints held at angles (N,)."""
-    from ..linear import static_equilibrium
-
     where: dict[str, Any] = {"gravity": tuple(gravity.tolist()), "angles": tuple(angles.tolist())}
     scene = Scene("rest", arm, duration=1.0, dt=1e-3, **where)
     return static_equilibrium(scene, elements=2, hold_joints=True, require_stable=False)
@@ -180,8 +173,6 @@ def held_model(
 ) -> tuple[LinearModel, Array, Array]:
     """The flexible arm about its rest with joints at angles (N,), let go, gears without play; rows of its joint
     angles; its A where the rigid arm's weight is held at every angle."""
-    from ..linear import linearize
-
     free = linearize(rest(arm.taut, gravity, angles), gauges=list(gauges))
     joints = free.C[[free.outputs.index(f"joint{k}") for k in range(arm.n_links)]]
     step = 1e-4 * np.eye(arm.n_links)

@@ -8,7 +8,7 @@ q are of sixth order with a step of 0.5 % of what matters of a coordinate (trunc
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
@@ -36,7 +36,6 @@ STEP = 5e-3
 
 SIXTH, SECOND = ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60)), ((1, 1 / 2),)
 """(how many steps to both sides, weight) of differences of these orders."""
-_NONE = np.zeros(0, np.int64)
 
 
 @dataclass(frozen=True)
@@ -48,24 +47,6 @@ class Point:
     a: Array
     u: Array
     psi: Array
-
-
-@dataclass(frozen=True)
-class Derivatives:
-    """r's derivatives over the rows that can move (f) and those of the constraints (m rows).
-
-    M, C, K (f, f): by a, v, q. B (f, inputs): - by u. G (m, f): constraints by q. G_rate: velocity form by q.
-    H_v, H_q: acceleration form by v and q.
-    """
-
-    M: Array
-    C: Array
-    K: Array
-    B: Array
-    G: Array
-    G_rate: Array
-    H_v: Array
-    H_q: Array
 
 
 @dataclass(frozen=True)
@@ -82,12 +63,12 @@ class Reduced:
     bend_v: Array
     bend_q: Array
 
-    @property
-    def accelerations(self) -> Array:
-        """x'' by (x, x', u), (n, 2 n + inputs)."""
-        return self.accelerations_of(_NONE)[0]
+    def among(self, keep: Sequence[int]) -> tuple[Array, Array, Array]:
+        """M, C and K of some of the coordinates, the others held."""
+        pick = np.ix_(keep, keep)
+        return self.M[pick], self.C[pick], self.K[pick]
 
-    def accelerations_of(self, driven: Rows) -> tuple[Array, Array]:
+    def accelerations(self, driven: Rows) -> tuple[Array, Array]:
         """x'' by (x, x', u), (n, 2 n + inputs), and by the accelerations of prescribed coordinates, (n, driven)."""
         rest = np.setdiff1d(np.arange(len(self.M)), driven)
         right = np.hstack([-self.K, -self.C, self.B, -self.M[:, driven]])[rest]
@@ -143,7 +124,7 @@ class Equations:
         self.n = int(size(model.n))
         self._most_points = room_for_points(simulation.settings, self.n_links)
         self._room = np.zeros(int(size(model.n_factor)))
-        self.algebraic = np.asarray(_NONE if model.algebraic is None else model.algebraic, np.int64)
+        self.algebraic = np.asarray(() if model.algebraic is None else model.algebraic, np.int64)
         prescribed = [int(k) for k in simulation.drive.known if k >= 0]
         known = [] if driven else prescribed
         still = {*known, *self.algebraic.tolist(), *(() if model.fixed is None else model.fixed.tolist())}
@@ -156,7 +137,7 @@ class Equations:
         order = {int(self.free[i]): j for j, i in enumerate(self.independent)}
         rows = _joint_rows(simulation)
         self.joints = {k: order[row] for k, row in rows.items() if row in order}
-        self.motors, self.base = _motor_rows(simulation), simulation.system.coordinates.get("base")
+        self.motors, self.base = motor_rows(simulation), simulation.system.coordinates.get("base")
         acted = {k: self.motors.get(k, row) for k, row in rows.items()}
         self.turned = {k: order[row] for k, row in acted.items() if row in order}
         given = {row: f"joint{k}" for k, row in rows.items()} | {
@@ -246,52 +227,40 @@ class Equations:
         v[self.angles] = spin
         return v, a
 
+    def slope(self, point: Point, field: str, rows: Rows, level: int = 0) -> Array:
+        """The residual of a level by some rows of a field of the point, (n, rows)."""
+
+        def moved(x: Array) -> Array:
+            return self.residual(replace(point, **{field: x}), level)
+
+        at: Array = getattr(point, field)
+        return slopes(moved, at, rows, self.steps) if field == "q" else exact_slopes(moved, at, rows)
+
     def constraint_slopes(self, point: Point) -> Array:
         """The constraints by the rows that can move, (m, f)."""
         if not self.algebraic.size:
             return np.zeros((0, self.free.size))
-        zero = np.zeros(self.n)
-        return exact_slopes(lambda x: self.residual(replace(point, v=x), 1), zero, self.free)[self.algebraic]
-
-    def derivatives(self, point: Point) -> Derivatives:
-        """All derivatives at a point."""
-        free, lam = self.free, self.algebraic
-
-        def by_q(level: int) -> Array:
-            return slopes(lambda x: self.residual(replace(point, q=x), level), point.q, free, self.steps)
-
-        def by_v(level: int) -> Array:
-            return exact_slopes(lambda x: self.residual(replace(point, v=x), level), point.v, free)
-
-        M = exact_slopes(lambda x: self.residual(replace(point, a=x)), point.a, free)
-        B = -exact_slopes(lambda x: self.residual(replace(point, u=x)), point.u, self.inputs)
-        none = np.zeros((lam.size, free.size))
-        return Derivatives(
-            M=M[free],
-            C=by_v(0)[free],
-            K=by_q(0)[free],
-            B=B[free],
-            G=self.constraint_slopes(point),
-            G_rate=by_q(1)[lam] if lam.size else none,
-            H_v=by_v(2)[lam] if lam.size else none,
-            H_q=by_q(2)[lam] if lam.size else none,
-        )
+        return self.slope(replace(point, v=np.zeros(self.n)), "v", self.free, 1)[self.algebraic]
 
     def reduced(self, point: Point, spin: float = 0.0) -> Reduced:
         """The equations in independent coordinates. With a spin (rad/s) positions turn with the arm: then the point
         is one of steady rotation about the origin, and the matrices are constant in time."""
-        d = self.derivatives(point)
-        f, n = self.free.size, self.independent.size
+        free, lam, here, there = self.free, self.algebraic, self.independent, self.dependent
+        f, n = free.size, here.size
+        M, C, K = (self.slope(point, field, free)[free] for field in "avq")
+        B = -self.slope(point, "u", self.inputs)[free]
         lift, drift = np.zeros((f, n)), np.zeros((f, n))
         bend_v, bend_q = np.zeros((f, f)), np.zeros((f, f))
-        lift[self.independent] = np.eye(n)
-        if self.dependent.size:
-            inverse = np.linalg.inv(d.G[:, self.dependent])
-            lift[self.dependent] = -inverse @ d.G[:, self.independent]
-            drift[self.dependent] = -inverse @ d.G_rate @ lift
-            bend_v[self.dependent], bend_q[self.dependent] = -inverse @ d.H_v, -inverse @ d.H_q
-        damping, stiffness = d.C + d.M @ bend_v, d.K + d.M @ bend_q
-        M, C, B = lift.T @ d.M @ lift, lift.T @ damping @ lift, lift.T @ d.B
+        lift[here] = np.eye(n)
+        if there.size:
+            G = self.constraint_slopes(point)
+            inverse = np.linalg.inv(G[:, there])
+            lift[there] = -inverse @ G[:, here]
+            drift[there] = -inverse @ self.slope(point, "q", free, 1)[lam] @ lift
+            bend_v[there] = -inverse @ self.slope(point, "v", free, 2)[lam]
+            bend_q[there] = -inverse @ self.slope(point, "q", free, 2)[lam]
+        damping, stiffness = C + M @ bend_v, K + M @ bend_q
+        M, C, B = lift.T @ M @ lift, lift.T @ damping @ lift, lift.T @ B
         _check_mass(M)
         K = lift.T @ (damping @ drift + stiffness @ lift)
         if spin != 0.0:  # x = T(w t) xi: x' = xi' + w S xi, x'' = xi'' + 2 w S xi' + w^2 S^2 xi at t = 0
@@ -300,7 +269,7 @@ class Equations:
                 S[x, y], S[y, x] = -1.0, 1.0
             K = K + spin * C @ S + spin**2 * M @ S @ S
             C = C + 2.0 * spin * M @ S
-        if self.dependent.size:  # the turn of a frame behind a hinge -> the joint's angle
+        if there.size:  # the turn of a frame behind a hinge -> the joint's angle
             change = np.eye(n)
             jacobian = self.joint_slopes(point.q) @ lift
             for k, i in self.joints.items():
@@ -362,7 +331,7 @@ def _joint_rows(simulation: Simulation) -> dict[int, int]:
     return rows
 
 
-def _motor_rows(simulation: Simulation) -> dict[int, int]:
+def motor_rows(simulation: Simulation) -> dict[int, int]:
     """Row of each motor behind an elastic gear."""
     found = {k: simulation.system.coordinates.get(f"motor{k}") for k in range(simulation.scene.arm.n_links)}
     return {k: row for k, row in found.items() if row is not None}

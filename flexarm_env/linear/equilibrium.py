@@ -25,7 +25,7 @@ from ..simulation import Simulation
 from ..time_functions import constant
 from ..validation import Array
 from . import space
-from .equations import Equations, Point, exact_slopes, slopes
+from .equations import Equations, Point, slopes
 from .stability import Stability, at_rest
 
 AT_REST = 1e-6
@@ -70,14 +70,6 @@ class Equilibrium(Simulation):
     followed: float
 
 
-@dataclass(frozen=True)
-class Rest:
-    """A point of rest or steady rotation, and the share of the loads that the path to it was followed for."""
-
-    point: Point
-    followed: float
-
-
 def static_equilibrium(
     scene: Scene,
     formulation: str | None = None,
@@ -113,30 +105,31 @@ def static_equilibrium(
     if require_stable is not None and not isinstance(require_stable, bool):
         raise check.InvalidValue("require_stable", require_stable, "must be True, False or None")
     settings = check.instance("scene", scene, Scene).settings(formulation, **options)
-    if scene.spatial:
-        return _in_space(scene, settings, hold_joints, require_stable)
-    simulation = Equilibrium(still(scene, hold_joints), settings)
-    equations = Equations(simulation)
-    held = equations.inputs.tolist() if hold_joints else []
-    work = simulation.work
-    zero = np.zeros(equations.n)
-    rest = find_rest(equations, Point(work.q.copy(), zero, zero, work.u.copy(), work.psi.copy()), held)
-    simulation.followed, simulation.stability = rest.followed, at_rest(equations, rest.point, held)
+    found = (_in_space if scene.spatial else _in_plane)(scene, settings, hold_joints)
     if require_stable is not False:
-        warn_unstable(simulation.stability, bool(require_stable))
-    work.q[:], work.v[:] = rest.point.q, 0.0
-    simulation.set_torques(rest.point.u[: equations.n_links])
-    return simulation
+        warn_unstable(found.stability, bool(require_stable))
+    return found
 
 
-def _in_space(scene: Scene, settings: Settings, hold_joints: bool, require_stable: bool | None) -> Equilibrium:
+def _in_plane(scene: Scene, settings: Settings, hold_joints: bool) -> Equilibrium:
+    """`static_equilibrium` of an arm in the plane."""
+    found = Equilibrium(still(scene, hold_joints), settings)
+    equations, work = Equations(found), found.work
+    held = equations.inputs.tolist() if hold_joints else []
+    zero = np.zeros(equations.n)
+    start = Point(work.q.copy(), zero, zero, work.u.copy(), work.psi.copy())
+    point, found.followed = find_rest(equations, start, held)
+    found.stability = at_rest(equations, point, held)
+    work.q[:], work.v[:] = point.q, 0.0
+    found.set_torques(point.u[: equations.n_links])
+    return found
+
+
+def _in_space(scene: Scene, settings: Settings, hold_joints: bool) -> Equilibrium:
     """`static_equilibrium` of an arm in space: where it comes to rest from its start, by `rest.relax`."""
     found: Equilibrium = space.rest_of(still(scene, hold_joints), settings, hold_joints, Equilibrium)
     turning = [k for k in range(scene.arm.n_links) if scene.motion_of(f"joint{k}") is None]
-    found.followed = 0.0
-    found.stability = space.stability_of(found, turning if hold_joints else [])
-    if require_stable is not False:
-        warn_unstable(found.stability, bool(require_stable))
+    found.followed, found.stability = 0.0, space.stability_of(found, turning if hold_joints else [])
     return found
 
 
@@ -171,8 +164,9 @@ def still(scene: Scene, hold_joints: bool, **changes: Any) -> Scene:
     )
 
 
-def find_rest(equations: Equations, start: Point, held: Sequence[int], spin: float = 0.0) -> Rest:
-    """The point of rest, or of steady rotation about the origin (spin, rad/s), that the start leads to.
+def find_rest(equations: Equations, start: Point, held: Sequence[int], spin: float = 0.0) -> tuple[Point, float]:
+    """The point of rest, or of steady rotation about the origin (spin, rad/s), that the start leads to, and the share
+    of the loads that the path to it was followed for.
 
     start: unloaded, at its initial angles; its u holds the loads. held: joints that stay at their angle; the point's u
     holds the torques that keep them there.
@@ -184,7 +178,7 @@ def find_rest(equations: Equations, start: Point, held: Sequence[int], spin: flo
         point, followed = search.follow(start)
     if followed < 1.0:
         point = search.sink(point, followed)
-    return Rest(point, followed)
+    return point, followed
 
 
 @dataclass(frozen=True)
@@ -317,8 +311,7 @@ class _Search:
 
     def inertia(self, point: Point) -> Array:
         """M (f, f)."""
-        e, here = self.e, self.at(point, point.q)
-        return exact_slopes(lambda a: e.residual(replace(here, a=a)), here.a, e.free)[e.free]
+        return self.e.slope(self.at(point, point.q), "a", self.e.free)[self.e.free]
 
     def stiffness(self, point: Point) -> Array:
         """K (f, f) with what the rotation adds."""
@@ -328,21 +321,22 @@ class _Search:
     def borders(self, point: Point) -> tuple[Array, Array]:
         """Constraints by the rows that can move, G, and what the held joints' torques do there, B."""
         e, here = self.e, self.at(point, point.q)
-        rows = e.inputs[self.columns]
-        return e.constraint_slopes(here), -exact_slopes(lambda u: e.residual(replace(here, u=u)), here.u, rows)[e.free]
+        return e.constraint_slopes(here), -e.slope(here, "u", e.inputs[self.columns])[e.free]
 
-    def solve(self, A: Array, G: Array, B: Array, right: Array) -> Array:
-        """Of the bordered system of coordinates, multipliers and holding torques (scaled to the stiffness)."""
+    def solve(self, A: Array, G: Array, B: Array, left: Array) -> Array:
+        """Move of coordinates, multipliers and holding torques that takes away what is left, of the bordered system
+        (scaled to the stiffness); left: of the first rows, the others' 0."""
         f, g, h = A.shape[0], G.shape[0], B.shape[1]
         scale = float(np.abs(A).max(initial=0.0))
         matrix = np.zeros((f + g + h, f + g + h))
         matrix[:f, :f] = A
         matrix[:f, f : f + g], matrix[f : f + g, :f] = scale * G.T, scale * G
         matrix[:f, f + g :], matrix[f + g :, :f] = -scale * B, scale * self.angles
-        scaled = right.copy()
+        scaled = np.zeros(f + g + h)
+        scaled[: len(left)] = left
         scaled[f:] *= scale
         try:
-            x = np.linalg.solve(matrix, scaled)
+            x = np.linalg.solve(matrix, -scaled)
         except np.linalg.LinAlgError:
             return np.full(f + g + h, np.nan)
         x[f:] *= scale
@@ -359,10 +353,7 @@ class _Search:
 
     def tangent(self, found: _Found) -> Array:
         """Move of coordinates, multipliers and holding torques by the share of the loads; r is linear in the share."""
-        change = self.change(found.point, 1.0)
-        return self.solve(
-            found.A, found.G, found.B, -np.concatenate([change, np.zeros(self.e.algebraic.size + len(self.held))])
-        )
+        return self.solve(found.A, found.G, found.B, self.change(found.point, 1.0))
 
     def change(self, point: Point, other: float) -> Array:
         """Of the residual of rows that can move by the share of the loads (f,): from the present share to another."""
@@ -392,7 +383,7 @@ class _Search:
                 M = self.inertia(point)
                 A, pull = A + s * M, s * M @ (point.q - start.q)[e.free]
             angles = e.motor_angles(point.q)[self.held]
-            x = self.solve(A, G, B, -np.concatenate([r[e.free] + pull, r[e.algebraic], angles - self.target]))
+            x = self.solve(A, G, B, np.concatenate([r[e.free] + pull, r[e.algebraic], angles - self.target]))
             if not np.isfinite(x).all():
                 return None
             size = self.size(x)
@@ -423,10 +414,5 @@ class _Search:
     def accelerations(self, point: Point) -> tuple[Point, float]:
         """The point with its multipliers and holding torques, and the largest weighted acceleration there."""
         r, (G, B) = self.residual(point), self.borders(point)
-        x = self.solve(
-            self.inertia(point),
-            G,
-            B,
-            -np.concatenate([r[self.e.free], np.zeros(self.e.algebraic.size + len(self.held))]),
-        )
+        x = self.solve(self.inertia(point), G, B, r[self.e.free])
         return self.moved(point, x, 0.0), self.size(x)

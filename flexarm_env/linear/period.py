@@ -17,11 +17,21 @@ from ..physics.layout import HALVINGS
 from ..physics.model import MESSAGE, OK, Scheme
 from ..simulation import Simulation
 from ..validation import Array
-from .equations import Equations, Point, Reduced, Rows
+from .equations import Point, Rows
 
 SHARP = 1e-12
 """Newton's tolerance where the period is corrected: a correction that comes an iteration sooner is another within the
 tolerance."""
+
+
+def at_start(simulation: Simulation, model: Any) -> tuple[Array, Work]:
+    """A copy of the simulation's state, consistent at t+ by the model: its work array and the views of it."""
+    work, n_motions = simulation.work, simulation.n_motions
+    flat: Array = np.zeros(sum(view.size for view in work))
+    w: Work = uncompiled(unpack)(SINGLE, model, flat, n_motions)
+    w.q[:], w.v[:], w.u[:], w.psi[:] = work.q, work.v, work.u, work.psi
+    simulation.make_consistent(model, simulation.drive, flat)
+    return flat, w
 
 
 def point_of(w: Work) -> Point:
@@ -37,19 +47,6 @@ def steps_of(simulation: Simulation, dt: float) -> tuple[int, float]:
         raise check.InvalidValue("discrete", dt, f"must not reach past the scene's kink at t = {kinks[0]:g} s")
     steps = max(1, math.ceil(dt / simulation.dt * (1.0 - 1e-9)))
     return steps, dt / steps
-
-
-def solved(
-    simulation: Simulation, equations: Equations, flat: Array, w: Work, reduced: Reduced, dt: float
-) -> tuple[Array, Array, Array]:
-    """A, B and the next state of a period, along the motion that starts in the work array (which moves on)."""
-    n, m, f = equations.independent.size, equations.inputs.size, equations.free.size
-    q = np.hstack([reduced.lift, np.zeros((f, n + m))])
-    v = np.hstack([reduced.drift, reduced.lift, np.zeros((f, m))])
-    a = reduced.lift @ reduced.accelerations + reduced.bend_v @ v + reduced.bend_q @ q
-    found = period_tangents(simulation, flat, w, (q, v, a), equations.free, equations.inputs, dt)
-    change = np.vstack([equations.changes(w.q, tangents) for tangents in found])
-    return change[:, : 2 * n], change[:, 2 * n :], np.concatenate(equations.state(w.q, w.v))
 
 
 def period_tangents(

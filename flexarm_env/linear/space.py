@@ -31,8 +31,8 @@ from ..rest import NoEquilibrium, resting
 from ..scene import Scene
 from ..simulation import Simulation
 from ..validation import Array
-from .equations import STEP, Reduced, Rows, exact_slopes, slopes
-from .stability import Stability, eigenpairs, stability
+from .equations import STEP, Rows, exact_slopes, slopes
+from .stability import Complex, Stability, eigenpairs, stability
 
 
 class SmallMotions:
@@ -155,29 +155,28 @@ def stability_of(simulation: Simulation, held: list[int]) -> Stability:
     """Of a rest, joints `held` kept at their angles."""
     motions = SmallMotions(simulation)
     rows = motions.but(held)
-    if not len(rows):
-        return Stability(np.inf, 0, 0)
     return stability(motions.slopes(simulation.work.q, 2, rows), motions.slopes(simulation.work.q, 0, rows))
 
 
-def modes_of(simulation: Simulation, q: Array, held: list[int], spin: float) -> tuple[Any, Array, Array, Array]:
-    """(eigenvalues, one of each pair; displacements of the chain's points (modes, points, 3); points (points, 3); which
-    way they whirl about the first joint's axis (modes,), see `Modes`)."""
+Vibration = tuple[Complex, Complex, Array, Callable[[Complex], tuple[Array, float]]]
+"""Eigenvalues, one of each pair, and their vectors; points of the chain; of a vector the points' displacements, and
+which way they whirl about the first joint's axis (`Modes`)."""
+
+
+def modes_of(simulation: Simulation, q: Array, held: list[int], spin: float) -> Vibration:
+    """About a rest, or a steady rotation near it, joints `held` kept at their angles."""
     motions = SmallMotions(simulation, spin)
     rows = motions.but(held)
     if spin:
         q = motions.settle(q, rows)
-    M, C, K = (motions.slopes(q, which, rows) for which in (2, 1, 0))
-    none = np.zeros((len(rows), 0))
-    values, vectors = eigenpairs(Reduced(M, C, K, none, none, none, none, none), list(range(len(rows))))
+    M, C, K = (np.ascontiguousarray(motions.slopes(q, which, rows)) for which in (2, 1, 0))
     settings, arm = simulation.settings, simulation.scene.arm
+    axis = mount_of(arm, 0) @ axis_of(arm, 0)
 
     def points(at: Array) -> Array:
         return np.asarray(read(arm, settings, at[None], np.zeros((1, motions.n)))["shapes"][0])
 
-    shapes, whirl = [], []
-    axis = mount_of(arm, 0) @ axis_of(arm, 0)
-    for column in vectors.T:
+    def shape(column: Complex) -> tuple[Array, float]:
         vector = column / max(float(np.abs(column * motions.model.weight[rows]).max()), 1e-300)
         change = []
         for part in (1e-6 * vector.real, 1e-6 * vector.imag):
@@ -186,9 +185,9 @@ def modes_of(simulation: Simulation, q: Array, held: list[int], spin: float) -> 
         across = complex_change - np.outer(complex_change @ axis, axis)
         around = -float(np.cross(across.conj(), across).imag.sum(axis=0) @ axis)
         moved_by, least = float((np.abs(across) ** 2).sum()), 1e-6 * arm.total_length  # less is round-off
-        whirl.append(around / moved_by if moved_by > least**2 else np.nan)
         largest = complex_change.ravel()[np.abs(complex_change).argmax()]
         real = (complex_change * np.conj(largest) / max(abs(largest), 1e-300)).real
-        shapes.append(real / max(float(np.linalg.norm(real, axis=1).max()), 1e-300))
-    order = np.argsort(np.abs(values), kind="stable")
-    return values[order], np.array(shapes)[order], points(q), np.array(whirl)[order]
+        shape = real / max(float(np.linalg.norm(real, axis=1).max()), 1e-300)
+        return shape, around / moved_by if moved_by > least**2 else np.nan
+
+    return *eigenpairs(M, C, K), points(q), shape

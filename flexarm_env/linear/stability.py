@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..validation import Array
-from .equations import Equations, Point, Reduced
+from .equations import Equations, Point
 
 Complex = NDArray[np.complex128]
 
@@ -50,16 +50,14 @@ class Stability:
 def at_rest(equations: Equations, point: Point, held: Sequence[int] = ()) -> Stability:
     """The stability of a point of rest, the joints `held` kept at their angles; ValueError: a coordinate has no
     inertia."""
-    reduced = equations.reduced(point)
-    keep = moving(equations, held)
-    if not keep:
-        return Stability(np.inf, 0, 0)
-    pick = np.ix_(keep, keep)
-    return stability(reduced.M[pick], reduced.K[pick])
+    M, _, K = equations.reduced(point).among(moving(equations, held))
+    return stability(M, K)
 
 
 def stability(M: Array, K: Array) -> Stability:
     """Of the symmetric parts of inertia and stiffness."""
+    if not M.size:
+        return Stability(np.inf, 0, 0)
     squares, _ = undamped(0.5 * (M + M.T), 0.5 * (K + K.T))
     return Stability(float(squares.min()), int((squares < 0.0).sum()), int((squares == 0.0).sum()))
 
@@ -75,13 +73,11 @@ def growing(eigenvalues: Complex) -> int:
     return int((eigenvalues.real > GROWS * np.abs(eigenvalues)).sum())
 
 
-def eigenpairs(reduced: Reduced, keep: list[int]) -> tuple[Complex, Complex]:
+def eigenpairs(M: Array, C: Array, K: Array) -> tuple[Complex, Complex]:
     """Eigenvalues with non-negative imaginary part, one of each rigid pair, and their vectors of coordinates.
 
     In the basis of the undamped modes, in which the inertia is 1 and the symmetric part of the stiffness diagonal.
     """
-    pick = np.ix_(keep, keep)
-    M, C, K = reduced.M[pick], reduced.C[pick], reduced.K[pick]
     squares, basis = undamped(0.5 * (M + M.T), 0.5 * (K + K.T))
     symmetric = np.abs(K - K.T).max() < 1e-8 * np.abs(K).max()
     if symmetric and (squares >= 0.0).all() and np.abs(C).max() ** 2 < 1e-20 * np.abs(K).max() * np.abs(M).max():

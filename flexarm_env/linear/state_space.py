@@ -2,27 +2,23 @@
 
 from collections.abc import Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..compiler import SINGLE, uncompiled
 from ..parameters import Link
 from ..physics.assembly import smooth
-from ..physics.gauges import Spot, curvature_rows
-from ..physics.integrator.work import Work, unpack
-from ..physics.layout import POSE, ROOT, ROOT_RATES, TIP, TIP_RATES
+from ..physics.gauges import Spot
 from ..scene import Scene
 from ..sensors import MEASURES
 from ..simulation import Simulation
-from ..trajectory import link_deflection
 from ..validation import Array
-from .equations import Equations, Point, Reduced, exact_slopes, slopes
-from .period import point_of, solved
-from .space_model import linear_parts
+from .equations import Equations, Point
+from .plane_model import PlaneModel
+from .space_model import SpaceModel
 from .stability import eigenpairs, growing
 
 METHODS = ("solver", "zoh")
@@ -116,62 +112,26 @@ def linearize(
     if stepping and simulation.scene.floats:
         what = 'must be "zoh" on a base that floats: how steps keep its momentum is in no derivative of them'
         raise check.InvalidValue("method", method, what)
-    if simulation.scene.spatial:
-        return _in_space(simulation, discrete, stepping, motions, gauges)
+    scene = simulation.scene
+    if motions and scene.spatial:
+        raise check.InvalidValue("motions", True, "must be False in space")
     if motions and (simulation.drive.known < 0).any():
         what = "must be False where multipliers join bodies: they prescribe the joints"
         raise check.InvalidValue("motions", motions, what)
-    equations = Equations(simulation, stepping, driven=motions)
-    flat, w = at_start(simulation, equations.model)
-    start = point_of(w)
-    reduced = equations.reduced(start)
-    n, m = equations.independent.size, equations.inputs.size
-    x0 = np.concatenate(equations.state(start.q, start.v))
-    driven = equations.driven
-    accelerations, moved = reduced.accelerations_of(driven)
-    A = np.block([[np.zeros((n, n)), np.eye(n)], [accelerations[:, : 2 * n]]])
-    B = np.vstack([np.zeros((n, m + driven.size)), np.hstack([accelerations[:, 2 * n :], moved])])
-    rate = np.concatenate([x0[n:], equations.state(start.q, start.a)[1]])  # joint angles are linear in q
-    if discrete is not None and method == "zoh":
-        A, B, rate = _held(A, B, rate, x0, discrete)
-    elif discrete is not None:
-        A, B, rate = solved(simulation, equations, flat, w, reduced, discrete)
-    names, y0, C = _outputs(equations, start, reduced)
-    if gauges:
-        places = _places(gauges, simulation.scene.arm.links)
-        rows = curvature_rows(simulation.scene, simulation.settings, simulation.system, places)
-        names += tuple(f"curvature{link}@{place:g}" for link, place in places)
-        y0, own = np.concatenate([y0, rows @ start.q]), rows[:, equations.free] @ reduced.lift
-        C = np.vstack([C, np.hstack([own, np.zeros_like(own)])])
-    free = [i for i in range(n) if i not in driven]
+    places = _places(gauges, scene.arm.links, scene.spatial)
+    about = SpaceModel(simulation) if scene.spatial else PlaneModel(simulation, stepping, motions)
+    A, B, rate = about.A, about.B, about.rate
+    if discrete is not None:
+        A, B, rate = about.period(discrete) if stepping else _over(discrete, A, B, rate, about.x)
+    names, y, C = about.outputs(places)
     return LinearModel(
         A, B, C, np.zeros((len(names), B.shape[1])),
-        states=(*equations.names, *(f"{name}_rate" for name in equations.names)),
-        inputs=(
-            *(f"torque{k}" for k in equations.inputs), *(f"{equations.names[i]}_acceleration" for i in driven)
-        ),
-        outputs=names,
-        x=x0, u=np.concatenate([start.u[equations.inputs], equations.state(start.q, start.a)[1][driven]]),
-        y=y0, rate=rate, t=simulation.t, dt=discrete, growing=growing(eigenpairs(reduced, free)[0]),
+        states=(*about.names, *(f"{name}_rate" for name in about.names)), inputs=about.inputs, outputs=names,
+        x=about.x, u=about.u, y=y, rate=rate, t=simulation.t, dt=discrete, growing=growing(eigenpairs(*about.still)[0]),
     )  # fmt: skip
 
 
-def _in_space(
-    simulation: Simulation, discrete: float | None, stepping: bool, motions: bool, gauges: Sequence[Spot]
-) -> LinearModel:
-    """`linearize` of an arm in space."""
-    if motions:
-        raise check.InvalidValue("motions", True, "must be False in space")
-    flat, w = at_start(simulation, simulation.model)
-    spots = _places(gauges, simulation.scene.arm.links, True)
-    model = LinearModel(**linear_parts(simulation, flat, w, discrete if stepping else None, spots))
-    if discrete is None or stepping:
-        return model
-    A, B, rate = _held(model.A, model.B, model.rate, model.x, discrete)
-    return replace(model, A=A, B=B, rate=rate, dt=discrete)
-
-
-def _places(gauges: object, links: Sequence[Link], space: bool = False) -> list[Any]:
+def _places(gauges: object, links: Sequence[Link], space: bool) -> list[Any]:
     """Checked places of gauges."""
     found: list[Any] = []
     for i, entry in enumerate(check.sequence("gauges", gauges, "pairs (link, place)")):
@@ -208,47 +168,21 @@ def without_friction(simulation: Simulation) -> Simulation:
     return view
 
 
-def at_start(simulation: Simulation, model: Any) -> tuple[Array, Work]:
-    """A copy of the simulation's state, consistent at t+ by the model: its work array and the views of it."""
-    work, n_motions = simulation.work, simulation.n_motions
-    flat: Array = np.zeros(sum(view.size for view in work))
-    w: Work = uncompiled(unpack)(SINGLE, model, flat, n_motions)
-    w.q[:], w.v[:], w.u[:], w.psi[:] = work.q, work.v, work.u, work.psi
-    simulation.make_consistent(model, simulation.drive, flat)
-    return flat, w
-
-
-def _held(A: Array, B: Array, rate: Array, x0: Array, dt: float) -> tuple[Array, Array, Array]:
-    """The continuous model over a period with the input held."""
+def held(A: Array, B: Array, dt: float) -> tuple[Array, Array]:
+    """A continuous model over one period dt with its input held."""
     from scipy.linalg import expm
 
     n, m = B.shape
-    block = np.zeros((n + m + 1, n + m + 1))
-    block[:n, :n], block[:n, n : n + m], block[:n, -1] = A, B, rate
+    block = np.zeros((n + m, n + m))
+    block[:n, :n], block[:n, n:] = A, B
     power = expm(block * dt)
-    return power[:n, :n], power[:n, n : n + m], x0 + power[:n, -1]
+    return power[:n, :n], power[:n, n:]
 
 
-def _outputs(equations: Equations, point: Point, reduced: Reduced) -> tuple[tuple[str, ...], Array, Array]:
-    """Names, values, and derivatives by the state of the outputs."""
-    links = range(equations.n_links)
-
-    def outputs(q: Array, v: Array) -> Array:
-        poses = equations.poses(q, v)
-        angles, rates = equations.joint_angles(q, v)
-        cos, sin, spin = np.cos(poses[:, POSE.angle]), np.sin(poses[:, POSE.angle]), poses[:, POSE.rate]
-        (dx, dy, _), (vx, vy, _) = (poses[:, TIP] - poses[:, ROOT]).T, (poses[:, TIP_RATES] - poses[:, ROOT_RATES]).T
-        turning = cos * vy - sin * vx - spin * (cos * dx + sin * dy)
-        motors = [x[row] for row in equations.motors.values() for x in (q, v)]
-        return np.concatenate([angles, rates, link_deflection(poses), turning, poses[-1, TIP][:2], motors])
-
-    q, v = point.q, point.v
-    by_q = slopes(lambda x: outputs(x, v), q, equations.free, equations.steps)
-    by_v = exact_slopes(lambda x: outputs(q, x), v, equations.free)
-    names = [f"{what}{k}{end}" for what in ("joint", "deflection") for end in ("", "_rate") for k in links]
-    C = np.hstack([by_q @ reduced.lift + by_v @ reduced.drift, by_v @ reduced.lift])
-    names += ["tip_x", "tip_y", *(f"motor{k}{end}" for k in equations.motors for end in ("", "_rate"))]
-    return tuple(names), outputs(q, v), C
+def _over(dt: float, A: Array, B: Array, rate: Array, x0: Array) -> tuple[Array, Array, Array]:
+    """The continuous model over a period with the input held, and the state after it."""
+    A, moved = held(A, np.column_stack([B, rate]), dt)
+    return A, moved[:, :-1], x0 + moved[:, -1]
 
 
 def state_of(simulation: Simulation) -> Array:

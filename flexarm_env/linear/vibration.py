@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import validation as check
 from ..scene import Scene
@@ -14,9 +13,9 @@ from ..validation import Array
 from . import space
 from .equations import STEP, Equations, Point, slopes
 from .equilibrium import find_rest, still, warn_unstable
-from .period import point_of
-from .stability import at_rest, eigenpairs, growing, moving
-from .state_space import at_start, simulation_of
+from .period import at_start, point_of
+from .stability import Complex, Stability, at_rest, eigenpairs, growing, moving
+from .state_space import simulation_of
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ class Modes:
 
     frequencies: Array
     damping: Array
-    eigenvalues: NDArray[np.complex128]
+    eigenvalues: Complex
     shapes: Array = field(repr=False)
     points: Array = field(repr=False)
     spin: float
@@ -79,73 +78,67 @@ def modes(
     """
     n = check.integer("n", n, minimum=1)
     spin = check.number("spin", spin, "rad/s")
-    if (target.scene if isinstance(target, Simulation) else check.instance("target", target, Scene)).spatial:
-        return _in_space(target, n, formulation, options, spin, clamped)
-    equations, point = _about(target, formulation, options, spin)
-    if isinstance(target, Scene) and spin == 0.0:
-        warn_unstable(at_rest(equations, point, equations.inputs.tolist()), refuse=False)
-    held = _held(clamped, equations.n_links)
-    if isinstance(target, Scene):
-        _check_rotors(target, held)
-    keep = moving(equations, held)
-    reduced = equations.reduced(point, spin)
-    eigenvalues, vectors = eigenpairs(reduced, keep)
-    unstable = growing(eigenvalues)
-    order = np.argsort(np.abs(eigenvalues), kind="stable")[:n]
-    eigenvalues, vectors = eigenvalues[order], vectors[:, order]
+    scene = target.scene if isinstance(target, Simulation) else check.instance("target", target, Scene)
+    if isinstance(target, Scene) and spin != 0.0 and (scene.root != "pinned" or scene.gravity is not None):
+        raise check.InvalidValue("spin", spin, "needs a pinned root and no gravity, or there is no steady rotation")
+    held = _held(clamped, scene.arm.n_links)
+    about = _in_space if scene.spatial else _in_plane
+    (values, vectors, points, shape), rest = about(target, formulation, options, spin, held)
+    if rest is not None:
+        warn_unstable(rest, refuse=False)
+    order = np.argsort(np.abs(values), kind="stable")[:n]
+    eigenvalues, seen = values[order], [shape(vector) for vector in vectors.T[order]]
     frequencies = np.abs(eigenvalues)
     damping = np.where(frequencies > 0.0, -eigenvalues.real / np.maximum(frequencies, 1e-300), 0.0) + 0.0  # no -0.0
-    shapes = [_shape(equations, point.q, reduced.lift[:, keep] @ vector) for vector in vectors.T]
-    points = equations.points(point.q)
-    return Modes(frequencies, damping, eigenvalues, np.array(shapes).reshape(-1, *points.shape), points, spin, unstable)
+    shapes = np.array([one for one, _ in seen]).reshape(-1, *points.shape)
+    whirl = np.array([one for _, one in seen if scene.spatial])
+    return Modes(frequencies, damping, eigenvalues, shapes, points, spin, growing(values), whirl)
 
 
 def _in_space(
-    target: Simulation | Scene, n: int, formulation: str | None, options: dict[str, Any], spin: float,
-    clamped: bool | Sequence[int],
-) -> Modes:  # fmt: skip
-    """`modes` of an arm in space."""
+    target: Simulation | Scene, formulation: str | None, options: dict[str, Any], spin: float, held: list[int]
+) -> tuple[space.Vibration, Stability | None]:
+    """Of an arm in space; of a Scene at rest also how that is with all joints held."""
+    rest = None
     if isinstance(target, Simulation):
         simulation = simulation_of(target, formulation, options)
         if spin != 0.0 or simulation.work.v.any():
             raise check.InvalidValue("spin", spin, "must be given with a Scene; a Simulation in space must be at rest")
+    elif spin != 0.0:
+        scene = still(target, True, position=(0.0, 0.0), loads=(), space=True)
+        simulation = Simulation(scene, target.settings(formulation, **options), False)
     else:
-        settings = target.settings(formulation, **options)
-        if spin != 0.0 and (target.root != "pinned" or target.gravity is not None):
-            raise check.InvalidValue("spin", spin, "needs a pinned root and no gravity, or there is no steady rotation")
-        moved: dict[str, Any] = {"position": (0.0, 0.0), "loads": (), "space": True} if spin != 0.0 else {}
-        scene = still(target, True, **moved)
-        simulation = Simulation(scene, settings, False) if spin else space.rest_of(scene, settings, True)
-    held = _held(clamped, simulation.scene.arm.n_links)
-    if isinstance(target, Scene) and spin == 0.0:
-        everywhere = list(range(simulation.scene.arm.n_links))
-        warn_unstable(space.stability_of(simulation, everywhere), refuse=False)
-    values, shapes, points, whirl = space.modes_of(simulation, simulation.work.q.copy(), held, spin)
-    frequencies = np.abs(values)
-    damping = np.where(frequencies > 0.0, -values.real / np.maximum(frequencies, 1e-300), 0.0) + 0.0
-    return Modes(frequencies[:n], damping[:n], values[:n], shapes[:n], points, spin, growing(values), whirl[:n])
+        simulation = space.rest_of(still(target, True), target.settings(formulation, **options), True)
+        rest = space.stability_of(simulation, list(range(target.arm.n_links)))
+    return space.modes_of(simulation, simulation.work.q.copy(), held, spin), rest
 
 
-def _about(
-    target: Simulation | Scene, formulation: str | None, options: dict[str, Any], spin: float
-) -> tuple[Equations, Point]:
-    """The arm's equations and the point that its modes are about."""
+def _in_plane(
+    target: Simulation | Scene, formulation: str | None, options: dict[str, Any], spin: float, held: list[int]
+) -> tuple[space.Vibration, Stability | None]:
+    """The same of an arm in the plane."""
+    rest = None
     if isinstance(target, Simulation):
         if spin != 0.0:
             raise check.InvalidValue("spin", spin, "must be given with a Scene; a Simulation brings its own motion")
-        simulation = simulation_of(target, formulation, options)
-        equations = Equations(simulation)
-        return equations, point_of(at_start(simulation, equations.model)[1])
-    scene = check.instance("target", target, Scene)
-    settings = scene.settings(formulation, **options)
-    if spin != 0.0 and (scene.root != "pinned" or scene.gravity is not None):
-        raise check.InvalidValue("spin", spin, "needs a pinned root and no gravity, or there is no steady rotation")
-    moved = {"position": (0.0, 0.0), "loads": ()} if spin != 0.0 else {}
-    simulation = Simulation(still(scene, True, **moved), settings)
-    equations = Equations(simulation)
-    w = simulation.work
-    start = Point(w.q.copy(), *equations.rotating(w.q, spin), w.u.copy(), w.psi.copy())
-    return equations, find_rest(equations, start, equations.inputs.tolist(), spin).point
+        equations = Equations(simulation_of(target, formulation, options))
+        point = point_of(at_start(target, equations.model)[1])
+    else:
+        moved: dict[str, Any] = {"position": (0.0, 0.0), "loads": ()} if spin != 0.0 else {}
+        simulation = Simulation(still(target, True, **moved), target.settings(formulation, **options))
+        equations, w = Equations(simulation), simulation.work
+        start = Point(w.q.copy(), *equations.rotating(w.q, spin), w.u.copy(), w.psi.copy())
+        joints = equations.inputs.tolist()
+        point, _ = find_rest(equations, start, joints, spin)
+        rest = at_rest(equations, point, joints) if spin == 0.0 else None
+        _check_rotors(target, held)
+    keep = moving(equations, held)
+    reduced = equations.reduced(point, spin)
+
+    def shape(vector: Complex) -> tuple[Array, float]:
+        return _shape(equations, point.q, reduced.lift[:, keep] @ vector), np.nan
+
+    return (*eigenpairs(*reduced.among(keep)), equations.points(point.q), shape), rest
 
 
 def _held(clamped: bool | Sequence[int], links: int) -> list[int]:
@@ -166,7 +159,7 @@ def _check_rotors(scene: Scene, held: list[int]) -> None:
             raise check.InvalidValue(f"arm.joints[{k}].motor_inertia", joint.motor_inertia, what)
 
 
-def _shape(equations: Equations, q: Array, vector: NDArray[np.complex128]) -> Array:
+def _shape(equations: Equations, q: Array, vector: Complex) -> Array:
     """Displacements of the chain's points along a complex change of the rows that can move."""
     weight = equations.model.weight[equations.free]
     vector = vector / np.abs(vector * weight).max()
