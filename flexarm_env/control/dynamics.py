@@ -132,13 +132,8 @@ class Dynamics:
     def unbent(self, angles: ArrayLike) -> Array:
         """States (m, S) of the straight arm without motion, at joint angles (m, N)."""
         angles, x = self._turned(angles)
-        for k, joint in enumerate(self.joints):
-            x[:, joint : joint + self.nodes] = angles[:, k : k + 1] if k == 0 else 0.0
-        turned = np.cumsum(angles, axis=1)
-        for k in range(1, self.n_inputs):
-            at = int(self.joints[k])
-            x[:, at + 1 : at + self.nodes] = turned[:, k : k + 1]
-            x[:, at] = angles[:, k]
+        for k in range(self.n_inputs):
+            self._turn(x, 0, k, np.repeat(angles[:, k : k + 1], self.nodes, axis=1))
         return x
 
     def still(self, angles: ArrayLike) -> tuple[Array, Array]:
@@ -212,29 +207,22 @@ class Dynamics:
         angle, rate, bend, bend_rate = np.split(outputs, 4, axis=1)
         for part, wanted, bent in ((0, angle, bend), (half, rate, bend_rate)):
             for k, joint in enumerate(self.joints):
-                self._turn(out, part, k, wanted[:, k] - out[:, part + joint])
+                turned = wanted[:, k] - out[:, part + joint]
+                self._turn(out, part, k, np.repeat(turned[:, None], self.nodes, axis=1))
                 for _ in range(1 if part else 2):  # a deflection is not linear in the angles
                     value, slope = self.bends(out)
                     if part:
                         value = np.einsum("mns,ms->mn", slope[..., :half], out[:, half:])
-                    self._bend(out, part, k, bent[:, k] - value[:, k], slope[:, k])
+                    own = slope[:, k, joint : joint + self.nodes] @ self._bent[k]
+                    self._turn(out, part, k, ((bent[:, k] - value[:, k]) / own)[:, None] * self._bent[k])
         return out
 
     def _turn(self, x: Array, part: int, k: int, by: Array) -> None:
-        """Turn link k and all that follow it."""
-        x[:, part + k * self.nodes : part + (k + 1) * self.nodes] += by[:, None]
+        """Turn link k's nodes by angles (m, nodes), and the links beyond it with its tip."""
+        x[:, part + k * self.nodes : part + (k + 1) * self.nodes] += by
         for later in range(k + 1, self.n_inputs):
             at = part + later * self.nodes
-            x[:, at + 1 : at + self.nodes] += by[:, None]
-
-    def _bend(self, x: Array, part: int, k: int, by: Array, slope: Array) -> None:
-        """Bend link k; the links beyond it turn with its tip."""
-        own, shape = slice(k * self.nodes, (k + 1) * self.nodes), self._bent[k]
-        amount = by / (slope[:, own] @ shape)
-        x[:, part + k * self.nodes : part + (k + 1) * self.nodes] += amount[:, None] * shape
-        for later in range(k + 1, self.n_inputs):
-            at = part + later * self.nodes
-            x[:, at + 1 : at + self.nodes] += (amount * shape[-1])[:, None]
+            x[:, at + 1 : at + self.nodes] += by[:, -1:]
 
     def _move(self, x: Array, u: Array, out: Array) -> None:
         batch = self._batch(len(x))

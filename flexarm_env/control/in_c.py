@@ -70,7 +70,8 @@ def controller_source(
         what = "gains in space are those at the targets" if space else "gains of PD are the same in all postures"
         raise check.InvalidValue("elbows", elbows, f"must be left out: {what}")
     held = [] if plain or space else _postures(controller, elbows)
-    arrays, sizes = _in_space(controller, targets) if space else _numbers(controller, slew, held)
+    known = _in_space(controller, targets) if space else _in_plane(controller, slew, held)
+    sizes = {word: value for word, value in known.items() if isinstance(value, int | float)}
     places = {"SINES": read._sin, "COSINES": read._cos, "RATES": read._rates, "GAUGES": read._gauges}
     places |= {"BENDS": read._bends, "BEND_RATES": read._bend_rates, "ERRORS": read._goals if aimed else read._error}
     declared = {"JOINTS": setup.n_joints, "ENTRIES": len(setup.names), "HISTORY": setup.history, **sizes}
@@ -85,7 +86,7 @@ def controller_source(
     body = body.replace("TOLD", c_part("told_joints" if aimed else "told_way").strip())
     body = body.replace("SEEN", _BENDS if kind is SpatialLQR else _CURVATURES if read._gauges else "")
     body = body.replace("GOAL", c_part("goal_two" if setup.n_joints == 2 else "goal_many"))
-    numbers = [_array(word, values) for word, values in arrays.items() if re.search(rf"(NAME_|OF\(){word}\b", body)]
+    numbers = [_array(word, values) for word, values in known.items() if re.search(rf"(NAME_|OF\(){word}\b", body)]
     numbers += [_places(word, values) for word, values in places.items() if f"NAME_{word.lower()}[" in body]
     text = "\n".join([
         _head(controller, slew, held), "#include <math.h>", "",
@@ -118,8 +119,8 @@ def _postures(own: Controller, elbows: Pairs | None) -> Held:
     return list(dict.fromkeys(postures(np.array([(0.0, *row) for row in itertools.product(*ranges)]))))
 
 
-def _in_space(own: Controller, targets: Points | None) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The rigid arm's bodies and axes, the law's numbers, the rests at the targets; and their sizes."""
+def _in_space(own: Controller, targets: Points | None) -> dict[str, Any]:
+    """Arrays: the rigid arm's bodies and axes, the law's numbers, the rests at the targets; and, as numbers, sizes."""
     assert isinstance(own, AboutRest)
     arm, N = own.setup.arm, own.setup.n_joints
     points = check.sequence("targets", () if targets is None else targets, "points (x, y, z), m, of the tip")
@@ -141,81 +142,72 @@ def _in_space(own: Controller, targets: Points | None) -> tuple[dict[str, Any], 
         "carrier": [float(k) for k, _ in parts], "mass": [part.mass for _, part in parts],
         "centre_of": [part.centre for _, part in parts], "tensor": [part.inertia for _, part in parts],
         "gravity": own.gravity, "target": where, "rest": angles, "rest_torque": torques,
+        "TARGETS": len(points), "BODIES": len(parts),
     }  # fmt: skip
-    sizes: dict[str, Any] = {"TARGETS": len(points), "BODIES": len(parts)}
     if isinstance(own, SpatialPD):
         gains = own.gains
         found["filter"] = [own.passed, gains.rate**2, 2.0 * gains.ratio * gains.rate]
     if isinstance(own, SpatialShapedPD):
         shapers = [shaper_in_space(arm, own.gravity, own.shaped, own.kind, angle) for angle in angles]
-        more, sizes_of = _impulses(shapers, own.shaped.effort * own.limits)
-        found |= more
-        sizes |= sizes_of
+        found |= _impulses(shapers, own.shaped.effort * own.limits)
     if isinstance(own, SpatialLQG):
         plants = [plant_in_space(own.setup, own.gravity, angle) for angle in angles]
         designs = [own.design(one) for one, _ in plants]
         still = np.array([own.resting(y) for _, y in plants])
         if type(own) is SpatialLQG:
             still[:, N:] += own.centres
-        more, sizes_of = _filters(own, designs)
-        found |= more | {"still": still, "pull": np.stack([d.K @ d.rigid for d in designs])}
-        sizes |= sizes_of | {"FARTHEST": FARTHEST, "BENT": len(own.read._bends)}
-    return found, sizes
+        found |= _filters(own, designs) | {"still": still, "pull": np.stack([d.K @ d.rigid for d in designs])}
+        found |= {"FARTHEST": FARTHEST, "BENT": len(own.read._bends)}
+    return found
 
 
-def _filters(own: LQG, filters: Sequence[Design]) -> tuple[dict[str, Any], dict[str, Any]]:
+def _filters(own: LQG, filters: Sequence[Design]) -> dict[str, Any]:
     """Tables of the designs, one after the other, and their sizes."""
     found: dict[str, Any] = {word: np.stack([getattr(e, word) for e in filters]) for word in (*"ABCKL", "rigid")}
     found |= {"by_state": np.stack([e.stopping @ e.A for e in filters]), "coulomb": own.friction}
     found |= {"by_torque": np.stack([e.stopping @ e.B for e in filters])}
-    return found, {"STATES": len(filters[0].A), "OUTPUTS": len(filters[0].C), "LEARNING": LEARNING}
+    return found | {"STATES": len(filters[0].A), "OUTPUTS": len(filters[0].C), "LEARNING": LEARNING}
 
 
-def _impulses(shapers: Sequence[Shaper], effort: Array) -> tuple[dict[str, Any], dict[str, Any]]:
+def _impulses(shapers: Sequence[Shaper], effort: Array) -> dict[str, Any]:
     """Tables of the shapers, one after the other, with what of the torques a reference may ask for; their size."""
     most = max(len(one.delays) for one in shapers)
-    found: dict[str, Any] = {"effort": effort}
+    found: dict[str, Any] = {"effort": effort, "IMPULSES": most}
     for word, rows in (("amplitude", [s.amplitudes for s in shapers]), ("delay", [s.delays for s in shapers])):
         found[word] = [row + (0.0,) * (most - len(row)) for row in rows]
-    return found, {"IMPULSES": most}
+    return found
 
 
-def _numbers(own: Controller, slew: float | None, held: Held) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What the file holds, and the sizes of it."""
+def _in_plane(own: Controller, slew: float | None, held: Held) -> dict[str, Any]:
+    """Arrays, and, as numbers, sizes."""
     setup = own.setup
     arm, inertia = setup.arm, link_inertia(setup.arm)
-    found: dict[str, Any] = {"limit": own.limits, "scale": np.array(setup.scales)}
-    found |= {"along": inertia.real, "across": inertia.imag, "length": [link.span for link in arm.links]}
-    found |= {
-        "rotor": [arm.joint(k).rotor for k in range(arm.n_links)],
-        "turned": [link.turn for link in arm.links[:-1]],
-    }
     ranges = [(-np.inf, np.inf) if one is None else one for one in arm.joint_limits or (None,) * arm.n_links]
-    found |= {"range": np.clip(ranges, -1e300, 1e300), "posture": np.rint(np.array(held) / GRID)}
-    sizes: dict[str, Any] = {"POSTURES": len(held), "GRID": GRID} if held else {}
+    found: dict[str, Any] = {
+        "limit": own.limits, "scale": np.array(setup.scales), "along": inertia.real, "across": inertia.imag,
+        "length": [link.span for link in arm.links], "rotor": [arm.joint(k).rotor for k in range(arm.n_links)],
+        "turned": [link.turn for link in arm.links[:-1]], "range": np.clip(ranges, -1e300, 1e300),
+        "posture": np.rint(np.array(held) / GRID),
+    }  # fmt: skip
+    found |= {"POSTURES": len(held), "GRID": GRID} if held else {}
     if isinstance(own, PD | ShapedPD):
         found |= {"kp": own.kp, "kd": own.kd}
     if isinstance(own, ShapedPD):
         shapers = [closed_loop_shaper(arm, own.gains, own.kind, posture) for posture in held]
-        more, sizes_of = _impulses(shapers, own.gains.effort * own.limits)
-        found |= more
-        sizes |= sizes_of
+        found |= _impulses(shapers, own.gains.effort * own.limits)
     if isinstance(own, LQR):
         designs = [lqr_design(arm, setup.torque_limits, setup.control_dt, own.gains, posture) for posture in held]
         found |= {word: np.stack([getattr(d, word) for d in designs]) for word in "ABCKL"}
         found["start"] = np.stack([d.model.state_of(np.eye(len(d.C))).T for d in designs])
-        sizes |= {"STATES": len(designs[0].A), "OUTPUTS": len(designs[0].C)}
+        found |= {"STATES": len(designs[0].A), "OUTPUTS": len(designs[0].C)}
     if isinstance(own, TimeOptimal):
         way = check.number("slew", slew, "rad, of the plan", above=0.0, maximum=2.0 * np.pi)
         known = slew_plan(setup, way, own.effort, own.gains.flexible)
-        found |= {"plan": known.torques, "way": known.states[:-1]}
-        sizes["PERIODS"] = known.periods
+        found |= {"plan": known.torques, "way": known.states[:-1], "PERIODS": known.periods}
     if isinstance(own, LQG):
         filters = [lqg_design(setup, own.gains, posture) for posture in held]
-        more, sizes_of = _filters(own, filters)
-        found |= more | {"centre": own.centres}
-        sizes |= sizes_of
-    return found, sizes
+        found |= _filters(own, filters) | {"centre": own.centres}
+    return found
 
 
 def _head(own: Controller, slew: float | None, held: Held) -> str:

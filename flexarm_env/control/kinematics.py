@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..parameters import Arm
+from ..tasks.angles import least_angles, sooner_angles
 from ..validation import Array
 
 
@@ -42,8 +43,6 @@ def goal_of(lengths: Array, rates: Array, limits: Array, x: float, y: float, ang
 
     lengths, rates (N,), limits (2 N,) and angles (N,) now: see `tasks.angles`, whose kernels answer.
     """
-    from ..tasks.angles import least_angles, sooner_angles
-
     goal: Array = angles.copy()
     if len(lengths) == 2:
         sooner_angles(lengths, rates, limits, float(x), float(y), goal)
