@@ -3,7 +3,7 @@
 import dataclasses
 import os
 from collections.abc import Callable, Mapping, Sequence
-from itertools import permutations
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -160,12 +160,10 @@ def _verdict(problem: Problem, best: Fit, train: Sequence[Prediction], baseline:
 
 def _swapped(problem: Problem, best: Fit) -> str:
     """The columns in whose places the outputs' ones would fit better, the parameters following; "" where none would."""
-    config = problem.experiment.config
-    pairs = [(a, b) for a, b in permutations(range(len(config.outputs)), 2) if a < b]
-    alike = [(a, b) for a, b in pairs if config.outputs[a].name.split("_")[:2] == config.outputs[b].name.split("_")[:2]]
+    pairs = combinations(problem.experiment.config.outputs, 2)
+    alike = [(a, b) for a, b in pairs if a.name.split("_")[:2] == b.name.split("_")[:2]]
     if not alike:
         return ""
-    names = [c.name for c in config.outputs]
 
     def errors(runs: Sequence[Run], z: Array) -> Array:
         return np.concatenate([e.ravel() for e in Problem(problem.experiment, runs).errors(z)])
@@ -175,11 +173,11 @@ def _swapped(problem: Problem, best: Fit) -> str:
     for a, b in alike:
         changed = []
         for run in problem.runs:
-            outputs = {**run.outputs, names[a]: run.outputs[names[b]], names[b]: run.outputs[names[a]]}
+            outputs = {**run.outputs, a.name: run.outputs[b.name], b.name: run.outputs[a.name]}
             changed.append(dataclasses.replace(run, outputs=outputs))
         e = errors(changed, best.z)
         if float(np.square(e - J @ np.linalg.lstsq(J, e, rcond=None)[0]).sum()) < 0.7 * own:
-            return f"{config.outputs[b].column!r} and {config.outputs[a].column!r} the other way round"
+            return f"{b.column!r} and {a.column!r} the other way round"
     return ""
 
 

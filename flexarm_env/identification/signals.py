@@ -124,18 +124,14 @@ def read_off(run: Run, name: str) -> list[Ringing]:
     for values in run.inputs.values():
         rate = np.abs(np.gradient(values, run.period))
         still &= rate < STILL * max(float(rate.max()), 1e-300)
-    size, found, first = round(1.5 / run.period), [], None
+    size, found = round(1.5 / run.period), []
     width = max(1, round(0.1 / run.period))
     still &= run.kept
     smooth = np.convolve(still, np.ones(width), "same") > 0.7 * width
-    for i, calm in enumerate([*smooth, False]):
-        if calm and first is None:
-            first = i
-        elif not calm and first is not None:
-            if i - first >= size:
-                one = ringing(run.t[first:i], run.outputs[name][first:i])
-                found += [one] if one is not None and one.error < 0.4 else []
-            first = None
+    for first, end in np.flatnonzero(np.diff(smooth, prepend=False, append=False)).reshape(-1, 2):
+        if end - first >= size:
+            one = ringing(run.t[first:end], run.outputs[name][first:end])
+            found += [one] if one is not None and one.error < 0.4 else []
     return found
 
 
