@@ -66,14 +66,12 @@ class Quadratic:
     weight: Array
 
     def value(self, x: Array, k: int | slice) -> Array:
-        """See `Cost`."""
         goal = self.goal if self.goal.ndim == 2 else self.goal[k]
         off, weight = x - goal, self.weight[k]
         weight = weight if self.weight.ndim == 4 else weight[..., None, :, :]
         return np.asarray(0.5 * np.einsum("...i,...i->...", (weight @ off[..., None])[..., 0], off))
 
     def slopes(self, x: Array) -> tuple[Array, Array]:
-        """See `Cost`."""
         off = x - self.goal
         weight = self.weight if self.weight.ndim == 4 else self.weight[:, None]
         weight = np.broadcast_to(weight, (*off.shape, off.shape[-1]))
@@ -110,12 +108,10 @@ class Limits:
         return np.maximum(over, 0.0), np.maximum(under, 0.0)
 
     def value(self, x: Array, k: int | slice) -> Array:
-        """See `Cost`."""
         over, under = self._active(self._values(x), k)
         return np.asarray((over**2 + under**2).sum(-1) / (2.0 * self.penalty))
 
     def slopes(self, x: Array) -> tuple[Array, Array]:
-        """See `Cost`."""
         if self.alone is None:
             g, slope = self.of(x)
             over, under = self._active(g, slice(None))

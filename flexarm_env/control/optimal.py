@@ -350,12 +350,10 @@ class TipPath:
     weight: float
 
     def value(self, x: Array, k: int | slice) -> Array:
-        """See `ilqr.Cost`."""
         off = self.plant.tip(x)[0] - self.path[k]
         return np.asarray(0.5 * self.weight * (off**2).sum(-1))
 
     def slopes(self, x: Array) -> tuple[Array, Array]:
-        """See `ilqr.Cost`."""
         tip, slope = self.plant.tip(x)
         off = self.weight * (tip - self.path)
         return np.einsum("...i,...is->...s", off, slope), self.weight * slope.swapaxes(-1, -2) @ slope
