@@ -79,6 +79,44 @@ def add(lane, array, k, value):
 
 
 @kernel
+def pair(lane, array, k):
+    """Elements k and k + 1."""
+    return load(lane, array, k), load(lane, array, k + 1)
+
+
+@kernel
+def put_pair(array, k, a):
+    """Elements k and k + 1 <- a."""
+    store(array, k, a[0])
+    store(array, k + 1, a[1])
+
+
+@kernel
+def vector(lane, array, k):
+    """Three elements from k on."""
+    return load(lane, array, k), load(lane, array, k + 1), load(lane, array, k + 2)
+
+
+@kernel
+def put_vector(array, k, a):
+    """Three elements from k on <- a."""
+    put_pair(array, k, a)
+    store(array, k + 2, a[2])
+
+
+@kernel
+def turned(c, s, x, y):
+    """The vector (x, y) of a plane, turned by the angle with cosine c and sine s."""
+    return c * x - s * y, s * x + c * y
+
+
+@kernel
+def turned_back(c, s, x, y):
+    """And turned by that angle the other way."""
+    return c * x + s * y, c * y - s * x
+
+
+@kernel
 def put(live, array, k, value, old):
     """array[k] <- value where live, old elsewhere."""
     store(array, k, select_lt(0.5, live, value, old))

@@ -9,6 +9,7 @@ E = [[0, -1], [1, 0]] turns a quarter; d/dt of R y is R (y' + w E y).
 """
 
 from ...compiler import kernel, load, sincos, size, splat, store, unrolled
+from ..arithmetic import pair, put_pair, put_vector, turned, turned_back, vector
 from ..model import STIFFNESS_FACTOR, TAU_D
 from .layout import KNOWN, NOW, PASSED, body_at, factors_at, span_at, strain_at, vectors_at, window
 
@@ -87,14 +88,14 @@ def carry(lane, model, D, q, v, a, pose, S):
     What the frame does now is kept in S (`NOW`).
     """
     own, now = constants(model), factors_at(0, size(model.n)).now
-    angle, w, alpha = load(lane, pose, PASSED.angle), load(lane, pose, PASSED.rate), load(lane, pose, PASSED.second)
+    angle, w, alpha = vector(lane, pose, PASSED.angle)
     if model.chord is not None:
         angle = angle - turn_of_root(lane, model, D, q)
         w = w - turn_of_root(lane, model, D, v)
         alpha = alpha - turn_of_root(lane, model, D, a)
     sine, cosine = sincos(angle)
-    gx, gy = load(lane, pose, PASSED.ax), load(lane, pose, PASSED.ay)
-    ax, ay = cosine * gx + sine * gy, cosine * gy - sine * gx
+    gx, gy = pair(lane, pose, PASSED.ax)
+    ax, ay = turned_back(cosine, sine, gx, gy)
     x, y, phi = tip(lane, model, D, q)
     tx, ty, rate = tip(lane, model, D, v)
     hx, hy, second = tip(lane, model, D, a)
@@ -105,24 +106,14 @@ def carry(lane, model, D, q, v, a, pose, S):
         hx = hx - (product(lane, model, D, own.tip_H, q, a) + product(lane, model, D, own.tip_H, v, v))
     bx = hx - alpha * y - (w * w) * x - (w * ty) * 2.0
     by = hy + alpha * x - (w * w) * y + (w * tx) * 2.0
-    store(S, now + NOW.cos, cosine)
-    store(S, now + NOW.sin, sine)
-    store(S, now + NOW.a, ax)
-    store(S, now + NOW.a + 1, ay)
-    store(S, now + NOW.rate, w)
-    store(S, now + NOW.second, alpha)
-    store(S, now + NOW.tip, x)
-    store(S, now + NOW.tip + 1, y)
-    store(S, now + NOW.tip_rate, tx - w * y)
-    store(S, now + NOW.tip_rate + 1, ty + w * x)
-    store(S, now + NOW.tip_second, bx)
-    store(S, now + NOW.tip_second + 1, by)
-    ax, ay = ax + bx, ay + by
-    store(pose, PASSED.angle, angle + phi)
-    store(pose, PASSED.rate, w + rate)
-    store(pose, PASSED.second, alpha + second)
-    store(pose, PASSED.ax, cosine * ax - sine * ay)
-    store(pose, PASSED.ay, sine * ax + cosine * ay)
+    put_pair(S, now + NOW.cos, (cosine, sine))
+    put_pair(S, now + NOW.a, (ax, ay))
+    put_pair(S, now + NOW.rate, (w, alpha))
+    put_pair(S, now + NOW.tip, (x, y))
+    put_pair(S, now + NOW.tip_rate, (tx - w * y, ty + w * x))
+    put_pair(S, now + NOW.tip_second, (bx, by))
+    put_vector(pose, PASSED.angle, (angle + phi, w + rate, alpha + second))
+    put_pair(pose, PASSED.ax, turned(cosine, sine, ax + bx, ay + by))
 
 
 @kernel
@@ -168,12 +159,12 @@ def forces(lane, model, D, par, carried, q, v, a, force, known, vectors, strains
     """
     own, n = constants(model), size(model.n)
     now, vec = factors_at(0, n).now, vectors_at(0, n)
-    cos, sin = load(lane, S, now + NOW.cos), load(lane, S, now + NOW.sin)
-    ax, ay = load(lane, S, now + NOW.a), load(lane, S, now + NOW.a + 1)
-    w, alpha = load(lane, S, now + NOW.rate), load(lane, S, now + NOW.second)
+    cos, sin = pair(lane, S, now + NOW.cos)
+    ax, ay = pair(lane, S, now + NOW.a)
+    w, alpha = pair(lane, S, now + NOW.rate)
     stiffness, tau = load(lane, par, STIFFNESS_FACTOR), damping_time(lane, model, D, par)
-    fx, fy, moment = load(lane, force, 0), load(lane, force, 1), load(lane, force, 2)
-    gx, gy = cos * fx + sin * fy, cos * fy - sin * fx
+    fx, fy, moment = vector(lane, force, 0)
+    gx, gy = turned_back(cos, sin, fx, fy)
     # s: first moment, t its rate, h its second rate in the frame
     sx, sy = along(lane, model, D, own.S_bar_x, q) + D[own.S0], dot(lane, model, D, own.S_bar_y, q)
     tx, ty = along(lane, model, D, own.S_bar_x, v), dot(lane, model, D, own.S_bar_y, v)
@@ -200,7 +191,7 @@ def forces(lane, model, D, par, carried, q, v, a, force, known, vectors, strains
     dx = hx - alpha * sy - square * sx - (w * ty) * 2.0
     dy = hy + alpha * sx - square * sy + (w * tx) * 2.0
     turning = (sx * ay - sy * ax) + alpha * inertia + lever + (w * spin_rate) * 2.0
-    x, y = load(lane, S, now + NOW.tip), load(lane, S, now + NOW.tip + 1)
+    x, y = pair(lane, S, now + NOW.tip)
     turning = turning + (x * gy - y * gx) + moment
     _strains(lane, model, D, stiffness, tau, q, v, strains)
     for i in range(n):
@@ -245,16 +236,11 @@ def forces(lane, model, D, par, carried, q, v, a, force, known, vectors, strains
     store(force, 0, cos * (ax * mass + dx + gx) - sin * (ay * mass + dy + gy))
     store(force, 1, sin * (ax * mass + dx + gx) + cos * (ay * mass + dy + gy))
     store(force, 2, turning)
-    store(known, KNOWN.d, dx)
-    store(known, KNOWN.d + 1, dy)
-    store(known, KNOWN.s, sx)
-    store(known, KNOWN.s + 1, sy)
-    store(known, KNOWN.t, tx)
-    store(known, KNOWN.t + 1, ty)
-    store(known, KNOWN.inertia, inertia)
-    store(known, KNOWN.spin_rate, spin_rate)
-    store(known, KNOWN.g, gx)
-    store(known, KNOWN.g + 1, gy)
+    put_pair(known, KNOWN.d, (dx, dy))
+    put_pair(known, KNOWN.s, (sx, sy))
+    put_pair(known, KNOWN.t, (tx, ty))
+    put_pair(known, KNOWN.inertia, (inertia, spin_rate))
+    put_pair(known, KNOWN.g, (gx, gy))
 
 
 @kernel

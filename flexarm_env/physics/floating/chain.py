@@ -9,13 +9,13 @@ S holds `ROOT`, then a `JOINT` for each elbow and `FACTORS` for each body, then 
 """
 
 from ...compiler import kernel, load, size, splat, stack, store
-from ..arithmetic import fall
+from ..arithmetic import add, fall, pair, put_pair, put_vector, vector
 from ..layout import OF_LOAD
-from ..model import FloatingChain
+from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, FloatingChain
 from ..protocol import register
 from .body import carry, forces
 from .chain_output import damping_work, energy, link_poses, out_of_range, ports, shape
-from .layout import JOINT, KNOWN, LOADED, PASSED, ROOT, acts_at, cell, elastic_row, elbow_row, factors_at
+from .layout import ANGLE, JOINT, KNOWN, LOADED, PASSED, ROOT, acts_at, cell, elastic_row, elbow_row, factors_at
 from .matrix import condense, reduce, restore, tangent
 from .rigid import ACROSS, ROOT_END, SWEPT, TIP_END, end_of, inward, near, outward, swept, to_payload, with_moment
 
@@ -48,13 +48,31 @@ def _joint_at(k):
 
 
 @kernel
+def frame_at(lane, model, state, i, pose):
+    """pose <- angle at rows i of what moves as `state` tells, its rates, and the acceleration there less gravity."""
+    q, v, a = state
+    put_vector(pose, PASSED.angle, (load(lane, q, i + ANGLE), load(lane, v, i + ANGLE), load(lane, a, i + ANGLE)))
+    ax, ay = pair(lane, a, i)
+    put_pair(pose, PASSED.ax, (ax - fall(model.gravity, 0), ay - fall(model.gravity, 1)))
+
+
+@kernel
 def less_loads(lane, model, link, end, u, force):
     """force (x, y, moment) less the point loads at an end of a link."""
     if model.loads is not None:
         for f in range(model.loads.shape[0] // LOADED.end):
             if acts_at(model.loads, f, link, end):
                 for i in range(3):
-                    store(force, i, load(lane, force, i) - load(lane, u, model.links + OF_LOAD.end * f + i))
+                    add(lane, force, i, -load(lane, u, model.links + OF_LOAD.end * f + i))
+
+
+@kernel
+def payload_force(lane, par, pose, force, carried):
+    """force <- what the payload asks for at a pose; carried <- its mass and inertia."""
+    mass, inertia = load(lane, par, PAYLOAD_MASS), load(lane, par, PAYLOAD_INERTIA)
+    ax, ay = pair(lane, pose, PASSED.ax)
+    put_vector(force, 0, (ax * mass, ay * mass, load(lane, pose, PASSED.second) * inertia))
+    put_pair(carried, 0, (mass, inertia))
 
 
 @kernel
@@ -65,60 +83,43 @@ def assemble(lane, model, par, state, u, weights, r, S):
     pose, force, carried = stack(lane, FIVE), stack(lane, THREE), stack(lane, THREE)
     known, vectors, strains = stack(lane, NUMBERS), stack(lane, mesh.scratch), stack(lane, mesh.strains)
     stride, first, levers = _stride(model), _bodies_at(model), _levers_at(model)
-    store(pose, PASSED.angle, load(lane, q, 2))
-    store(pose, PASSED.rate, load(lane, v, 2))
-    store(pose, PASSED.second, load(lane, a, 2))
-    store(pose, PASSED.ax, load(lane, a, 0) - fall(model.gravity, 0))
-    store(pose, PASSED.ay, load(lane, a, 1) - fall(model.gravity, 1))
+    frame_at(lane, model, state, 0, pose)
     for k in range(model.links):
         if k > 0:
             elbow = elbow_row(model, k)
-            store(pose, PASSED.angle, load(lane, pose, PASSED.angle) + load(lane, q, elbow))
-            store(pose, PASSED.rate, load(lane, pose, PASSED.rate) + load(lane, v, elbow))
-            store(pose, PASSED.second, load(lane, pose, PASSED.second) + load(lane, a, elbow))
+            add(lane, pose, PASSED.angle, load(lane, q, elbow))
+            add(lane, pose, PASSED.rate, load(lane, v, elbow))
+            add(lane, pose, PASSED.second, load(lane, a, elbow))
         outward(lane, end_of(model, k, ROOT_END), pose, S, levers)
         for b in range(k * model.segments, (k + 1) * model.segments):
             e = elastic_row(model, b) * L
             carry(lane, mesh, model.data[model.block * b :], q[e:], v[e:], a[e:], pose, S[(first + stride * b) * L :])
         outward(lane, end_of(model, k, TIP_END), pose, S, levers)
     outward(lane, to_payload(model), pose, S, levers)
-    mass, inertia = load(lane, par, 0), load(lane, par, 1)
-    store(force, OF_LOAD.x, load(lane, pose, PASSED.ax) * mass)
-    store(force, OF_LOAD.y, load(lane, pose, PASSED.ay) * mass)
-    store(force, OF_LOAD.torque, load(lane, pose, PASSED.second) * inertia)
-    store(carried, 0, mass)
-    store(carried, 1, inertia)
+    payload_force(lane, par, pose, force, carried)
     inward(lane, to_payload(model), force, cm, cc, ck, S, levers)
     for k in range(model.links - 1, -1, -1):
         less_loads(lane, model, k, 1, u, force)
         inward(lane, end_of(model, k, TIP_END), force, cm, cc, ck, S, levers)
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
             e, D, own = elastic_row(model, b) * L, model.data[model.block * b :], S[(first + stride * b) * L :]
-            forces(
-                lane, mesh, D, par, carried, q[e:], v[e:], a[e:], force, known, vectors, strains, own, r[e:]
-            )  # fmt: skip
+            forces(lane, mesh, D, par, carried, q[e:], v[e:], a[e:], force, known, vectors, strains, own, r[e:])
             if cm != 0.0:
-                tangent(
-                    lane, mesh, D, par, carried, cm, cc, ck, q[e:], v[e:], a[e:], known, vectors, strains, own
-                )  # fmt: skip
-            store(carried, 0, splat(lane, 0.0))
-            store(carried, 1, splat(lane, 0.0))
+                tangent(lane, mesh, D, par, carried, cm, cc, ck, q[e:], v[e:], a[e:], known, vectors, strains, own)
+            put_pair(carried, 0, (splat(lane, 0.0), splat(lane, 0.0)))
         inward(lane, end_of(model, k, ROOT_END), force, cm, cc, ck, S, levers)
         less_loads(lane, model, k, 0, u, force)
         if k > 0:
-            store(r, elbow_row(model, k), load(lane, force, OF_LOAD.torque) - load(lane, u, k))
-    store(r, 0, load(lane, force, 0))
-    store(r, 1, load(lane, force, 1))
-    store(r, 2, load(lane, force, 2) - load(lane, u, 0))
+            store(r, elbow_row(model, k), load(lane, force, 2) - load(lane, u, k))
+    fx, fy, moment = vector(lane, force, 0)
+    put_vector(r, 0, (fx, fy, moment - load(lane, u, 0)))
     if cm != 0.0:
         for k in range(3):
             store(S, ROOT.pinned + k, splat(lane, 0.0))
         for k in range(1, model.links):
             store(S, _joint_at(k) + JOINT.pinned, splat(lane, 0.0))
-        store(S, ROOT.scale, splat(lane, cm))
-        store(S, ROOT.scale + 1, splat(lane, 1.0 / cm))
-        store(S, ROOT.tail, inertia * cm)
-        store(S, ROOT.tail + 1, mass)
+        put_pair(S, ROOT.scale, (splat(lane, cm), splat(lane, 1.0 / cm)))
+        put_pair(S, ROOT.tail, (load(lane, par, PAYLOAD_INERTIA) * cm, load(lane, par, PAYLOAD_MASS)))
 
 
 @kernel
@@ -148,16 +149,20 @@ def _with_own(lane, model, S, at, x, y):
 
 
 @kernel
+def diagonal(tail, zero, mass, inertia):
+    """tail <- the matrix of a body's force and moment at its centre."""
+    put_vector(tail, cell(0, 0), (mass, zero, zero))
+    put_vector(tail, cell(1, 0), (zero, mass, zero))
+    put_vector(tail, cell(2, 0), (zero, zero, inertia))
+
+
+@kernel
 def factor(lane, model, S):
     """Bodies condensed from tip to root, and the root's three rows factored; inverse pivots are kept."""
     L, stride, first = len(lane), _stride(model), _bodies_at(model)
-    tail = stack(lane, NINE)
+    tail, (inertia, mass) = stack(lane, NINE), pair(lane, S, ROOT.tail)
     zero, one = splat(lane, 0.0), splat(lane, 1.0)
-    for i in range(9):
-        store(tail, i, zero)
-    store(tail, cell(0, 0), load(lane, S, ROOT.tail + 1))
-    store(tail, cell(1, 1), load(lane, S, ROOT.tail + 1))
-    store(tail, cell(2, 2), load(lane, S, ROOT.tail))
+    diagonal(tail, zero, mass, inertia)
     levers = _levers_at(model)
     near(lane, to_payload(model), S, levers, tail)
     for k in range(model.links - 1, -1, -1):
@@ -211,10 +216,8 @@ def factor(lane, model, S):
 def solve(lane, model, S, x):
     """x <- S^-1 x with the factors of `factor`."""
     mesh, L, stride, first = model.mesh, len(lane), _stride(model), _bodies_at(model)
-    flow = stack(lane, THREE)
-    for i in range(3):
-        store(flow, i, splat(lane, 0.0))
-    levers = _levers_at(model)
+    flow, levers, zero = stack(lane, THREE), _levers_at(model), splat(lane, 0.0)
+    put_vector(flow, 0, (zero, zero, zero))
     for k in range(model.links - 1, -1, -1):
         with_moment(lane, end_of(model, k, TIP_END), S, levers, ACROSS, flow)
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
@@ -227,7 +230,7 @@ def solve(lane, model, S, x):
                 wanted = load(lane, x, elbow_row(model, k))
                 left = wanted - load(lane, flow, 2)
                 for i in range(2):
-                    store(flow, i, load(lane, flow, i) + load(lane, S, o + JOINT.column + i) * left)
+                    add(lane, flow, i, load(lane, S, o + JOINT.column + i) * left)
                 store(x, elbow_row(model, k), left)
                 store(flow, 2, _with_own(lane, model, S, o + JOINT.own, wanted, -left))
     for i in range(3):
@@ -241,16 +244,15 @@ def solve(lane, model, S, x):
     for i in range(1, 3):
         if S[(ROOT.pinned + i) * L] == 0.0:
             for j in range(i):
-                store(flow, i, load(lane, flow, i) - load(lane, S, F + cell(i, j)) * load(lane, flow, j))
+                add(lane, flow, i, -(load(lane, S, F + cell(i, j)) * load(lane, flow, j)))
     for i in range(2, -1, -1):
         if S[(ROOT.pinned + i) * L] == 0.0:
             total = load(lane, flow, i)
             for j in range(i + 1, 3):
                 total = total - load(lane, S, F + cell(i, j)) * load(lane, flow, j)
             store(flow, i, total * load(lane, S, F + cell(i, i)))
-    store(x, 0, load(lane, flow, 0) * load(lane, S, ROOT.scale + 1))
-    store(x, 1, load(lane, flow, 1) * load(lane, S, ROOT.scale + 1))
-    store(x, 2, load(lane, flow, 2))
+    (dx, dy, turn), inverse = vector(lane, flow, 0), load(lane, S, ROOT.scale + 1)
+    put_vector(x, 0, (dx * inverse, dy * inverse, turn))
     for k in range(model.links):
         if k > 0:
             o, before = _joint_at(k), load(lane, flow, 2)

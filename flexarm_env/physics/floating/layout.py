@@ -129,8 +129,8 @@ FACTORS = Layout(
     "Factors", "n",
     Field("now", (NOW.end,), "", "`NOW`, of the last residual"),
     Field("frame", (2,), "", "cosine and sine of the frame's angle, this and the rest of the last matrix"),
-    Field("arm", (2, "n + 1"), "", "change of the tip's place by q and by the frame's angle"),
-    Field("swept", (2, "n + 1"), "", "change of its acceleration"),
+    Field("arm", ("n + 1", 2), "", "change of the tip's place by q and by the frame's angle"),
+    Field("swept", ("n + 1", 2), "", "change of its acceleration"),
     Field("matrix", ("n + 3", "n + 3"), "", "of q, the origin's acceleration and the angle; then its factors"),
 )  # fmt: skip
 

@@ -4,6 +4,7 @@ Rows and columns: the body's n elastic coordinates, then x, y of the acceleratio
 """
 
 from ...compiler import kernel, load, size, splat, store, unrolled
+from ..arithmetic import pair, put_pair, turned, turned_back, vector
 from ..model import STIFFNESS_FACTOR
 from .body import constants, damping_time, dot, turn_of_root
 from .layout import KNOWN, NOW, cell, factors_at, span_at, strain_at, vectors_at, window
@@ -17,34 +18,27 @@ def tangent(lane, model, D, par, carried, cm, cc, ck, q, v, a, known, vectors, s
     own, n = constants(model), size(model.n)
     at, vec = factors_at(0, n), vectors_at(0, n)
     W, wide, theta = at.matrix, n + 3, n + 2
-    cos, sin = load(lane, S, at.now + NOW.cos), load(lane, S, at.now + NOW.sin)
-    ax, ay = load(lane, S, at.now + NOW.a), load(lane, S, at.now + NOW.a + 1)
-    w, alpha = load(lane, S, at.now + NOW.rate), load(lane, S, at.now + NOW.second)
-    sx, sy = load(lane, known, KNOWN.s), load(lane, known, KNOWN.s + 1)
-    tx, ty = load(lane, known, KNOWN.t), load(lane, known, KNOWN.t + 1)
-    dx, dy = load(lane, known, KNOWN.d), load(lane, known, KNOWN.d + 1)
-    gx, gy = load(lane, known, KNOWN.g), load(lane, known, KNOWN.g + 1)
-    inertia, spin_rate = load(lane, known, KNOWN.inertia), load(lane, known, KNOWN.spin_rate)
+    ax, ay = pair(lane, S, at.now + NOW.a)
+    w, alpha = pair(lane, S, at.now + NOW.rate)
+    sx, sy = pair(lane, known, KNOWN.s)
+    tx, ty = pair(lane, known, KNOWN.t)
+    dx, dy = pair(lane, known, KNOWN.d)
+    gx, gy = pair(lane, known, KNOWN.g)
+    inertia, spin_rate = pair(lane, known, KNOWN.inertia)
     stiffness, tau = load(lane, par, STIFFNESS_FACTOR), damping_time(lane, model, D, par)
-    store(S, at.frame, cos)
-    store(S, at.frame + 1, sin)
+    put_pair(S, at.frame, pair(lane, S, at.now + NOW.cos))
     mass = splat(lane, D[own.mass])
     square, twice = w * w, w * (2.0 * cc)
-    x, y = load(lane, S, at.now + NOW.tip), load(lane, S, at.now + NOW.tip + 1)
-    ux, uy = load(lane, S, at.now + NOW.tip_rate), load(lane, S, at.now + NOW.tip_rate + 1)
-    bx, by = load(lane, S, at.now + NOW.tip_second), load(lane, S, at.now + NOW.tip_second + 1)
-    store(S, at.arm + n, -y)
-    store(S, at.arm + n + 1 + n, x)
-    store(S, at.swept + n, -(y * cm + uy * (2.0 * cc) + by * ck))
-    store(S, at.swept + n + 1 + n, x * cm + ux * (2.0 * cc) + bx * ck)
+    x, y = pair(lane, S, at.now + NOW.tip)
+    ux, uy = pair(lane, S, at.now + NOW.tip_rate)
+    bx, by = pair(lane, S, at.now + NOW.tip_second)
+    put_pair(S, at.arm + 2 * n, (-y, x))
+    put_pair(S, at.swept + 2 * n, (-(y * cm + uy * (2.0 * cc) + by * ck), x * cm + ux * (2.0 * cc) + bx * ck))
     zero = splat(lane, 0.0)
     px, py, pt = W + n * wide, W + (n + 1) * wide, W + theta * wide  # rows of x, y, angle
-    store(S, px + n, mass)
-    store(S, px + n + 1, zero)
-    store(S, py + n, zero)
-    store(S, py + n + 1, mass)
-    store(S, pt + n, -sy)
-    store(S, pt + n + 1, sx)
+    put_pair(S, px + n, (mass, zero))
+    put_pair(S, py + n, (zero, mass))
+    put_pair(S, pt + n, (-sy, sx))
     store(S, px + theta, -(sy * cm) - (w * sx + ty) * (2.0 * cc) - dy * ck)
     store(S, py + theta, sx * cm - (w * sy - tx) * (2.0 * cc) + dx * ck)
     store(S, pt + theta, inertia * cm + spin_rate * (2.0 * cc) - ((sx * ax + sy * ay) + (x * gx + y * gy)) * ck)
@@ -66,10 +60,8 @@ def tangent(lane, model, D, par, carried, cm, cc, ck, q, v, a, known, vectors, s
             along, across = along - (dv * (2.0 * cc) + da * ck), across - (w * dv) * (2.0 * ck)
             dv, da = dot(lane, model, D, own.tip_H + i * n, v), dot(lane, model, D, own.tip_H + i * n, a)
             swept_x, swept_y = swept_x - (dv * (2.0 * cc) + da * ck), swept_y - (w * dv) * (2.0 * ck)
-        store(S, at.arm + i, tipx)
-        store(S, at.arm + n + 1 + i, tipy)
-        store(S, at.swept + i, swept_x)
-        store(S, at.swept + n + 1 + i, swept_y)
+        put_pair(S, at.arm + 2 * i, (tipx, tipy))
+        put_pair(S, at.swept + 2 * i, (swept_x, swept_y))
         store(S, px + i, along)
         store(S, py + i, across)
         ba = splat(lane, -0.0)
@@ -82,8 +74,7 @@ def tangent(lane, model, D, par, carried, cm, cc, ck, q, v, a, known, vectors, s
         about = lever + (alpha * gq) * 2.0 + ba + (w * gv) * 2.0
         store(S, pt + i, cb * cm + gq * twice + about * ck)
         row = W + i * wide
-        store(S, row + n, gsx)
-        store(S, row + n + 1, gsy)
+        put_pair(S, row + n, (gsx, gsy))
         store(S, row + theta, cb * cm + (bv - w * gq) * (2.0 * cc) + lever * ck)
         for j in range(n):
             entry = bend * D[own.K_bend + i * n + j] + cm * D[own.M_ff + i * n + j]
@@ -159,13 +150,14 @@ def take_in(lane, model, D, S, tail):
     own, n = constants(model), size(model.n)
     at = factors_at(0, n)
     W, wide = at.matrix, n + 3
-    _turn_matrix(lane, tail, load(lane, S, at.frame), -load(lane, S, at.frame + 1))
+    c, s = pair(lane, S, at.frame)
+    _turn_matrix(lane, tail, c, -s)
     for j in range(wide):  # what comes back through the tip by column j
         if j < n:
-            bx, by = load(lane, S, at.swept + j), load(lane, S, at.swept + n + 1 + j)
+            bx, by = pair(lane, S, at.swept + 2 * j)
             fx, fy, m = _times(lane, tail, bx, by, splat(lane, D[own.tip_phi + j]))
         elif j == wide - 1:
-            bx, by = load(lane, S, at.swept + n), load(lane, S, at.swept + n + 1 + n)
+            bx, by = pair(lane, S, at.swept + 2 * n)
             fx, fy, m = _times(lane, tail, bx, by, splat(lane, 1.0))
         else:
             k = j - n
@@ -173,14 +165,15 @@ def take_in(lane, model, D, S, tail):
         for i in range(wide):
             k = W + i * wide + j
             if i < n:
-                part = load(lane, S, at.arm + i) * fx + load(lane, S, at.arm + n + 1 + i) * fy
-                part = part + m * D[own.tip_phi + i]
+                px, py = pair(lane, S, at.arm + 2 * i)
+                part = px * fx + py * fy + m * D[own.tip_phi + i]
             elif i == n:
                 part = fx
             elif i == n + 1:
                 part = fy
             else:
-                part = load(lane, S, at.arm + n) * fx + load(lane, S, at.arm + n + 1 + n) * fy + m
+                px, py = pair(lane, S, at.arm + 2 * n)
+                part = px * fx + py * fy + m
             store(S, k, load(lane, S, k) + part)
 
 
@@ -220,16 +213,18 @@ def condense(lane, model, D, S, tail):
     for i in range(3):
         for j in range(3):
             store(tail, cell(i, j), load(lane, S, W + (n + i) * wide + n + j))
-    _turn_matrix(lane, tail, load(lane, S, at.frame), load(lane, S, at.frame + 1))
+    c, s = pair(lane, S, at.frame)
+    _turn_matrix(lane, tail, c, s)
 
 
 @kernel
 def _times(lane, tail, x, y, turn):
     """The matrix of three rows times (x, y, turn)."""
+    one, two, three = vector(lane, tail, 0), vector(lane, tail, 3), vector(lane, tail, 6)
     return (
-        load(lane, tail, cell(0, 0)) * x + load(lane, tail, cell(0, 1)) * y + load(lane, tail, cell(0, 2)) * turn,
-        load(lane, tail, cell(1, 0)) * x + load(lane, tail, cell(1, 1)) * y + load(lane, tail, cell(1, 2)) * turn,
-        load(lane, tail, cell(2, 0)) * x + load(lane, tail, cell(2, 1)) * y + load(lane, tail, cell(2, 2)) * turn,
+        one[0] * x + one[1] * y + one[2] * turn,
+        two[0] * x + two[1] * y + two[2] * turn,
+        three[0] * x + three[1] * y + three[2] * turn,
     )
 
 
@@ -237,13 +232,12 @@ def _times(lane, tail, x, y, turn):
 def _turn_matrix(lane, tail, c, s):
     """The matrix of three rows in axes turned back by the angle with cosine c and sine s."""
     for j in range(3):
-        x, y = load(lane, tail, cell(0, j)), load(lane, tail, cell(1, j))
-        store(tail, cell(0, j), c * x - s * y)
-        store(tail, cell(1, j), s * x + c * y)
+        x, y = turned(c, s, load(lane, tail, cell(0, j)), load(lane, tail, cell(1, j)))
+        store(tail, cell(0, j), x)
+        store(tail, cell(1, j), y)
     for i in range(3):
-        x, y = load(lane, tail, cell(i, 0)), load(lane, tail, cell(i, 1))
-        store(tail, cell(i, 0), c * x - s * y)
-        store(tail, cell(i, 1), s * x + c * y)
+        x, y = pair(lane, tail, cell(i, 0))
+        put_pair(tail, cell(i, 0), turned(c, s, x, y))
 
 
 @unrolled
@@ -253,14 +247,15 @@ def reduce(lane, model, D, S, x, flow):
     own, n = constants(model), size(model.n)
     at = factors_at(0, n)
     W, wide, theta = at.matrix, n + 3, n + 2
-    c, s = load(lane, S, at.frame), load(lane, S, at.frame + 1)
-    fx, fy, moment = load(lane, flow, 0), load(lane, flow, 1), load(lane, flow, 2)
-    gx, gy = c * fx + s * fy, c * fy - s * fx
-    turning = load(lane, S, at.arm + n) * gx + load(lane, S, at.arm + n + 1 + n) * gy + moment
+    c, s = pair(lane, S, at.frame)
+    fx, fy, moment = vector(lane, flow, 0)
+    gx, gy = turned_back(c, s, fx, fy)
+    px, py = pair(lane, S, at.arm + 2 * n)
+    turning = px * gx + py * gy + moment
     left_x, left_y, left_t = gx, gy, turning
     for i in range(n):
-        total = load(lane, x, i) - (load(lane, S, at.arm + i) * gx + load(lane, S, at.arm + n + 1 + i) * gy)
-        total = total - moment * D[own.tip_phi + i]
+        px, py = pair(lane, S, at.arm + 2 * i)
+        total = load(lane, x, i) - (px * gx + py * gy) - moment * D[own.tip_phi + i]
         if model.chord is not None:
             total = total + turning * D[own.root + i]
         for j in range(i):
@@ -269,8 +264,7 @@ def reduce(lane, model, D, S, x, flow):
         left_x = left_x + load(lane, S, W + n * wide + i) * total
         left_y = left_y + load(lane, S, W + (n + 1) * wide + i) * total
         left_t = left_t + load(lane, S, W + theta * wide + i) * total
-    store(flow, 0, c * left_x - s * left_y)
-    store(flow, 1, s * left_x + c * left_y)
+    put_pair(flow, 0, turned(c, s, left_x, left_y))
     store(flow, 2, left_t)
 
 
@@ -281,9 +275,9 @@ def restore(lane, model, D, S, x, flow):
     own, n = constants(model), size(model.n)
     at = factors_at(0, n)
     W, wide, theta = at.matrix, n + 3, n + 2
-    c, s = load(lane, S, at.frame), load(lane, S, at.frame + 1)
-    fx, fy, turn = load(lane, flow, 0), load(lane, flow, 1), load(lane, flow, 2)
-    bx, by = c * fx + s * fy, c * fy - s * fx
+    c, s = pair(lane, S, at.frame)
+    fx, fy, turn = vector(lane, flow, 0)
+    bx, by = turned_back(c, s, fx, fy)
     for i in range(n - 1, -1, -1):
         row = W + i * wide
         total = load(lane, x, i) - load(lane, S, row + n) * bx - load(lane, S, row + n + 1) * by
@@ -293,10 +287,10 @@ def restore(lane, model, D, S, x, flow):
         store(x, i, total * load(lane, S, row + i))
     if model.chord is not None:
         turn = turn - turn_of_root(lane, model, D, x)
-    bx, by = bx + load(lane, S, at.swept + n) * turn, by + load(lane, S, at.swept + n + 1 + n) * turn
+    wx, wy = pair(lane, S, at.swept + 2 * n)
+    bx, by = bx + wx * turn, by + wy * turn
     for j in range(n):
-        bx = bx + load(lane, S, at.swept + j) * load(lane, x, j)
-        by = by + load(lane, S, at.swept + n + 1 + j) * load(lane, x, j)
-    store(flow, 0, c * bx - s * by)
-    store(flow, 1, s * bx + c * by)
+        wx, wy = pair(lane, S, at.swept + 2 * j)
+        bx, by = bx + wx * load(lane, x, j), by + wy * load(lane, x, j)
+    put_pair(flow, 0, turned(c, s, bx, by))
     store(flow, 2, turn + dot(lane, model, D, own.tip_phi, x))

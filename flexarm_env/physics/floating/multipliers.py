@@ -9,15 +9,15 @@ S holds the band, the pivots of its factors, and room for one body's `FACTORS`. 
 """
 
 from ...compiler import kernel, load, size, splat, stack, store
-from ..arithmetic import fall
+from ..arithmetic import add, pair, put_pair, put_vector, turned
 from ..layout import OF_MOTION
 from ..linalg import band_lu, band_lu_solve
-from ..model import FloatingFrame
+from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, FloatingFrame
 from ..protocol import register
 from .body import carry, constants, forces, tip
-from .chain import less_loads
+from .chain import diagonal, frame_at, less_loads, payload_force
 from .chain_output import damping_work, energy, link_poses, out_of_range, ports_of_loads, shape
-from .layout import ANGLE, ELASTIC, KNOWN, MOTION, MULTIPLIERS, NOW, PASSED, START, cell, factors_at
+from .layout import ANGLE, ELASTIC, KNOWN, MOTION, MULTIPLIERS, NOW, START, factors_at
 from .matrix import take_in, tangent
 
 THREE, FIVE, NINE = (0,) * 3, (0,) * 5, (0,) * 9
@@ -31,37 +31,24 @@ def band_width(half):
 
 
 @kernel
-def _frame(lane, model, b, q, v, a, pose):
-    """pose <- angle of body b's frame, its rates, and the acceleration of its origin less gravity."""
-    at = model.table[b, START]
-    store(pose, PASSED.angle, load(lane, q, at + ANGLE))
-    store(pose, PASSED.rate, load(lane, v, at + ANGLE))
-    store(pose, PASSED.second, load(lane, a, at + ANGLE))
-    store(pose, PASSED.ax, load(lane, a, at) - fall(model.gravity, 0))
-    store(pose, PASSED.ay, load(lane, a, at + 1) - fall(model.gravity, 1))
-
-
-@kernel
 def assemble(lane, model, par, state, u, weights, r, S):
     """Residual [64] and tangent [72]-[78] of the chain, see `protocol`."""
     (q, v, a), (cm, cc, ck) = state, weights
     mesh, table, n, segments, L = model.mesh, model.table, size(model.mesh.n), model.segments, len(lane)
     pose, force, held, carried = stack(lane, FIVE), stack(lane, THREE), stack(lane, THREE), stack(lane, THREE)
+    tail = stack(lane, NINE)
     known, vectors, strains = stack(lane, NUMBERS), stack(lane, mesh.scratch), stack(lane, mesh.strains)
     width, last, zero = band_width(model.half), table.shape[0] - 1, splat(lane, 0.0)
     own = S[model.n * (width + 1) * L :]
     if cm != 0.0:
         for k in range(model.n * width):
             store(S, k, zero)
-    store(held, 0, zero)
-    store(held, 1, zero)
-    store(held, 2, load(lane, u, 0))
-    store(carried, 0, zero)
-    store(carried, 1, zero)
+    put_vector(held, 0, (zero, zero, load(lane, u, 0)))
+    put_pair(carried, 0, (zero, zero))
     for b in range(last + 1):
         at, lam, D = table[b, START], table[b, START] + ELASTIC + n, model.data[model.block * b :]
         e, link = (at + ELASTIC) * L, b // segments
-        _frame(lane, model, b, q, v, a, pose)
+        frame_at(lane, model, state, at, pose)
         carry(lane, mesh, D, q[e:], v[e:], a[e:], pose, own)
         for i in range(3):  # the joint before it and loads, at the root
             store(force, i, -load(lane, held, i))
@@ -74,41 +61,24 @@ def assemble(lane, model, par, state, u, weights, r, S):
             store(held, i, load(lane, q, lam + i))
             store(r, lam + i, zero)
         if b < last and (b + 1) % segments == 0:
-            store(held, 2, load(lane, held, 2) + load(lane, u, link + 1))
+            add(lane, held, 2, load(lane, u, link + 1))
         for i in range(3):
             store(force, i, load(lane, held, i))
         if b == last:
-            mass, inertia = load(lane, par, 0), load(lane, par, 1)
-            store(force, 0, load(lane, pose, PASSED.ax) * mass)
-            store(force, 1, load(lane, pose, PASSED.ay) * mass)
-            store(force, 2, load(lane, pose, PASSED.second) * inertia)
-            store(carried, 0, mass)
-            store(carried, 1, inertia)
+            payload_force(lane, par, pose, force, carried)
         if (b + 1) % segments == 0:
             less_loads(lane, model, link, 1, u, force)
         forces(lane, mesh, D, par, carried, q[e:], v[e:], a[e:], force, known, vectors, strains, own, r[e:])
         for i in range(3):
-            store(r, at + i, load(lane, r, at + i) + load(lane, force, i))
+            add(lane, r, at + i, load(lane, force, i))
         if cm != 0.0:
             tangent(lane, mesh, D, par, carried, cm, cc, ck, q[e:], v[e:], a[e:], known, vectors, strains, own)
             if b == last:
-                _take_in_payload(lane, mesh, D, par, cm, own)
+                diagonal(tail, zero, load(lane, par, PAYLOAD_MASS), load(lane, par, PAYLOAD_INERTIA) * cm)
+                take_in(lane, mesh, D, own, tail)
             _to_band(lane, mesh, own, at, cm, model.half, S)
             if b < last:
                 _join(lane, mesh, D, own, at, table[b, MULTIPLIERS], cm, model.half, S)
-
-
-@kernel
-def _take_in_payload(lane, mesh, D, par, cm, own):
-    """The payload's part of the last body's matrix: it changes by its mass times the change of the tip's acceleration,
-    its moment by that of the angle."""
-    tail = stack(lane, NINE)
-    for i in range(9):
-        store(tail, i, splat(lane, 0.0))
-    store(tail, cell(0, 0), load(lane, par, 0))
-    store(tail, cell(1, 1), load(lane, par, 0))
-    store(tail, cell(2, 2), load(lane, par, 1) * cm)
-    take_in(lane, mesh, D, own, tail)
 
 
 @kernel
@@ -117,17 +87,17 @@ def _to_band(lane, mesh, own, at, cm, half, S):
     times cm, since R comes in through that alone."""
     n, width = size(mesh.n), band_width(half)
     places = factors_at(0, n)
-    W, wide, c, s = places.matrix, n + 3, load(lane, own, places.frame), load(lane, own, places.frame + 1)
+    (c, s), W, wide = pair(lane, own, places.frame), places.matrix, n + 3
     for i in range(wide):
         k = W + i * wide + n
-        x, y = load(lane, own, k), load(lane, own, k + 1)
-        store(own, k, (c * x - s * y) * cm)
-        store(own, k + 1, (s * x + c * y) * cm)
+        x, y = pair(lane, own, k)
+        x, y = turned(c, s, x, y)
+        put_pair(own, k, (x * cm, y * cm))
     for j in range(wide):
         k = W + n * wide + j
-        x, y = load(lane, own, k), load(lane, own, k + wide)
-        store(own, k, c * x - s * y)
-        store(own, k + wide, s * x + c * y)
+        x, y = turned(c, s, load(lane, own, k), load(lane, own, k + wide))
+        store(own, k, x)
+        store(own, k + wide, y)
     for i in range(wide):
         row = at + (i + ELASTIC) % wide  # the body's matrix begins with q, its rows in the system with R, theta
         for j in range(wide):
@@ -139,16 +109,17 @@ def _join(lane, mesh, D, own, at, rows, scale, half, S):
     """Phi_q and its transpose for the joint behind a body, of so many rows, both times `scale`."""
     n = size(mesh.n)
     places = factors_at(0, n)
-    c, s, phi = load(lane, own, places.frame), load(lane, own, places.frame + 1), constants(mesh).tip_phi
+    (c, s), phi = pair(lane, own, places.frame), constants(mesh).tip_phi
     lam = at + ELASTIC + n
     for k in range(rows):
         _both(S, half, lam + k, at + k, splat(lane, scale))
         _both(S, half, lam + k, lam + rows + k, splat(lane, -scale))
     for j in range(n + 1):  # q, then theta
-        x, y = load(lane, own, places.arm + j) * scale, load(lane, own, places.arm + n + 1 + j) * scale
+        x, y = pair(lane, own, places.arm + 2 * j)
+        x, y = turned(c, s, x * scale, y * scale)
         place = at + ELASTIC + j if j < n else at + ANGLE
-        _both(S, half, lam, place, c * x - s * y)
-        _both(S, half, lam + 1, place, s * x + c * y)
+        _both(S, half, lam, place, x)
+        _both(S, half, lam + 1, place, y)
         if rows == 3 and j < n:
             _both(S, half, lam + ANGLE, place, splat(lane, scale * D[phi + j]))
 
@@ -175,10 +146,10 @@ def constrain(lane, model, psi, state, level, scale, r):
     for b in range(table.shape[0] - 1):
         at, D = table[b, START], model.data[model.block * b :]
         e, lam, behind = (at + ELASTIC) * len(lane), at + ELASTIC + n, table[b + 1, START]
-        _frame(lane, model, b, q, v, a, pose)
+        frame_at(lane, model, state, at, pose)
         carry(lane, model.mesh, D, q[e:], v[e:], a[e:], pose, now)
-        c, s, moved = load(lane, now, NOW.cos), load(lane, now, NOW.sin), NOW.tip + 2 * level  # the tip's place, its
-        tx, ty = load(lane, now, moved), load(lane, now, moved + 1)  # rate, its acceleration
+        c, s = pair(lane, now, NOW.cos)
+        tx, ty = pair(lane, now, NOW.tip + 2 * level)  # the tip's place, its rate, its acceleration
         store(r, lam, (load(lane, x, at) - load(lane, x, behind) + c * tx - s * ty) * scale)
         store(r, lam + 1, (load(lane, x, at + 1) - load(lane, x, behind + 1) + s * tx + c * ty) * scale)
         if table[b, MULTIPLIERS] == 3:
