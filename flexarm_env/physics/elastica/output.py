@@ -1,7 +1,7 @@
 """What is read off an elastica's state: energies, ports, poses, shape (equations of motion: `equations`)."""
 
 from ...compiler import kernel, load, sincos, size, splat, stack, store
-from ..arithmetic import share_of
+from ..arithmetic import put_vector, share_of
 from ..layout import OF_LOAD, POSE
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
 from .eccentric import less_rest, more_energy, payload_at, root_of
@@ -9,17 +9,24 @@ from .layout import X, Y, constants, load_at, node_angles, weighted
 
 
 @kernel
-def _tangents(lane, model, q, v, x, y, c, s, ex, ey):
-    """x, y <- angles of the nodes and their rates; (c, s) <- e_j, (ex, ey) <- e_j'."""
+def _tangents(lane, model, q, x, c, s):
+    """x <- angles of the nodes, (c, s) <- e_j."""
     node_angles(lane, model, q, x)
-    node_angles(lane, model, v, y)
     for i in range(size(model.links) * size(model.nodes)):
         sine, cosine = sincos(load(lane, x, i))
-        rate = load(lane, y, i)
         store(c, i, cosine)
         store(s, i, sine)
-        store(ex, i, -(sine * rate))
-        store(ey, i, cosine * rate)
+
+
+@kernel
+def _moving_tangents(lane, model, q, v, x, y, c, s, ex, ey):
+    """And y <- rates of the angles, (ex, ey) <- e_j'."""
+    _tangents(lane, model, q, x, c, s)
+    node_angles(lane, model, v, y)
+    for i in range(size(model.links) * size(model.nodes)):
+        rate = load(lane, y, i)
+        store(ex, i, -(load(lane, s, i) * rate))
+        store(ey, i, load(lane, c, i) * rate)
 
 
 @kernel
@@ -41,17 +48,12 @@ def ports(lane, model, par, q, y):
         store(y, k, load(lane, q, k * n))
     if model.loads is not None:
         x, c, s = stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch)
-        node_angles(lane, model, q, x)
-        for i in range(m):
-            sine, cosine = sincos(load(lane, x, i))
-            store(c, i, cosine)
-            store(s, i, sine)
+        _tangents(lane, model, q, x, c, s)
         root_x, root_y = _root(lane, model, q, c, s)
         for f in range((size(model.n_inputs) - links) // OF_LOAD.end):
             at, k = load_at(model, f), links + OF_LOAD.end * f
-            store(y, k + OF_LOAD.x, root_x + weighted(lane, model.loads, at.arm, c, m))
-            store(y, k + OF_LOAD.y, root_y + weighted(lane, model.loads, at.arm, s, m))
-            store(y, k + OF_LOAD.torque, weighted(lane, model.loads, at.angle, x, m))
+            px, py = weighted(lane, model.loads, at.arm, c, m), weighted(lane, model.loads, at.arm, s, m)
+            put_vector(y, k, (root_x + px, root_y + py, weighted(lane, model.loads, at.angle, x, m)))
 
 
 @kernel
@@ -96,7 +98,7 @@ def energy(lane, model, par, q, v):
     x, y = stack(lane, model.scratch), stack(lane, model.scratch)
     c, s = stack(lane, model.scratch), stack(lane, model.scratch)
     ex, ey = stack(lane, model.scratch), stack(lane, model.scratch)
-    _tangents(lane, model, q, v, x, y, c, s, ex, ey)
+    _moving_tangents(lane, model, q, v, x, y, c, s, ex, ey)
     less_rest(lane, model, x)
     strain = _bending(lane, model, None, x, x) * (load(lane, par, STIFFNESS_FACTOR) * 0.5)
     if model.bends is not None:
@@ -139,30 +141,22 @@ def link_poses(lane, model, par, q, v, out):
     x, y = stack(lane, model.scratch), stack(lane, model.scratch)
     c, s = stack(lane, model.scratch), stack(lane, model.scratch)
     ex, ey = stack(lane, model.scratch), stack(lane, model.scratch)
-    _tangents(lane, model, q, v, x, y, c, s, ex, ey)
+    _moving_tangents(lane, model, q, v, x, y, c, s, ex, ey)
     px, py = _root(lane, model, q, c, s)
     vx, vy = splat(lane, 0.0), splat(lane, 0.0)
     if model.root is not None:
         vx, vy = root_of(lane, model, v, ex, ey)
     for k in range(links):
         o = POSE.end * k
-        store(out, o + POSE.x, px)
-        store(out, o + POSE.y, py)
-        store(out, o + POSE.angle, load(lane, x, k * n))
-        store(out, o + POSE.vx, vx)
-        store(out, o + POSE.vy, vy)
-        store(out, o + POSE.rate, load(lane, y, k * n))
+        put_vector(out, o + POSE.x, (px, py, load(lane, x, k * n)))
+        put_vector(out, o + POSE.vx, (vx, vy, load(lane, y, k * n)))
         angle, rate = splat(lane, 0.0), splat(lane, 0.0)
         for i in range(k * n, k * n + n):
             px, py = px + load(lane, c, i) * D[at.w + i], py + load(lane, s, i) * D[at.w + i]
             vx, vy = vx + load(lane, ex, i) * D[at.w + i], vy + load(lane, ey, i) * D[at.w + i]
             angle, rate = angle + load(lane, x, i) * D[at.tips + i], rate + load(lane, y, i) * D[at.tips + i]
-        store(out, o + POSE.tip_x, px)
-        store(out, o + POSE.tip_y, py)
-        store(out, o + POSE.tip_angle, angle)
-        store(out, o + POSE.tip_vx, vx)
-        store(out, o + POSE.tip_vy, vy)
-        store(out, o + POSE.tip_rate, rate)
+        put_vector(out, o + POSE.tip_x, (px, py, angle))
+        put_vector(out, o + POSE.tip_vx, (vx, vy, rate))
 
 
 @kernel
@@ -173,10 +167,8 @@ def shape(model, q, points):
     m = size(model.links) * size(model.nodes)
     first = constants(model).points
     count = min((D.shape[0] - first) // m, points.shape[0])
-    c, s = stack(lane, model.scratch), stack(lane, model.scratch)
-    node_angles(lane, model, q, c)
-    for j in range(m):
-        s[j], c[j] = sincos(c[j])
+    x, c, s = stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch)
+    _tangents(lane, model, q, x, c, s)
     root_x, root_y = _root(lane, model, q, c, s)
     for p in range(count):
         points[p, 0] = root_x + weighted(lane, D, first + p * m, c, m)

@@ -10,33 +10,20 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from flexarm_env import curves
-from flexarm_env import validation as check
-from flexarm_env.parameters import Arm, Link, Section
-from flexarm_env.physics.exact.layout import (
-    AXES,
-    CHAIN,
-    ELBOW,
-    FACTORS,
-    LEVER_FACTORS,
-    LEVERS,
-    SECTION,
-    VARYING,
-    T,
-    X,
-    Y,
-)
-from flexarm_env.physics.exact.tables import functions, tables
-from flexarm_env.physics.layout import OF_LOAD
-from flexarm_env.physics.linalg import product, solve
-from flexarm_env.physics.materials import BENDING, NORMAL_AND_SHEAR
-from flexarm_env.physics.model import BEAM, ExactBeam, System, damped, fixed_rows, levers
-from flexarm_env.scene import PointLoad, Scene
-from flexarm_env.sections import Properties
-from flexarm_env.settings import Settings
+from ... import curves
+from ... import validation as check
+from ...parameters import Arm, Link, Section
+from ...scene import PointLoad, Scene
+from ...sections import Properties
+from ...settings import Settings
+from ..layout import OF_LOAD
+from ..linalg import product, solve
+from ..materials import BENDING, NORMAL_AND_SHEAR
+from ..model import BEAM, ExactBeam, System, damped, fixed_rows, levers
+from .layout import AXES, CHAIN, ELBOW, FACTORS, LEVER_FACTORS, LEVERS, SECTION, VARYING, T, X, Y
+from .tables import functions, tables
 
 Array = NDArray[np.float64]
-
 
 HONOURS = {**BEAM, Section: (*BEAM[Section], *NORMAL_AND_SHEAR, *BENDING)}
 """What of an arm this formulation takes into account; `assembly` refuses the rest."""
@@ -48,13 +35,11 @@ matrix would be singular."""
 
 def sections(arm: Arm, elements: int, order: int) -> Array:
     """A `SECTION` for each link, one after the other; a `VARYING` for each element where one of them varies."""
+    if varies(arm):
+        return np.concatenate([_varying(part, order) for link in arm.links for part in link.cut(elements, "elements")])
     rows = []
     for link in arm.links:
-        if varies(arm):
-            rows += [_varying(part, order) for part in link.cut(elements, "elements")]
-            continue
-        assert link.uniform is not None
-        h, s = 0.5 * link.length / elements, link.uniform
+        h, s = 0.5 * link.length / elements, link.mean
         J = max(s.J, LEAST_ROTARY * s.m * (2.0 * h) ** 2)
         stiffness = {"k1": 0.25 * s.EA / h, "k2": 0.25 * s.C / h, "kb": 0.25 * s.EI / h}
         rows.append(SECTION.pack({}, **stiffness, length=2.0 * h, ml=s.m * h, jl=J * h, own=_own(s)))

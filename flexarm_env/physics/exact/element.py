@@ -19,6 +19,7 @@ interior. All of this runs when a kernel is compiled (`compiler.trace`): what is
 from typing import Any, NamedTuple
 
 from ...compiler import kernel, load, sincos, splat, store, traced
+from ..arithmetic import pair, put_pair, turned, turned_back
 from ..materials import bending, normal, shear, viscoelastic, viscoelastic_slope
 from .constants import (
     bending_at,
@@ -31,7 +32,7 @@ from .constants import (
     moments_of,
     unbent,
 )
-from .layout import AXES, COSINE, ELEMENT, ELEMENT_FACTORS, PAIR, SINE, T, Vertex, X, Y
+from .layout import AXES, ELEMENT, ELEMENT_FACTORS, PAIR, T, Vertex, X, Y
 from .tables import Sums, Tables, slopes, tables, times, values_at
 
 RATE, ACCELERATION, FORCE, VERTEX = (AXES * k for k in range(1, 5))
@@ -76,15 +77,11 @@ def _nodes(lane: Any, x: Any, order: int, left: Any) -> list[list[Any]]:
     return [_axis(lane, x, order, k, left[k]) for k in (X, Y, T)]
 
 
-def _strains(c: Any, s: Any, dx: Any, dy: Any) -> tuple[Any, Any]:
-    """g_1 and g_2 at a Gauss point."""
-    return c * dx + s * dy, c * dy - s * dx
-
-
 def _strain_rates(at: Any, ux: Any, uy: Any, omega: Any) -> tuple[Any, Any]:
     """Rates of g_1 and g_2, from those of d and psi; at: c, s, g_1, g_2, ..."""
     c, s, g1, g2, *_ = at
-    return (c * ux + s * uy) + g2 * omega, (c * uy - s * ux) - g1 * omega
+    r1, r2 = turned_back(c, s, ux, uy)
+    return r1 + g2 * omega, r2 - g1 * omega
 
 
 def _momenta(sums: Sums, t: Tables, section: Any, nodes: list[Any], axis: int) -> tuple[list[Any], Any, Any]:
@@ -142,8 +139,7 @@ def directions(lane, order, q, psi, circle):
     nodes = _axis(lane, q, p, T, psi)
     for g, angle in enumerate(values_at(sums, t, nodes, nodes[1] - nodes[0])):
         s, c = sincos(angle)
-        store(circle, PAIR * g + SINE, s)
-        store(circle, PAIR * g + COSINE, c)
+        put_pair(circle, PAIR * g, (s, c))
 
 
 @traced
@@ -167,16 +163,17 @@ def forces(lane, order, gravity, state, left, section, r, circle):
     points, fx, fy, moment = [], [], [], []
     length, kappa = length_of(section), _bends(sums, t, bent)
     for g, (k1, k2, own) in enumerate(materials(section, p)):
-        c, s = load(lane, circle, PAIR * g + COSINE), load(lane, circle, PAIR * g + SINE)
-        g1, g2 = _strains(c, s, dx[g], dy[g])
+        s, c = pair(lane, circle, PAIR * g)
+        g1, g2 = turned_back(c, s, dx[g], dy[g])
         e1, e2 = normal(g1 - length, length, own).force, shear(g2, length, own).force
         if tau is not None:
             r1, r2 = _strain_rates((c, s, g1, g2), ux[g], uy[g], omega[g])
             e1, e2 = viscoelastic(e1, r1, tau), viscoelastic(e2, r2, tau)
         w = float(t.weights[g])
         n1, n2 = e1 * times(k1, w), e2 * times(k2, w)
-        fx.append(c * n1 - s * n2)
-        fy.append(s * n1 + c * n2)
+        x, y = turned(c, s, n1, n2)
+        fx.append(x)
+        fy.append(y)
         moment.append(n1 * g2 - n2 * g1)
         points += Point(c, s, g1, g2, n1, n2, kappa[g])
     beyond = _beyond(section, t, kappa, lambda e, of: of.force - e)
@@ -340,7 +337,7 @@ def measure(lane, order, q, v, psi, spin, left, section):
     length, bent = length_of(section), unbent(section, [turned, *place[T][2:]])
     for g, (k1, k2, own) in enumerate(materials(section, p)):
         s, c = sincos(angle[g])
-        g1, g2 = _strains(c, s, dx[g], dy[g])
+        g1, g2 = turned_back(c, s, dx[g], dy[g])
         both = normal(g1 - length, length, own).energy * k1 + shear(g2, length, own).energy * k2
         weight = 0.5 * float(t.weights[g])
         strain = strain + (both + (bend[g] * bend[g]) * section.kb if uniform else both) * weight
@@ -383,7 +380,7 @@ def damp(lane, order, q, v, x, psi, left, section):
         omega = values_at(sums, t, rate[T], turning)
         rows = []
         for g, (s, c) in enumerate(circle):
-            at = c, s, *_strains(c, s, dx[g], dy[g])
+            at = c, s, *turned_back(c, s, dx[g], dy[g])
             rows.append((*_strain_rates(at, ux[g], uy[g], omega[g]), bend[g]))
         strains.append(rows)
     total = splat(lane, 0.0)
@@ -404,9 +401,8 @@ def _small_rotation(w: Any) -> tuple[Any, Any]:
 def rotate_pair(lane, order, x, w):
     """Rotate the vector at the beginning of x by a small angle w."""
     s, c = _small_rotation(w)
-    ahead, aside = load(lane, x, X), load(lane, x, Y)
-    store(x, X, c * ahead - s * aside)
-    store(x, Y, s * ahead + c * aside)
+    ahead, aside = pair(lane, x, X)
+    put_pair(x, X, turned(c, s, ahead, aside))
 
 
 @traced
@@ -422,14 +418,14 @@ def carry(lane, order, start, q, psi, new_psi, x, y):
     change = [b - a for a, b in zip([psi, *old], [new_psi, *new], strict=True)]
     angle = values_at(sums, t, change, change[1] - change[0])
     dx, dy = (slopes(sums, t, _axis(lane, start, p, k))[1] for k in (X, Y))
-    moved = ([], [])
+    moved = []
     for g in range(p):
         s, c = _small_rotation(angle[g])
-        moved[X].append(c * dx[g] - s * dy[g])
-        moved[Y].append(s * dx[g] + c * dy[g])
+        moved.append(turned(c, s, dx[g], dy[g]))
     ends = []
     for k, first in ((X, x), (Y, y)):
-        parts = [sums(t.weights * t.slope[i], moved[k], 1.0 / float(t.norm[i])) for i in range(p)]
+        own = [d[k] for d in moved]
+        parts = [sums(t.weights * t.slope[i], own, 1.0 / float(t.norm[i])) for i in range(p)]
         for n in range(2, p + 1):
             store(q, _at(n, p) + k, parts[n - 1])
         ends.append(first + parts[0])

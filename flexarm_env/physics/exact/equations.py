@@ -10,7 +10,7 @@ Where all that is in coordinates and in S is told in `layout`: CHAIN and FACTORS
 """
 
 from ...compiler import kernel, load, sincos, splat, store
-from ..arithmetic import add
+from ..arithmetic import add, put_vector, vector
 from ..layout import OF_LOAD
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, ExactBeam
 from ..protocol import State, register
@@ -40,11 +40,9 @@ from .layout import (
     factors_of,
     lever_at,
     next_section,
-    put_three,
     root_angle,
     rows_of,
     section_of,
-    three,
 )
 from .output import damping_work, energy, link_poses, ports, predict, shape
 from .rigid import ROOT_END, TIP_END, about_root, about_tip, begin, carried, end, last, near, with_payload
@@ -136,13 +134,13 @@ def assemble(lane, model, par, state, u, weights, r, S):
     p, rows, own = len(model.order), rows_of(model), element_factors_at(0, len(model.order))
     zero = splat(lane, 0.0)
     torque = load(lane, a, T) * model.hub_inertia - load(lane, u, 0)
-    ax, ay, alpha = three(lane, a, 0)
+    ax, ay, alpha = vector(lane, a, 0)
     rate = zero, zero, zero
     if model.gravity is not None:
         ax, ay = ax - model.gravity[0], ay - model.gravity[1]
     if model.damped is not None:
-        rate = three(lane, v, 0)
-    left = Vertex(three(lane, q, 0), rate, (ax, ay, alpha), (zero, zero, torque))
+        rate = vector(lane, v, 0)
+    left = Vertex(vector(lane, q, 0), rate, (ax, ay, alpha), (zero, zero, torque))
     i, o = rows.elements, factors_of(model).elements
     _directions(lane, model, q, S)
     for k in range(model.links):
@@ -174,7 +172,7 @@ def assemble(lane, model, par, state, u, weights, r, S):
         (fx, fy, moment), (ax, ay, _) = left.force, left.acceleration
         mass = load(lane, par, PAYLOAD_MASS)
         fx, fy = fx + ax * mass, fy + ay * mass
-    put_three(r, i, fx, fy, moment + left.acceleration[T] * load(lane, par, PAYLOAD_INERTIA))
+    put_vector(r, i, (fx, fy, moment + left.acceleration[T] * load(lane, par, PAYLOAD_INERTIA)))
     if model.loads is not None:
         _less_loads(lane, model, u, q, r)
     _lumps(lane, model, par, weights.mass, S)
@@ -193,10 +191,9 @@ def pin(lane, model, S, k):
 @kernel
 def _six(lane, S, o):
     """The `SYMMETRIC` at o."""
-    return (
-        load(lane, S, o + XX), load(lane, S, o + XY), load(lane, S, o + XT),
-        load(lane, S, o + YY), load(lane, S, o + YT), load(lane, S, o + TT),
-    )  # fmt: skip
+    xx, xy, xt = vector(lane, S, o + XX)
+    yy, yt, tt = vector(lane, S, o + YY)
+    return xx, xy, xt, yy, yt, tt
 
 
 @kernel
@@ -208,12 +205,8 @@ def _factor_three(S, o, xx, xy, xt, yy, yt, tt):
     m2 = yt - xy * l2
     l3 = m2 * i1
     i2 = 1.0 / ((tt - xt * l2) - m2 * l3)
-    store(S, o + XX, i0)
-    store(S, o + XY, l1)
-    store(S, o + XT, l2)
-    store(S, o + YY, i1)
-    store(S, o + YT, l3)
-    store(S, o + TT, i2)
+    put_vector(S, o + XX, (i0, l1, l2))
+    put_vector(S, o + YY, (i1, l3, i2))
     return i0, l1, l2, i1, l3, i2
 
 
@@ -227,17 +220,17 @@ def _eliminate(lane, S, o, tail):
     i0, l1, l2, i1, l3, i2 = _factor_three(
         S, o + RR, xx + tail[0], xy + tail[1], xt + tail[2], yy + tail[3], yt + tail[4], tt + tail[5]
     )
-    x0, x1, x2 = three(lane, S, o + LR_X)
-    y0, y1, y2 = three(lane, S, o + LR_Y)
-    t0, t1, t2 = three(lane, S, o + LR_T)
+    x0, x1, x2 = vector(lane, S, o + LR_X)
+    y0, y1, y2 = vector(lane, S, o + LR_Y)
+    t0, t1, t2 = vector(lane, S, o + LR_T)
     x1, y1, t1 = x1 - l1 * x0, y1 - l1 * y0, t1 - l1 * t0
     x2, y2, t2 = (x2 - l2 * x0) - l3 * x1, (y2 - l2 * y0) - l3 * y1, (t2 - l2 * t0) - l3 * t1
     p0, p1, p2 = x0 * i0, x1 * i1, x2 * i2
     q0, q1, q2 = y0 * i0, y1 * i1, y2 * i2
     r0, r1, r2 = t0 * i0, t1 * i1, t2 * i2
-    put_three(S, o + LR_X, p0, p1, p2)
-    put_three(S, o + LR_Y, q0, q1, q2)
-    put_three(S, o + LR_T, r0, r1, r2)
+    put_vector(S, o + LR_X, (p0, p1, p2))
+    put_vector(S, o + LR_Y, (q0, q1, q2))
+    put_vector(S, o + LR_T, (r0, r1, r2))
     xx, xy, xt, yy, yt, tt = _six(lane, S, o + LL)
     return (
         ((xx - p0 * x0) - p1 * x1) - p2 * x2,
@@ -328,9 +321,9 @@ def _backward_three(lane, S, o, x, y, t):
 def _reduce(lane, S, o, x, y, t):
     """Right side of the right vertex of the `CONDENSED` at o, reduced; and what it takes from the left one."""
     x, y, t = _forward_three(lane, S, o + RR, x, y, t)
-    x0, x1, x2 = three(lane, S, o + LR_X)
-    y0, y1, y2 = three(lane, S, o + LR_Y)
-    t0, t1, t2 = three(lane, S, o + LR_T)
+    x0, x1, x2 = vector(lane, S, o + LR_X)
+    y0, y1, y2 = vector(lane, S, o + LR_Y)
+    t0, t1, t2 = vector(lane, S, o + LR_T)
     return x, y, t, (x0 * x + x1 * y) + x2 * t, (y0 * x + y1 * y) + y2 * t, (t0 * x + t1 * y) + t2 * t
 
 
@@ -338,9 +331,9 @@ def _reduce(lane, S, o, x, y, t):
 def _restore(lane, S, o, right, left):
     """Solution at the right vertex from its reduced right side and the solution at the left one."""
     (x, y, t), (a, b, c) = right, left
-    x0, x1, x2 = three(lane, S, o + LR_X)
-    y0, y1, y2 = three(lane, S, o + LR_Y)
-    t0, t1, t2 = three(lane, S, o + LR_T)
+    x0, x1, x2 = vector(lane, S, o + LR_X)
+    y0, y1, y2 = vector(lane, S, o + LR_Y)
+    t0, t1, t2 = vector(lane, S, o + LR_T)
     t = ((t * load(lane, S, o + RR + TT) - x2 * a) - y2 * b) - t2 * c
     y = ((y * load(lane, S, o + RR + YY) - x1 * a) - y1 * b) - t1 * c
     x = ((x * load(lane, S, o + RR + XX) - x0 * a) - y0 * b) - t0 * c
@@ -353,16 +346,16 @@ def solve(lane, model, S, x):
     rows, factors, own = rows_of(model), factors_of(model), element_factors_at(0, len(model.order))
     span = AXES * len(model.order)
     i, o, taken = rows.tip, factors.end, splat(lane, 0.0)
-    tx, ty, tt = three(lane, x, i)
+    tx, ty, tt = vector(lane, x, i)
     for k in range(model.links - 1, -1, -1):
         for _ in range(model.elements):
             i -= span
             o -= own.end
             lx, ly, lt, rx, ry, rt = forward(lane, model.order, S[o * len(lane) :], x[i * len(lane) :])
             tx, ty, tt, ux, uy, ut = _reduce(lane, S, o + own.condensed, tx - rx, ty - ry, tt - rt)
-            put_three(x, i + span, tx, ty, tt)
+            put_vector(x, i + span, (tx, ty, tt))
             taken = lt + ut
-            tx, ty, tt = three(lane, x, i)
+            tx, ty, tt = vector(lane, x, i)
             tx, ty, tt = (tx - lx) - ux, (ty - ly) - uy, tt - taken
         taken, tt = about_root(lane, model, S, k, x, i, tx, ty, taken, tt)
         if k > 0:
@@ -386,7 +379,7 @@ def solve(lane, model, S, x):
     tx, ty, tt = _forward_three(lane, S, root, tx, ty, tt)
     tx, ty, tt = tx * load(lane, S, root + XX), ty * load(lane, S, root + YY), tt * load(lane, S, root + TT)
     tx, ty, tt = _backward_three(lane, S, root, tx, ty, tt)
-    put_three(x, 0, tx, ty, tt)
+    put_vector(x, 0, (tx, ty, tt))
     for k in range(model.links):
         if k > 0:
             h, d = factors.hinges + OF_HINGE.end * (k - 1), rows.hinges + k - 1
@@ -402,8 +395,8 @@ def solve(lane, model, S, x):
         tx, ty = carried(lane, model, S, k, ROOT_END, tx, ty, tt)
         for _ in range(model.elements):
             left = tx, ty, tt
-            tx, ty, tt = _restore(lane, S, o + own.condensed, three(lane, x, i + span), left)
-            put_three(x, i + span, tx, ty, tt)
+            tx, ty, tt = _restore(lane, S, o + own.condensed, vector(lane, x, i + span), left)
+            put_vector(x, i + span, (tx, ty, tt))
             backward(lane, model.order, S[o * len(lane) :], x[i * len(lane) :], left, (tx, ty, tt))
             i += span
             o += own.end

@@ -1,16 +1,17 @@
 """What correcting the period of a chain of geometrically exact beams takes: M a alone, and rotating its vectors."""
 
 from ...compiler import kernel, load, splat, store
+from ..arithmetic import put_vector, vector
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from .element import momentum, rotate_pair
-from .layout import AXES, T, elbow_of, next_section, put_three, rows_of, section_of, three
+from .layout import AXES, T, elbow_of, next_section, rows_of, section_of
 
 
 @kernel
 def inertia(lane, model, par, a, r):
     """r <- M a: that of the elements, hub, elbows and payload."""
     rows, zero = rows_of(model), splat(lane, 0.0)
-    x, y, psi = three(lane, a, 0)
+    x, y, psi = vector(lane, a, 0)
     left = (x, y, psi, zero, zero, psi * model.hub_inertia)
     i = rows.elements
     for k in range(model.links):
@@ -33,7 +34,7 @@ def inertia(lane, model, par, a, r):
             store(r, d, moment)
     x, y, psi, fx, fy, moment = left
     mass = load(lane, par, PAYLOAD_MASS)
-    put_three(r, i, fx + x * mass, fy + y * mass, moment + psi * load(lane, par, PAYLOAD_INERTIA))
+    put_vector(r, i, (fx + x * mass, fy + y * mass, moment + psi * load(lane, par, PAYLOAD_INERTIA)))
 
 
 @kernel

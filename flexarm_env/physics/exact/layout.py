@@ -2,7 +2,7 @@
 
 from typing import Any, NamedTuple
 
-from ...compiler import kernel, load, store
+from ...compiler import kernel, load
 from ...layout import Field, Layout
 from ..arithmetic import share_of
 from ..layout import LEVER
@@ -94,7 +94,7 @@ CONDENSED = Layout(
 LL, LR_X, LR_Y, LR_T, RR, _ = CONDENSED.places
 
 CIRCLE = Layout("Circle", "", Field("sine", (), "", "of psi"), Field("cosine", (), "", ""))
-SINE, COSINE, PAIR = CIRCLE.places
+*_, PAIR = CIRCLE.places
 
 _INNER = f"({AXES} * order - {AXES})"
 ELEMENT_FACTORS = Layout(
@@ -252,17 +252,3 @@ class Vertex(NamedTuple):
     rate: tuple[Any, Any, Any]
     acceleration: tuple[Any, Any, Any]  # less gravity
     force: tuple[Any, Any, Any]  # on it so far
-
-
-@kernel
-def three(lane, array, i):
-    """Numbers i, i + 1, i + 2: those of a node."""
-    return load(lane, array, i + X), load(lane, array, i + Y), load(lane, array, i + T)
-
-
-@kernel
-def put_three(array, i, x, y, t):
-    """Write what `three` reads."""
-    store(array, i + X, x)
-    store(array, i + Y, y)
-    store(array, i + T, t)

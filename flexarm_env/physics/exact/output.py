@@ -3,7 +3,7 @@
 import numpy as np
 
 from ...compiler import kernel, load, sincos, splat, store
-from ..arithmetic import fall, share_of
+from ..arithmetic import fall, put_vector, share_of, vector
 from ..layout import OF_LOAD, POSE
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, TAU_D
 from .element import carry, damp, measure
@@ -20,7 +20,6 @@ from .layout import (
     root_angle,
     rows_of,
     section_of,
-    three,
     vertex_of,
 )
 from .rigid import beginning, ends_of, following, joint, payload_place
@@ -36,7 +35,7 @@ def ports(lane, model, par, q, y):
         store(y, k, load(lane, q, rows.hinges + k - 1))
     if model.loads is not None:
         for f in range(model.loads.shape[0] // ROWS_OF_LOAD.end):
-            of, k = model.loads[ROWS_OF_LOAD.end * f :], links + OF_LOAD.end * f
+            of = model.loads[ROWS_OF_LOAD.end * f :]
             px, py = load(lane, q, of[ROWS_OF_LOAD.x]), load(lane, q, of[ROWS_OF_LOAD.y])
             psi = load(lane, q, of[ROWS_OF_LOAD.psi])
             if model.rigid is not None:
@@ -45,9 +44,7 @@ def ports(lane, model, par, q, y):
                 px, py = px + cosine * length, py + sine * length
             if of[ROWS_OF_LOAD.hinge] >= 0:
                 psi = psi + load(lane, q, of[ROWS_OF_LOAD.hinge])
-            store(y, k + OF_LOAD.x, px)
-            store(y, k + OF_LOAD.y, py)
-            store(y, k + OF_LOAD.torque, psi)
+            put_vector(y, links + OF_LOAD.end * f, (px, py, psi))
 
 
 @kernel
@@ -113,22 +110,13 @@ def link_poses(lane, model, par, q, v, out):
     for k in range(model.links + 1):
         x, y, vx, vy = joint(lane, model, q, v, k)
         if k < model.links:
-            at = out[POSE.end * k * len(lane) :]
-            _put(at, x, y, root_angle(lane, model, q, k), vx, vy, root_angle(lane, model, v, k))
+            at = POSE.end * k
+            put_vector(out, at + POSE.x, (x, y, root_angle(lane, model, q, k)))
+            put_vector(out, at + POSE.vx, (vx, vy, root_angle(lane, model, v, k)))
         if k > 0:
-            at, i = out[(POSE.end * (k - 1) + POSE.tip_x) * len(lane) :], vertex_of(model, k)
-            _put(at, x, y, load(lane, q, i + T), vx, vy, load(lane, v, i + T))
-
-
-@kernel
-def _put(out, x, y, angle, vx, vy, rate):
-    """What is known of a section, as `POSES` has it."""
-    store(out, POSE.x, x)
-    store(out, POSE.y, y)
-    store(out, POSE.angle, angle)
-    store(out, POSE.vx, vx)
-    store(out, POSE.vy, vy)
-    store(out, POSE.rate, rate)
+            at, i = POSE.end * (k - 1), vertex_of(model, k)
+            put_vector(out, at + POSE.tip_x, (x, y, load(lane, q, i + T)))
+            put_vector(out, at + POSE.tip_vx, (vx, vy, load(lane, v, i + T)))
 
 
 STATIONS = np.zeros((4, 4, 2))
@@ -174,7 +162,7 @@ def predict(lane, model, start, q):
     stiff arm answers with forces that spoil the first iterations.
     """
     i = rows_of(model).elements
-    x, y, _ = three(lane, q, i)
+    x, y, _ = vector(lane, q, i)
     for k in range(model.links):
         psi, new_psi = root_angle(lane, model, start, k), root_angle(lane, model, q, k)
         for _ in range(model.elements):

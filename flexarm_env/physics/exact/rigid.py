@@ -8,6 +8,7 @@ inertia). A payload whose centre is not at the tip is at the far point of one mo
 """
 
 from ...compiler import kernel, load, sincos, splat, store
+from ..arithmetic import pair, put_pair, put_vector, turned, vector
 from ..layout import LEVER
 from ..model import PAYLOAD_MASS
 from .layout import LEVER_FACTORS, T, Vertex, X, Y, elbow_of, factors_of, lever_at, root_angle, rows_of, vertex_of
@@ -28,8 +29,21 @@ def arm(lane, model, k, end, angle):
 def to_payload(lane, model, angle):
     """The lever from the tip to the payload's centre."""
     sine, cosine = sincos(angle)
-    along, across = model.eccentric[0], model.eccentric[1]
-    return cosine * along - sine * across, sine * along + cosine * across
+    return turned(cosine, sine, model.eccentric[0], model.eccentric[1])
+
+
+@kernel
+def _factors_at(model, k, end):
+    """Where the `LEVER_FACTORS` of an end of link k begin; of the payload's lever for k = links."""
+    return factors_of(model).end + OF_FACTORS.end * (2 * k + end)
+
+
+@kernel
+def _keep(S, at, lever, far, mass, turn):
+    """Write the `LEVER_FACTORS` at `at`."""
+    ex, ey = lever
+    put_pair(S, at + OF_FACTORS.x, (-ey, ex))
+    put_vector(S, at + OF_FACTORS.far, (far, mass, turn))
 
 
 @kernel
@@ -50,26 +64,22 @@ def _payload_force(lane, model, psi, motion, mass, weights, S):
     px, py = _accelerated((ex, ey), rate, second, ax, ay, 1.0)
     fx, fy, zero = px * mass, py * mass, splat(lane, 0.0)
     if weights.mass != 0.0:
-        at = factors_of(model).end + OF_FACTORS.end * 2 * model.links
-        store(S, at + OF_FACTORS.x, -ey)
-        store(S, at + OF_FACTORS.y, ex)
-        store(S, at + OF_FACTORS.far, mass * weights.mass)
-        store(S, at + OF_FACTORS.mass, zero)
-        store(S, at + OF_FACTORS.turn, -((ex * fx + ey * fy) * weights.stiffness))
+        turn = -((ex * fx + ey * fy) * weights.stiffness)
+        _keep(S, _factors_at(model, model.links, ROOT_END), (ex, ey), mass * weights.mass, zero, turn)
     return fx, fy, ex * fy - ey * fx, zero
 
 
 @kernel
-def swung(lane, vector, rate, x, y, vx, vy):
+def swung(lane, lever, rate, x, y, vx, vy):
     """Place and velocity of the far point of a lever."""
-    ax, ay = vector
+    ax, ay = lever
     return x + ax, y + ay, vx - rate * ay, vy + rate * ax
 
 
 @kernel
-def _accelerated(vector, rate, second, ax, ay, share):
+def _accelerated(lever, rate, second, ax, ay, share):
     """Acceleration at a share of a lever."""
-    ex, ey = vector
+    ex, ey = lever
     square = rate * rate
     return ax + (-(second * ey) - square * ex) * share, ay + (second * ex - square * ey) * share
 
@@ -83,37 +93,34 @@ def begin(lane, model, state, k, tip, i):
     zero = splat(lane, 0.0)
     if k > 0:
         d = rows_of(model).hinges + k - 1
-        vector = arm(lane, model, k - 1, TIP_END, psi)
-        x, y, vx, vy = swung(lane, vector, turning, x, y, vx, vy)
-        ax, ay = _accelerated(vector, omega, alpha, ax, ay, 1.0)
+        lever = arm(lane, model, k - 1, TIP_END, psi)
+        x, y, vx, vy = swung(lane, lever, turning, x, y, vx, vy)
+        ax, ay = _accelerated(lever, omega, alpha, ax, ay, 1.0)
         psi, spin, alpha = psi + load(lane, state.q, d), load(lane, state.v, d), alpha + load(lane, state.a, d)
         omega, turning = omega + spin, turning + spin
         moment = alpha * elbow_of(model, k).right
-    vector = arm(lane, model, k, ROOT_END, psi)
-    x, y, vx, vy = swung(lane, vector, turning, x, y, vx, vy)
-    ax, ay = _accelerated(vector, omega, alpha, ax, ay, 1.0)
+    lever = arm(lane, model, k, ROOT_END, psi)
+    x, y, vx, vy = swung(lane, lever, turning, x, y, vx, vy)
+    ax, ay = _accelerated(lever, omega, alpha, ax, ay, 1.0)
     return Vertex((x, y, psi), (vx, vy, turning), (ax, ay, alpha), (zero, zero, moment))
 
 
 @kernel
-def _through(lane, model, k, end, vector, motion, force, moment, far, weights, at, S):
+def _through(lane, model, k, end, lever, motion, force, moment, far, weights, S):
     """Force and moment at the near point of a lever, from those at its far one; its factors, where S is wanted.
 
     motion: rate, second rate, acceleration (x, y) of the near point. far: mass there, that of the matrix."""
     rate, second, ax, ay = motion
-    ex, ey = vector
+    ex, ey = lever
     own = lever_at(k, end)
     mass, inertia = model.rigid[own + OF_LEVER.mass], model.rigid[own + OF_LEVER.inertia]
-    mx, my = _accelerated(vector, rate, second, ax, ay, 0.5)
+    mx, my = _accelerated(lever, rate, second, ax, ay, 0.5)
     mx, my = mx * mass, my * mass
     fx, fy = force
     if weights.mass != 0.0:
         pull = (ex * fx + ey * fy) + (ex * mx + ey * my) * 0.5
-        store(S, at + OF_FACTORS.x, -ey)
-        store(S, at + OF_FACTORS.y, ex)
-        store(S, at + OF_FACTORS.far, far * weights.mass)
-        store(S, at + OF_FACTORS.mass, splat(lane, mass * weights.mass))
-        store(S, at + OF_FACTORS.turn, inertia * weights.mass - pull * weights.stiffness)
+        turn = inertia * weights.mass - pull * weights.stiffness
+        _keep(S, _factors_at(model, k, end), lever, far * weights.mass, splat(lane, mass * weights.mass), turn)
     moment = moment + (ex * fy - ey * fx) + (ex * my - ey * mx) * 0.5 + second * inertia
     return fx + mx, fy + my, moment
 
@@ -123,32 +130,26 @@ def end(lane, model, state, u, k, tip, i, r, weights, S):
     """The rows of the vertex before link k and of its hinge, from what the beam asks for where it begins."""
     _, _, psi = tip.place
     (ax, ay, alpha), (gx, gy, moment) = tip.acceleration, tip.force
-    omega, at = load(lane, state.v, i + T), factors_of(model).end
-    fx, fy, turn = load(lane, r, i + X), load(lane, r, i + Y), load(lane, r, i + T)
+    omega, zero = load(lane, state.v, i + T), splat(lane, 0.0)
+    fx, fy, turn = vector(lane, r, i)
     if k == 0:
-        vector = arm(lane, model, 0, ROOT_END, psi)
-        motion = omega, alpha, ax, ay
-        zero = splat(lane, 0.0)
-        fx, fy, turn = _through(lane, model, 0, ROOT_END, vector, motion, (fx, fy), turn, zero, weights, at, S)
+        lever, motion = arm(lane, model, 0, ROOT_END, psi), (omega, alpha, ax, ay)
+        fx, fy, turn = _through(lane, model, 0, ROOT_END, lever, motion, (fx, fy), turn, zero, weights, S)
     else:
         d, elbow = rows_of(model).hinges + k - 1, elbow_of(model, k)
         before = arm(lane, model, k - 1, TIP_END, psi)
         jx, jy = _accelerated(before, omega, alpha, ax, ay, 1.0)
         motion = omega + load(lane, state.v, d), alpha + load(lane, state.a, d), jx, jy
-        vector = arm(lane, model, k, ROOT_END, psi + load(lane, state.q, d))
-        at = at + OF_FACTORS.end * 2 * k
-        zero = splat(lane, 0.0)
-        fx, fy, turn = _through(lane, model, k, ROOT_END, vector, motion, (fx, fy), turn, zero, weights, at, S)
+        lever = arm(lane, model, k, ROOT_END, psi + load(lane, state.q, d))
+        fx, fy, turn = _through(lane, model, k, ROOT_END, lever, motion, (fx, fy), turn, zero, weights, S)
         store(r, d, turn - load(lane, u, k))
         fx, fy = fx + jx * elbow.mass, fy + jy * elbow.mass
         fx, fy, turn = _through(
             lane, model, k - 1, TIP_END, before, (omega, alpha, ax, ay), (fx, fy),
-            turn + moment + alpha * elbow.left, splat(lane, elbow.mass), weights, at - OF_FACTORS.end, S,
+            turn + moment + alpha * elbow.left, splat(lane, elbow.mass), weights, S,
         )  # fmt: skip
         fx, fy = fx + gx, fy + gy
-    store(r, i + X, fx)
-    store(r, i + Y, fy)
-    store(r, i + T, turn)
+    put_vector(r, i, (fx, fy, turn))
 
 
 @kernel
@@ -156,13 +157,12 @@ def last(lane, model, par, state, tip, i, weights, S):
     """Force and moment on the last vertex with those of the payload and the rigid end that carries it."""
     (fx, fy, moment), (ax, ay, alpha) = tip.force, tip.acceleration
     omega, mass, k = load(lane, state.v, i + T), load(lane, par, PAYLOAD_MASS), model.links - 1
-    vector = arm(lane, model, k, TIP_END, tip.place[T])
-    px, py = _accelerated(vector, omega, alpha, ax, ay, 1.0)
-    at = factors_of(model).end + OF_FACTORS.end * (2 * k + 1)
+    lever = arm(lane, model, k, TIP_END, tip.place[T])
+    px, py = _accelerated(lever, omega, alpha, ax, ay, 1.0)
     motion = omega, alpha, px, py
-    px, py, turned, there = _payload_force(lane, model, tip.place[T], motion, mass, weights, S)
-    motion, moment = (omega, alpha, ax, ay), moment + turned
-    gx, gy, turn = _through(lane, model, k, TIP_END, vector, motion, (px, py), moment, there, weights, at, S)
+    px, py, more, there = _payload_force(lane, model, tip.place[T], motion, mass, weights, S)
+    motion, moment = (omega, alpha, ax, ay), moment + more
+    gx, gy, turn = _through(lane, model, k, TIP_END, lever, motion, (px, py), moment, there, weights, S)
     return fx + gx, fy + gy, turn
 
 
@@ -174,14 +174,14 @@ def near(lane, model, S, k, end, tail):
     """The matrix of x, y, psi at the near point of a lever from that at its far one."""
     if model.rigid is None:
         return tail
-    at = factors_of(model).end + OF_FACTORS.end * (2 * k + end)
-    nx, ny = load(lane, S, at + OF_FACTORS.x), load(lane, S, at + OF_FACTORS.y)
-    far, mass = load(lane, S, at + OF_FACTORS.far), load(lane, S, at + OF_FACTORS.mass)
+    at = _factors_at(model, k, end)
+    nx, ny = pair(lane, S, at + OF_FACTORS.x)
+    far, mass, turn = vector(lane, S, at + OF_FACTORS.far)
     xx, xy, xt, yy, yt, tt = tail
     xx, yy = xx + far, yy + far
     px, py = xx * nx + xy * ny, xy * nx + yy * ny
     tt = tt + (xt * nx + yt * ny) * 2.0 + (nx * px + ny * py)
-    tt = tt + mass * (nx * nx + ny * ny) * 0.25 + load(lane, S, at + OF_FACTORS.turn)
+    tt = tt + mass * (nx * nx + ny * ny) * 0.25 + turn
     return xx + mass, xy, xt + px + mass * nx * 0.5, yy + mass, yt + py + mass * ny * 0.5, tt
 
 
@@ -198,8 +198,8 @@ def moment_about(lane, model, S, k, end, x, y):
     """Moment about a lever's near point of a force at its far one."""
     if model.rigid is None:
         return splat(lane, 0.0)
-    at = factors_of(model).end + OF_FACTORS.end * (2 * k + end)
-    return load(lane, S, at + OF_FACTORS.x) * x + load(lane, S, at + OF_FACTORS.y) * y
+    nx, ny = pair(lane, S, _factors_at(model, k, end) + OF_FACTORS.x)
+    return nx * x + ny * y
 
 
 @kernel
@@ -207,8 +207,8 @@ def carried(lane, model, S, k, end, x, y, turn):
     """How a lever's far point moves where its near one moves by x, y and turns."""
     if model.rigid is None:
         return x, y
-    at = factors_of(model).end + OF_FACTORS.end * (2 * k + end)
-    return x + load(lane, S, at + OF_FACTORS.x) * turn, y + load(lane, S, at + OF_FACTORS.y) * turn
+    nx, ny = pair(lane, S, _factors_at(model, k, end) + OF_FACTORS.x)
+    return x + nx * turn, y + ny * turn
 
 
 @kernel
@@ -234,7 +234,8 @@ def about_tip(lane, model, S, k, x, i, tx, ty, tt):
 @kernel
 def vertex(lane, q, v, i):
     """Place and velocity of the vertex at row i."""
-    return load(lane, q, i + X), load(lane, q, i + Y), load(lane, v, i + X), load(lane, v, i + Y)
+    (x, y), (vx, vy) = pair(lane, q, i), pair(lane, v, i)
+    return x, y, vx, vy
 
 
 @kernel
@@ -242,9 +243,7 @@ def joint(lane, model, q, v, k):
     """Place and velocity of joint k (of the arm's tip: k = links)."""
     i = vertex_of(model, k)
     x, y, vx, vy = vertex(lane, q, v, i)
-    if model.rigid is None:
-        return x, y, vx, vy
-    if k == 0:
+    if model.rigid is None or k == 0:
         return x, y, vx, vy
     return swung(lane, arm(lane, model, k - 1, TIP_END, load(lane, q, i + T)), load(lane, v, i + T), x, y, vx, vy)
 
