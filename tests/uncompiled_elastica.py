@@ -15,12 +15,12 @@ from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.physics import protocol
 from flexarm_env.physics.elastica import equations as kernels
 from flexarm_env.physics.elastica.build import build, physical
-from flexarm_env.physics.protocol import RESIDUAL_ALONE, State, Weights
 from flexarm_env.scene import PointLoad, Scene
 from flexarm_env.settings import Settings
 from flexarm_env.time_functions import constant
 
 from .oracle_elastica import Oracle
+from .uncompiled_tools import Equations, States
 
 pytestmark = pytest.mark.skipif(not UNCOMPILED, reason="runs uncompiled only")
 
@@ -42,8 +42,8 @@ def scene(count: int, root: str, gravity: Any, loads: Any, bare: bool = False) -
     return Scene("s", arm(count, bare), duration=1.0, dt=0.01, root=root, gravity=gravity, loads=points)
 
 
-def system(s: Scene, n: int, dt: float | None = None) -> Any:
-    return build(s, Settings.make("elastica", nodes=n, dt=dt))
+def system(s: Scene, n: int, dt: float | None = None) -> Equations:
+    return Equations(build(s, Settings.make("elastica", nodes=n, dt=dt)))
 
 
 CASES = [
@@ -60,75 +60,43 @@ CASES = [
 
 
 @pytest.fixture(params=CASES, ids=lambda case: "-".join(str(x) for x in case[:3]))
-def case(request: Any) -> tuple[Any, Oracle, Any, tuple[Any, ...]]:
+def case(request: Any) -> tuple[Equations, Oracle, States]:
     count, n, root, gravity, loads, bare = request.param
     s = system(scene(count, root, gravity, loads, bare), n)
-    moving = len(s.q0) > count * n
+    moving = s.n > count * n
     oracle = Oracle(arm(count, bare), n, free=moving, centred=root == "free", gravity=gravity, loads=loads)
     rng = np.random.default_rng(4)
-    q, v, a = rng.normal(size=(3, len(s.q0)))
-    return s, oracle, rng.normal(size=count + 3 * len(loads)), (q, v, a)
-
-
-def residual(s: Any, q: Any, v: Any, a: Any, u: Any) -> Any:
-    """The residual alone; poisoned, so that what is not written shows. S must be left as it is."""
-    r, S = np.full(len(q), np.nan), np.full(len(q) ** 2, 7.0)
-    kernels.assemble(SINGLE, s.model, s.par, State(q, v, a), u, RESIDUAL_ALONE, r, S)
-    assert (S == 7.0).all()
-    return r
+    q, v, a = rng.normal(size=(3, s.n))
+    return s, oracle, (q, v, a, rng.normal(size=s.n_inputs))
 
 
 def test_residual(case: Any) -> None:
-    s, oracle, u, (q, v, a) = case
-    expected = oracle.residual(q, v, a, u)
-    assert residual(s, q, v, a, u) == pytest.approx(expected, abs=1e-12 * np.abs(expected).max())
+    s, oracle, state = case
+    expected = oracle.residual(*state)
+    assert s.residual(*state) == pytest.approx(expected, abs=1e-12 * np.abs(expected).max())
 
 
 def test_tangent_and_solution(case: Any) -> None:
-    s, _, u, (q, v, a) = case
+    s, _, state = case
     s.par[:2] *= 1.5  # an arm of its own: in free flight the coordinates are no longer its centre of mass
-    rows, cm, cc, ck = len(q), 1.3, 0.7, 2.1
-    r, S = np.full(rows, np.nan), np.full(rows * rows, np.nan)
-    kernels.assemble(SINGLE, s.model, s.par, State(q, v, a), u, Weights(cm, cc, ck), r, S)
-    assert r == pytest.approx(residual(s, q, v, a, u), rel=1e-14)
-
-    def slopes(f: Any, x: Any) -> Any:
-        return np.column_stack([(f(x + h) - f(x - h)) / 2e-6 for h in 1e-6 * np.eye(rows)])
-
-    expected = cm * slopes(lambda x: residual(s, q, v, x, u), a) + cc * slopes(lambda x: residual(s, q, x, a, u), v)
-    expected += ck * slopes(lambda x: residual(s, x, v, a, u), q)
-    matrix = S.reshape(rows, rows).copy()
+    weights = 1.3, 0.7, 2.1
+    expected = s.tangent(state, weights)
+    matrix = s.assembled(state, weights).reshape(s.n, s.n)
     assert matrix == pytest.approx(expected, abs=2e-9 * np.abs(expected).max())
-
-    kernels.assemble(SINGLE, s.model, s.par, State(q, v, a), u, Weights(1e4, 1e2, 1.0), r, S)  # as in a step
-    pinned = 1 if rows > 4 else 0
-    kernels.pin(SINGLE, s.model, S, pinned)
-    matrix, x = S.reshape(rows, rows).copy(), r.copy()
-    assert (matrix[pinned] == np.eye(rows)[pinned]).all()
-    assert (matrix[:, pinned] == np.eye(rows)[pinned]).all()
-    kernels.factor(SINGLE, s.model, S)
-    kernels.solve(SINGLE, s.model, S, x)
-    assert matrix @ x == pytest.approx(r, abs=1e-9 * np.abs(r).max())
+    s.check_solutions(state, (1e4, 1e2, 1.0), [(), (1,)] if s.n > 4 else [(), (0,)], tuple(2.0 * x for x in state))
 
 
 def test_mass_matrix_is_the_hessian_of_kinetic_energy(case: Any) -> None:
-    s, _, u, (q, v, a) = case
+    s, _, (q, v, a, u) = case
     s.par[:2] *= 1.5
-    rows = len(q)
-    rest = residual(s, q, v, 0.0 * a, u)
-    M = np.column_stack([residual(s, q, v, e, u) - rest for e in np.eye(rows)])
-
-    def kinetic(x: Any) -> float:
-        return float(kernels.energy(SINGLE, s.model, s.par, q, x)[0])
-
-    E = np.eye(rows)
-    alone = [kinetic(e) for e in E]
-    hessian = [[kinetic(E[i] + E[j]) - alone[i] - alone[j] for j in range(rows)] for i in range(rows)]
+    M, E = s.tangent((q, v, 0.0 * a, u), (1.0, 0.0, 0.0)), np.eye(s.n)
+    alone = [s.kinetic(q, e) for e in E]
+    hessian = [[s.kinetic(q, E[i] + E[j]) - alone[i] - alone[j] for j in range(s.n)] for i in range(s.n)]
     assert pytest.approx(np.array(hessian), abs=1e-12 * np.abs(M).max()) == M
 
 
 def test_output(case: Any) -> None:
-    s, oracle, u, (q, v, _) = case
+    s, oracle, (q, v, _, u) = case
     kinetic, strain, gravity = kernels.energy(SINGLE, s.model, s.par, q, v)
     assert kinetic == pytest.approx(float(oracle.kinetic(q, v)), rel=1e-12)
     assert strain + gravity == pytest.approx(float(oracle.potential(q)), rel=1e-11)
@@ -163,11 +131,11 @@ def test_factor_on_stiffness() -> None:
         payload=Payload(0.7, 0.01),
         tau_d=0.03,
     )
-    other = build(Scene("s", bent, duration=1.0, dt=0.01), Settings.make("elastica", nodes=4))
+    other = system(Scene("s", bent, duration=1.0, dt=0.01), 4)
     q, v, a = np.random.default_rng(5).normal(size=(3, 8))
     u = np.array([0.3, -0.2])
     plain.par[:] = [0.7, 0.01, 1.5, 0.03]
-    assert residual(plain, q, v, a, u) == pytest.approx(residual(other, q, v, a, u), rel=1e-12)
+    assert plain.residual(q, v, a, u) == pytest.approx(other.residual(q, v, a, u), rel=1e-12)
 
 
 def test_correction_of_the_period() -> None:
@@ -177,8 +145,8 @@ def test_correction_of_the_period() -> None:
     u, a, zero = np.zeros(2), np.zeros(10), np.zeros(10)
     a[0] = 1.0
     turn = np.concatenate([np.ones(5), [0.0], np.ones(4)])  # both links turn as one: joint 1 keeps its angle
-    difference = residual(s, q, v, turn, u) - residual(plain, q, v, turn, u)
+    difference = s.residual(q, v, turn, u) - plain.residual(q, v, turn, u)
     assert difference == pytest.approx(zero, abs=1e-12)
-    assert np.abs(residual(s, q, v, a, u) - residual(plain, q, v, a, u)).max() > 1e-4
-    back = replace(s, model=physical(s.model))
-    assert residual(back, q, v, a, u) == pytest.approx(residual(plain, q, v, a, u), rel=1e-12)
+    assert np.abs(s.residual(q, v, a, u) - plain.residual(q, v, a, u)).max() > 1e-4
+    back = Equations(replace(s.system, model=physical(s.model)))
+    assert back.residual(q, v, a, u) == pytest.approx(plain.residual(q, v, a, u), rel=1e-12)

@@ -18,10 +18,10 @@ from flexarm_env.physics.exact import equations as kernels
 from flexarm_env.physics.exact.build import build
 from flexarm_env.physics.exact.layout import ELEMENT_FACTORS
 from flexarm_env.physics.exact.tables import interior, tables
-from flexarm_env.physics.protocol import RESIDUAL_ALONE, State, Weights
 from flexarm_env.scene import PointLoad, Scene
 from flexarm_env.settings import Settings
 from flexarm_env.time_functions import constant
+from tests.uncompiled_tools import Equations, States
 
 pytestmark = pytest.mark.skipif(not UNCOMPILED, reason="runs uncompiled only")
 
@@ -45,7 +45,7 @@ RIGID = tuple(
 """Links with rigid ends."""
 
 
-def system(order: int, damped: bool, heavy: bool, elements: int = 2, links: Any = None) -> Any:
+def system(order: int, damped: bool, heavy: bool, links: Any = None) -> Equations:
     arm = Arm(
         "three",
         links or (Link(1.3, SOFT), Link(0.8, OTHER), Link(0.5, SOFT)),
@@ -61,24 +61,13 @@ def system(order: int, damped: bool, heavy: bool, elements: int = 2, links: Any 
         "s", arm, duration=1.0, dt=0.01, root="free", angles=(0.0, 0.3, -0.4), loads=loads,
         gravity=(0.5, -9.8) if heavy else None,
     )  # fmt: skip
-    return build(scene, Settings.make("geometrically_exact", elements=elements, order=order, dt=0.01))
+    return Equations(build(scene, Settings.make("geometrically_exact", elements=2, order=order, dt=0.01)))
 
 
-def residual(s: Any, q: Any, v: Any, a: Any, u: Any) -> Any:
-    r = np.full(s.model.n, np.nan)
-    kernels.assemble(SINGLE, s.model, s.par, State(q, v, a), u, RESIDUAL_ALONE, r, np.zeros(s.model.n_factor))
-    return r
-
-
-def jacobian(f: Any, x: Any, h: float = 1e-6) -> Any:
-    return np.column_stack([(f(x + h * e) - f(x - h * e)) / (2 * h) for e in np.eye(len(x))])
-
-
-def states(s: Any) -> tuple[Any, Any, Any, Any]:
+def states(s: Equations) -> States:
     rng = np.random.default_rng(3)
-    n = s.model.n
-    q = s.q0 + 0.1 * rng.normal(size=n)
-    return q, rng.normal(size=n), rng.normal(size=n), rng.normal(size=s.model.n_inputs)
+    q = s.system.q0 + 0.1 * rng.normal(size=s.n)
+    return q, rng.normal(size=s.n), rng.normal(size=s.n), rng.normal(size=s.n_inputs)
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
@@ -114,39 +103,24 @@ def test_tables(order: int) -> None:
 )  # fmt: skip
 def test_tangent_solves_what_differences_of_the_residual_say(order: int, damped: bool, heavy: bool, links: Any) -> None:
     """Pinned or not; links with rigid ends where nothing moves, where their tangent is complete."""
-    s = system(order, damped, heavy, links=links)
-    m, n = s.model, s.model.n
+    s = system(order, damped, heavy, links)
+    n = s.n
     q, v, a, u = states(s)
     if damped:  # the term that would make the tangent unsymmetric is left out: it vanishes with the rates
         v = np.zeros(n)
     if links is RIGID:
         a, u = np.zeros(n), 0.0 * u
-    cm, cc, ck = 3.0, 0.7, 1.3
-    T = cm * jacobian(lambda x: residual(s, q, v, x, u), a) + ck * jacobian(lambda x: residual(s, x, v, a, u), q)
-    T += cc * jacobian(lambda x: residual(s, q, x, a, u), v)
+    pins: list[tuple[int, ...]] = [(), (0, 1), (2,), (0, 1, 2), (n - 1,), (n - 2, 0, 1), (n - 2, n - 1)]
+    T = s.check_solutions((q, v, a, u), (3.0, 0.7, 1.3), pins, states(s))
     assert links is RIGID or np.abs(T - T.T).max() < 1e-6
-    rng, wide = np.random.default_rng(1), 10.0 if links is RIGID else 1.0
-    for pinned in ((), (0, 1), (2,), (0, 1, 2), (n - 1,), (n - 2, 0, 1), (n - 2, n - 1)):
-        r, S, b = np.full(n, np.nan), np.full(m.n_factor, np.nan), rng.normal(size=n)
-        kernels.assemble(SINGLE, m, s.par, State(q, v, a), u, Weights(cm, cc, ck), r, S)
-        assert np.array_equal(r, residual(s, q, v, a, u))
-        expected = T.copy()
-        for k in pinned:
-            expected[k], expected[:, k], expected[k, k], b[k] = 0.0, 0.0, 1.0, 0.0
-            kernels.pin(SINGLE, m, S, k)
-        kernels.factor(SINGLE, m, S)
-        x = b.copy()
-        kernels.solve(SINGLE, m, S, x)
-        assert np.allclose(x, np.linalg.solve(expected, b), rtol=1e-6 * wide, atol=1e-7 * wide), pinned
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
 @pytest.mark.parametrize("links", [None, VARIED, RIGID])
 def test_forces_are_the_gradient_of_the_energy(order: int, links: Any) -> None:
     s = system(order, damped=False, heavy=True, links=links)
-    n = s.model.n
     q, v, _, u = states(s)
-    zero = np.zeros(n)
+    zero, unit = np.zeros(s.n), np.eye(s.n)
 
     def potential(x: Any) -> float:
         energies = kernels.energy(SINGLE, s.model, s.par, x, zero)
@@ -159,11 +133,11 @@ def test_forces_are_the_gradient_of_the_energy(order: int, links: Any) -> None:
 
     h = 1e-5
     gradient = np.array(
-        [(potential(q + h * e) - potential(q - h * e) - work(q + h * e) + work(q - h * e)) / (2 * h) for e in np.eye(n)]
+        [(potential(q + h * e) - potential(q - h * e) - work(q + h * e) + work(q - h * e)) / (2 * h) for e in unit]
     )
-    assert np.allclose(residual(s, q, zero, zero, u), gradient, atol=1e-7)
-    M = jacobian(lambda x: residual(s, q, v, x, u), zero, 1.0)
-    assert np.isclose(kernels.energy(SINGLE, s.model, s.par, q, v)[0], 0.5 * v @ M @ v, rtol=1e-12)
+    assert np.allclose(s.residual(q, zero, zero, u), gradient, atol=1e-7)
+    M = s.tangent((q, v, zero, u), (1.0, 0.0, 0.0))
+    assert np.isclose(s.kinetic(q, v), 0.5 * v @ M @ v, rtol=1e-12)
     assert np.linalg.eigvalsh(M).min() > 0.0
 
 
@@ -172,7 +146,7 @@ def test_mass_is_the_hessian_of_the_kinetic_energy_of_the_fields(links: Any) -> 
     """Kinetic energy by quadrature over r(s), psi(s), by 6 Gauss points an element (of varying ones a fine sum)."""
     s = system(2, damped=False, heavy=False, links=links)
     rng = np.random.default_rng(5)
-    v = rng.normal(size=s.model.n)
+    v = rng.normal(size=s.n)
     x, weights = legendre.leggauss(6)
     if links:
         x, weights = np.linspace(-1.0, 1.0, 40001)[:-1] + 2.5e-5, np.full(40000, 5e-5)
@@ -199,7 +173,7 @@ def test_mass_is_the_hessian_of_the_kinetic_energy_of_the_fields(links: Any) -> 
     ):
         energy += 0.5 * (mass * (v[row] ** 2 + v[row + 1] ** 2) + left_inertia * v[row + 2] ** 2)
         energy += 0.5 * right_inertia * (v[row + 2] + v[39 + k]) ** 2
-    assert np.isclose(kernels.energy(SINGLE, s.model, s.par, s.q0, v)[0], energy, rtol=1e-8 if links else 1e-12)
+    assert np.isclose(s.kinetic(s.system.q0, v), energy, rtol=1e-8 if links else 1e-12)
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
@@ -214,7 +188,7 @@ def test_power_is_what_the_energy_gains(order: int, links: Any) -> None:
 
     h = 1e-5
     gained = (total(h) - total(-h)) / (2.0 * h)
-    assert np.isclose(v @ residual(s, q, v, a, 0.0 * u), gained, rtol=1e-6)
+    assert np.isclose(v @ s.residual(q, v, a, 0.0 * u), gained, rtol=1e-6)
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
@@ -225,7 +199,7 @@ def test_damping_takes_the_power_that_it_reports_and_none_from_rigid_motion(orde
     loss = kernels.damping_work(SINGLE, s.model, s.par, q, v, v)
     assert loss > 0.0
     without = system(order, damped=False, heavy=False, links=links)
-    assert np.isclose(loss, v @ (residual(s, q, v, a, u) - residual(without, q, v, a, u)), rtol=1e-9)
+    assert np.isclose(loss, v @ (s.residual(q, v, a, u) - without.residual(q, v, a, u)), rtol=1e-9)
     spin = np.zeros_like(q)  # the whole chain turns about the origin: positions (interior ones too) and angles
     nodes = 3 * order * 2 * 3 + 3
     if links is RIGID:  # the root turns about itself; interior positions turn too, vertices by where they are
@@ -260,10 +234,10 @@ def test_first_guess_keeps_the_strains(order: int) -> None:
 def test_shape_and_poses() -> None:
     s = system(2, damped=False, heavy=False)
     points, out = np.full((20, 2), np.nan), np.full(36, np.nan)
-    assert kernels.shape(s.model, s.q0, points) == 13
-    assert kernels.shape(s.model, s.q0, np.zeros((5, 2))) == 5
-    v = np.arange(s.model.n) * 0.1
-    kernels.link_poses(SINGLE, s.model, s.par, s.q0, v, out)
+    assert kernels.shape(s.model, s.system.q0, points) == 13
+    assert kernels.shape(s.model, s.system.q0, np.zeros((5, 2))) == 5
+    v = np.arange(s.n) * 0.1
+    kernels.link_poses(SINGLE, s.model, s.par, s.system.q0, v, out)
     ends = np.array([0.0, 0.0]), np.array([1.3, 0.0])
     assert np.allclose(points[0], ends[0])
     assert np.allclose(points[4], ends[1])

@@ -8,22 +8,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from flexarm_env.compiler import UNCOMPILED
 from flexarm_env.compiler.lanes import SINGLE
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.physics.floating.build import build
 from flexarm_env.physics.model import DIVERGED, OK
-from flexarm_env.physics.protocol import FORMULATIONS, RESIDUAL_ALONE, State, Weights
 from flexarm_env.scene import PointLoad, Scene
 from flexarm_env.settings import Settings
 from flexarm_env.time_functions import constant
 from tests.physics.oracle_chain import Chain
+from tests.uncompiled_tools import Equations, States, close
 
 pytestmark = pytest.mark.skipif(not UNCOMPILED, reason="runs uncompiled only")
 
-Array = NDArray[Any]
 SECTIONS = (
     Section(3.0, 40.0, 25.0, 0.7, 0.02),
     Section(2.0, 60.0, 1e3, 0.4, 0.01),
@@ -57,28 +55,20 @@ def scene_of(links: int, **features: Any) -> Scene:
     )  # fmt: skip
 
 
-class Case:
-    """A model, its functions called alone on one arm, and its oracle."""
+class Case(Equations):
+    """Those of a mesh, and their oracle."""
 
     def __init__(self, links: int, features: dict[str, Any], stiffness: float = 1.0, **mesh: Any) -> None:
         self.scene, self.mesh = scene_of(links, **features), mesh
-        self.system = build(self.scene, Settings.make("floating_frame", **mesh))
-        self.model, self.par = self.system.model, self.system.par.copy()
+        super().__init__(build(self.scene, Settings.make("floating_frame", **mesh)))
         self.par[2] = stiffness
-        self.functions = FORMULATIONS.members[type(self.model)]
-        self.n, self.n_factor, self.n_inputs = (
-            size if isinstance(size, int) else len(size)
-            for size in (self.model.n, self.model.n_factor, self.model.n_inputs)
-        )
-        algebraic = self.model.algebraic
-        self.constrained = [] if algebraic is None else list(algebraic)
         self.free = [k for k in range(self.n) if k not in self.constrained]
         given = {"segments": 1, "elements": 1, "frame": "root", **mesh, "stiffness": stiffness}
         self.oracle = Chain(self.scene, joined=given.pop("multipliers", False), **given)
         # eigenvectors of the modes' mesh are known to nine digits
         self.tolerance = 1e-10 if mesh.get("modes") is None else 3e-8
 
-    def state(self, seed: int = 1, size: float = 0.15) -> tuple[Array, Array, Array, Array]:
+    def state(self, seed: int = 1, size: float = 0.15) -> States:
         """q, v, a, u: deflections of `size`, everything moving; multipliers in q, none in v and a."""
         rng = np.random.default_rng(seed)
         q = self.system.q0 + size * rng.normal(size=self.n)
@@ -86,55 +76,6 @@ class Case:
         q[self.constrained] = rng.normal(size=len(self.constrained))
         v[self.constrained] = a[self.constrained] = 0.0
         return q, v, a, rng.normal(size=self.n_inputs)
-
-    def residual(self, q: Array, v: Array, a: Array, u: Array) -> Array:
-        """Every entry is written: the array starts as NaN."""
-        return self.with_room(q, v, a, u, np.full(self.n_factor, np.nan))
-
-    def with_room(self, q: Array, v: Array, a: Array, u: Array, S: Array) -> Array:
-        r = np.full(self.n, np.nan)
-        self.functions["assemble"](SINGLE, self.model, self.par, State(q, v, a), u, RESIDUAL_ALONE, r, S)
-        r[self.constrained] = 0.0
-        return r
-
-    def factored(self, state: tuple[Array, ...], weights: tuple[float, ...], pinned: tuple[int, ...] = ()) -> Array:
-        """The iteration matrix's factors."""
-        r, S = np.full(self.n, np.nan), np.full(self.n_factor, np.nan)
-        self.functions["assemble"](SINGLE, self.model, self.par, State(*state[:3]), state[3], Weights(*weights), r, S)
-        assert close(r, self.residual(*state), 1e-13)
-        for k in pinned:
-            self.functions["pin"](SINGLE, self.model, S, k)
-        self.functions["factor"](SINGLE, self.model, S)
-        return S
-
-    def solved(self, S: Array, b: Array) -> Array:
-        x = b.copy()
-        self.functions["solve"](SINGLE, self.model, S, x)
-        return x
-
-    def tangent(self, state: tuple[Array, ...], weights: tuple[float, ...]) -> Array:
-        """cm dr/da + cc dr/dv + ck dr/dq by central differences of the residual, which is linear in a and of second
-        order in v; those of q are extrapolated (sixth order)."""
-        q, v, a, u = state
-
-        def along(d: Array, h: float) -> Array:
-            return (self.residual(q + h * d, v, a, u) - self.residual(q - h * d, v, a, u)) / (2.0 * h)
-
-        columns, h = [], 4e-3
-        for d in np.eye(self.n):
-            column = weights[0] * 0.5 * (self.residual(q, v, a + d, u) - self.residual(q, v, a - d, u))
-            column += weights[1] * 0.5 * (self.residual(q, v + d, a, u) - self.residual(q, v - d, a, u))
-            if weights[2]:
-                slopes = 1.5 * along(d, h) - 0.6 * along(d, 2.0 * h) + 0.1 * along(d, 3.0 * h)
-                column += weights[2] * slopes
-            columns.append(column)
-        return np.array(columns).T
-
-
-def close(mine: Any, other: Any, tolerance: float) -> bool:
-    """Largest difference relative to the largest value."""
-    mine, other = np.asarray(mine), np.asarray(other)
-    return bool(np.abs(mine - other).max() <= tolerance * max(1.0, np.abs(other).max()))
 
 
 MESHES: list[dict[str, Any]] = [
@@ -229,26 +170,11 @@ def test_numbers_that_are_none_are_out_of_range(frame: str, mesh: dict[str, Any]
 def test_tangents_solve_what_differences_say(links: int, mesh: dict[str, Any]) -> None:
     """S = cm dr/da + cc dr/dv + ck dr/dq, factored and solved; the root's and the joints' coordinates can be pinned."""
     case = Case(links, {"mass_damping": 0.2 if mesh.get("segments", 1) == 1 else 0.0}, **mesh)
-    state, rng = case.state(3, 0.15 if mesh.get("modes") is None else 0.03), np.random.default_rng(5)
+    joints = tuple(range(case.oracle.betas, case.n))
+    pins = [(), (0, 1), (0, 1, 2), (0,), (2,), joints, (0, *joints)]
     for weights in ((1.0, 0.0, 0.0), (2.0, 0.7, 20.0)):
-        wanted = case.tangent(state, weights)
-        S, b = case.factored(state, weights), rng.normal(size=case.n)
-        before = case.solved(S, b)
-        case.with_room(*case.state(8), S)  # a residual alone leaves the factors as they are
-        assert np.array_equal(before, case.solved(S, b))
-        joints = tuple(range(case.oracle.betas, case.n))
-        for pinned in ((), (0, 1), (0, 1, 2), (0,), (2,), joints, (0, *joints)):
-            full = wanted.copy()
-            full[list(pinned)] = 0.0
-            full[:, list(pinned)] = 0.0
-            full[list(pinned), list(pinned)] = 1.0
-            S = case.factored(state, weights, pinned)
-            for _ in range(2):
-                b = rng.normal(size=case.n)
-                b[list(pinned)] = 0.0
-                x = case.solved(S, b)
-                left = np.abs(full @ x - b).max() / (np.abs(full) @ np.abs(x)).max()  # backward error
-                assert left < 1e-9, (weights, pinned)
+        state = case.state(3, 0.15 if mesh.get("modes") is None else 0.03)
+        case.check_solutions(state, weights, pins, case.state(8))
 
 
 @BOTH

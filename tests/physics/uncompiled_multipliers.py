@@ -12,11 +12,12 @@ from flexarm_env.compiler import UNCOMPILED
 from flexarm_env.compiler.lanes import SINGLE
 from flexarm_env.parameters import Link, Section
 from flexarm_env.physics.floating.beam_element import Element, coupling_matrix, geometric_matrix, linear_stiffness
-from flexarm_env.physics.protocol import State, Weights
+from flexarm_env.physics.protocol import State
 from flexarm_env.validation import Array
 from tests.physics.oracle_bodies import element_fields
 from tests.physics.oracle_chain import STEP, Chain
-from tests.physics.uncompiled_chain import JOINED, Case, close, joined, named
+from tests.physics.uncompiled_chain import JOINED, Case, joined, named
+from tests.uncompiled_tools import States, close
 
 pytestmark = pytest.mark.skipif(not UNCOMPILED, reason="runs uncompiled only")
 
@@ -35,11 +36,9 @@ class Joined(Case):
         assert np.isnan(S[: self.n * (3 * self.model.half + 2)]).all()
         return r
 
-    def matrix(self, state: tuple[Array, ...], *weights: float) -> Array:
+    def matrix(self, state: States, *weights: float) -> Array:
         """The banded tangent, full."""
-        m = self.model
-        r, S = np.full(self.n, np.nan), np.full(self.n_factor, np.nan)
-        self.functions["assemble"](SINGLE, m, self.par, State(*state[:3]), state[3], Weights(*weights), r, S)
+        m, S = self.model, self.assembled(state, weights)
         width, full = 3 * m.half + 1, np.zeros((self.n, self.n))
         for i in range(self.n):
             columns = np.arange(max(0, i - m.half), min(self.n, i + m.half + 1))
