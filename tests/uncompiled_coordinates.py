@@ -10,12 +10,12 @@ import pytest
 from flexarm_env.compiler import SINGLE, UNCOMPILED, load, store
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.physics.assembly import assemble
-from flexarm_env.physics.equations import equations
 from flexarm_env.physics.model import TAU_D, ExactBeam
-from flexarm_env.physics.protocol import FORMULATIONS, State, damping_work
+from flexarm_env.physics.protocol import FORMULATIONS, damping_work
 from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import Simulation
+from tests.uncompiled_tools import Equations
 
 pytestmark = pytest.mark.skipif(not UNCOMPILED, reason="runs uncompiled only")
 
@@ -52,33 +52,23 @@ def test_damping_forces_are_the_slopes_of_rayleighs_function(method: str, drag: 
     of motion lose when damping is taken away. Bent and stretched, where the strains' rates are not linear in q."""
     formulation, options = METHODS[method]
     settings = Settings.make(formulation, dt=0.01, **options)
-    system = assemble(scene(drag), settings)
-    model, par, rng = system.model, system.par, np.random.default_rng(1)
-    moving = np.ones(len(system.q0), bool)
-    moving[list(model.fixed)] = False
-    if model.algebraic is not None:
-        moving[list(model.algebraic)] = False
-    q = system.q0 + 0.05 * moving * rng.standard_normal(len(moving))
-    v, x = moving * rng.standard_normal((2, len(moving)))
+    damped, without = (Equations(assemble(scene(own), settings)) for own in (drag, 0.0))
+    without.par[TAU_D] = 0.0
+    rng, moving = np.random.default_rng(1), np.ones(damped.n, bool)
+    moving[[*damped.model.fixed, *damped.constrained]] = False
+    q = damped.system.q0 + 0.05 * moving * rng.standard_normal(damped.n)
+    v, x = moving * rng.standard_normal((2, damped.n))
 
     def rayleigh(rates: np.ndarray) -> float:
-        return 0.5 * float(damping_work(SINGLE, model, par, q, rates, rates))
+        return 0.5 * float(damping_work(SINGLE, damped.model, damped.par, q, rates, rates))
 
     assert rayleigh(v) > 0.0
     slope = 0.5 * (rayleigh(v + x) - rayleigh(v - x))  # exact of a quadratic function
-    work = float(damping_work(SINGLE, model, par, q, v, x))
+    work = float(damping_work(SINGLE, damped.model, damped.par, q, v, x))
     assert abs(work) > 1e-3 * math.sqrt(rayleigh(v) * rayleigh(x))
     assert work == pytest.approx(slope, rel=1e-9)
-
-    def force(own: Any, tau_d: float) -> np.ndarray:
-        r, S, zero = np.zeros(len(q)), np.zeros(len(own.weight) ** 2 * 8), np.zeros(len(q))
-        mine = par.copy()
-        mine[TAU_D] = tau_d
-        inputs = np.zeros(own.n_inputs if isinstance(own.n_inputs, int) else len(own.n_inputs))
-        equations(SINGLE, own, mine, State(q, v, zero), inputs, np.zeros(0), 0, r, S)
-        return r
-
-    lost = force(model, par[TAU_D]) - force(assemble(scene(), settings).model, 0.0)
+    state = q, v, np.zeros(damped.n), np.zeros(damped.n_inputs)
+    lost = damped.residual(*state) - without.residual(*state)
     assert work == pytest.approx(float(x @ lost), rel=1e-8)
 
 
@@ -91,7 +81,6 @@ class Wrapped(ExactBeam):
 
 TIP_ANGLE, ELBOW = 8, 9
 """Rows of the second link's angles."""
-
 
 updates: list[int] = []
 
