@@ -15,6 +15,7 @@ from ..settings import Settings
 from .assembly import assemble
 from .elastica.chain import chain
 from .equations import read_gauges
+from .exact.layout import AXES, CHAIN, T
 from .exact.tables import functions
 from .floating import build as floating_chain
 from .model import System
@@ -30,16 +31,13 @@ def curvatures(
     scene: Scene, settings: Settings, names: Sequence[str], places: Sequence[Spot], q: Array
 ) -> Array:
     """(n, G) 1/m at each `Spot`, over what it is without stress, for states q (n, rows)."""
-    if scene.spatial and settings.formulation == "elastica":
-        like: Any = SimpleNamespace(q0=q[0], names=names)
-        return np.asarray(q @ strained_rows(scene, settings, like, places).T)
-    if scene.spatial:
-        out = np.empty((len(q), len(places)))
-        read_gauges(assemble(scene, settings).model, np.ascontiguousarray(q), gauges(scene, settings, places), out)
-        return out
-    like = SimpleNamespace(q0=q[0], names=names)
+    like: Any = SimpleNamespace(q0=q[0], names=names)
     rows = curvature_rows(scene, settings, like, places)
-    if any(link.curved for link in scene.arm.links):
+    if scene.spatial and settings.formulation != "elastica":
+        out = np.empty((len(q), len(places)))
+        read_gauges(assemble(scene, settings).model, np.ascontiguousarray(q), rows, out)
+        return out
+    if not scene.spatial and any(link.curved for link in scene.arm.links):
         q = q - assemble(scene, settings).q0
     return np.asarray(q @ rows.T)
 
@@ -84,8 +82,7 @@ def _elastica(scene: Scene, settings: Settings, system: System, link: int, s: fl
 def _exact(scene: Scene, settings: Settings, system: System, link: int, s: float) -> Array:
     """Vertices' angles and interior amplitudes, whose slopes are Legendre polynomials (`physics.exact.tables`)."""
     assert settings.elements is not None and settings.order is not None
-    elements, order, names = settings.elements, settings.order, list(system.names)
-    own = scene.arm.links[link]
+    elements, order, own = settings.elements, settings.order, scene.arm.links[link]
     length = own.length / elements
     e = min(int(s / length), elements - 1)
     xi = 2.0 * (s / length - e) - 1.0
@@ -94,18 +91,13 @@ def _exact(scene: Scene, settings: Settings, system: System, link: int, s: float
         e = int(np.clip(np.searchsorted(ends, s, side="right") - 1, 0, elements - 1))
         length = float(ends[e + 1] - ends[e])
         xi = 2.0 * (s - float(ends[e])) / length - 1.0
-    row = np.zeros(len(names))
-    row[names.index(f"link{link}.psi{e + 1}")] = 1.0 / length
-    if e > 0:
-        row[names.index(f"link{link}.psi{e}")] = -1.0 / length
-    elif link == 0:
-        row[names.index("joint0")] = -1.0 / length
-    else:
-        row[names.index(f"link{link - 1}.psi{elements}")] = -1.0 / length
-        row[names.index(f"joint{link}")] = -1.0 / length
-    slopes = functions(order, np.array([xi]))[1][:, 0]
-    for j in range(1, order):
-        row[names.index(f"link{link}.psi{e}.{j}")] = slopes[j] / length
+    row, at = np.zeros(len(system.q0)), CHAIN.offsets(0, scene.arm.n_links, elements, order)
+    left = at.elements + AXES * order * (elements * link + e) + T
+    right = left + AXES * order
+    row[[left, right]] = -1.0 / length, 1.0 / length
+    if e == 0 and link > 0:
+        row[at.hinges + link - 1] = -1.0 / length
+    row[left + AXES : right : AXES] = functions(order, np.array([xi]))[1][1:, 0] / length
     return row
 
 
@@ -121,9 +113,8 @@ def _floating(scene: Scene, settings: Settings, system: System, link: int, s: fl
             angles = body.shapes[:, 2] if body.stations[0] <= 0.0 else np.vstack([body.root, body.shapes[:, 2]])
             i = int(np.clip(np.searchsorted(x, s - start) - 1, 0, len(x) - 2))
             slope = (angles[i + 1] - angles[i]) / (x[i + 1] - x[i])
-            for k in range(body.n):
-                name = f"body{b}.q{k}" if settings.multipliers else f"link{link}.body{b - own[0]}.q{k}"
-                row[names.index(name)] = slope[k]
+            first = names.index(f"body{b}.q0" if settings.multipliers else f"link{link}.body{b - own[0]}.q0")
+            row[first : first + body.n] = slope
             break
         start += body.length
     return row

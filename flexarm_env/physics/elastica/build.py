@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flexarm_env.compiler import size
 from flexarm_env.parameters import Payload, Section
 from flexarm_env.physics.elastica.chain import Chain, Line, chain
 from flexarm_env.physics.elastica.layout import BENDS, DATA, ECCENTRIC, LOAD
@@ -29,13 +30,6 @@ HEAVIER = 1.0 / 60.0
 
 NO_PART = 1e-9
 """Share of the rigid link's inertia that rounding may leave in its correction."""
-
-
-def rest_angles(parts: Chain) -> Array | None:
-    """`Elastica.rest`."""
-    if not any(line.link.curved for line in parts.lines):
-        return None
-    return np.concatenate([line.rest for line in parts.lines])
 
 
 def bends(parts: Chain) -> Array:
@@ -97,11 +91,6 @@ def physical(model: Elastica) -> Elastica:
     return model._replace(data=data)
 
 
-def size(tag_or_number: int | tuple[int, ...]) -> int:
-    """The number that a size field stands for."""
-    return tag_or_number if isinstance(tag_or_number, int) else len(tag_or_number)
-
-
 def _end(chain_: Chain, load: PointLoad) -> dict[str, Array]:
     """The fields of `LOAD`."""
     s = _ends(chain_.lines[load.link])[load.end == "tip"]
@@ -135,8 +124,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     ends = [LOAD.pack(sizes, **_end(parts, load)) for load in scene.loads if isinstance(load, PointLoad)]
     tips = np.concatenate([line.tip_angle for line in parts.lines])
     stations = np.concatenate([parts.arms_to(k, _stations(line, points, k)) for k, line in enumerate(parts.lines)])
-    correction, carried = np.zeros_like(parts.R), _payload_arm(parts, arm.payload)
-    rest = rest_angles(parts)
+    correction, carried, rest = np.zeros_like(parts.R), _payload_arm(parts, arm.payload), parts.rest
     if settings.dt is not None:
         correction = phase_correction(parts, arm.payload.mass, carried, rest, settings.dt, settings)
     beta = np.zeros(m)

@@ -207,6 +207,13 @@ class Chain:
         """Nodes of a link."""
         return self.lines[0].n
 
+    @property
+    def rest(self) -> Array | None:
+        """Angles of the nodes without stress from that of their link's root (Nn,), rad; None: straight links."""
+        if not any(line.link.curved for line in self.lines):
+            return None
+        return np.concatenate([line.rest for line in self.lines])
+
     def arms_to(self, link: int, s: Array) -> Array:
         """Weights (len(s), Nn) in m with which the unit tangents add up to the points at s on a link."""
         n, weights = self.n, np.zeros((len(s), self.w.size))

@@ -136,9 +136,9 @@ class _Modes:
         self.scene, self.chain, arm = scene, chain, scene.arm
         n, m = chain.n, chain.w.size
         payload = arm.payload
-        self.angles = np.repeat(scene.angles, n)
-        if any(link.curved for link in arm.links):
-            self.angles = self.angles + np.concatenate([line.rest for line in chain.lines])
+        self.angles, rest = np.repeat(scene.angles, n), chain.rest
+        if rest is not None:
+            self.angles = self.angles + rest
         self.along = np.array([np.cos(self.angles), np.sin(self.angles)])  # unit tangents at the nodes
         self.across = np.array([-np.sin(self.angles), np.cos(self.angles)])
         self.own = [slice(k * n, (k + 1) * n) for k in range(arm.n_links)]  # nodes of each link
