@@ -17,7 +17,7 @@ from .elastica.chain import chain
 from .equations import read_gauges
 from .exact.layout import AXES, CHAIN, T
 from .exact.tables import functions
-from .floating import build as floating_chain
+from .floating.build import bodies_of
 from .model import System
 from .space.gauges import gauges, strained_rows
 from .space.layout import GAUGE
@@ -102,18 +102,16 @@ def _exact(scene: Scene, settings: Settings, system: System, link: int, s: float
 
 
 def _floating(scene: Scene, settings: Settings, system: System, link: int, s: float) -> Array:
-    bodies, links = floating_chain._bodies(scene.arm, settings)
-    names, row = list(system.names), np.zeros(len(system.q0))
-    own = [b for b, k in enumerate(links) if k == link]
-    start = 0.0
-    for b in own:
-        body = bodies[b]
-        if s <= start + body.length * (1.0 + 1e-12) or b == own[-1]:
+    segments, row, start = settings.segments or 1, np.zeros(len(system.q0)), 0.0
+    own = bodies_of(scene.arm, settings)[link * segments : (link + 1) * segments]
+    for b, body in enumerate(own):
+        if s <= start + body.length * (1.0 + 1e-12) or body is own[-1]:
             x = np.concatenate([[0.0], body.stations]) if body.stations[0] > 0.0 else body.stations
             angles = body.shapes[:, 2] if body.stations[0] <= 0.0 else np.vstack([body.root, body.shapes[:, 2]])
             i = int(np.clip(np.searchsorted(x, s - start) - 1, 0, len(x) - 2))
             slope = (angles[i + 1] - angles[i]) / (x[i + 1] - x[i])
-            first = names.index(f"body{b}.q0" if settings.multipliers else f"link{link}.body{b - own[0]}.q0")
+            name = f"body{link * segments + b}.q0" if settings.multipliers else f"link{link}.body{b}.q0"
+            first = system.names.index(name)
             row[first : first + body.n] = slope
             break
         start += body.length

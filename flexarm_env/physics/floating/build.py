@@ -3,8 +3,8 @@
 Each link is cut into `segments` bodies joined rigidly, of finite elements or reduced to `modes`.
 """
 
+import itertools
 from copy import deepcopy
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -81,16 +81,14 @@ def _cut(link: Link, segments: int) -> list[Link]:
     if segments > len(link.jumps):
         return link.cut(segments, "segments")
     ends = np.linspace(0.0, link.length, segments + 1).tolist()
-    return [link.part(a, b) for a, b in pairwise(ends)]
+    return [link.part(a, b) for a, b in itertools.pairwise(ends)]
 
 
-def _bodies(arm: Arm, settings: Settings) -> tuple[list[Body], list[int]]:
-    """Bodies root to tip with hub and elbows lumped (the payload stays an arm's own parameter), and their links."""
+def bodies_of(arm: Arm, settings: Settings) -> list[Body]:
+    """Bodies root to tip, equally many a link, with hub and elbows lumped (the payload stays an arm's own)."""
     bodies: list[Body] = []
-    links: list[int] = []
-    frame = settings.frame or "root"
+    frame, segments = settings.frame or "root", settings.segments or 1
     for k, link in enumerate(arm.links):
-        segments = settings.segments or 1
         parts = _cut(link, segments)
         if settings.modes is not None:
             rests = [sum(part.length for part in parts[i + 1 :]) for i in range(segments)]
@@ -109,18 +107,17 @@ def _bodies(arm: Arm, settings: Settings) -> tuple[list[Body], list[int]]:
             mass = 0.0 if _rigid(arm) else arm.elbow(k + 1).mass
             pieces[-1].add_tip_mass(mass, arm.elbow(k + 1).inertia_left)
         bodies += pieces
-        links += [k] * len(pieces)
-    return bodies, links
+    return bodies
 
 
-def _limits(scene: Scene, bodies: list[Body], links: list[int], reduced: bool) -> list[float]:
+def _limits(scene: Scene, bodies: list[Body], reduced: bool) -> list[float]:
     """Loss of inertia about its root (kg m^2) that each body may suffer; any where its angle is prescribed."""
     if not reduced:
         return [np.inf] * len(bodies)
-    arm, limits = scene.arm, []
+    arm, limits, segments = scene.arm, [], len(bodies) // scene.arm.n_links
     held = {motion.joint for motion in scene.motions} | set(scene.rigid_joints)
     for k in range(arm.n_links):
-        own = [body for body, link in zip(bodies, links, strict=True) if link == k]
+        own = bodies[k * segments : (k + 1) * segments]
         payload = arm.payload if k + 1 == arm.n_links else Payload()
         limits += inertia_margins(own, payload, k > 0 or scene.root == "free", k in held)
     return [MARGIN_LOST * limit for limit in limits]
@@ -187,17 +184,15 @@ def _block(
     )  # fmt: skip
 
 
-def _shared(
-    scene: Scene, settings: Settings, bodies: list[Body], links: list[int], offsets: NDArray[np.float64]
-) -> dict[str, Any]:
+def _shared(scene: Scene, settings: Settings, bodies: list[Body], offsets: NDArray[np.float64]) -> dict[str, Any]:
     """Fields that `FloatingChain` and `FloatingFrame` both have. offsets: angles of the rigid joints, rad."""
     arm, mesh = scene.arm, _mesh(bodies, scene.arm, settings)
     assert settings.frame is not None
-    limits = _limits(scene, bodies, links, settings.modes is not None)
-    shares = arm.damping[1] or (1.0,) * arm.n_links
+    limits, segments = _limits(scene, bodies, settings.modes is not None), settings.segments or 1
+    shares = np.repeat(arm.damping[1] or (1.0,) * arm.n_links, segments)
     blocks = [
-        _block(body, mesh, settings.frame, arm.mass_damping, shares[link], offset, limit)
-        for body, link, offset, limit in zip(bodies, links, offsets, limits, strict=True)
+        _block(body, mesh, settings.frame, arm.mass_damping, share, offset, limit)
+        for body, share, offset, limit in zip(bodies, shares, offsets, limits, strict=True)
     ]
     point_loads = [load for load in scene.loads if isinstance(load, PointLoad)]
     return {
@@ -205,7 +200,7 @@ def _shared(
         "correction": None,
         "mesh": mesh,
         "links": arm.n_links,
-        "segments": settings.segments or 1,
+        "segments": segments,
         "block": blocks[0].size,
         "bound": 0.0 if settings.modes is None else MODAL_BOUND,
         "data": np.concatenate(blocks),
@@ -217,10 +212,10 @@ def _shared(
 def _chain(scene: Scene, settings: Settings) -> System:
     """The scene's chain without multipliers."""
     arm = scene.arm
-    bodies, links = _bodies(arm, settings)
-    n, count, segments = bodies[0].n, len(bodies), settings.segments or 1
-    names = ["root_x", "root_y", "joint0"]
-    names += [f"link{k}.body{b % segments}.q{i}" for b, k in enumerate(links) for i in range(n)]
+    bodies = bodies_of(arm, settings)
+    n, count = bodies[0].n, len(bodies)
+    each = itertools.product(range(arm.n_links), range(settings.segments or 1), range(n))
+    names = ["root_x", "root_y", "joint0", *(f"link{k}.body{b}.q{i}" for k, b, i in each)]
     names += [f"joint{k}" for k in range(1, arm.n_links)]
     coordinates = {name: names.index(name) for name in ["root_x", "root_y", *[f"joint{k}" for k in range(arm.n_links)]]}
     q0, weight = np.zeros(len(names)), np.ones(len(names))
@@ -248,7 +243,7 @@ def _chain(scene: Scene, settings: Settings) -> System:
         table=None,
         jointed=(0,) if arm.jointed else None,
         eccentric=np.array(arm.payload.offset) if arm.payload.eccentric else None,
-        **_shared(scene, settings, bodies, links, np.zeros(count)),
+        **_shared(scene, settings, bodies, np.zeros(count)),
     )
     return System.of(arm, model, q0, coordinates, names, ((0, 1),), (ANGLE,))
 
@@ -267,62 +262,52 @@ def _sizes(body: Body, settings: Settings, arm: Arm) -> NDArray[np.float64]:
 
 def _joined(scene: Scene, settings: Settings) -> System:
     """The scene's bodies joined by multipliers: the paper's own form."""
-    arm = scene.arm
-    bodies, links = _bodies(arm, settings)
-    count = len(bodies)
-    sizes = np.array([body.n for body in bodies], dtype=np.int64)
+    arm, bodies, segments = scene.arm, bodies_of(scene.arm, settings), settings.segments or 1
+    n, count = bodies[0].n, len(bodies)
+    links = np.arange(count) // segments
+    rows, angle, offset = np.full(count, 3), np.full(count, -1), np.zeros(count)  # of the joint behind each body
+    rows[-1] = 0
+    coordinates = {"root_x": 0, "root_y": 1, "joint0": 2}
     motions = [motion.coordinate for motion in scene.motions]
-    rows, angle, offset = np.zeros(count, np.int64), np.full(count, -1, np.int64), np.zeros(count)
-    start = np.zeros(count + 1, np.int64)
-    algebraic: list[int] = []
-    coordinates: dict[str, int] = {"root_x": 0, "root_y": 1, "joint0": 2}
-    names: list[str] = []
-    for b in range(count):
-        names += [f"body{b}.{what}" for what in ("x", "y", "theta")]
-        names += [f"body{b}.q{i}" for i in range(bodies[b].n)]
-        if b + 1 < count:
-            rows[b] = 3
-            if links[b + 1] != links[b]:
-                joint = links[b + 1]
-                if joint in scene.rigid_joints:
-                    offset[b] = scene.angles[joint] - scene.angles[joint - 1]
-                elif f"joint{joint}" in motions:
-                    angle[b] = motions.index(f"joint{joint}")
-                    coordinates[f"joint{joint}"] = -1 - (len(algebraic) + 2)
-                else:
-                    rows[b] = 2
-            first = start[b] + 3 + sizes[b]
-            algebraic += range(first, first + rows[b])
-            names += [f"joint{b}.lambda{i}" for i in range(rows[b])]
-        start[b + 1] = start[b] + 3 + sizes[b] + rows[b]
-    n = int(start[-1])
-    half = max(max(ELASTIC + sizes[b] + rows[b] - 1, rows[b] + 2) for b in range(count))
+    for joint in range(1, arm.n_links):
+        b, name = joint * segments - 1, f"joint{joint}"  # b: the body before it
+        if joint in scene.rigid_joints:
+            offset[b] = scene.angles[joint] - scene.angles[joint - 1]
+        elif name in motions:
+            angle[b] = motions.index(name)
+            coordinates[name] = -1 - (int(rows[:b].sum()) + 2)
+        else:
+            rows[b] = 2
+    start = np.cumsum([0, *(ELASTIC + n + rows)])
+    size = int(start[-1])
+    half = ELASTIC + n + int(rows.max()) - 1
     fixed = [k for k, name in ((0, "root_x"), (1, "root_y")) if scene.root == "pinned" and name not in motions]
-    q0, weight = np.zeros(n), np.ones(n)
+    q0, weight, names = np.zeros(size), np.ones(size), list[str]()
     x, y = scene.position
-    for b, body in enumerate(bodies):
-        theta = scene.angles[links[b]]
-        q0[start[b] : start[b] + ELASTIC] = x, y, theta
+    for b, (body, at, theta) in enumerate(zip(bodies, start, np.take(scene.angles, links), strict=False)):
+        q0[at : at + ELASTIC] = x, y, theta
         x, y = x + body.length * np.cos(theta), y + body.length * np.sin(theta)
-        weight[start[b] : start[b] + ANGLE] = 1.0 / arm.total_length
-        elastic = slice(start[b] + ELASTIC, start[b] + ELASTIC + body.n)
-        weight[elastic] = _sizes(body, settings, arm)
+        weight[at : at + ANGLE] = 1.0 / arm.total_length
+        weight[at + ELASTIC : at + ELASTIC + n] = _sizes(body, settings, arm)
+        names += [f"body{b}.{what}" for what in ("x", "y", "theta", *(f"q{i}" for i in range(n)))]
+        names += [f"joint{b}.lambda{i}" for i in range(rows[b])]
+    algebraic = [row for end, own in zip(start[1:], rows, strict=True) for row in range(end - own, end)]
     table = np.zeros((count, ROW.places.end), np.int64)
-    columns = {"start": start[:-1], "size": sizes, "link": links, "multipliers": rows, "motion": angle}
+    columns = {"start": start[:-1], "size": n, "link": links, "multipliers": rows, "motion": angle}
     for name, values in columns.items():
         table[:, getattr(ROW.places, name)] = values
     model = FloatingFrame(
-        n=n,
-        n_factor=n * (3 * int(half) + 2) + FACTORS.offsets(0, bodies[0].n).end,
+        n=size,
+        n_factor=size * (3 * half + 2) + FACTORS.offsets(0, n).end,
         fixed=np.array(fixed, np.int64),
         algebraic=np.array(algebraic, np.int64),
         weight=weight,
         predictor=1.0,
-        half=int(half),
+        half=half,
         rigid=None,
         eccentric=None,
         table=table,
-        **_shared(scene, settings, bodies, links, offset),
+        **_shared(scene, settings, bodies, offset),
     )
     vectors = tuple((int(row), int(row) + 1) for row in start[:-1])
     return System.of(arm, model, q0, coordinates, names, vectors, [int(row) + ANGLE for row in start[:-1]])
