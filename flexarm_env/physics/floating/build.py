@@ -167,7 +167,6 @@ def _block(
 ) -> NDArray[np.float64]:
     """A body's block of `data`."""
     n, elements = body.n, len(mesh.elements)
-    moment, q0 = (x if x.size else np.zeros(n) for x in (body.moment, body.q0))
     stations = np.array([
         STATION.pack({"n": n}, x=x, u=shape[0], v=shape[1], H=h)
         for x, shape, h in zip(body.stations, body.shapes, body.station_h, strict=True)
@@ -179,7 +178,8 @@ def _block(
         S_bar_x=body.s_bar[0], S_bar_y=body.s_bar[1], c_u=body.c_u, c=body.c,
         tip_u=body.tip[0], tip_v=body.tip[1], tip_phi=body.tip[2],
         G=body.g, M_ff=body.m_ff, B=body.b, K_axial=body.k_axial, K_bend=body.k_bend, D0=body.d0, tip_H=body.tip_h,
-        drag=drag, damped=damped, root=body.root, stations=in_lanes, moment=moment, spent=0.5 * moment @ q0,
+        drag=drag, damped=damped, root=body.root, stations=in_lanes,
+        moment=body.moment, spent=0.5 * body.moment @ body.q0,
         spans=[_span(body, e, n, mesh, frame) for e in range(elements)],
     )  # fmt: skip
 
@@ -222,27 +222,26 @@ def _chain(scene: Scene, settings: Settings) -> System:
     q0[:2], q0[2] = scene.position, scene.angles[0]
     for k in range(1, arm.n_links):
         q0[-arm.n_links + k] = scene.initial_value(f"joint{k}")
-    for b, body in enumerate(bodies):
-        if body.q0.size:
-            q0[ELASTIC + n * b : ELASTIC + n * (b + 1)] = body.q0
+    elastic = slice(ELASTIC, ELASTIC + n * count)
+    q0[elastic] = np.concatenate([body.q0 for body in bodies])
     weight[:2] = 1.0 / arm.total_length
-    weight[ELASTIC : ELASTIC + n * count] = np.concatenate([_sizes(body, settings, arm) for body in bodies])
+    weight[elastic] = np.concatenate([_sizes(body, settings, arm) for body in bodies])
+    rigid, eccentric = _rigid(arm), arm.payload.eccentric
     model = FloatingChain(
         n=len(names),
         n_factor=ROOT.end
         + JOINT.end * (arm.n_links - 1)
         + count * FACTORS.offsets(0, n).end
-        + (2 * arm.n_links if _rigid(arm) or arm.payload.eccentric else 0) * LEVER_FACTORS.places.end
-        + arm.payload.eccentric * LEVER_FACTORS.places.end,
+        + ((rigid or eccentric) * 2 * arm.n_links + eccentric) * LEVER_FACTORS.places.end,
         fixed=fixed_rows(scene, coordinates),
         algebraic=None,
         weight=weight,
         # with stretch, what Newton leaves is small in length but not in force: nothing is trusted
         predictor=1.0 if settings.modes is None else (1.0, 10.0),
-        rigid=levers(arm) if _rigid(arm) else None,
+        rigid=levers(arm) if rigid else None,
         table=None,
         jointed=(0,) if arm.jointed else None,
-        eccentric=np.array(arm.payload.offset) if arm.payload.eccentric else None,
+        eccentric=np.array(arm.payload.offset) if eccentric else None,
         **_shared(scene, settings, bodies, np.zeros(count)),
     )
     return System.of(arm, model, q0, coordinates, names, ((0, 1),), (ANGLE,))

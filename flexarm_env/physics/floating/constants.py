@@ -42,13 +42,13 @@ class Body:
     tip: Array  # (3, n) u, v, phi at the tip
     tip_h: Array  # (n, n) 1/m: foreshortening of the tip, u -= q'H q / 2; zero for finite elements
     root: Array  # (n,) rho: the root section is turned by rho'q against the frame; zero where it is clamped to it
+    shapes: Array  # (s, 3, n) u, v, phi at drawing stations
+    stations: Array  # (s,) m: x of those stations
+    station_h: Array  # (s, n, n) foreshortening there
+    moment: Array  # (n,): K_bend q without stress
+    q0: Array  # (n,): that q
     element_ea: Array = field(default_factory=lambda: np.zeros(0))  # EA / l of each element, N/m
     element_g: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))  # 1/m: G of [45]; H for von Karman
-    shapes: Array = field(default_factory=lambda: np.zeros((0, 3, 0)))  # u, v, phi at drawing stations, (s, 3, n)
-    stations: Array = field(default_factory=lambda: np.zeros(0))  # x of those stations, m
-    station_h: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))  # foreshortening there, (s, n, n)
-    moment: Array = field(default_factory=lambda: np.zeros(0))  # (n,): K_bend q without stress; empty: straight
-    q0: Array = field(default_factory=lambda: np.zeros(0))  # (n,): that q
 
     @property
     def n(self) -> int:
@@ -155,17 +155,17 @@ def _bending_moments(parts: list[Element]) -> Array:
     return total
 
 
-def _natural(link: Link, parts: list[Element], k_bend: Array, stretching: Any, free: Any) -> tuple[Array, Array]:
-    """`Body.moment` and `Body.q0`: bending of least energy, and no stretch (`coupling_matrix`); empty: straight."""
+def _natural(link: Link, parts: list[Element], k_bend: Array, stretching: Any, free: Any) -> Array:
+    """`Body.moment` and `Body.q0`: bending of least energy, and no stretch (`coupling_matrix`)."""
     if not link.curved:
-        return np.zeros(0), np.zeros(0)
+        return np.zeros((2, len(free)))
     moment, q = _bending_moments(parts), np.zeros(k_bend.shape[0])
     bends = np.array([i for i in free if i % 3])
     q[bends] = np.linalg.solve(k_bend[np.ix_(bends, bends)], moment[bends])
     for e, part in enumerate(parts):
         w = q[3 * e + BENDING]
         q[3 * e + 3] = q[3 * e] - 0.5 * w @ stretching(part.section, part.length) @ w
-    return (k_bend @ q)[free], q[free]
+    return np.array([k_bend @ q, q])[:, free]
 
 
 def _drawing_stations(parts: list[Element]) -> tuple[Array, Array]:

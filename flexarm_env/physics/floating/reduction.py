@@ -142,8 +142,8 @@ def modal_body(
         shapes=np.array(shapes),
         stations=np.array(stations),
         station_h=np.array(station_h),
-        moment=moment if link.curved else np.zeros(0),
-        q0=np.asarray(np.linalg.solve(k, moment), np.float64) if link.curved else np.zeros(0),
+        moment=moment,
+        q0=np.asarray(np.linalg.solve(k, moment), np.float64) if link.curved else np.zeros(n),
     )
 
 
