@@ -183,7 +183,7 @@ def traced(function: Any) -> Any:
 
 
 def unrolled(function: Any) -> Any:
-    """Straight-line code of a kernel that returns nothing and has arguments `lane` and `model`, sizes permitting."""
+    """Straight-line code of a kernel of `lane`, `model`, ... that returns a tuple or nothing, sizes permitting."""
     if UNCOMPILED:
         return function
 
