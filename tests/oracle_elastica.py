@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import eval_jacobi
 
-from flexarm_env.parameters import Arm
+from flexarm_env.scene import PointLoad, Scene
 from tests.oracle_lagrange import STEP, Lagrange
 
 Array = NDArray[Any]
@@ -31,25 +31,15 @@ def oracle_nodes(n: int, tip: bool) -> Array:
 
 
 class Oracle(Lagrange):
-    """Chain of an arm with n nodes a link; coordinates as in the package: joint and node angles, x, y if free.
+    """A scene's chain with n nodes a link; coordinates as in the package: joint and node angles, x, y if `free`.
 
-    x and y are those of the root, or of the centre of mass (`centred`).
+    x and y are those of the root, or in free flight of the centre of mass.
     """
 
-    def __init__(
-        self,
-        arm: Arm,
-        n: int,
-        *,
-        free: bool = False,
-        centred: bool = False,
-        gravity: tuple[float, float] | None = None,
-        loads: tuple[tuple[int, str], ...] = (),
-        points: int = 40,
-    ) -> None:
-        self.arm, self.nodes, self.free, self.gravity, self.loads = arm, n, free, gravity, loads
-        self.centred = centred
-        x, self.weights = np.polynomial.legendre.leggauss(points)
+    def __init__(self, scene: Scene, n: int, free: bool = False) -> None:
+        self.scene, self.nodes, self.free, arm = scene, n, free, scene.arm
+        self.arm = arm
+        x, self.weights = np.polynomial.legendre.leggauss(40)
         self.values, self.slopes, self.integrals, self.tips, self.ends, self.ds = [], [], [], [], [], []
         for k, link in enumerate(arm.links):
             at = oracle_nodes(n, k < arm.n_links - 1)
@@ -103,7 +93,7 @@ class Oracle(Lagrange):
             roots = pair[0]["tip"], pair[1]["tip"]
         for which, x in enumerate((q, v) if self.free else ()):
             fields = [pair[which] for pair in links]
-            move = np.array(x[..., -2:]) - (self.centre(fields) if self.centred else 0.0)
+            move = np.array(x[..., -2:]) - (self.centre(fields) if self.scene.root == "free" else 0.0)
             for link in fields:
                 link["r"] = link["r"] + move[..., None]
                 link["root"], link["tip"] = link["root"] + move, link["tip"] + move
@@ -143,7 +133,7 @@ class Oracle(Lagrange):
 
     def potential(self, q: Array) -> Array:
         """Strain and gravity energy."""
-        total, g = self.strain(q), np.array(self.gravity or (0.0, 0.0))
+        total, g = self.strain(q), np.array(self.scene.gravity or (0.0, 0.0))
         for k, (link, _) in enumerate(self.walk(q, q)):
             mass = self.arm.payload.mass if k == self.arm.n_links - 1 else self.arm.elbow(k + 1).mass
             weight = self.arm.links[k].section.m * (g @ link["r"]) @ self.ds[k] + mass * (link["tip"] @ g)
@@ -158,6 +148,6 @@ class Oracle(Lagrange):
         """What each input works on: joint angles, then position and angle of each load's point."""
         links = [link for link, _ in self.walk(q, q)]
         out = [q[..., k * self.nodes, None] for k in range(self.arm.n_links)]
-        for k, end in self.loads:
-            out += [links[k][end], links[k][f"{end}_angle"][..., None]]
+        for load in (item for item in self.scene.loads if isinstance(item, PointLoad)):
+            out += [links[load.link][load.end], links[load.link][f"{load.end}_angle"][..., None]]
         return np.concatenate(out, axis=-1)

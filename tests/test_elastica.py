@@ -107,15 +107,14 @@ def test_against_scipy_and_order_two() -> None:
     """Steps approach what SciPy makes of the oracle's equations, at second order."""
     link = Link(1.0, Section(EI=0.4, EA=1e6, C=1e6, m=0.5, J=1e-3))
     arm = Arm("soft", (link,), hub_inertia=0.05, payload=Payload(0.1, 1e-3), tau_d=2e-3)
-    times = np.array([0.0, 0.3])
-    truth = Oracle(arm, 3).run(np.zeros(3), np.zeros(3), lambda t: np.array([1.2 * np.sin(9.0 * t)]), times)[-1]
-    errors = []
+    scene, times = Scene("s", arm, duration=0.3, dt=0.01, loads=(JointTorque(0, sine(1.2, 9.0)),)), np.array([0.0, 0.3])
+    oracle, errors = Oracle(scene, 3), []
+    truth = oracle.run(np.zeros(3), np.zeros(3), lambda t: np.array([1.2 * np.sin(9.0 * t)]), times)[-1]
+    tip = oracle.walk(truth[:3], truth[3:])[-1][0]["tip"]
+    assert np.abs(truth[:3]).max() > 0.3
     for dt in (0.01, 0.005, 0.0025):
-        scene = Scene("s", arm, duration=0.3, dt=dt, loads=(JointTorque(0, sine(1.2, 9.0)),))
-        run = simulate(scene, "elastica", nodes=3, sample=0.3)
+        run = simulate(scene, "elastica", nodes=3, dt=dt, sample=0.3)
         assert run.status == "ok"
-        tip = Oracle(arm, 3).walk(truth[:3], truth[3:])[-1][0]["tip"]
-        assert np.abs(truth[:3]).max() > 0.3
         errors.append(float(np.hypot(*(run.tip[-1, :2] - tip))))
     assert errors[2] < 1e-4
     assert np.log2(errors[1] / errors[2]) == pytest.approx(2.0, abs=0.35)

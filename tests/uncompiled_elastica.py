@@ -62,9 +62,9 @@ CASES = [
 @pytest.fixture(params=CASES, ids=lambda case: "-".join(str(x) for x in case[:3]))
 def case(request: Any) -> tuple[Equations, Oracle, States]:
     count, n, root, gravity, loads, bare = request.param
-    s = system(scene(count, root, gravity, loads, bare), n)
-    moving = s.n > count * n
-    oracle = Oracle(arm(count, bare), n, free=moving, centred=root == "free", gravity=gravity, loads=loads)
+    where = scene(count, root, gravity, loads, bare)
+    s = system(where, n)
+    oracle = Oracle(where, n, free=s.n > count * n)
     rng = np.random.default_rng(4)
     q, v, a = rng.normal(size=(3, s.n))
     return s, oracle, (q, v, a, rng.normal(size=s.n_inputs))
