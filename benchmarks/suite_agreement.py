@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.machine import DOCS, table, write_text
-from benchmarks.pages import filled
+from benchmarks.machine import DOCS, table
+from benchmarks.pages import write_page
 from flexarm_env import suite
 from flexarm_env.suite.results import Results, folder_of, of_the_protocol, values
 
@@ -56,8 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{name.strip('`'):20} {pairs:6} pairs {share:>7}  {enough.strip('*')}")
     if options.results == DOCS / "results" / "suite":
         lines = table("task | pairs | the success pays more | ≥ 95 % of ≥ 30", found)
-        page = DOCS / "results" / "suite_agreement.md"
-        write_text(page, filled(page.read_text(encoding="utf-8"), "suite_agreement", {"pairs": lines}))
+        write_page(DOCS / "results", "suite_agreement", {"pairs": lines})
     return int(any(enough == "**no**" for *_, enough in found))
 
 
