@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .parameters import Arm, Link
 from .scene import Scene
-from .settings import MOST_ELEMENTS, Settings
+from .settings import MOST_ELEMENTS, Settings, steps_in
 from .validation import Array
 
 _SAME_TIME = 1e-9
@@ -209,8 +209,7 @@ def in_steps(scene: Scene, settings: Settings, end: float, sample: float) -> Set
 
 def _stretches(scene: Scene, end: float, sample: float) -> Array:
     """Lengths (s) between samples and kinks."""
-    counts = max(1, math.ceil(end / sample * (1.0 - 1e-9)))
-    samples = np.minimum(np.arange(1.0, counts + 1.0) * sample, end)
+    samples = np.minimum(np.arange(1.0, steps_in(end, sample) + 1.0) * sample, end)
     kinks = np.array([k for k in scene.kinks if k < end], np.float64)
     return np.diff(np.union1d(samples, kinks), prepend=0.0)
 
@@ -229,7 +228,7 @@ def _step_of(lengths: Array, settings: Settings, sample: float) -> float:
     if settings.formulation == "elastica":
         order = np.argsort(steps)
         found = float(steps[order][np.searchsorted(np.cumsum(lengths[order]), 0.1 * lengths.sum())])
-    for known in (dt, sample / max(1, math.ceil(sample / dt * (1.0 - 1e-9)))):
+    for known in (dt, sample / steps_in(sample, dt)):
         if abs(found - known) <= 1e-9 * known:
             return known
     return found

@@ -224,12 +224,17 @@ class Settings:
         assert self.dt is not None
         if check.number("discrete", period, "s", above=0.0) / self.dt > MOST_STEPS:
             raise check.InvalidValue("discrete", period, f"must be at most {MOST_STEPS} steps of dt = {self.dt:g} s")
-        dt = period / max(1, math.ceil(period / self.dt * (1.0 - 1e-9)))
+        dt = period / steps_in(period, self.dt)
         return self if abs(dt - self.dt) <= 1e-9 * dt else dataclasses.replace(self, dt=dt)
 
     def with_dt(self, dt: float) -> Settings:
         """These settings with the step ``dt`` where none was given."""
         return self if self.dt is not None else dataclasses.replace(self, dt=dt)
+
+
+def steps_in(time: float, dt: float) -> int:
+    """In how many steps of at most dt (s) a time (s) is gone through."""
+    return max(1, math.ceil(time / dt * (1.0 - 1e-9)))
 
 
 def merged(base: dict[str, Any], options: dict[str, Any]) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from .runtime.keeping import keep
 from .runtime.layout import fit_rooms
 from .runtime.sampling import ANEW, AT_KINK, GOES_ON, NEAR, SAMPLE, STRETCH, gained, observe_arm, sample_rows
 from .scene import Scene, computed
-from .settings import Settings
+from .settings import Settings, steps_in
 from .spatial import placed
 from .trajectory import Trajectory, check_work, recorded, tips_of
 from .validation import Array
@@ -186,7 +186,7 @@ class Simulation:
         What is recorded at a kink is the state just before it. progress: called with the share done. Returns the fields
         of m samples (`runtime.sampling.SAMPLE`), an instant a row, and points along the chain (m, P, 2).
         """
-        count = max(1, math.ceil(end / interval * (1.0 - 1e-9)))
+        count = steps_in(end, interval)
         instants = np.arange(count + 1.0) * interval
         instants[0], instants[-1] = self.t, min(count * interval, end)
         return self._samples(self._stretch(ENERGY_LIMIT), instants, progress)

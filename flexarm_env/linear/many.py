@@ -16,7 +16,7 @@ from ..physics.layout import POSE
 from ..physics.model import Elastica, System
 from ..runtime import linearized
 from ..runtime.layout import aligned
-from ..settings import Settings
+from ..settings import Settings, steps_in
 from ..tasks.program import PARAMETERS
 from ..validation import Array
 from .state_space import LinearModel
@@ -74,7 +74,7 @@ class Linearizer:
             discrete = check.number("discrete", discrete, "s", above=0.0)
         self.system, self.links, self.n, self.discrete = system, links, n, discrete
         rows = size(model.n)
-        steps = 0 if discrete is None else max(1, math.ceil(discrete / settings.dt * (1.0 - 1e-9)))
+        steps = 0 if discrete is None else steps_in(discrete, settings.dt)
         columns, shown = 2 * rows + links, int(uncompiled(linearized.outputs_of)(links))
         wide, work = dual(WIDEST, AT_ONCE), int(uncompiled(work_size)(1, model, 0))
         chunks, room = -(-columns // AT_ONCE), uncompiled(linearized.room)

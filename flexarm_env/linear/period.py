@@ -4,7 +4,6 @@ What a step does is then differentiated as it is computed, with multipliers, wit
 rotations, which depend, in second order of what a step turns by, on Newton's way.
 """
 
-import math
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from ..physics.integrator.step import advance
 from ..physics.integrator.work import Work, unpack, work_size
 from ..physics.layout import HALVINGS
 from ..physics.model import MESSAGE, OK, Scheme
+from ..settings import steps_in
 from ..simulation import Simulation
 from ..validation import Array
 from .equations import Point, Rows
@@ -45,7 +45,7 @@ def steps_of(simulation: Simulation, dt: float) -> tuple[int, float]:
     kinks = [t for t in simulation.scene.kinks if simulation.t + 1e-12 < t < end - 1e-12]
     if kinks:
         raise check.InvalidValue("discrete", dt, f"must not reach past the scene's kink at t = {kinks[0]:g} s")
-    steps = max(1, math.ceil(dt / simulation.dt * (1.0 - 1e-9)))
+    steps = steps_in(dt, simulation.dt)
     return steps, dt / steps
 
 
