@@ -59,9 +59,11 @@ def measure(lane, p, stream, arm, poses, record, seen, first):
         c = _encoders(lane, p, instruments, who, poses, record, seen)
         _turned(lane, p, instruments, who, poses, record, seen)
         at = _goals(lane, p, instruments, who, at, poses, record, seen)
-        at, c = _accelerometer(lane, p, instruments, who, at, c, poses, record, seen)
-        at, c = _gyroscope(lane, p, instruments, who, at, c, poses, record, seen)
-        at, c = _camera(lane, p, instruments, who, at, c, poses, record, seen)
+        felt = _acceleration(lane, p, instruments, who, c, poses, record)
+        for readings in (felt, _spin(lane, p, instruments, who, poses), _picture(lane, p, instruments, who, poses)):
+            for value in readings:
+                _show(lane, instruments, who, at, c, record, seen, value)
+                at, c = at + 1, c + 1
         _gauges(lane, p, instruments, who, c, record, seen)
 
 
@@ -181,43 +183,38 @@ def _of_tip(lane, p, who, poses, field):
 
 
 @kernel
-def _accelerometer(lane, p, instruments, who, at, c, poses, record, seen):
-    """Along the tip's tangent and across it, in space along its axes; returns the next entry and channel."""
+def _acceleration(lane, p, instruments, who, c, poses, record):
+    """What an accelerometer feels along the tip's tangent and across it, in space along its axes; c: its channel."""
     accelerometer = instruments.accelerometer
-    if accelerometer is not None:
-        if size(p.task.targets) == 3:
-            found = specific_force(
-                lane, record, who.base, instruments.room, c, who.i, _of_tip(lane, p, who, poses, SPACE_POSE.tip),
-                _of_tip(lane, p, who, poses, SPACE_POSE.turn), _of_tip(lane, p, who, poses, SPACE_POSE.velocity),
-                _of_tip(lane, p, who, poses, SPACE_POSE.spin), instruments.period,
-                (accelerometer[0], accelerometer[1], accelerometer[2]), who.first,
-            )  # fmt: skip
-            for d in range(3):
-                _show(lane, instruments, who, at + d, c + d, record, seen, found[d] / accelerometer[3])
-            return at + 3, c + 3
-        i, o, room = who.i, POSE.end * (size(p.task.links) - 1), instruments.room
-        x, vx = pick(lane, poses, o + POSE.tip_x, i), pick(lane, poses, o + POSE.tip_vx, i)
-        y, vy = pick(lane, poses, o + POSE.tip_y, i), pick(lane, poses, o + POSE.tip_vy, i)
-        angle, rate = pick(lane, poses, o + POSE.tip_angle, i), pick(lane, poses, o + POSE.tip_rate, i)
-        along, across = tip_acceleration(
-            lane, record, who.base, room, c, i, x, y, angle, vx, vy, rate, instruments.period, accelerometer[0],
-            accelerometer[1], who.first,
+    if accelerometer is None:
+        return ()
+    i, room, period = who.i, instruments.room, instruments.period
+    if size(p.task.targets) == 3:
+        x, y, z = specific_force(
+            lane, record, who.base, room, c, i, _of_tip(lane, p, who, poses, SPACE_POSE.tip),
+            _of_tip(lane, p, who, poses, SPACE_POSE.turn), _of_tip(lane, p, who, poses, SPACE_POSE.velocity),
+            _of_tip(lane, p, who, poses, SPACE_POSE.spin), period,
+            (accelerometer[0], accelerometer[1], accelerometer[2]), who.first,
         )  # fmt: skip
-        _show(lane, instruments, who, at, c, record, seen, along / accelerometer[2])
-        _show(lane, instruments, who, at + 1, c + 1, record, seen, across / accelerometer[2])
-        return at + 2, c + 2
-    return at, c
+        return x / accelerometer[3], y / accelerometer[3], z / accelerometer[3]
+    o = POSE.end * (size(p.task.links) - 1)
+    x, vx = pick(lane, poses, o + POSE.tip_x, i), pick(lane, poses, o + POSE.tip_vx, i)
+    y, vy = pick(lane, poses, o + POSE.tip_y, i), pick(lane, poses, o + POSE.tip_vy, i)
+    angle, rate = pick(lane, poses, o + POSE.tip_angle, i), pick(lane, poses, o + POSE.tip_rate, i)
+    along, across = tip_acceleration(
+        lane, record, who.base, room, c, i, x, y, angle, vx, vy, rate, period, accelerometer[0], accelerometer[1],
+        who.first,
+    )  # fmt: skip
+    return along / accelerometer[2], across / accelerometer[2]
 
 
 @kernel
-def _gyroscope(lane, p, instruments, who, at, c, poses, record, seen):
-    """Angular velocity about the tip's axes; returns the next entry and channel."""
-    if instruments.gyroscope is not None:
-        spin = _of_tip(lane, p, who, poses, SPACE_POSE.spin)
-        for d in range(3):
-            _show(lane, instruments, who, at + d, c + d, record, seen, spin[d] / instruments.gyroscope)
-        return at + 3, c + 3
-    return at, c
+def _spin(lane, p, instruments, who, poses):
+    """Angular velocity about the tip's axes, where there is a gyroscope."""
+    if instruments.gyroscope is None:
+        return ()
+    x, y, z = _of_tip(lane, p, who, poses, SPACE_POSE.spin)
+    return x / instruments.gyroscope, y / instruments.gyroscope, z / instruments.gyroscope
 
 
 @kernel
@@ -227,22 +224,16 @@ def rise(x):
 
 
 @kernel
-def _camera(lane, p, instruments, who, at, c, poses, record, seen):
-    """The tip's position, in space also by what its axis rises towards y and z; returns the next entry and channel."""
-    if instruments.camera is not None:
-        if size(p.task.targets) == 3:
-            tip = _of_tip(lane, p, who, poses, SPACE_POSE.tip)
-            A = matrix(quaternion(_of_tip(lane, p, who, poses, SPACE_POSE.turn)))
-            for d in range(3):
-                _show(lane, instruments, who, at + d, c + d, record, seen, tip[d] / instruments.camera)
-            for d in range(1, 3):
-                _show(lane, instruments, who, at + 2 + d, c + 2 + d, record, seen, rise(A[d][0]))
-            return at + 5, c + 5
-        i, o = who.i, POSE.end * (size(p.task.links) - 1) + POSE.tip_x
-        for d in range(2):
-            _show(lane, instruments, who, at + d, c + d, record, seen, pick(lane, poses, o + d, i) / instruments.camera)
-        return at + 2, c + 2
-    return at, c
+def _picture(lane, p, instruments, who, poses):
+    """The tip's position that a camera sees, in space also by what its axis rises towards y and z."""
+    if instruments.camera is None:
+        return ()
+    if size(p.task.targets) == 3:
+        x, y, z = _of_tip(lane, p, who, poses, SPACE_POSE.tip)
+        A = matrix(quaternion(_of_tip(lane, p, who, poses, SPACE_POSE.turn)))
+        return x / instruments.camera, y / instruments.camera, z / instruments.camera, rise(A[1][0]), rise(A[2][0])
+    o = POSE.end * (size(p.task.links) - 1) + POSE.tip_x
+    return pick(lane, poses, o, who.i) / instruments.camera, pick(lane, poses, o + 1, who.i) / instruments.camera
 
 
 @kernel
