@@ -211,10 +211,10 @@ def plan(
     vibration = check.number("initial_vibration", initial_vibration, minimum=0.0, maximum=0.5)
     begun, absolute = events.starts(kind, own, starts)
     laws = any(factors.get(name, (1.0, 1.0)) != (1.0, 1.0) for name in OF_JOINTS)
-    begun = dataclasses.replace(begun, drawn=factors, laws=laws, hub=hub, vibration=vibration)
+    modes = None
     if vibration > 0.0:
         modes = swing(own, settings) if kind.space else shake(own, settings, frame.gravity)
-        begun = dataclasses.replace(begun, shake=modes)
+    begun = dataclasses.replace(begun, drawn=factors, laws=laws, hub=hub, vibration=vibration, shake=modes)
     drawn = {name: k for k, name in enumerate(FACTOR_NAMES) if name in (randomization or {})}
     drawn |= _told(extras, carried.readings(own, kind.space))
     aims = events.aims(frame, extras, success, turns, absolute, max(drawn.values(), default=-1))

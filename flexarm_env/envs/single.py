@@ -102,15 +102,12 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
 
     def render(self) -> Any:
         """A picture (height, width, 3) uint8 in "rgb_array" mode; None otherwise."""
-        from .pictures import draw
-
         if self.render_mode is None:
             gym.logger.warn('render() draws nothing: make the environment with render_mode="rgb_array" or "human"')
             return None
-        if self._renderer is None:
-            from .pictures import renderer
+        from .pictures import draw, renderer
 
-            self._renderer = renderer(self.plan, self.render_mode)
+        self._renderer = self._renderer or renderer(self.plan, self.render_mode)
         return draw(self._renderer, self.plan, self.snapshot())
 
     @property

@@ -58,7 +58,7 @@ class Kind:
     gravity: tuple[float, ...] | None = None
     settings: Mapping[str, Any] | None = None
 
-    def build(self, arm: Arm, weights: Array, period: float, aims: Mapping[str, Any] | None = None) -> Task:
+    def build(self, arm: Arm, weights: Array, period: float, aims: Mapping[str, Any]) -> Task:
         """The record of the task for an arm. weights: of the rewards. period: of control, s. aims: of its fields those
         that are not the usual."""
         assert arm.torque_limits is not None
@@ -82,7 +82,7 @@ class Kind:
             charged=(0,) if COST in self.rewards else None,
             base=(0,) * (BASE_POSE.end if arm.base else 0),
         )
-        return usual._replace(**(aims or {}))
+        return usual._replace(**aims)
 
 
 def _slew_entries(arm: Arm) -> list[tuple[str, float]]:
@@ -201,18 +201,12 @@ class Entry:
 
 
 def info_entries(
-    kind: Kind,
-    task: Task,
-    full: bool,
-    motors: bool = False,
-    extras: Extras | None = None,
-    fitted: bool = False,
-    drawn: Mapping[str, int] | None = None,
+    kind: Kind, task: Task, full: bool, motors: bool, extras: Extras, fitted: bool, drawn: Mapping[str, int]
 ) -> tuple[Entry, ...]:
     """Numbers in info, in order; the words (success, range, status, reason) are made from codes beside them.
 
-    motors: with their angles and rates, where joints are not ideal. extras: what more there is to be told of.
-    fitted: steps are, to a tolerance. drawn: where factors that are drawn stand among all of them, by name.
+    full: energies. motors: with their angles and rates, where joints are not ideal. extras: what more there is to be
+    told of. fitted: steps are, to a tolerance. drawn: where factors that are drawn stand among all of them, by name.
     """
     n, targets, at = len(task.links), len(task.targets), info_places(task)
     entries = [
@@ -230,21 +224,21 @@ def info_entries(
         entries += [Entry(name, at.energies + k, None) for k, name in enumerate(names)]
     if motors:
         entries += [Entry("motor_angle", at.motors, n), Entry("motor_rate", at.motors + n, n)]
-    told, first = extras or Extras(), at.further
-    if told.cost is not None or told.keep_out is not None:
+    first = at.further
+    if extras.cost is not None or extras.keep_out is not None:
         entries += [Entry(name, first + getattr(FURTHER, name), None) for name in ("cost", "episode_cost")]
-    if told.keep_out is not None:
+    if extras.keep_out is not None:
         entries += [Entry(name, first + getattr(FURTHER, name), None) for name in ("clearance", "penetration")]
-    if told.payload_change is not None:
+    if extras.payload_change is not None:
         entries.append(Entry("payload_mass", first + FURTHER.payload, None))
-    if told.pushes is not None:
+    if extras.pushes is not None:
         entries.append(Entry("push", first + FURTHER.push, 3 if kind.space else 2))
     if task.base:
         of_base = first + FURTHER.base
         entries += [Entry("base_attitude", of_base, None), Entry("base_position", of_base + 1, 2)]
     if fitted:
         entries.append(Entry("step_error", first + FURTHER.step_error, None))
-    entries += [Entry(f"drawn_{name}", first + FURTHER.drawn + k, None) for name, k in (drawn or {}).items()]
+    entries += [Entry(f"drawn_{name}", first + FURTHER.drawn + k, None) for name, k in drawn.items()]
     return tuple(entries)
 
 

@@ -49,12 +49,10 @@ class Ranges(NamedTuple):
 
 @dataclass(frozen=True)
 class Starts:
-    """What fresh starts are drawn from, uniformly (see `Ranges`).
+    """What fresh starts are drawn from, uniformly; fields that are not told of here are those of `Ranges`.
 
-    start: (low, high) of each joint angle, rad. target: two ranges: rad from the start (slew; the second unused), or
-    m and rad, polar (reach); in space those of the joint angles at the target, rad. straight: share of starts with all
-    joints at 0. vibration: largest initial vibration, as a tip deflection over L. drawn: (low, high) of the first
-    `FACTOR_NAMES`, in their order. shake: that of `Ranges`; None: none. laws: joints are drawn. hub: see `Ranges`.
+    target: two ranges, of one link the second unused; in space one for each joint. drawn: of the first `FACTOR_NAMES`,
+    in their order. laws: joints are drawn.
     """
 
     start: Sequence[tuple[float, float]]
