@@ -16,6 +16,7 @@ from flexarm_env.control.catalogue import gains_from, tuned_gains
 from flexarm_env.control.pd import PDGains
 from flexarm_env.rigid import coriolis, rigid_inertia
 from flexarm_env.training import episodes, export_policy, tune
+from tests.differences import central
 from tests.env_tools import successes
 from tests.refusals import refusal, refuses
 
@@ -25,14 +26,14 @@ IDS = {"slew": "FlexibleArm-v0", "reach": "TwoLinkFlexArm-v0"}
 
 @pytest.fixture(scope="module")
 def slew():
-    env = gym.make_vec(IDS["slew"], num_envs=16, vectorization_mode="vector_entry_point")
+    env = gym.make_vec(IDS["slew"], num_envs=16)
     yield env
     env.close()
 
 
 @pytest.fixture(scope="module")
 def reach():
-    env = gym.make_vec(IDS["reach"], num_envs=16, vectorization_mode="vector_entry_point")
+    env = gym.make_vec(IDS["reach"], num_envs=16)
     yield env
     env.close()
 
@@ -45,15 +46,10 @@ def test_rigid_inertia_is_that_of_the_linear_model(elbow):
 
 
 def test_coriolis_torques_follow_from_the_inertia():
-    elbow, rates, step = np.array([0.7]), np.array([[1.3, -0.6]]), 1e-5
-
-    def inertia(angle):
-        return rigid_inertia(TWO, angle[:, None])[0]
-
-    slope = (inertia(elbow + step) - inertia(elbow - step)) / (2 * step)
-    v = rates[0]
+    elbow, rates = np.array([[0.7]]), np.array([[1.3, -0.6]])
+    slope, v = central(lambda s: rigid_inertia(TWO, elbow + s)[0], 1e-5, 2), rates[0]
     expected = slope @ v * v[1] - 0.5 * np.array([0.0, v @ slope @ v])
-    assert coriolis(TWO, elbow[:, None], rates)[0] == pytest.approx(expected, rel=1e-7)
+    assert coriolis(TWO, elbow, rates)[0] == pytest.approx(expected, rel=1e-7)
 
 
 def test_frequencies_of_the_free_strip():

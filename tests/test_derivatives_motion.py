@@ -10,6 +10,7 @@ from flexarm_env import time_functions
 from flexarm_env.derivatives import Arms
 from flexarm_env.envs.resets import follow
 from flexarm_env.validation import Array
+from tests.differences import central
 from tests.refusals import refuses
 
 ONE, TWO = "FlexibleArm-v0", "TwoLinkFlexArm-v0"
@@ -59,15 +60,16 @@ def put(arms: Arms, state: Array) -> None:
                 getattr(guide.simulation.work, name[0])[int(name[2:-1])] = state[i, k]
 
 
-def gone(arms: Arms, start: Any, state: Array, actions: Array) -> tuple[Array, Array, Array]:
-    """Coordinates and rates, what is to be seen and rewards of the environment's own periods (float64 actions).
+def gone(arms: Arms, start: Any, state: Array, actions: Array) -> Array:
+    """Coordinates and rates, what is to be seen and rewards (T, n, X + O + 1) of the environment's own periods (float64
+    actions).
 
     start: its states, of which what moves is replaced by that of `state`.
     """
     env, names = arms.environment, arms.names[: arms.moving]
     env.set_state(start)
     put(arms, state)
-    batch, out = env.batch, ([], [], [])  # type: ignore[var-annotated]
+    batch, out = env.batch, []
     batch.action = np.zeros((arms.n, arms.action_size))
     for action in actions:
         batch.action[:] = action
@@ -76,10 +78,9 @@ def gone(arms: Arms, start: Any, state: Array, actions: Array) -> tuple[Array, A
             follow(batch, i, guide)
             work = guide.simulation.work
             rows[i] = [getattr(work, x[0])[int(x[2:-1])] if x[:2] in ("q[", "v[") else 0.0 for x in names]
-        out[0].append(rows)
-        out[1].append([batch._mine(batch.layout.seen, batch.layout.info, i).copy() for i in range(arms.n)])
-        out[2].append(batch.reward.copy())
-    return np.array(out[0]), np.array(out[1]), np.array(out[2])
+        seen = [batch._mine(batch.layout.seen, batch.layout.info, i) for i in range(arms.n)]
+        out.append(np.hstack([rows, seen, batch.reward[:, None]]))
+    return np.array(out)
 
 
 def free(arms: Arms) -> NDArray[np.bool_]:
@@ -101,13 +102,12 @@ def way_in(arms: Arms, rng: np.random.Generator, state: Array, action: Array) ->
     return change
 
 
-def errors(found: tuple[Array, ...], wanted: tuple[Array, ...], periods: int) -> list[float]:
-    """Each arm's error over its sensitivity, the largest; nothing may change where nothing should."""
-    worst = []
-    for one, other in zip(found, wanted, strict=True):
-        axes = (0, 2) if one.ndim == 3 else (0,)
-        error = np.sqrt(((one - other)[:periods] ** 2).sum(axes))
-        size = np.sqrt((other[:periods] ** 2).sum(axes))
+def errors(arms: Arms, found: Array, wanted: Array) -> list[float]:
+    """Each arm's error of what moves, is to be seen and is paid over its sensitivity, the largest; nothing may change
+    where nothing should."""
+    worst, ends = [], (arms.moving, arms.moving + arms.observation_size)
+    for one, other in zip(*(np.split(part, ends, axis=2) for part in (found, wanted)), strict=True):
+        error, size = (np.sqrt((part**2).sum((0, 2))) for part in (one - other, other))
         worst.append(float((error / np.where(size > 0.0, size, 1.0)).max()))
     return worst
 
@@ -124,17 +124,16 @@ def compared(arms: Arms, periods: int, e: float, counts: tuple[int, ...]) -> lis
     start, there, found = env.get_state(), run.states[before], []
     own = arms.rollout(there, actions[before:])
     same = gone(arms, start, there, actions[before:])
-    assert np.array_equal(same[0][:, mask], own.states[1:, :, : arms.moving][:, mask])
-    assert np.array_equal(same[2], own.rewards)
+    assert np.array_equal(same[:, :, : arms.moving][:, mask], own.states[1:, :, : arms.moving][:, mask])
+    assert np.array_equal(same[:, :, -1], own.rewards)
+    looked = np.hstack([mask, np.ones((arms.n, arms.observation_size + 1))])
     for dx, du in ((change, 0.0 * way[before:]), (0.0 * change, way[before:])):
-        out, wanted = own.jvp(dx, du), [0.0, 0.0, 0.0]
-        for m, weight in ((1, 45.0), (2, -9.0), (3, 1.0)):
-            two = [gone(arms, start, there + s * e * dx, actions[before:] + s * e * du) for s in (m, -m)]
-            for k in range(3):
-                wanted[k] = wanted[k] + weight / (60.0 * e) * (two[0][k] - two[1][k])
-        mine = out.states[1:, :, : arms.moving] * mask, out.observations, out.rewards
-        their = wanted[0] * mask, wanted[1], wanted[2]
-        found += [errors(mine, their, count) for count in counts]
+        out = own.jvp(dx, du)
+        mine = np.dstack([out.states[1:, :, : arms.moving], out.observations, out.rewards]) * looked
+        their = looked * central(
+            lambda s, dx=dx, du=du: gone(arms, start, there + s * dx, actions[before:] + s * du), e
+        )
+        found += [errors(arms, mine[:count], their[:count]) for count in counts]
     rewards = rng.standard_normal(own.rewards.shape)
     back, out = own.vjp(rewards=rewards), own.jvp(change, way[before:])
     forth = float((rewards * out.rewards).sum())
@@ -208,13 +207,12 @@ def test_torques_that_stay_as_they_are() -> None:
     arms = made(TWO, tolerance=1e-12)
     start, state, still = arms.environment.get_state(), arms.states(), np.zeros((1, 3, 2))
     found, way = arms.jacobians(state, still[0]), np.ones((1, 3, 2))
-    one, other = (gone(arms, start, state, e * way) for e in (1e-3, -1e-3))
+    wanted = central(lambda s: gone(arms, start, state, s * way)[0], 1e-3, 2)
     mine = (found.moved[:, :, arms.moving :] @ way[0][:, :, None])[:, :, 0]
-    for k, wanted in enumerate((one[0] - other[0], one[1] - other[1])):
-        rows = slice(0, arms.moving) if k == 0 else slice(arms.moving, arms.moving + wanted.shape[2])
-        theirs = wanted[0] / 2e-3 * (free(arms) if k == 0 else 1.0)
-        ours = mine[:, rows] * (free(arms) if k == 0 else 1.0)
-        assert np.linalg.norm(ours - theirs) < 1e-6 * np.linalg.norm(theirs)
+    for part in (wanted, mine):
+        part[:, : arms.moving] *= free(arms)
+    for rows in (slice(arms.moving), slice(arms.moving, -1)):
+        assert np.linalg.norm((mine - wanted)[:, rows]) < 1e-6 * np.linalg.norm(wanted[:, rows])
     arms.close()
 
 

@@ -232,56 +232,38 @@ def test_the_robot_on_a_run_that_no_fit_has_seen() -> None:
 
 
 # ------------------------------------------------------------------------------------------------------- bad logs
-def spoil(columns: dict[str, Any], how: str) -> dict[str, Any]:
-    t, hub, strain = columns.values()
-    if how == "gap":
-        return {name: np.delete(x, slice(300, 340)) for name, x in columns.items()}
-    if how == "repeated":
-        return {**columns, "t": np.where(np.arange(len(t)) == 200, t[199], t)}
-    if how == "nan":
-        return {**columns, "hub": [*hub[:100], math.nan, *hub[101:]]}
-    if how == "empty":
-        return {**columns, "strain": [*strain[:100], "", *strain[101:]]}
-    if how == "decimal comma":
-        return {**columns, "hub": [*map(str, hub[:100]), "0,5", *map(str, hub[101:])]}
-    if how == "saturated":
-        return {**columns, "strain": np.clip(strain, -1.0 * strain.std(), None)}
-    if how == "strain in thousands":
-        return {**columns, "strain": 1e3 * strain}
-    if how == "angle in thousands":
-        return {**columns, "hub": 1e3 * hub}
-    if how == "angle in thousandths":
-        return {**columns, "hub": 1e-3 * hub}
-    if how == "ms":
-        return {**columns, "t": 1e3 * t}
-    if how == "still":
-        return {**columns, "strain": 0.0 * strain}
-    if how == "still soon":
-        return {**columns, "strain": np.where(t < 0.5, strain, 0.0)}
-    return {"t": t, "angle": hub, "strain": strain}
+BAD: dict[str, tuple[Any, str]] = {
+    "gap": (lambda t, hub, strain: [np.delete(x, slice(300, 340)) for x in (t, hub, strain)],
+            "column 't', row 302: a gap of 0.41 s"),
+    "repeated": (lambda t, hub, strain: [np.where(np.arange(len(t)) == 200, t[199], t), hub, strain],
+                 "column 't', row 202: the time 1.99 s repeats"),
+    "nan": (lambda t, hub, strain: [t, [*hub[:100], math.nan, *hub[101:]], strain],
+            "column 'hub', row 102: 'nan' is no finite number"),
+    "empty": (lambda t, hub, strain: [t, hub, [*strain[:100], "", *strain[101:]]],
+              "column 'strain', row 102: '' is no finite number"),
+    "decimal comma": (lambda t, hub, strain: [t, [*hub[:100], "0,5", *hub[101:]], strain],
+                      "row 102 has 4 cells, and the header 3: are there commas in numbers?"),
+    "saturated": (lambda t, hub, strain: [t, hub, np.clip(strain, -1.0 * strain.std(), None)],
+                  "the sensor is at the end of its range"),
+    "strain in thousands": (lambda t, hub, strain: [t, hub, 1e3 * strain], "column 'strain' moves"),
+    "angle in thousands": (lambda t, hub, strain: [t, 1e3 * hub, strain], "joint0 reaches"),
+    "angle in thousandths": (lambda t, hub, strain: [t, 1e-3 * hub, strain], "in another unit"),
+    "ms": (lambda t, hub, strain: [1e3 * t, hub, strain], "in another unit"),
+    "still": (lambda t, hub, strain: [t, hub, 0.0 * strain], "column 'strain' never changes"),
+    "still soon": (lambda t, hub, strain: [t, hub, np.where(t < 0.5, strain, 0.0)],
+                   "column 'strain' never changes from 0 where it is compared"),
+    "missing": (None, "column 'hub' (joint0) must be there once"),
+}  # fmt: skip
+"""What is done to the columns t, hub and strain, None: hub has another name; and what is said of it."""
 
 
-@pytest.mark.parametrize(
-    ("how", "says"),
-    [
-        ("gap", "column 't', row 302: a gap of 0.41 s"),
-        ("repeated", "column 't', row 202: the time 1.99 s repeats"),
-        ("nan", "column 'hub', row 102: 'nan' is no finite number"),
-        ("empty", "column 'strain', row 102: '' is no finite number"),
-        ("decimal comma", "row 102 has 4 cells, and the header 3: are there commas in numbers?"),
-        ("saturated", "the sensor is at the end of its range"),
-        ("strain in thousands", "column 'strain' moves"),
-        ("angle in thousands", "joint0 reaches"),
-        ("angle in thousandths", "in another unit"),
-        ("ms", "in another unit"),
-        ("still", "column 'strain' never changes"),
-        ("still soon", "column 'strain' never changes from 0 where it is compared"),
-        ("missing", "column 'hub' (joint0) must be there once"),
-    ],
-)
-def test_a_bad_log_is_a_sentence(fitted: tuple[Any, Path], tmp_path: Path, how: str, says: str) -> None:
-    table = np.genfromtxt(fitted[1] / "one.csv", delimiter=",", names=True)
-    bad = write(tmp_path / "bad.csv", spoil({name: table[name] for name in ("t", "hub", "strain")}, how))
+@pytest.mark.parametrize("how", BAD)
+def test_a_bad_log_is_a_sentence(fitted: tuple[Any, Path], tmp_path: Path, how: str) -> None:
+    spoil, says = BAD[how]
+    columns = np.loadtxt(fitted[1] / "one.csv", delimiter=",", skiprows=1).T
+    names = ("t", "hub" if spoil else "angle", "strain")
+    spoilt = spoil(*columns) if spoil else columns
+    bad = write(tmp_path / "bad.csv", dict(zip(names, spoilt, strict=True)))
     told = refusal(lambda: identify("strip", CONFIG, [bad], fit=FIT), BadLog)
     assert says in told and "bad.csv" in told and "\n" not in told
 

@@ -12,6 +12,8 @@ from flexarm_env.identification.config import read_config
 from flexarm_env.identification.log import Run as Log
 from flexarm_env.identification.model import Experiment
 from flexarm_env.sensors import Encoder, Sensors, StrainGauge
+from tests.identify_tools import by_runs
+from tests.identify_tools import compare as compare_slopes
 
 T = np.arange(101) / 100
 WAVE = np.minimum(T, 0.3) ** 2 * np.sin(9.0 * T + 1.0)
@@ -90,32 +92,8 @@ def log(drive: str, size: float) -> Log:
     return Log("log", T, {drive: size * WAVE}, shown, T >= 0.0)
 
 
-def by_runs(made: Experiment, run: Log, k: int, step: float) -> dict[str, np.ndarray]:
-    """Central differences of sixth order."""
-    size, total = made.parameters[k].size, {name: np.zeros(len(T)) for name in run.outputs}
-    assert size is not None
-    for times, weight in ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60)):
-        for sign in (1.0, -1.0):
-            moved = made.start.copy()
-            moved[k] += sign * times * step * size
-            for name, y in made.predict(moved, run).items():
-                total[name] += sign * weight / step * y
-    return total
-
-
 def compare(made: Experiment, run: Log, limit: float = 1e-6, step: float = 2e-3) -> None:
-    """Errors over a parameter's own effect on an output, or a hundredth of the largest one's where that is more."""
-    sizes = np.array([p.size for p in made.parameters])
-    found = made.slopes(made.start, run, sizes)
-    assert not made.by_differences
-    for k, p in enumerate(made.parameters):
-        known = by_runs(made, run, k, step)
-        moves = max(float(np.abs(known[name]).max() / np.abs(found[name]).max()) for name in known)
-        assert moves > 1e-9, p.path
-        for name, column in known.items():
-            error = np.abs(found[name][:, k] - column).max()
-            scale = max(float(np.abs(column).max()), 0.01 * float(np.abs(found[name]).max()))
-            assert error <= limit * scale, (p.path, name, error / scale)
+    compare_slopes(made, run, limit, step, 1e-9)
 
 
 @pytest.mark.slow
@@ -243,14 +221,9 @@ tolerance = 1e-12
     made = Experiment(arm, config, config.chosen())
     sizes = np.abs(made.start)
     found = made.slopes(made.start, run, sizes)
-    for k in range(len(sizes)):
-        at = [made.start.copy() for _ in range(4)]
-        for i, times in enumerate((1.0, -1.0, 2.0, -2.0)):
-            at[i][k] += times * 2e-4 * sizes[k]
-        a, b, c, d = (made.predict(x, run) for x in at)
-        for name in names:
-            known = (8.0 * (a[name] - b[name]) - (c[name] - d[name])) / (12.0 * 2e-4)
-            assert np.abs(found[name][:, k] - known).max() < 1e-6 * np.abs(known).max(), (made.parameters[k].path, name)
+    for k, p in enumerate(made.parameters):
+        for name, known in by_runs(made, run, k, sizes[k], 2e-4, 4).items():
+            assert np.abs(found[name][:, k] - known).max() < 1e-6 * np.abs(known).max(), (p.path, name)
 
 
 def test_runs_that_are_not_of_equal_steps_are_refused() -> None:

@@ -9,9 +9,9 @@ import pytest
 from benchmarks.identification import BOOM, SPACE, case_in_space, drawn
 from flexarm_env import Motor, arms
 from flexarm_env.identification import identify, read_config
-from flexarm_env.identification.fit import Problem
 from flexarm_env.identification.log import Run as Log
 from flexarm_env.identification.model import Experiment
+from tests.identify_tools import compare
 from tests.refusals import says as refuses
 
 T = np.arange(41) / 100
@@ -47,27 +47,6 @@ def log(drives: tuple[str, str], size: float, made: Experiment) -> Log:
     return Log("log", T, angles, {channel.name: np.sin(T) for channel in made.config.outputs}, T >= 0.0)
 
 
-def compare(made: Experiment, run: Log, limit: float, step: float) -> None:
-    """Errors over a parameter's own effect on an output, or a hundredth of the largest one's where that is more; of
-    central differences of sixth order."""
-    sizes = Problem(made, [run]).sizes
-    found = made.slopes(made.start, run, sizes)
-    assert not made.by_differences
-    for k, p in enumerate(made.parameters):
-        known = {name: np.zeros(len(T)) for name in run.outputs}
-        for times, weight in ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60)):
-            for sign in (1.0, -1.0):
-                moved = made.start.copy()
-                moved[k] += sign * times * step * sizes[k]
-                for name, y in made.predict(moved, run).items():
-                    known[name] += sign * weight / step * y
-        moves = [float(np.abs(y).max() / max(np.abs(found[name]).max(), 1e-30)) for name, y in known.items()]
-        assert max(moves) > 1e-6, p.path
-        for name, column in known.items():
-            scale = max(float(np.abs(column).max()), 0.01 * float(np.abs(found[name]).max()))
-            assert np.abs(found[name][:, k] - column).max() <= limit * scale, (p.path, name)
-
-
 @pytest.mark.slow
 def test_derivatives_of_prescribed_joints() -> None:
     """Steps of 1.25 ms: of 5 ms the error is 16 times as large, for a step's end depends on Newton's way, rotations not
@@ -80,7 +59,7 @@ def test_derivatives_of_prescribed_joints() -> None:
         "tau_d", "gravity[2]", "loads[0].force_z",
     )  # fmt: skip
     made = experiment(paths, {"motor1 =": "joint1 =", "[solver]": "[[loads]]\nlink = 1\n[solver]"}, arm)
-    compare(made, log(("joint0", "joint1"), 8.0, made), LIMIT, 2e-3)
+    compare(made, log(("joint0", "joint1"), 8.0, made), LIMIT, 2e-3, 1e-6)
 
 
 @pytest.mark.slow
@@ -98,7 +77,7 @@ def test_derivatives_of_driven_joints(solver: str) -> None:
     change = {"joint0 =": "current0 =", "motor1 =": "current1 ="}
     change |= {"elements = 2\n": ""} if solver else {}
     made = experiment(paths, change, arm, solver)
-    compare(made, log(("current0", "current1"), 30.0, made), LIMIT, 1e-4)
+    compare(made, log(("current0", "current1"), 30.0, made), LIMIT, 1e-4, 1e-6)
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ from flexarm_env.scene import JointTorque, Motion, Scene
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import Simulation, simulate
 from flexarm_env.time_functions import constant, cycloid, pulse, ramp
+from tests.differences import central
 from tests.linear_tools import ALL, ELASTICA, FULL, SLENDER, at_rest, one_link, two_links, unloaded
 from tests.refusals import refuses
 from tests.scene_tools import TWO, every, everything
@@ -31,9 +32,9 @@ def moving(name: str, formulation: str, options: dict[str, Any]) -> Simulation:
     return simulation
 
 
-def copied(simulation: Simulation, **changes: Any) -> Simulation:
+def copied(simulation: Simulation, scene: Scene | None = None, **changes: Any) -> Simulation:
     """Another one in the same state; changes: of its settings."""
-    copy = Simulation(simulation.scene, simulation.settings.replace(**changes) if changes else simulation.settings)
+    copy = Simulation(scene or simulation.scene, simulation.settings.replace(**changes))
     copy.t = simulation.t
     copy.work.q[:], copy.work.v[:] = simulation.work.q, simulation.work.v
     return copy
@@ -44,9 +45,7 @@ def stepped(simulation: Simulation, x: np.ndarray, u: np.ndarray, dt: float) -> 
     scene = simulation.scene
     others = tuple(load for load in scene.loads if not isinstance(load, JointTorque))
     torques = tuple(JointTorque(k, constant(value)) for k, value in u)
-    copy = Simulation(replace(scene, loads=(*others, *torques)), simulation.settings)
-    copy.t = simulation.t
-    copy.work.q[:], copy.work.v[:] = simulation.work.q, simulation.work.v
+    copy = copied(simulation, replace(scene, loads=(*others, *torques)))
     set_state(copy, x)
     assert np.abs(state_of(copy) - x).max() < 1e-9 * max(1.0, np.abs(x).max())
     assert copy.advance_to(simulation.t + dt)
@@ -64,11 +63,9 @@ def differences(model: LinearModel, simulation: Simulation) -> tuple[np.ndarray,
         return stepped(simulation, z[:n], list(zip(joints, z[n:], strict=True)), dt)
 
     z0 = np.concatenate([x0, model.u])
-    for i in range(len(z0)):
-        h = np.zeros_like(z0)
-        h[i] = 1e-4 if i < n // 2 else 1e-3 if i < n else 1e-2 * max(1.0, abs(z0[i]))
-        part = 8.0 * (after(z0 + h) - after(z0 - h)) - (after(z0 + 2 * h) - after(z0 - 2 * h))
-        columns.append(part / (12.0 * h[i]))
+    for i, way in enumerate(np.eye(len(z0))):
+        step = 1e-4 if i < n // 2 else 1e-3 if i < n else 1e-2 * max(1.0, abs(z0[i]))
+        columns.append(central(lambda s, way=way: after(z0 + s * way), step, 4))
     both = np.array(columns).T
     return after(z0), both[:, :n], both[:, n:]
 
@@ -137,11 +134,8 @@ def test_outputs_and_names(formulation: str, options: dict[str, Any]) -> None:
         return linearize(copy).y
 
     for i in range(0, n, max(3, n // 8)):
-        h = np.zeros(n)
-        h[i] = 1e-4
-        slope = (
-            8 * (outputs(model.x + h) - outputs(model.x - h)) - outputs(model.x + 2 * h) + outputs(model.x - 2 * h)
-        ) / 12e-4
+        way = np.eye(n)[i]
+        slope = central(lambda s, way=way: outputs(model.x + s * way), 1e-4, 4)
         assert slope == pytest.approx(C[:, i], abs=1e-6 * max(1.0, np.abs(C).max()))
     # a joint's angle is output and state, and its torque does not act at once
     assert C[1] == pytest.approx(np.eye(n)[model.states.index("joint1")], abs=1e-10)

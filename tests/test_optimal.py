@@ -11,6 +11,7 @@ from flexarm_env import Arm, Link, Section, arms, control, shapes
 from flexarm_env.control import ilqr, optimal, time_optimal
 from flexarm_env.control.arm_model import arm_model
 from flexarm_env.control.dynamics import dynamics
+from tests.differences import central
 from tests.refusals import refuses
 
 STRIP, TWO = arms.named("strip"), arms.named("de_luca_siciliano")
@@ -81,7 +82,7 @@ def test_controls_within_limits_are_the_best_there(count):
 @pytest.mark.parametrize("env_id", ["FlexibleArm-v0", pytest.param("TwoLinkFlexArm-v0", marks=pytest.mark.slow)])
 def test_a_period_is_the_environments_and_its_derivatives_are_differences(env_id, strip, two):
     plant = strip if env_id == "FlexibleArm-v0" else two
-    env = gym.make_vec(env_id, num_envs=8, vectorization_mode="vector_entry_point", tolerance=plant.settings.tolerance)
+    env = gym.make_vec(env_id, num_envs=8, tolerance=plant.settings.tolerance)
     _, info = env.reset(seed=1)
     batch, rng = env.unwrapped.batch, np.random.default_rng(0)
     x = np.array([np.concatenate(batch.motion(i)[:2]) for i in range(8)])
@@ -92,15 +93,14 @@ def test_a_period_is_the_environments_and_its_derivatives_are_differences(env_id
     assert np.array_equal(x, [np.concatenate(batch.motion(i)[:2]) for i in range(8)])
     assert plant.tip(x)[0] == pytest.approx(info["tip_position"], abs=1e-7)
     assert plant.bends(x)[0] == pytest.approx(info["tip_deflection"].reshape(8, -1), abs=1e-7)
-    u, way, step = 0.5 * np.ones((8, plant.n_inputs)), rng.normal(size=x.shape), 1e-3
+    u, way = 0.5 * np.ones((8, plant.n_inputs)), rng.normal(size=x.shape)
     A, B = plant.jacobians(x, u)
-    slope = (plant.advance(x + step * way, u) - plant.advance(x - step * way, u)) / (2.0 * step)
+    slope = central(lambda s: plant.advance(x + s * way, u), 1e-3, 2)
     assert np.einsum("nij,nj->ni", A, way) == pytest.approx(slope, abs=2e-4 * np.abs(slope).max())
-    slope = (plant.advance(x, u + 2.0**-8) - plant.advance(x, u - 2.0**-8)) * 2.0**7
+    slope = central(lambda s: plant.advance(x, u + s), 2.0**-8, 2)
     assert B.sum(-1) == pytest.approx(slope, abs=2e-4 * np.abs(slope).max())
-    step = 1e-5
     for of in (plant.tip, plant.bends):
-        slope = (of(x + step * way)[0] - of(x - step * way)[0]) / (2.0 * step)
+        slope = central(lambda s, of=of: of(x + s * way)[0], 1e-5, 2)
         assert np.einsum("nij,nj->ni", of(x)[1], way) == pytest.approx(slope, abs=1e-7)
     env.close()
 
@@ -158,8 +158,8 @@ def test_a_plan_goes_round_a_disc_that_is_in_the_way(two):
     assert kept.found.all() and near[0] < -0.019 and near[1] > -optimal.TOLERANCE * TWO.total_length
     assert kept.energy(DT)[0] > free.energy(DT)[0]
     rng, x = np.random.default_rng(0), kept.states[60]
-    way, step = rng.normal(size=x.shape), 1e-5
-    slope = (two.places(x + step * way) - two.places(x - step * way)) / (2.0 * step)
+    way = rng.normal(size=x.shape)
+    slope = central(lambda s: two.places(x + s * way), 1e-5, 2)
     assert np.einsum("npds,ns->npd", two.points(x)[1], way) == pytest.approx(slope, abs=1e-7)
 
 
@@ -248,7 +248,7 @@ def test_the_tip_follows_a_path(strip):
 # ------------------------------------------------------------------ the receding horizon
 def run(env_id, seed, periods, **keywords):
     """Tip errors (periods, 4), m, under `mpc`, and whether it planned, or left the arm to its regulator."""
-    env = gym.make_vec(env_id, num_envs=4, vectorization_mode="vector_entry_point", **keywords)
+    env = gym.make_vec(env_id, num_envs=4, **keywords)
     observation, info = env.reset(seed=seed)
     controller = control.make("mpc", env)
     controller.reset(observation)
@@ -273,7 +273,7 @@ def test_it_slews_and_hands_over_to_its_regulator():
 @pytest.mark.slow
 def test_arms_that_the_model_loses_do_not_hold_the_others_up(monkeypatch):
     """Two plans are made at once with theirs, and are as without it; one of no arm is given up."""
-    env = gym.make_vec("TwoLinkFlexArm-v0", num_envs=3, vectorization_mode="vector_entry_point")
+    env = gym.make_vec("TwoLinkFlexArm-v0", num_envs=3)
     observation, _ = env.reset(seed=3)
     lost, kept = (control.make("mpc", env) for _ in range(2))
     for controller in (lost, kept):

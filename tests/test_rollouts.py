@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from flexarm_env.derivatives import Arms, Rollout
+from flexarm_env.derivatives import Arms, Outcome, Rollout
 from flexarm_env.validation import Array
+from tests.differences import central
 from tests.refusals import refuses
 
 
@@ -28,14 +29,14 @@ def ways(run: Rollout, seed: int = 1) -> tuple[Array, Array]:
     return state, 0.1 * rng.standard_normal(run.actions.shape)
 
 
-def differences(run: Rollout, state: Array, actions: Array, e: float) -> tuple[Array, Array, Array]:
-    """What the ways come to, by sixth-order differences of steps e."""
-    total = [0.0, 0.0, 0.0]
-    for m, weight in ((1, 45.0), (2, -9.0), (3, 1.0)):
-        two = [run.arms.rollout(run.states[0] + s * e * state, run.actions + s * e * actions) for s in (m, -m)]
-        for k, name in enumerate(("states", "observations", "rewards")):
-            total[k] = total[k] + weight / (60.0 * e) * (getattr(two[0], name) - getattr(two[1], name))
-    return total[0], total[1], total[2]
+def outcome(run: Rollout | Outcome) -> Array:
+    """States after the periods, observations and rewards (T, n, S + O + 1)."""
+    return np.concatenate([run.states[1:], run.observations, run.rewards[:, :, None]], axis=2)
+
+
+def differences(run: Rollout, state: Array, actions: Array, e: float) -> Array:
+    """The outcome's change along the ways, by steps e."""
+    return central(lambda s: outcome(run.arms.rollout(run.states[0] + s * state, run.actions + s * actions)), e)
 
 
 @pytest.mark.parametrize(("periods", "most", "e"), [(10, 1e-6, 2e-4), (200, 1e-4, 5e-6)])
@@ -43,10 +44,10 @@ def test_a_rollout_against_differences(arms: Arms, periods: int, most: float, e:
     """Found: 7e-10 over 10 periods, 2e-7 over 200; each arm's error over the size of its own sensitivity. Over many
     periods larger steps come upon the reward's kinks."""
     run = gone(arms, periods)
-    found = run.jvp(*ways(run))
-    for one, other in zip(found, differences(run, *ways(run), e), strict=True):
-        axes = (0, 2) if one.ndim == 3 else 0
-        error = np.sqrt(((one - other) ** 2).sum(axes) / (other**2).sum(axes))
+    found, wanted = outcome(run.jvp(*ways(run))), differences(run, *ways(run), e)
+    ends = run.arms.state_size, run.arms.state_size + run.arms.observation_size
+    for one, other in zip(*(np.split(part, ends, axis=2) for part in (found, wanted)), strict=True):
+        error = np.sqrt(((one - other) ** 2).sum((0, 2)) / (other**2).sum((0, 2)))
         assert error.max() < most
 
 
@@ -113,7 +114,7 @@ def test_parameters_over_a_rollout() -> None:
     way = np.zeros_like(run.states[0])
     way[:, first : many.moving] = run.states[0][:, first : many.moving] * rng.standard_normal((9, many.moving - first))
     found = (run.vjp(rewards=weights).state * way).sum(axis=1)
-    wanted = (weights * differences(run, way, np.zeros_like(run.actions), 1e-4)[2]).sum(axis=0)
+    wanted = (weights * differences(run, way, np.zeros_like(run.actions), 1e-4)[:, :, -1]).sum(axis=0)
     assert abs(found - wanted).max() < 1e-7 * np.linalg.norm(wanted)
 
 

@@ -10,12 +10,13 @@ import pytest
 from benchmarks.space_control import MEASURED
 from flexarm_env import arms, control, shapes
 from flexarm_env.control import lqg, optimal, shaping
-from flexarm_env.control.arm_model import held
 from flexarm_env.control.catalogue import tuned_gains
 from flexarm_env.control.dynamics import SpatialDynamics, dynamics
 from flexarm_env.control.space import held_model, holding, rest, tip_at
+from flexarm_env.linear.state_space import held
 from flexarm_env.physics.space.reading import frames, tips
 from flexarm_env.rigid import coriolis, rigid_inertia
+from tests.differences import central
 
 ID = "SpatialFlexArm-v0"
 COARSE: dict[str, Any] = {"elements": 1, "dt": 0.005}
@@ -27,11 +28,11 @@ def test_regulator_and_filter_about_a_bent_rest(name: str, keywords: dict[str, A
     controller, angles = control.make(name, gym.make(ID, **keywords)), np.array([0.3, 0.7, -0.5])
     assert isinstance(controller, lqg.SpatialLQG)
     own, y = lqg.plant_in_space(controller.setup, controller.gravity, angles)
-    d, size, turned = controller.design(own), len(own.A), 1e-4 * np.eye(3)
+    d, size = controller.design(own), len(own.A)
     joints, rates = (np.array([own.rows[f"joint{k}{end}"] for k in range(3)]) for end in ("", "_rate"))
     assert joints @ own.rigid == pytest.approx(np.eye(3), abs=1e-6)
-    ends = [holding(controller.setup.arm, controller.gravity, angles + sign * turned)[0] for sign in (1.0, -1.0)]
-    weight, left = own.B @ (ends[0] - ends[1]).T / 2e-4, own.A @ own.rigid - own.rigid
+    turned = central(lambda s: holding(controller.setup.arm, controller.gravity, angles + s * np.eye(3))[0], 1e-4, 2)
+    weight, left = own.B @ turned.T, own.A @ own.rigid - own.rigid
     for rows in (joints, rates):  # its weight is held wherever it is turned to, but for what it bends by
         assert np.linalg.norm(rows @ left) < 0.3 * np.linalg.norm(rows @ weight)
     assert [y[f"joint{k}"] for k in range(3)] == pytest.approx(angles)
@@ -194,13 +195,12 @@ def test_periods_of_the_elastica_rest_where_the_arm_does_and_their_derivatives_a
     u = u + rng.uniform(-0.2, 0.2, u.shape)
     x = plant.advance(x, u)
     A, B = plant.jacobians(x, u)
-    way, pull, step = rng.normal(size=x.shape) * np.repeat([0.1, 1.0], plant.half), rng.normal(size=u.shape), 1e-4
-    ends = [plant.advance(x + sign * step * way, u + sign * step * pull) for sign in (1.0, -1.0)]
-    slope = (ends[0] - ends[1]) / (2.0 * step)
+    way, pull = rng.normal(size=x.shape) * np.repeat([0.1, 1.0], plant.half), rng.normal(size=u.shape)
+    slope = central(lambda s: plant.advance(x + s * way, u + s * pull), 1e-4, 2)
     found = np.einsum("nij,nj->ni", A, way) + np.einsum("nij,nj->ni", B, pull)
     assert found == pytest.approx(slope, abs=1e-4 * np.abs(slope).max())
     for of in (plant.points, plant.bends, plant.tip):
-        slope = (of(x + step * way)[0] - of(x - step * way)[0]) / (2.0 * step)
+        slope = central(lambda s, of=of: of(x + s * way)[0], 1e-4, 2)
         assert np.einsum("n...s,ns->n...", of(x)[1], way) == pytest.approx(slope, abs=1e-6)
 
 
