@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from flexarm_env import simulate
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
@@ -17,9 +16,7 @@ from tests.physics.oracle_chain import Chain
 from tests.processes import uncompiled_tests
 from tests.scene_tools import everything
 
-Array = NDArray[Any]
 FRAMES = ("root", "chord")
-BOTH_FRAMES = pytest.mark.parametrize("frame", FRAMES)
 
 
 @pytest.mark.slow
@@ -87,7 +84,7 @@ def test_a_chord_bears_a_large_deflection() -> None:
 
 
 @pytest.mark.slow
-@BOTH_FRAMES
+@pytest.mark.parametrize("frame", FRAMES)
 @pytest.mark.parametrize("mesh", [{}, {"modes": 2}], ids=str)
 def test_segments_converge_where_beams_are_slender(frame: str, mesh: dict[str, int]) -> None:
     """Deflection 0.7 L with hardly any shear or stretch: second order at least in both frames, down to 2e-6 of L."""
