@@ -124,7 +124,7 @@ def call(kernel: Kernel, items: Sequence[Any]) -> Any:
         raise OverflowError(f"{kernel.__name__}({big}): a whole number has 64 bits") from None
     address = ctypes.addressof(room)
     form.call(address, address + 8 * len(values), 0)
-    return form.result(room, 8 * len(values)) if form.result is not None else None
+    return form.result(room, 8 * len(values))
 
 
 Kernel.run = call

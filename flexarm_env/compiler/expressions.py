@@ -119,14 +119,14 @@ class Expressions:
         return self.read(node.id)
 
     def of_Tuple(self, node: ast.Tuple) -> Any:
-        found: list[Any] = []
-        for part in node.elts:
-            found += self.value_or_parts(part)
-        return tuple(found)
+        return tuple(self.values(node.elts))
 
-    def value_or_parts(self, node: ast.expr) -> Sequence[Any]:
-        """An expression in a row of such: one item, or, with a star, those of a tuple."""
-        return self.parts(self.value(node.value)) if isinstance(node, ast.Starred) else [self.value(node)]
+    def values(self, nodes: Sequence[ast.expr]) -> list[Any]:
+        """What expressions in a row stand for: one item each, or, with a star, those of a tuple."""
+        found: list[Any] = []
+        for node in nodes:
+            found += self.parts(self.value(node.value)) if isinstance(node, ast.Starred) else [self.value(node)]
+        return found
 
     def of_Attribute(self, node: ast.Attribute) -> Any:
         item = self.value(node.value)
@@ -394,10 +394,7 @@ class Expressions:
         return rebuilt(template, iter(phis), self.b)
 
     def of_Call(self, node: ast.Call) -> Any:
-        function = self.value(node.func)
-        items: list[Any] = []
-        for argument in node.args:
-            items += self.value_or_parts(argument)
+        function, items = self.value(node.func), self.values(node.args)
         named = {}
         for keyword in node.keywords:
             if keyword.arg is None:

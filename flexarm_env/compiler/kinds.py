@@ -99,7 +99,10 @@ class Layout:
     _known: dict[Any, Layout] = {}  # noqa: RUF012
 
     def __init__(self, instance_class: Any, parts: dict[str, tuple[Any, int]], words: int, text: str) -> None:
-        self.instance_class, self.parts, self.words, self.text = instance_class, parts, words, text
+        self.instance_class, self.parts, self.words, self._text = instance_class, parts, words, text
+
+    def __repr__(self) -> str:
+        return self._text  # the same in every process: programs on disk are told apart by it
 
     @classmethod
     def of(cls, value: Any) -> Layout:
@@ -111,7 +114,7 @@ class Layout:
             at += width(shape)
         key = (type(value), tuple(parts.values()))
         if key not in cls._known:
-            shapes = [(name, shape.text if isinstance(shape, Layout) else shape) for name, (shape, _) in parts.items()]
+            shapes = [(name, shape) for name, (shape, _) in parts.items()]
             text = f"{type(value).__module__}.{type(value).__qualname__}{shapes}"
             cls._known[key] = cls(type(value), parts, at, text)
         return cls._known[key]

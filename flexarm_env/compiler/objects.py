@@ -67,7 +67,7 @@ def source_hash() -> str:
     return digest.hexdigest()
 
 
-def key_of(function: Any, shapes: Sequence[str], direct: bool, *target: str) -> Key:
+def key_of(function: Any, shapes: Sequence[Any], direct: bool, *target: str) -> Key:
     """The key of a function's program."""
     name = "".join(c for c in function.__qualname__ if c not in "<>")
     base = f"{function.__module__.rpartition('.')[2]}.{name}-{function.__code__.co_firstlineno}"

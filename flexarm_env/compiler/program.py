@@ -44,13 +44,12 @@ class Program:
     """
 
     def __init__(self, code: bytes, spec: Any, made: bool) -> None:
-        self._engine = engine(code)
-        self.address = int(self._engine.get_function_address(MAIN))
+        self.address = int(engine(code).get_function_address(MAIN))
         self.call: Callable[[int, int, int], int] = python_function(self.address)
         self.words, self.made, self._spec = _words(spec), made, spec
-        self.result = None if spec == "none" else self._read
 
-    def _read(self, room: Any, begin: int) -> Any:
+    def result(self, room: Any, begin: int) -> Any:
+        """What was returned, from words that begin at a byte of a room."""
         found = iter(struct.unpack_from("q" * self.words, room, begin))
         return _value(self._spec, found)
 
@@ -83,7 +82,7 @@ def _value(spec: Any, found: Any) -> Any:
 def program_of(kernel: Kernel, shapes: Sequence[Any], direct: bool) -> Program:
     """A kernel's program for arguments of such shapes (`kinds.described_as`): from the disk, or compiled now."""
     with _LOCK:
-        key = objects.key_of(kernel.function, [_text(shape) for shape in shapes], direct, *target_text())
+        key = objects.key_of(kernel.function, shapes, direct, *target_text())
         kept = objects.load(key)
         if kept is not None:
             return Program(*kept, made=False)
@@ -136,32 +135,19 @@ def _malloc_trim() -> Callable[[int], int]:
     return found
 
 
-def _text(shape: Any) -> str:
-    if isinstance(shape, Layout):
-        return shape.text
-    if is_tuple(shape):
-        return "(" + ", ".join(_text(part) for part in shape) + ")"
-    return str(shape)
-
-
 def _write(module: Any, kernel: Kernel, shapes: Sequence[Any], direct: bool, name: str) -> Any:
     """The program's one function, under a name; returns what its result is."""
     code = ir.Function(module.code, ir.FunctionType(WORD, [WORD] * 3), name)
     writer = Expressions(module, code)
     b = writer.b
-    if len(shapes) != kernel.function.__code__.co_argcount:
-        shapes = [*shapes, *["default" for _ in kernel.complete(shapes, {})[len(shapes) :]]]
     if direct:
         layout = shapes[0][1]
         items = [Stored(b.inttoptr(code.args[0], WORD.as_pointer()), layout), *map(Integer, code.args[1 : len(shapes)])]
     else:
         at, items = 0, []
         address = b.inttoptr(code.args[0], WORD.as_pointer())
-        defaults = kernel.function.__defaults__ or ()
-        for k, shape in enumerate(shapes):
-            if shape == "default":
-                items.append(defaults[k - len(shapes)])
-            elif is_tuple(shape) and shape[0] == "placed":
+        for shape in shapes:
+            if is_tuple(shape) and shape[0] == "placed":
                 word = b.load(b.gep(address, [ir.Constant(WORD, at)], inbounds=True), align=8)
                 items.append(Stored(b.inttoptr(word, WORD.as_pointer()), shape[1]))
                 at += 1

@@ -9,7 +9,7 @@ turn backwards; what it needs of a turn is kept in a frame of numbers as the loo
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from llvmlite import ir
@@ -130,7 +130,7 @@ class Backward(Writer):
         for block, body in zip(first, (node.body, node.orelse), strict=True):
             self.names, self._branched = dict(before), self._branched + 1
             self.b.position_at_end(block)
-            ways.append(_Way(self.b, self.code, block, after, self.room_of_ints))
+            ways.append(_Way(self.b, self.code, block, after))
             self.block(body)
             ways[-1].close()
             self.b.branch(after)
@@ -146,10 +146,6 @@ class Backward(Writer):
             self.done = True
             if not self._branched:
                 self.result = self.read("return")
-
-    def room_of_ints(self, kind_of: Any) -> Any:
-        """Room without cotangents."""
-        return super().room(kind_of)
 
     def _either(self, test: Any, ways: Sequence[_Way]) -> None:
         """A branch backwards."""
@@ -203,9 +199,9 @@ def _parts(item: Any) -> list[Any]:
 class _Way(Region):
     """One side of a branch. Of its values those that are needed are kept in slots."""
 
-    def __init__(self, tape: Tape, code: Any, block: Any, after: Any, room: Callable[[Any], Any]) -> None:
+    def __init__(self, tape: Tape, code: Any, block: Any, after: Any) -> None:
         super().__init__(tape, code, block)
-        self._after, self._room = after, room
+        self._after = after
 
     def close(self) -> None:
         """The side is written, to where the builder is."""
@@ -213,7 +209,7 @@ class _Way(Region):
         self._last = self.tape.block
 
     def brought(self, value: Any) -> Any:
-        tape, slot = self.tape, self._room(value.type)
+        tape, slot = self.tape, self.tape.slot(value.type)
         with tape.at(self._last):
             tape.store(value, slot)
         with tape.at(self._after, start=True):
@@ -229,7 +225,7 @@ class _Turns(Region):
         self._writer, self._turns, self._size = writer, turns, ir.Constant(WORD, 0)
         self._saved: list[tuple[Any, int]] = []
         self._frames = tape.taken(tape.mul(turns, self._size))
-        counter = self._counter = writer.room_of_ints(WORD)
+        counter = self._counter = tape.slot(WORD)
         tape.store(ir.Constant(WORD, 0), counter)
         self._head, self.end = (code.append_basic_block(word) for word in ("head", "end"))
         tape.branch(self._head)

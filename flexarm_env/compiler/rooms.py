@@ -22,10 +22,14 @@ class Rooms(ir.IRBuilder):  # type: ignore[misc]
 
     def __init__(self, writer: Any) -> None:
         super().__init__(writer.b.block)
-        self._code, top = writer.code, ir.IRBuilder(writer.top)
-        self._room, self._used = top.alloca(ir.ArrayType(DOUBLE, ON_STACK)), top.alloca(WORD)
+        self._code, self._top = writer.code, writer.top
+        self._room, self._used = self.slot(ir.ArrayType(DOUBLE, ON_STACK)), self.slot(WORD)
         self._room.align = 64
         ir.IRBuilder.store(self, ir.Constant(WORD, 0), self._used)
+
+    def slot(self, kind: Any) -> Any:
+        """Room on the stack for something of a kind, without cotangents."""
+        return ir.IRBuilder(self._top).alloca(kind)
 
     @contextmanager
     def at(self, block: Any, start: bool = False) -> Iterator[None]:

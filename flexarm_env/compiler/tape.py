@@ -82,7 +82,7 @@ class Tape(Rooms):
 
     def __init__(self, writer: Any, wide: dict[Any, Any]) -> None:
         super().__init__(writer)
-        self._writer, self.wide = writer, wide
+        self.wide = wide
         self.nodes: dict[int, Node] = {}
         self.home: dict[int, Region] = {}
         self._bars: dict[int, Any] = {}
@@ -103,7 +103,7 @@ class Tape(Rooms):
     def argument(self, array: Any, bar: Any) -> Any:
         """The address of an array in place of which a copy is worked on where it is written to; bar: its cotangents, or
         None: room of its own."""
-        slot = ir.IRBuilder(self._writer.top).alloca(DOUBLE.as_pointer())
+        slot = self.slot(DOUBLE.as_pointer())
         size = array.shape[0]
         for more in array.shape[1:]:
             size = self.mul(size, more)
@@ -201,7 +201,7 @@ class Tape(Rooms):
             node.cotangent = cotangent if node.cotangent is None else self.fadd(node.cotangent, cotangent)
             return
         if node.total is None:
-            node.total = ir.IRBuilder(self._writer.top).alloca(cotangent.type)
+            node.total = self.slot(cotangent.type)
             with self.at(node.region.entry):
                 self.store(_all(cotangent.type), node.total)
         self.store(self.fadd(self.load(node.total), cotangent), node.total)
