@@ -89,7 +89,7 @@ def variant(label: str, names: tuple[str, ...], more: str) -> dict[str, Any]:
 
 def measure(options: argparse.Namespace) -> pages.Found:
     """Fit all, draw."""
-    variants = pages.kept(options.out, "hardware").get("variants", [])
+    variants = pages.begun(options.out, "hardware").get("variants", [])
     done = {v["label"] for v in variants}
     for label, names, more in VARIANTS[: options.variants]:
         if label not in done:

@@ -171,8 +171,8 @@ def blocks(found: pages.Found) -> pages.Blocks:
 
 
 def measure(options: argparse.Namespace) -> pages.Found:
-    """All cases that are not in the record."""
-    found = {"cases": [], "space": [], **pages.kept(options.out, "identification")}
+    """All cases that a run which was broken off has not left."""
+    found = {"cases": [], "space": [], **pages.begun(options.out, "identification")}
     clock = time.perf_counter()
     for key, one in (("cases", case), ("space", case_in_space)):
         for seed in sorted({*range(options.cases)} - {row["seed"] for row in found[key]}):

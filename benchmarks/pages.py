@@ -65,6 +65,12 @@ def kept(folder: Path, name: str) -> Found:
     return json.loads(record.read_text(encoding="utf-8")) if record.is_file() else {}
 
 
+def begun(folder: Path, name: str) -> Found:
+    """What a run that was broken off has left in a record, to go on from; a whole one is measured anew."""
+    found = kept(folder, name)
+    return {} if "machine" in found else found
+
+
 def parts(options: argparse.Namespace, name: str, measures: Mapping[str, Callable[[], Any]]) -> Found:
     """What each part of a record is measured to be; where --only names some, the others are as they are kept."""
     wanted = options.only or measures
@@ -100,6 +106,8 @@ def run(
     options = parser.parse_args(arguments)
     if options.page:
         found = kept(options.out, name)
+        if "machine" not in found:
+            parser.error(f"{options.out / name}.json: no record of a whole run, which --page needs")
     else:
         found = {"machine": describe_machine(*packages), **measure(options)}
         write_text(options.out / f"{name}.json", json.dumps(found, indent=indent) + "\n")

@@ -12,18 +12,7 @@ from llvmlite import ir
 
 from . import arithmetic, lanes, symbols
 from .arithmetic import known, number, whole
-from .kinds import (
-    WORD,
-    Array,
-    Integer,
-    Record,
-    Refused,
-    Stored,
-    Truth,
-    is_tag,
-    is_tuple,
-    told,
-)
+from .kinds import WORD, Array, Integer, Record, Refused, Stored, Truth, is_tag, is_tuple, told
 from .symbols import DOUBLE, Value, vector
 
 

@@ -12,19 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..validation import Array
 from ..view.outlines import faces_of
-from .drawing import (
-    AXIS,
-    FAINT,
-    GRID,
-    INK,
-    PAPER,
-    SHADE,
-    SUPERSAMPLING,
-    Color,
-    blend,
-    pygame_module,
-    write,
-)
+from .drawing import AXIS, FAINT, GRID, INK, PAPER, SHADE, SUPERSAMPLING, Color, blend, pygame_module, write
 from .rendering import GHOST, GHOST_EDGE, KEEP_OUT, LINKS, MARGIN, PAYLOAD, STEEL, TARGET, WHITE, Renderer
 
 AZIMUTH, ELEVATION = math.radians(-58.0), math.radians(20.0)

@@ -11,20 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiler import (
-    arms,
-    follow,
-    hot,
-    kernel,
-    largest,
-    load,
-    select_lt,
-    size,
-    splat,
-    stack,
-    store,
-    vjp_of,
-)
+from ..compiler import arms, follow, hot, kernel, largest, load, select_lt, size, splat, stack, store, vjp_of
 from ..physics.integrator.adjoint import vjp_light, vjp_restart, vjp_step, vjp_switch
 from ..physics.integrator.newton import slopes_of
 from ..physics.integrator.start import restart

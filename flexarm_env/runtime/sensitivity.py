@@ -20,17 +20,7 @@ from ..physics.integrator.step import foresee
 from ..physics.integrator.work import copy_rows, state_of, take_out_known, unpack, work_size
 from ..physics.joints.friction import change_friction, friction_tangents, note_branch
 from ..physics.layout import OF_MOTION
-from ..physics.protocol import (
-    State,
-    Weights,
-    assemble,
-    difference,
-    factor,
-    link_poses,
-    residual,
-    solve,
-    update,
-)
+from ..physics.protocol import State, Weights, assemble, difference, factor, link_poses, residual, solve, update
 
 
 class Neighbour(NamedTuple):

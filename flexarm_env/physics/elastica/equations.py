@@ -18,15 +18,7 @@ from ..layout import OF_LOAD
 from ..materials import viscoelastic, viscoelastic_slope
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D, Elastica
 from ..protocol import State, register
-from .eccentric import (
-    less_root_aside,
-    more_moments,
-    more_slopes,
-    payload_at,
-    root_of,
-    tangent_aside,
-    with_payload,
-)
+from .eccentric import less_root_aside, more_moments, more_slopes, payload_at, root_of, tangent_aside, with_payload
 from .layout import X, Y, constants, load_at, node_angles, weighted
 from .output import damping_work, energy, link_poses, ports, shape
 

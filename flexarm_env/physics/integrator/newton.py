@@ -7,20 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...compiler import (
-    absolute,
-    arms,
-    change,
-    inlined,
-    kernel,
-    largest,
-    load,
-    maximum,
-    select_lt,
-    size,
-    splat,
-    store,
-)
+from ...compiler import absolute, arms, change, inlined, kernel, largest, load, maximum, select_lt, size, splat, store
 from ..joints.friction import apply_friction
 from ..layout import ITERATIONS
 from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, keeps, lack, rotates, settle, solve, stride

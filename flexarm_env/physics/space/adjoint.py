@@ -1,7 +1,7 @@
 """Backwards through exact beams in space: the transposed system and the product with the matrix, by `matrix`."""
 
 from ...compiler import kernel, load, store
-from ..arithmetic import add
+from ..arithmetic import add, put_vector, vector
 from ..protocol import register
 from .chain import SpatialBeam, clear, three_of
 from .inner import elements_before, multiplied
@@ -16,7 +16,7 @@ from .matrix import (
     swing_of,
     transposed_times,
 )
-from .rotations import add_vector, back, cross, dot, minus, plus, put_vector, times, turned, vector
+from .rotations import add_vector, back, cross, dot, minus, plus, times, turned
 
 
 @kernel

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...compiler import kernel, load, sincos, splat, store
-from ..arithmetic import add
+from ..arithmetic import add, put_vector, vector
 from ..model import EI_Y_FACTOR, GJ_FACTOR, STIFFNESS_FACTOR, TAU_D
 from ..protocol import of_step
 from .element import Place, Section, add_block, scale
@@ -26,7 +26,6 @@ from .rotations import (
     plus,
     plus_identity,
     product,
-    put_vector,
     quaternion,
     scaled,
     skew,
@@ -36,7 +35,6 @@ from .rotations import (
     times,
     transposed,
     turned,
-    vector,
 )
 from .strained_layout import noted_at
 

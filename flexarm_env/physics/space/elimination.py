@@ -7,7 +7,7 @@ to its root and its strains, and these are eliminated.
 from __future__ import annotations
 
 from ...compiler import kernel, load, splat, store
-from ..arithmetic import add
+from ..arithmetic import add, put_vector, vector
 from . import inner
 from .chain import clear, onto, three_of
 from .inner import elements_before, factors, solution
@@ -24,7 +24,7 @@ from .matrix import (
     solve_six,
     transposed_times,
 )
-from .rotations import add_vector, back, dot, minus, plus, put_vector, times, turned, vector
+from .rotations import add_vector, back, dot, minus, plus, times, turned
 from .strained import strain_row
 from .strained_layout import noted_at
 

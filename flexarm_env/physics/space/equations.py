@@ -7,6 +7,7 @@ each of its ends; a vertex's moment is J dw/dt + w x J w in its own axes.
 from __future__ import annotations
 
 from ...compiler import apart, kernel, load, splat, store
+from ..arithmetic import put_vector, vector
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from ..protocol import register
 from .chain import (
@@ -46,7 +47,7 @@ from .output import (
     stand,
     task_poses,
 )
-from .rotations import add_vector, back, cross, dot, matrix, minus, plus, put_matrix, put_vector, times, turned, vector
+from .rotations import add_vector, back, cross, dot, matrix, minus, plus, put_matrix, times, turned
 from .settled import lack, settle, stride
 from .strained import elastic, pull, strained_difference, strained_update, walk
 from .strained_layout import noted_at

@@ -20,19 +20,7 @@ import math
 from typing import Any, NamedTuple
 
 from ...compiler import kernel, square_root
-from .rotations import (
-    about_identity,
-    back,
-    cross,
-    dot,
-    matrix,
-    minus,
-    plus,
-    product,
-    times,
-    transposed,
-    turned,
-)
+from .rotations import about_identity, back, cross, dot, matrix, minus, plus, product, times, transposed, turned
 
 
 class Frame(NamedTuple):

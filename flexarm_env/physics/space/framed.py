@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...compiler import inlined, kernel, load, select_lt, splat
-from ..arithmetic import clip, smaller
+from ..arithmetic import clip, smaller, vector
 from ..model import STIFFNESS_FACTOR
 from .chain import factors_of, three_of
 from .element import scale
@@ -19,7 +19,7 @@ from .frame import across, frame_of, lifted, phi_second, rates_of, seconds
 from .framed_tangent import tangent
 from .inner import HELIX, constant, ends_by, inner_by, product
 from .layout import W, frame_at, inner_of, inner_row, points_of, weight_end
-from .rotations import add_vector, back, cross, dot, minus, plus, swirl, times, turned, vector
+from .rotations import add_vector, back, cross, dot, minus, plus, swirl, times, turned
 
 MOST, HEAVY = 0.5, 40.0
 """Largest force of its own in a segment's tangent, over EI / l^2 (its buckling force is pi^2 of that), and moment, over

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ...compiler import kernel, store
+from ..arithmetic import put_vector, vector
 from ..protocol import of_step
 from .chain import factors_of
 from .element import fill, rows_of, scale
@@ -23,7 +24,6 @@ from .rotations import (
     plus,
     plus_identity,
     product,
-    put_vector,
     scaled,
     skew,
     skewed,
@@ -31,7 +31,6 @@ from .rotations import (
     times,
     transposed,
     turned,
-    vector,
 )
 
 

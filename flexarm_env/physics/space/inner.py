@@ -7,11 +7,11 @@ Newton's matrix eliminates them within their segment before it goes along the ch
 from __future__ import annotations
 
 from ...compiler import kernel, load, splat, store
-from ..arithmetic import add
+from ..arithmetic import add, vector
 from .chain import three_of
 from .element import scale
 from .layout import F, count_of, inner_of
-from .rotations import dot, minus, plus, times, vector
+from .rotations import dot, minus, plus, times
 
 HELIX = 1.0 / 24.0
 """Of twist times bending, rad: by what the sections of a helix are turned against its chord."""

@@ -10,38 +10,13 @@ with A the axes of the section before and s the lever to the link's beginning; w
 from __future__ import annotations
 
 from ...compiler import kernel, load, splat, store, traced
-from ..arithmetic import add
+from ..arithmetic import add, put_vector, vector
 from ..model import TAU_D
 from ..protocol import of_step
 from .chain import clear, three_of
 from .element import add_block
-from .layout import (
-    AXES,
-    B,
-    F,
-    H,
-    J,
-    before,
-    factor_at,
-    hinge_at,
-    joint_row,
-)
-from .rotations import (
-    back,
-    cross,
-    dot,
-    plus,
-    product,
-    put_matrix,
-    put_vector,
-    scaled,
-    skew,
-    sum_of,
-    times,
-    transposed,
-    turned,
-    vector,
-)
+from .layout import AXES, B, F, H, J, before, factor_at, hinge_at, joint_row
+from .rotations import back, cross, dot, plus, product, put_matrix, scaled, skew, sum_of, times, transposed, turned
 
 
 @kernel

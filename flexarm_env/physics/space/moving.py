@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ...compiler import alone, change, kernel, load, select_lt, store
+from ..arithmetic import put_vector, vector
 from ..protocol import added
 from . import rotations
 from .layout import count_of, joint_row, vertex_row
@@ -14,12 +15,10 @@ from .rotations import (
     minus,
     moved,
     plus,
-    put_vector,
     quaternion,
     rotation_vector,
     shorter,
     times,
-    vector,
 )
 
 

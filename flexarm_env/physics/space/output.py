@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...compiler import inlined, kernel, load, splat, square_root, store
-from ..arithmetic import put
+from ..arithmetic import put, put_vector, vector
 from ..layout import SPACE_POSE as SP
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from ..protocol import State
@@ -23,13 +23,11 @@ from .rotations import (
     matrix,
     minus,
     plus,
-    put_vector,
     rotation_vector,
     shorter,
     times,
     turn_of,
     turned,
-    vector,
 )
 from .strained import last_place, point_of, strained_damping, strained_sums
 

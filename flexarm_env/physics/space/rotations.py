@@ -11,24 +11,11 @@ import math
 from typing import Any, NamedTuple
 
 from ...compiler import kernel, load, select_lt, square_root, store
+from ..arithmetic import put_vector
 
 _SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(8, -1, -1))
 _COSINE = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(9, -1, -1))
 _ARCTANGENT = tuple((-1.0) ** k / (2 * k + 1) for k in range(11, -1, -1))
-
-
-@kernel
-def vector(lane, array, k):
-    """Three elements from k on."""
-    return load(lane, array, k), load(lane, array, k + 1), load(lane, array, k + 2)
-
-
-@kernel
-def put_vector(array, k, a):
-    """array[k : k + 3] <- a."""
-    store(array, k, a[0])
-    store(array, k + 1, a[1])
-    store(array, k + 2, a[2])
 
 
 @kernel

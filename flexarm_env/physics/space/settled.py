@@ -12,7 +12,7 @@ stretch and shear a force is affine in the chord's components e of the element's
 from __future__ import annotations
 
 from ...compiler import kernel, largest, load, select_lt, splat, store
-from ..arithmetic import add
+from ..arithmetic import add, put_vector, vector
 from ..integrator.newton import follow
 from ..integrator.work import moved_by
 from .chain import place_at, planted, section_at, three_of
@@ -20,22 +20,7 @@ from .element import Place, arc_of, bow_of, mean, middle
 from .inner import elements_before
 from .layout import F, H, J, count_of, factor_at, hinge_at, joint_row, vertex_row
 from .matrix import carried, matrix_in
-from .rotations import (
-    back,
-    composed,
-    cross,
-    dot,
-    inverse,
-    matrix,
-    minus,
-    plus,
-    put_vector,
-    shorter,
-    times,
-    turn_of,
-    turned,
-    vector,
-)
+from .rotations import back, composed, cross, dot, inverse, matrix, minus, plus, shorter, times, turn_of, turned
 
 LONGEST = 0.05
 """Of Newton's increments, rad or shares of the arm's length: what whips about starts further off than that, and leaves

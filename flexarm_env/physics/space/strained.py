@@ -17,6 +17,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ...compiler import inlined, kernel, load, size, splat, square_root, stack, store
+from ..arithmetic import put_vector, vector
 from ..model import TAU_D
 from ..protocol import added
 from .chain import Vertex, factors_of, three_of
@@ -35,10 +36,8 @@ from .rotations import (
     plus,
     polynomial,
     put_matrix,
-    put_vector,
     times,
     turned,
-    vector,
 )
 from .strained_layout import noted_at, strained_at
 

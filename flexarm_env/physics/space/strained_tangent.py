@@ -11,28 +11,13 @@ against each other, in first order of the step; Newton's way is longer by little
 from __future__ import annotations
 
 from ...compiler import kernel, load, size, splat
-from ..arithmetic import add
+from ..arithmetic import add, put_vector, vector
 from ..model import TAU_D
 from .chain import clear, three_of
 from .element import add_block, scale
 from .layout import F
 from .matrix import matrix_in
-from .rotations import (
-    back,
-    cross,
-    dot,
-    minus,
-    plus,
-    product,
-    put_matrix,
-    put_vector,
-    scaled,
-    skew,
-    times,
-    transposed,
-    turned,
-    vector,
-)
+from .rotations import back, cross, dot, minus, plus, product, put_matrix, scaled, skew, times, transposed, turned
 from .strained import correction_of, noted_tangent, slope_of_slope, stiff_of
 from .strained_layout import noted_at, strained_at
 
