@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from flexarm_env.compiler import UNCOMPILED, kernel, objects
+from flexarm_env.compiler.kinds import described_as
 from flexarm_env.compiler.objects import Key, load, save
 from flexarm_env.layout import Layout
 from tests.processes import ROOT, python
@@ -47,6 +48,12 @@ def kept(key: Key) -> bytes | None:
 
 
 # ------------------------------------------------------------------------------------------ files
+def test_a_named_tuple_in_a_tuple_is_told_by_what_it_is() -> None:
+    """Not by where it lies in this process, which no other would find."""
+    told = repr(described_as((Key(1, 2, 3.0), (Key(4, 5, None), 6.0)), "pair"))
+    assert told.count("compiler.objects.Key") == 2 and " at 0x" not in told
+
+
 def test_processes_that_compile_at_once_keep_their_own_code() -> None:
     assert kept(key("one link")) is None and kept(key("two links")) is None
     keep(key("one link"), b"code for one link")
