@@ -94,7 +94,7 @@ class Dynamics:
         return out
 
     def jacobians(self, x: Array, u: Array) -> tuple[Array, Array]:
-        """A (m, S, S) and B (m, S, N): derivatives of `advance` by x and u, exact; NaN where the solver fails."""
+        """A (m, S, S) and B (m, S, N): derivatives of `advance` by x and u, exact; NaN where a step was halved."""
         size, n = self.size, self.n_inputs
         A, B = np.empty((len(x), size, size)), np.empty((len(x), size, n))
         for first in range(0, len(x), AT_ONCE):
@@ -245,7 +245,7 @@ class Dynamics:
         """Of at least m arms, and states of theirs, of which the first numbers are to be filled in."""
         batch = self._batch(m)
         if batch.n not in self._differentiated:
-            periods = Periods(batch)
+            periods = Periods(batch, repeats=False)  # plans keep to where steps are solved as they are
             assert periods.moving == self.size
             self._differentiated[batch.n] = periods, periods.states()
         return self._differentiated[batch.n]

@@ -130,7 +130,8 @@ class Periods:
     Args:
         batch: the arms. parameters: see `Arms`. kept: a state holds accelerations and torques, also where periods begin
         with accelerations solved afresh. guided: which arm alone, and its `envs.motion.Guide`; None: all arms, as they
-        move in the batch. halved: arms one at a time, whose steps are halved where Newton's iteration fails.
+        move in the batch. halved: arms one at a time, whose steps are halved where Newton's iteration fails. repeats:
+        whether arms whose iteration fails beside others are taken so.
     Attributes:
         n, state_size, action_size, observation_size, moving, names, failed, past: see `Arms`. backwards: whether
         cotangents have kernels of their own (`vjp`).
@@ -138,7 +139,7 @@ class Periods:
 
     def __init__(
         self, batch: Batch, parameters: bool = False, kept: bool = False, guided: tuple[int, Any] | None = None,
-        halved: bool = False,
+        halved: bool = False, repeats: bool = True,
     ) -> None:  # fmt: skip
         if WIDEST is SINGLE:
             raise RuntimeError("derivatives are compiled: there are none where compilation is disabled")
@@ -209,7 +210,7 @@ class Periods:
         self.backwards = able and not gauges and all(part is None for part in forwards)
         self._shape = (self.n, rows, columns)
         self._placed = Placed(self._program)
-        self._kept, self._halves, self._stuck = kept, len(lane) == 1, np.zeros(self.n, np.bool_)
+        self._kept, self._repeats, self._stuck = kept, repeats and len(lane) > 1, np.zeros(self.n, np.bool_)
         self._one: Periods | None = None
         self._threads = 1 if guided else batch.threads
         self._crew = Crew(self._threads - 1)
@@ -354,7 +355,7 @@ class Periods:
         if self.failed.any():
             d = self._program
             sound = [np.isfinite(rows.reshape(self.n, -1)).all(axis=1) for rows in (d.state, d.action)]
-            self._stuck[:] = (d.failed == NEWTON_FAILED) & sound[0] & sound[1] & (not self._halves)
+            self._stuck[:] = (d.failed == NEWTON_FAILED) & sound[0] & sound[1] & self._repeats
             for block in self._blocks:
                 block[:] = 0.0
         else:
