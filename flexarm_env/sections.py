@@ -151,6 +151,8 @@ class Taper:
             check.store(self, **{name: sides})
         E, rho, G, kappa = _material(self.E, self.rho, self.G, self.kappa)
         check.store(self, E=E, rho=rho, G=G, kappa=kappa)
+        for end in (0.0, 1.0):
+            self.rectangle(end)  # which checks EI, EA, C, m and J
 
     def sides(self, share: Any) -> tuple[Any, Any]:
         """Width and thickness, m, at a share of the length (a number or an array)."""

@@ -185,6 +185,10 @@ section = [
             "section.widths[1] = 0.0: must be a positive number (m)",
         ),
         (
+            lambda: Taper((1e-3, 1e9), (1e-3, 1e9), 70e9, 2700.0, 26e9),
+            "section.EI = 5.833333333333333e+45: must be at least 1e-30 and at most 1e+30 in size (N m^2)",
+        ),
+        (
             lambda: arms.from_table({"name": "a", "links": [{"length": 1.0, "section": [{"s": 0.0, "EJ": 1.0}]}]}),
             "links[0].section[0].EJ: unknown key; allowed: EI, EA,",
         ),
