@@ -23,7 +23,7 @@ from ..physics.layout import DISSIPATED, SPACE_POSE, WORK_DONE
 from ..physics.model import DIVERGED
 from ..physics.space.reading import read
 from ..scene import Motion, Scene
-from ..settings import Settings
+from ..settings import Settings, steps_in
 from ..simulation import Simulation
 from ..time_functions import TimeFunction
 from ..trajectory import joint_angles, link_deflection, placed
@@ -183,7 +183,7 @@ class Guide:
         loaded = {getattr(load, "joint", None) for load in scene.loads}
         joints = range(scene.arm.n_links)
         self.free = np.array([scene.motion_of(f"joint{k}") is None and k not in loaded for k in joints])
-        self.limit = max(1, math.ceil(scene.duration / period * (1.0 - 1e-9)))
+        self.limit = steps_in(scene.duration, period)
         self.steps, self.moved = 0, True
         self._start()
 
@@ -246,11 +246,13 @@ class Guide:
         """Where the arm is."""
         simulation, poses = self.simulation, self.report()["poses"]
         if self.scene.spatial:
-            deflection = self._read()["tip_deflection"][0].T.ravel()
+            seen = self._read()
+            points, deflection = seen["shapes"][0], seen["tip_deflection"][0].T.ravel()
         else:
+            points = simulation.shape_points()
             deflection = link_deflection(poses) / np.array([link.span for link in self.scene.arm.links])
         return View(
-            points=simulation.shape_points(), poses=poses, time=simulation.t, target=target,
+            points=points, poses=poses, time=simulation.t, target=target,
             torques=simulation.joint_torques(), deflection=deflection, q=simulation.work.q.copy(),
         )  # fmt: skip
 

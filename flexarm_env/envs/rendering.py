@@ -163,7 +163,7 @@ class Renderer:
             u, angle = max(0.75, min(self.size) / 640.0), round(math.degrees(attitude), 1)
             turned = f"{angle:+.1f}°".replace("-", "−") if angle else "0°"
             write(picture, f"base {turned}", (14 * u, 69.5 * u), 17 * u, FAINT, "midleft")
-        return self._told(picture, time, torques, deflection, good)
+        return self._with_panels(picture, time, torques, deflection, good)
 
     @property
     def visible(self) -> bool:
@@ -249,7 +249,7 @@ class Renderer:
             sheet.disc(chain[-1][-1], 3.0, blend(PAYLOAD, WHITE, 0.55))
 
     # --------------------------------------------------------------- panels
-    def _told(
+    def _with_panels(
         self, picture: Any, time: float, torques: ArrayLike | None, deflection: ArrayLike | None, good: bool
     ) -> NDArray[np.uint8] | None:
         """The picture with time, scale, deflections and torques, in the corners that the circle of reach leaves free:
@@ -299,7 +299,8 @@ def stroke_widths(k: int, n: int) -> tuple[float, float]:
 
 
 def rigid_arm(chain: Sequence[Array], ends: Array) -> list[Array]:
-    """Straight links (2, 2) of the chain's lengths at the joint angles that angles (N, 2) of roots and tips tell."""
+    """Straight links (2, 2) of the chain's lengths, turned by its joint angles; ends (N, 2): angles of the tangents at
+    roots and tips, rad."""
     at, angle, before = chain[0][0], 0.0, 0.0
     arm = []
     for line, (root, tip) in zip(chain, ends.tolist(), strict=True):

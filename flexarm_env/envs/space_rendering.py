@@ -96,7 +96,7 @@ class SpaceRenderer(Renderer):
         if good:
             self._draw_scene(canvas, camera, chain, target, rigid)
         picture = pygame_module().transform.smoothscale(canvas, self.size)
-        return self._told(picture, time, torques, deflection, good)
+        return self._with_panels(picture, time, torques, deflection, good)
 
     # ---------------------------------------------------------------- the scene
     def _draw_scene(
