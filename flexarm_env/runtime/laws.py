@@ -59,8 +59,8 @@ def _held_filter(low_pass: Any, period: float) -> tuple[Any, Any, Any]:
 
 
 def _bow(low_pass: Any, period: float, share: float) -> np.ndarray:
-    """`LAW.bow`: by how much the exact solution a share of a period before its end, of an input that runs straight, is
-    above the straight line between its values at both ends."""
+    """`LAW.bow` (4,): what is added to the straight line between a filter's outputs at two instants to have its output
+    `share` of a period before the second, where the input runs straight between them."""
     if low_pass is None or share == 0.0:
         return np.zeros(4)
     rows = []
