@@ -16,7 +16,8 @@ def by_runs(made: Experiment, run: Run, k: int, size: float, step: float, order:
     def read(way: float) -> Any:
         moved = made.start.copy()
         moved[k] += way * size
-        return np.array(list(made.predict(moved, run).values()))
+        found = made.predict(moved, run)
+        return np.array([found[name] for name in run.outputs])
 
     return dict(zip(run.outputs, central(read, step, order), strict=True))
 

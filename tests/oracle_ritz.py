@@ -35,7 +35,7 @@ def ritz_frequencies(arm: Arm, count: int, hinged: bool = False) -> Any:
             turn = next(free)
         if gear.elastic:
             motor = next(free) if hinged else still
-            add(0.0, gear.rotor, still, motor)
+            add(0.0, gear.motor_inertia * gear.gear_ratio**2, still, motor)
             K += gear.stiffness * (turn - before - motor).T @ (turn - before - motor)
         add(0.0, arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right, joint, turn)
         root = joint + 1j * link.root_offset * way * turn
@@ -58,5 +58,5 @@ def ritz_frequencies(arm: Arm, count: int, hinged: bool = False) -> Any:
         add(link.tip_mass, link.tip_inertia, 0.5 * (moved[-1:] + joint), turn)
         if k + 1 < arm.n_links:
             add(arm.elbow(k + 1).mass, arm.elbow(k + 1).inertia_left, joint, turn)
-    add(arm.payload.mass, arm.payload.inertia, joint + 1j * arm.payload.lever * way * turn, turn)
+    add(arm.payload.mass, arm.payload.inertia, joint + 1j * complex(*arm.payload.offset[:2]) * way * turn, turn)
     return np.sqrt(np.abs(eigh(K, M, eigvals_only=True)))[arm.n_links if hinged else 0 :][:count]

@@ -63,7 +63,7 @@ def finished(scene: fx.Scene, formulation: str | None = None, **options: Any) ->
 
 
 def beside(env: Any, action: Any, start: Any, duration: float = 0.05) -> Any:
-    """That of the arm of an environment under its weight, from the same start, an action's torques held."""
+    """The run of an environment's arm under its weight, from the same start, an action's torques held."""
     plan = env.unwrapped.plan
     torques = np.array(plan.arm.torque_limits) * action
     loads = tuple(fx.JointTorque(k, constant(float(u))) for k, u in enumerate(torques))

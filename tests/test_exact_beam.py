@@ -121,14 +121,16 @@ UNDAMPED = dataclasses.replace(named_arm("strip"), tau_d=0.0)
 EXACT = {"formulation": "geometrically_exact", "elements": 3}
 
 
-def thrown(actions: np.ndarray, **options: Any) -> tuple[Any, np.ndarray]:
-    """A batch of strips after actions (periods, n, 1), none of which is lost on the way, and their tips (n, 2)."""
+def thrown(actions: np.ndarray, **options: Any) -> np.ndarray:
+    """Tips (n, 2) of strips after actions (periods, n, 1): none is lost on the way, and none is repeated alone, in
+    halved steps, because Newton failed in its lane."""
     envs = gym.make_vec("FlexibleArm-v0", num_envs=actions.shape[1], joint_limits=None, **options)
     envs.reset(seed=4)
     for action in actions:
         info = envs.step(action)[4]
         assert (info["solver_status"] == "ok").all() and (np.hypot(*info["tip_position"].T) < 1.01).all()
-    return envs.unwrapped.batch, info["tip_position"]
+    assert envs.unwrapped.batch._alone is None
+    return np.asarray(info["tip_position"])
 
 
 @pytest.mark.slow
@@ -144,15 +146,14 @@ def thrown(actions: np.ndarray, **options: Any) -> tuple[Any, np.ndarray]:
 def test_strips_survive_random_full_torque(options: dict[str, Any], rng: np.random.Generator) -> None:
     """512 strips, 4 s, +-2 N m of random sign each 20 ms at 5 ms: none is lost, and none even needs its step halved."""
     signs = rng.choice([-1.0, 1.0], (199, 512, 1)).astype(np.float32)
-    batch, _ = thrown(signs, dt=0.005, **options)
-    assert batch.counts[:, 2].sum() == 0.0
+    thrown(signs, dt=0.005, **options)
 
 
 @pytest.mark.slow
 def test_one_linear_solve_a_step_is_nearly_enough(rng: np.random.Generator) -> None:
     """From a guess that keeps the strains, one iteration meets a tolerance of 1e-4, and the tip hardly changes."""
     torques = rng.uniform(-1.0, 1.0, (199, 8, 1)).astype(np.float32)
-    tips = [thrown(torques, dt=0.0025, arm=UNDAMPED, tolerance=x, **EXACT)[1] for x in (1e-10, 1e-4)]
+    tips = [thrown(torques, dt=0.0025, arm=UNDAMPED, tolerance=x, **EXACT) for x in (1e-10, 1e-4)]
     assert np.hypot(*(tips[1] - tips[0]).T).max() < 1e-3
 
 

@@ -14,7 +14,7 @@ from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import cycloid, sine
 from tests.physics.oracle_chain import Chain
 from tests.processes import uncompiled_tests
-from tests.scene_tools import everything
+from tests.scene_tools import everything, tips_apart
 
 FRAMES = ("root", "chord")
 
@@ -27,9 +27,10 @@ def test_uncompiled(mark: str) -> None:
 
 
 # ------------------------------------------------------------------------------ scenes
-def tips_apart(one: Any, other: Any) -> float:
+def ends_apart(one: Any, other: Any) -> float:
+    """`tips_apart` of two runs that came to their end."""
     assert one.status == other.status == "ok", (one.message, other.message)
-    return float(np.hypot(*(one.tip - other.tip)[:, :2].T).max() / one.scene.arm.total_length)
+    return tips_apart(one, other)
 
 
 def jointed() -> Scene:
@@ -59,7 +60,7 @@ def test_the_form_with_multipliers_is_approached(scene: Scene, dt: float, mesh: 
     for k in range(4):
         options = {"dt": dt / 2**k, "rho_inf": 1.0, "sample": 0.1, "estimate_error": False, **mesh}
         joined = simulate(everything(scene), multipliers=True, **options)
-        apart.append(tips_apart(simulate(everything(scene), frame="root", **options), joined))
+        apart.append(ends_apart(simulate(everything(scene), frame="root", **options), joined))
     assert np.log2(np.array(apart[:-1]) / apart[1:]) == pytest.approx(2.0, abs=0.15)
     assert apart[-1] < 3e-6
 
@@ -72,7 +73,7 @@ def test_a_chord_bears_a_large_deflection() -> None:
     exact = simulate(scene, "geometrically_exact", elements=12, order=3, estimate_error=False, **options)
     errors = {
         frame: [
-            tips_apart(simulate(scene, segments=n, elements=2, frame=frame, estimate_error=False, **options), exact)
+            ends_apart(simulate(scene, segments=n, elements=2, frame=frame, estimate_error=False, **options), exact)
             for n in (2, 4, 8)
         ]
         for frame in FRAMES
@@ -93,7 +94,7 @@ def test_segments_converge_where_beams_are_slender(frame: str, mesh: dict[str, i
     scene = Scene("slender", arm, duration=0.6, dt=5e-4, sample=0.02, loads=(JointTorque(0, sine(2.0, 8.0)),))
     exact = simulate(scene, "geometrically_exact", elements=16, rho_inf=0.9, estimate_error=False)
     apart = [
-        tips_apart(simulate(scene, segments=n, frame=frame, rho_inf=0.9, estimate_error=False, **mesh), exact)
+        ends_apart(simulate(scene, segments=n, frame=frame, rho_inf=0.9, estimate_error=False, **mesh), exact)
         for n in (6, 12, 24)
     ]
     assert all(fine < max(coarse / 2**1.5, 2e-6) for coarse, fine in itertools.pairwise(apart))
