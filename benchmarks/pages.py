@@ -66,16 +66,26 @@ def kept(folder: Path, name: str) -> Found:
 
 
 def begun(folder: Path, name: str) -> Found:
-    """What a run that was broken off has left in a record, to go on from; a whole one is measured anew."""
+    """What a run that was broken off has left in a record, to go on from, by the same code; a whole one is measured
+    anew."""
     found = kept(folder, name)
     return {} if "machine" in found else found
 
 
 def parts(options: argparse.Namespace, name: str, measures: Mapping[str, Callable[[], Any]]) -> Found:
-    """What each part of a record is measured to be; where --only names some, the others are as they are kept."""
+    """What each part of a record is measured to be; where --only names some, the others are as they are kept, and the
+    date is that of the oldest and today's."""
     wanted = options.only or measures
     known = kept(options.out, name) if options.only else {}
-    return {part: measure() if part in wanted else known[part] for part, measure in measures.items()}
+    missing = [part for part in measures if part not in wanted and part not in known]
+    if missing:
+        raise SystemExit(f"{options.out / name}.json has no {', '.join(missing)}, which --only leaves as they are")
+    found = {part: measure() if part in wanted else known[part] for part, measure in measures.items()}
+    if options.only:
+        today = describe_machine()["date"]
+        first = known["machine"]["date"].split()[0]
+        found["machine"] = known["machine"] | {"date": today if first == today else f"{first} to {today}"}
+    return found
 
 
 def run(
