@@ -226,7 +226,7 @@ class Batch:
         return self._mine(self.layout.poses, end, i).reshape(self.arm.n_links, -1).copy()
 
     def joints(self, i: int) -> tuple[Array, Array]:
-        """Angles (N,), rad, and rates (N,), rad/s, of arm i's joints; on a base that floats the hub's from the x axis."""
+        """Angles (N,), rad, and rates (N,), rad/s, of arm i's joints; of a floating base the hub's from the x axis."""
         poses = self.poses(i)
         return (poses[:, SPACE_POSE.angle], poses[:, SPACE_POSE.rate]) if self.arm.spatial else joint_angles(poses)
 
