@@ -300,6 +300,8 @@ def test_steps_that_are_halved_where_newton_fails() -> None:
     assert np.array_equal(found.state, arms.step(state, action)[0])
     assert off(found.moved, differences(arms, state, action, found.moved)) < 1e-8
     as_the_jacobians(arms, (state, arms.reset(seed=1)), action, 1e-12)
+    none = np.zeros_like(found.state), np.zeros_like(found.observation), np.where(arms._stuck, 0.0, 1.0)
+    assert np.isfinite(arms.vjp(state, action, *none)[0]).all() and not arms.failed.any()  # of arms asked nothing, too
     arms.close()
 
 

@@ -245,7 +245,7 @@ class Dynamics:
         """Of at least m arms, and states of theirs, of which the first numbers are to be filled in."""
         batch = self._batch(m)
         if batch.n not in self._differentiated:
-            periods = Periods(batch, repeats=False)  # plans keep to where steps are solved as they are
+            periods = Periods(batch, alone="none")  # plans that go on through halved steps do not come to rest
             assert periods.moving == self.size
             self._differentiated[batch.n] = periods, periods.states()
         return self._differentiated[batch.n]

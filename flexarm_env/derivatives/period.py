@@ -130,8 +130,8 @@ class Periods:
     Args:
         batch: the arms. parameters: see `Arms`. kept: a state holds accelerations and torques, also where periods begin
         with accelerations solved afresh. guided: which arm alone, and its `envs.motion.Guide`; None: all arms, as they
-        move in the batch. halved: arms one at a time, whose steps are halved where Newton's iteration fails. repeats:
-        whether arms whose iteration fails beside others are taken so.
+        move in the batch. alone: which arms are taken one at a time, their steps halved where Newton's iteration fails:
+        those for which it has failed beside others, as in the environment ("failed"), "all" or "none".
     Attributes:
         n, state_size, action_size, observation_size, moving, names, failed, past: see `Arms`. backwards: whether
         cotangents have kernels of their own (`vjp`).
@@ -139,7 +139,7 @@ class Periods:
 
     def __init__(
         self, batch: Batch, parameters: bool = False, kept: bool = False, guided: tuple[int, Any] | None = None,
-        halved: bool = False, repeats: bool = True,
+        alone: str = "failed",
     ) -> None:  # fmt: skip
         if WIDEST is SINGLE:
             raise RuntimeError("derivatives are compiled: there are none where compilation is disabled")
@@ -160,10 +160,10 @@ class Periods:
         self.names, self.moving = self._memory.names(names), self._memory.moving
         self.state_size = len(self.names)
         joined = model.algebraic is not None  # by multipliers, whose matrix has no lanes
-        lane = SINGLE if joined or guided or halved else WIDEST
+        lane = SINGLE if joined or guided or alone == "all" else WIDEST
         lanes, columns = len(lane), core + self.action_size
         turned = getattr(model, "base", None) is not None  # by what keeps its momentum, too
-        taken = fitted or joined or kept or turned or halved  # not by a step's equations alone
+        taken = fitted or joined or kept or turned or alone == "all"  # not by a step's equations alone
         decided = model.correction is None and not taken
         implied = decided and getattr(model, "friction", None) is None
         at_once = -(-columns // -(-columns // MOST_AT_ONCE)) if implied or len(lane) == 1 else 1
@@ -210,7 +210,7 @@ class Periods:
         self.backwards = able and not gauges and all(part is None for part in forwards)
         self._shape = (self.n, rows, columns)
         self._placed = Placed(self._program)
-        self._kept, self._repeats, self._stuck = kept, repeats and len(lane) > 1, np.zeros(self.n, np.bool_)
+        self._kept, self._repeats, self._stuck = kept, alone == "failed" and len(lane) > 1, np.zeros(self.n, np.bool_)
         self._one: Periods | None = None
         self._threads = 1 if guided else batch.threads
         self._crew = Crew(self._threads - 1)
@@ -285,9 +285,7 @@ class Periods:
             for values in (by_state, by_action):
                 values[self.failed] = 0.0  # of an arm that is asked nothing, whatever became of it
                 values[lost] = np.nan
-        bars = given, seen, paid
-        self._stuck &= given.any(axis=1) | seen.any(axis=1) | (paid != 0.0)
-        return self._with_halved("vjp", (by_state, by_action), state, action, *bars)
+        return self._with_halved("vjp", (by_state, by_action), state, action, given, seen, paid)
 
     def pull(self, *items: Any) -> tuple[Array, Array]:
         """`vjp`, by its former name, for one release."""
@@ -366,7 +364,7 @@ class Periods:
         what it gives of each alone, whose steps are halved."""
         for i in np.flatnonzero(self._stuck).tolist():
             if self._one is None:
-                self._one = Periods(self._batch.alone(), self.parameters, self._kept, halved=True)
+                self._one = Periods(self._batch.alone(), self.parameters, self._kept, alone="all")
             own = getattr(self._one, name)(*(np.asarray(row)[i : i + 1] for row in rows))
             for values, value in zip(found, own, strict=True):
                 values[i] = value[0]
