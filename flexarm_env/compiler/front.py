@@ -22,7 +22,7 @@ DEEPEST = 20
 LARGE, LARGE_HOT = 160, 350
 """A function of one arm (no lanes in it) with more instructions than this is called, not written into those that call
 it; the second number holds in a `hot` program. The bits stay. A run takes up to 9 % longer (a hot program 1 %), and the
-program is made in 0.83 to 0.9 of the time (0.85). With 80 floating frames in space took 35 % longer."""
+program is made in 0.83 to 0.9 of the time (0.85). At 80, floating frames in space took 35 % longer."""
 
 
 class Module:

@@ -47,7 +47,8 @@ class PlaneModel:
         self.still = reduced.among([i for i in range(n) if i not in driven])
 
     def period(self, dt: float) -> tuple[Array, Array, Array]:
-        """A, B and the next state of what the solver does in a period, s, without prescribed coordinates."""
+        """A, B and the next state of what the solver does in a period, s, without prescribed coordinates; once, for the
+        solver is moved on."""
         e, w, reduced = self._equations, self._w, self._reduced
         n, m, f = e.independent.size, e.inputs.size, e.free.size
         q = np.hstack([reduced.lift, np.zeros((f, n + m))])

@@ -80,7 +80,8 @@ class SpaceModel:
         return found
 
     def period(self, dt: float) -> tuple[Array, Array, Array]:
-        """A, B and the next state of what the solver does in a period, s; of rotations its increments."""
+        """A, B and the next state of what the solver does in a period, s; of rotations its increments; once, for the
+        solver is moved on."""
         rows, f, n, w = self.rows, len(self.rows), self._right.shape[1], self._w
         q, v = np.zeros((f, n)), np.zeros((f, n))
         q[:, :f], v[:, f : 2 * f] = np.linalg.inv(self._slope(w.q)), np.eye(f)

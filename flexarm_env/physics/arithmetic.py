@@ -112,7 +112,7 @@ def turned(c, s, x, y):
 
 @kernel
 def turned_back(c, s, x, y):
-    """And turned by that angle the other way."""
+    """The vector (x, y) of a plane, turned the other way by the angle with cosine c and sine s."""
     return c * x + s * y, c * y - s * x
 
 

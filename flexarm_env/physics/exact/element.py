@@ -331,10 +331,10 @@ def measure(lane, order, q, v, psi, spin, left, section):
     t = tables(p)
     x, y, vx, vy = (None,) * 4 if left is None else left
     place, rate = _nodes(lane, q, p, (x, y, psi)), _nodes(lane, v, p, (vx, vy, spin))
-    (_, dx), (_, dy), (turned, bend) = (slopes(sums, t, nodes) for nodes in place)
-    angle = values_at(sums, t, place[T], turned)
+    (_, dx), (_, dy), (turn, bend) = (slopes(sums, t, nodes) for nodes in place)
+    angle = values_at(sums, t, place[T], turn)
     strain, uniform = splat(lane, 0.0), hasattr(section, "kb")
-    length, bent = length_of(section), unbent(section, [turned, *place[T][2:]])
+    length, bent = length_of(section), unbent(section, [turn, *place[T][2:]])
     for g, (k1, k2, own) in enumerate(materials(section, p)):
         s, c = sincos(angle[g])
         g1, g2 = turned_back(c, s, dx[g], dy[g])
@@ -370,8 +370,8 @@ def damp(lane, order, q, v, x, psi, left, section):
     one, two = ((None,) * 4 if at is None else at for at in left)
     place = _nodes(lane, q, p, (*one[:T], psi[0]))
     rates = _nodes(lane, v, p, (*one[T:], psi[1])), _nodes(lane, x, p, (*two[T:], psi[2]))
-    (_, dx), (_, dy), (turned, _) = (slopes(sums, t, nodes) for nodes in place)
-    angle = values_at(sums, t, place[T], turned)
+    (_, dx), (_, dy), (turn, _) = (slopes(sums, t, nodes) for nodes in place)
+    angle = values_at(sums, t, place[T], turn)
     circle = [sincos(w) for w in angle]
     strains, bends = [], []
     for rate in rates:

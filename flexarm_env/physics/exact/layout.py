@@ -1,4 +1,7 @@
-"""Where things are in a chain of geometrically exact beams: coordinates, factors of the tangent, constants."""
+"""Where things are in a chain of geometrically exact beams: coordinates, factors of the tangent, constants.
+
+Components that kernels read together (`arithmetic.pair`, `vector`) are fields side by side, in that order.
+"""
 
 from typing import Any, NamedTuple
 

@@ -1,4 +1,7 @@
-"""Where things are in a floating-frame Model's arrays: in `table` (a row a body), `data` (a block a body) and S."""
+"""Where things are in a floating-frame Model's arrays: in `table` (a row a body), `data` (a block a body) and S.
+
+Components that kernels read together (`arithmetic.pair`, `vector`) are fields side by side, in that order.
+"""
 
 from ...compiler import kernel, size
 from ...layout import Field, Layout

@@ -55,7 +55,7 @@ def _factors_at(first, lever):
 
 
 @kernel
-def _vector(lane, along, across, angle):
+def _lever_at(lane, along, across, angle):
     """A lever, or a part of one, at an angle of its section."""
     sine, cosine = sincos(angle)
     ex, ey = cosine * along, sine * along
@@ -69,7 +69,7 @@ def outward(lane, lever, pose, S, first):
     """pose <- that of the far point of a lever; what is known of it is kept in S."""
     if lever is not None:
         at, (angle, w, alpha) = _factors_at(first, lever), vector(lane, pose, PASSED.angle)
-        ex, ey = _vector(lane, lever.along, lever.across, angle)
+        ex, ey = _lever_at(lane, lever.along, lever.across, angle)
         ax, ay = pair(lane, pose, PASSED.ax)
         put_pair(S, at + OF_FACTORS.ex, (ex, ey))
         put_pair(S, at + OF_FACTORS.rate, (w, alpha))
@@ -147,7 +147,7 @@ def swept(lane, lever, S, first, arm, flow):
 def _move(lane, along, across, pose):
     """pose (x, y, angle and rates) <- that of a point so far away."""
     w = load(lane, pose, POSE.rate)
-    ex, ey = _vector(lane, along, across, load(lane, pose, POSE.angle))
+    ex, ey = _lever_at(lane, along, across, load(lane, pose, POSE.angle))
     add(lane, pose, POSE.x, ex)
     add(lane, pose, POSE.y, ey)
     store(pose, POSE.vx, load(lane, pose, POSE.vx) - w * ey)
