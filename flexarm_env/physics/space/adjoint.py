@@ -3,7 +3,7 @@
 from ...compiler import kernel, load, store
 from ..arithmetic import add, put_vector, vector
 from ..protocol import register
-from .chain import SpatialBeam, clear, three_of
+from .chain import SpatialBeam, clear, has_lever, three_of
 from .inner import elements_before, multiplied
 from .layout import AXES, B, F, H, J, count_of, factor_at, hinge_at, inner_at, inner_row, joint_row, rows_before
 from .matrix import (
@@ -28,7 +28,7 @@ def multiply(lane, model, S, x, y):
         own = load(lane, x, row)
         a, turned_by = vector(lane, x, under), vector(lane, x, under + 3)
         b = plus(back(turn, turned_by), times(axis, own))
-        if model.levers is not None:
+        if has_lever(model, k):
             frame, swing = matrix_in(lane, S, h + H.frame), swing_of(lane, model, k, axis, turn)
             moved = minus(times(swing, own), cross(vector(lane, S, h + H.lever), turned_by))
             a = plus(a, turned(frame, moved))
@@ -64,7 +64,7 @@ def multiply(lane, model, S, x, y):
             clear(lane, y, row + 1, AXES)
         on_joint = dot(axis, moment)
         on_section = turned(turn, plus(moment, times(cross(axis, vector(lane, S, h + H.moment)), own)))
-        if model.levers is not None:
+        if has_lever(model, k):
             frame, swing = matrix_in(lane, S, h + H.frame), swing_of(lane, model, k, axis, turn)
             lever, pull = vector(lane, S, h + H.lever), vector(lane, S, h + H.force)
             inner = plus(back(frame, force), cross(pull, vector(lane, x, under + 3)))
@@ -116,7 +116,7 @@ def _up(lane, model, S, k, x):
     if count > 0:
         a, b = transposed_times(lane, S, factor_at(model, k, 0) + F.RL, times(a, -1.0), times(b, -1.0))
     own, on_section = load(lane, x, row) + dot(carried(lane, model, S, k, axis), b), turned(turn, b)
-    if model.levers is not None:
+    if has_lever(model, k):
         on_section = plus(on_section, back(matrix_in(lane, S, h + H.shift), a))
         own = own + dot(vector(lane, S, h + H.drift), a)
     store(x, row, own)
@@ -139,7 +139,7 @@ def _down(lane, model, S, k, x):
         own = own * load(lane, S, h + H.pivot)
         store(x, row, own)
         b = plus(b, times(axis, own))
-    if model.levers is not None:
+    if has_lever(model, k):
         a = plus(a, turned(matrix_in(lane, S, h + H.shift), turned_by))
         if S[(h + H.pinned) * len(lane)] == 0.0:
             a = plus(a, times(vector(lane, S, h + H.swing), own))

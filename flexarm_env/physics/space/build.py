@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -105,6 +106,12 @@ def mount_of(arm: Arm, k: int) -> Array:
 def axis_of(arm: Arm, k: int) -> Array:
     """Of joint k, in the axes of the root of link k."""
     return np.array(arm.hub_axis if k == 0 else arm.elbow(k).axis)
+
+
+def flags(found: Iterable[Any]) -> NDArray[np.int64] | None:
+    """1 where there is something, of each joint; None where there is nothing."""
+    flagged = np.array([int(one) for one in found], np.int64)
+    return flagged if flagged.any() else None
 
 
 def levers(arm: Arm, k: int) -> tuple[Array, Array]:
@@ -332,7 +339,6 @@ def system(
     else:
         fixed += [i for i in range(AXES) if scene.motion_of(names[i]) is None]
     offset = np.array((*arm.payload.offset, 0.0)[:3])
-    rotors = [arm.joint(k).rotor for k in range(arm.n_links)]
     near = [near_body(arm, k).mass for k in range(1, arm.n_links)] + [tip_end(arm.links[-1]).mass]
     mass = float(beams + sum(near) + sum(far_body(arm, k).mass for k in range(arm.n_links)))
     model = kind(
@@ -348,11 +354,12 @@ def system(
         joints=np.concatenate([_joint(arm, k) for k in range(arm.n_links)]),
         end=packed(tip_end(arm.links[-1])),
         payload=packed(Body(0.0, tip_lever(arm.links[-1]) + offset, bodies.tensor(arm.payload.inertia)), True),
-        levers=(0,) if any(np.any(lever) for k in range(arm.n_links) for lever in levers(arm, k)) else None,
+        mounts=flags(np.any(mount_of(arm, k) != np.eye(3)) for k in range(arm.n_links)),
+        levers=flags(np.any(levers(arm, k)) for k in range(arm.n_links)),
         gravity=None if scene.gravity is None else np.array(scene.gravity),
         loads=np.concatenate(loads) if loads else None,
         damped=(0,) if arm.damping[0] > 0.0 else None,
-        rotors=np.array([int(rotor > 0.0) for rotor in rotors], np.int64) if any(rotors) else None,
+        rotors=flags(arm.joint(k).rotor > 0.0 for k in range(arm.n_links)),
         free=mass if scene.root == "free" else None,
         **own,
     )

@@ -46,7 +46,8 @@ class Chain(NamedTuple):
     places    int64: a `PLACE` for each link, and another for where one more would be
     joints    float64: a `JOINT` for each link, at its root
     end       float64 `BODY`, the last link's rigid end; payload  another
-    levers    (0,) where a `JOINT` has `before` or `beyond`, otherwise None
+    mounts    int64: of each joint 1 where its `mount` turns; None: no joint's does
+    levers    int64: of each joint 1 where it has `before` or `beyond`; None: no joint has
     gravity   float64 (3,) m/s^2, or None
     loads     float64: a `LOAD` each, whose inputs are a force and a moment along inertial axes; or None
     damped    (0,) with Kelvin-Voigt damping, otherwise None
@@ -75,7 +76,8 @@ class Chain(NamedTuple):
     joints: np.ndarray
     end: np.ndarray
     payload: np.ndarray
-    levers: tuple[int, ...] | None
+    mounts: np.ndarray | None
+    levers: np.ndarray | None
     gravity: np.ndarray | None
     loads: np.ndarray | None
     damped: tuple[int, ...] | None
@@ -111,7 +113,7 @@ class Vertex(NamedTuple):
 
 class Hinge(NamedTuple):
     """A joint: rotation of the link's root against the section before; from that section to where the link begins to
-    bend, in its axes, or None without levers; the link's section there."""
+    bend, in its axes, or None where no joint has a lever; the link's section there."""
 
     turn: Any
     lever: Any
@@ -177,27 +179,49 @@ def vertex_at(lane, model, state, i):
 
 
 @kernel
+def has_mount(model, k):
+    """Whether the mount of joint k turns; None, known when compiled, where no joint's does."""
+    if model.mounts is None:
+        return None
+    return model.mounts[k] != 0
+
+
+@kernel
+def has_lever(model, k):
+    """Whether joint k has one; None, known when compiled, where no joint has."""
+    if model.levers is None:
+        return None
+    return model.levers[k] != 0
+
+
+@kernel
 def planted(lane, model, q, v, k, tip):
     """The turn of joint k, the lever from the `Place` tip of the section before to where its link begins to bend (None
-    without levers), the `Place` there, and the joint's rate."""
+    where no joint has one), the `Place` there, and the joint's rate."""
     o, row = J.end * k, joint_row(model, k)
-    axis, mount = three_of(lane, model.joints, o + J.axis), nine_of(lane, model.joints, o + J.mount)
+    axis, held = three_of(lane, model.joints, o + J.axis), tip.p
     half_sine, half_cosine = sincos(load(lane, q, row) * 0.5)
     sine, less = half_sine * half_cosine * 2.0, half_sine * half_sine * 2.0  # less: 1 - cos
-    turn = product(mount, about_identity(1.0 - less, times(axis, sine), less, axis))
-    vector_part = three_of(lane, model.joints, o + J.quaternion + 1)
-    held = splat(lane, model.joints[o + J.quaternion]), vector_part[0], vector_part[1], vector_part[2]
+    turn = about_identity(1.0 - less, times(axis, sine), less, axis)
+    if has_mount(model, k):
+        turn, at = product(nine_of(lane, model.joints, o + J.mount), turn), o + J.quaternion
+        x, y, z = three_of(lane, model.joints, at + 1)
+        held = composed(held, (splat(lane, model.joints[at]), x, y, z))
     own = half_cosine, axis[0] * half_sine, axis[1] * half_sine, axis[2] * half_sine
-    p = composed(composed(tip.p, held), own)
+    p = composed(held, own)
     rate = times(axis, load(lane, v, row))
     spin = plus(back(turn, tip.spin), rate)
     if model.levers is None:
         return turn, None, Place(tip.r, tip.v, p, spin), rate
-    near, far = three_of(lane, model.joints, o + J.before), three_of(lane, model.joints, o + J.beyond)
-    A, B = matrix(tip.p), matrix(p)
-    lever = plus(near, turned(turn, far))
-    moved = plus(tip.v, plus(turned(A, cross(tip.spin, near)), turned(B, cross(spin, far))))
-    return turn, lever, Place(plus(tip.r, turned(A, lever)), moved, p, spin), rate
+    zero = splat(lane, 0.0)
+    lever, place, moved = (zero, zero, zero), tip.r, tip.v
+    if has_lever(model, k):
+        near, far = three_of(lane, model.joints, o + J.before), three_of(lane, model.joints, o + J.beyond)
+        A, B = matrix(tip.p), matrix(p)
+        lever = plus(near, turned(turn, far))
+        moved = plus(tip.v, plus(turned(A, cross(tip.spin, near)), turned(B, cross(spin, far))))
+        place = plus(tip.r, turned(A, lever))
+    return turn, lever, Place(place, moved, p, spin), rate
 
 
 @kernel
@@ -209,11 +233,11 @@ def hinged(lane, model, state, k, tip, weights):
     own = times(three_of(lane, model.joints, o + J.axis), load(lane, a, joint_row(model, k)))
     alpha = plus(plus(back(turn, tip.alpha), own), cross(root.spin, rate))
     rate = times(rate, 0.0 if model.strains is not None else of_step(weights))
-    if model.levers is None:
-        return Hinge(turn, None, Vertex(root, tip.a, alpha, rate))
-    near, far = three_of(lane, model.joints, o + J.before), three_of(lane, model.joints, o + J.beyond)
-    A, B, w, spin = matrix(tip.place.p), matrix(root.p), tip.place.spin, root.spin
-    second = plus(tip.a, plus(turned(A, swirl(w, tip.alpha, near)), turned(B, swirl(spin, alpha, far))))
+    second = tip.a
+    if has_lever(model, k):
+        near, far = three_of(lane, model.joints, o + J.before), three_of(lane, model.joints, o + J.beyond)
+        A, B, w, spin = matrix(tip.place.p), matrix(root.p), tip.place.spin, root.spin
+        second = plus(tip.a, plus(turned(A, swirl(w, tip.alpha, near)), turned(B, swirl(spin, alpha, far))))
     return Hinge(turn, lever, Vertex(root, second, alpha, rate))
 
 

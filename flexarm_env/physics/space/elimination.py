@@ -9,7 +9,7 @@ from __future__ import annotations
 from ...compiler import kernel, load, splat, store
 from ..arithmetic import add, put_vector, vector
 from . import inner
-from .chain import clear, onto, three_of
+from .chain import clear, has_lever, onto, three_of
 from .inner import elements_before, factors, solution
 from .layout import AXES, F, H, J, count_of, factor_at, hinge_at, inner_at, inner_row, joint_row, rows_before
 from .matrix import (
@@ -132,7 +132,7 @@ def _joint_down(lane, model, S, k, x, of):
     h, row, (a, b) = hinge_at(k), joint_row(model, k), of
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
     on_section, on_joint = turned(turn, b), dot(axis, b)
-    if model.levers is not None:
+    if has_lever(model, k):
         on_section = plus(on_section, back(matrix_in(lane, S, h + H.shift), a))
         on_joint = on_joint + dot(vector(lane, S, h + H.swing), a)
     onto(lane, model, x, S, k, (a, on_section))
@@ -155,7 +155,7 @@ def _joint_up(lane, model, S, k, x):
         own = own - load(lane, S, h + H.row + 3 + j) * turned_by[j]
     store(x, row, own)
     b = plus(back(turn, turned_by), times(carried(lane, model, S, k, axis), own))
-    if model.levers is not None:
+    if has_lever(model, k):
         shift = turned(matrix_in(lane, S, h + H.shift), turned_by)
         a = plus(a, plus(shift, times(vector(lane, S, h + H.drift), own)))
     return a, b

@@ -15,6 +15,7 @@ from .chain import (
     SpatialElastica,
     body,
     clear,
+    has_lever,
     hinged,
     loaded,
     lump,
@@ -81,7 +82,7 @@ def assemble(lane, model, par, state, u, weights, r, S):
         last, on_root = _along(lane, model, par, k, state, hinge.root, weights, r, S)
         on_root = both(on_root, body(lane, model.joints, at + J.far, None, None, hinge.root, weights, S, first))
         on_root = both(on_root, loaded(lane, model, u, k, False, hinge.root, weights, S, first))
-        _note(lane, model, S, hinge_at(k), hinge, tip, on_root)
+        _note(lane, model, S, k, hinge, tip, on_root)
         if weights.mass != 0.0:
             note_lag(lane, model, par, S, k, hinge.root.place.spin, weights)
         tip = last
@@ -204,12 +205,13 @@ def keeps(model, iteration):
 
 
 @kernel
-def _note(lane, model, S, h, hinge, tip, on_root):
-    """What `_handed` needs of a joint."""
+def _note(lane, model, S, k, hinge, tip, on_root):
+    """What `_handed` needs of joint k."""
+    h = hinge_at(k)
     put_matrix(S, h + H.now_turn, hinge.turn)
     put_vector(S, h + H.now_force, on_root[0])
     put_vector(S, h + H.now_moment, on_root[1])
-    if model.levers is not None:
+    if has_lever(model, k):
         put_vector(S, h + H.now_lever, hinge.lever)
         put_matrix(S, h + H.now_frame, matrix(tip.place.p))
 
@@ -221,7 +223,7 @@ def _handed(lane, model, u, weights, r, S, k, force, moment):
     h, axis = hinge_at(k), three_of(lane, model.joints, J.end * k + J.axis)
     turn = matrix_in(lane, S, h + H.now_turn)
     own, on_section = dot(axis, moment), turned(turn, moment)
-    if model.levers is not None:
+    if has_lever(model, k):
         frame, lever = matrix_in(lane, S, h + H.now_frame), vector(lane, S, h + H.now_lever)
         pull = back(frame, force)
         on_section = plus(on_section, cross(lever, pull))

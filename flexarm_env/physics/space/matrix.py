@@ -13,7 +13,7 @@ from ...compiler import kernel, load, splat, store, traced
 from ..arithmetic import add, put_vector, vector
 from ..model import TAU_D
 from ..protocol import of_step
-from .chain import clear, three_of
+from .chain import clear, has_lever, three_of
 from .element import add_block
 from .layout import AXES, B, F, H, J, before, factor_at, hinge_at, joint_row
 from .rotations import back, cross, dot, plus, product, put_matrix, scaled, skew, sum_of, times, transposed, turned
@@ -178,18 +178,17 @@ def eliminate_joint(lane, model, S, k):
     force, on_section = turned(xt, way), turned(turn, plus(on_root, moment))
     by_place, by_turn = back(tx, axis), turned(turn, back(tt, axis))
     pivot = dot(axis, on_root) + load(lane, S, h + H.own)
-    if model.levers is not None:
+    if has_lever(model, k):
         frame, lever, pull = matrix_in(lane, S, h + H.frame), vector(lane, S, h + H.lever), vector(lane, S, h + H.force)
         swing = swing_of(lane, model, k, axis, turn)
-        X, c = scaled(product(frame, skew(lever)), -1.0), turned(frame, swing)
+        c = turned(frame, swing)
         drift = c
         if model.strains is None:
             drift = turned(frame, turned(turn, carried(lane, model, S, k, back(turn, swing))))
-        Xt, sideways, aside = transposed(X), turned(xx, drift), turned(tx, drift)
-        put_matrix(S, h + H.shift, X)
+        put_matrix(S, h + H.shift, scaled(product(frame, skew(lever)), -1.0))
         put_vector(S, h + H.swing, c)
         put_vector(S, h + H.drift, drift)
-        pivot = pivot + dot(axis, aside) + dot(c, force) + dot(c, sideways)
+        pivot = pivot + dot(axis, turned(tx, drift)) + dot(c, force) + dot(c, turned(xx, drift))
         pivot = pivot + dot(swing, cross(pull, turned(turn, axis)))
     free = S[(h + H.pinned) * len(lane)] == 0.0
     if k == 0:
@@ -199,7 +198,11 @@ def eliminate_joint(lane, model, S, k):
             return
     upper, lower = product(xt, to_root), product(turn, tx)
     inner = product(product(turn, tt), to_root)
-    if model.levers is not None:
+    if has_lever(model, k):
+        X, c, drift = matrix_in(lane, S, h + H.shift), vector(lane, S, h + H.swing), vector(lane, S, h + H.drift)
+        lever, pull = vector(lane, S, h + H.lever), vector(lane, S, h + H.force)
+        Xt, swing = transposed(X), swing_of(lane, model, k, axis, turn)
+        sideways, aside = turned(xx, drift), turned(tx, drift)
         inner = sum_of(inner, sum_of(product(lower, X), sum_of(product(Xt, upper), product(Xt, product(xx, X)))))
         inner = sum_of(inner, product(skew(lever), skew(pull)))
         upper, lower = sum_of(upper, product(xx, X)), sum_of(lower, product(Xt, xx))

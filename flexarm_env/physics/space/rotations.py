@@ -163,8 +163,8 @@ def about_identity(x, a, y, b):
 @kernel
 def polynomial(series, z):
     """A polynomial's value, its coefficients from the highest power on."""
-    total = z * 0.0
-    for x in series:
+    total = z * series[0] + series[1]
+    for x in series[2:]:
         total = total * z + x
     return total
 

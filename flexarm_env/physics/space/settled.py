@@ -15,7 +15,7 @@ from ...compiler import kernel, largest, load, select_lt, splat, store
 from ..arithmetic import add, put_vector, vector
 from ..integrator.newton import follow
 from ..integrator.work import moved_by
-from .chain import place_at, planted, section_at, three_of
+from .chain import has_lever, place_at, planted, section_at, three_of
 from .element import Place, arc_of, bow_of, mean, middle
 from .inner import elements_before
 from .layout import F, H, J, count_of, factor_at, hinge_at, joint_row, vertex_row
@@ -87,7 +87,7 @@ def _add_forces(lane, model, w, active):
     for k in range(model.links):
         h, own = hinge_at(k), load(lane, w.r, joint_row(model, k))
         axis = three_of(lane, model.joints, J.end * k + J.axis)
-        if model.levers is not None:
+        if has_lever(model, k):
             shift = turned(matrix_in(lane, w.S, h + H.shift), b)
             a = plus(a, plus(shift, times(vector(lane, w.S, h + H.drift), own)))
         b = plus(back(matrix_in(lane, w.S, h + H.turn), b), times(carried(lane, model, w.S, k, axis), own))
