@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexarm_env.compiler import apart, kernel
+from flexarm_env.compiler import apart, kernel, superword
 
 
 class Pair(NamedTuple):
@@ -149,7 +149,8 @@ class Draw:
         self.block(1, self.random.randint(2, 5), False)
         self.say(1, "return {F2}")
         body = "\n".join(self.lines)
-        return f"\n\n@apart\ndef drawn{number}(x, y, i, j, a, m, g, w):\n{body}\n"
+        word = "superword" if number % 2 else "apart"
+        return f"\n\n@{word}\ndef drawn{number}(x, y, i, j, a, m, g, w):\n{body}\n"
 
     def one(self, *choices: str) -> str:
         return self.random.choice(choices)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from flexarm_env.compiler import EIGHT, SINGLE, UNCOMPILED, dual, kernel, load, store, uncompiled
+from flexarm_env.compiler import EIGHT, SINGLE, UNCOMPILED, dual, front, kernel, load, store, uncompiled
 from flexarm_env.compiler.kinds import Refused
 from flexarm_env.layout import Field, Layout
 from tests.drawn_kernels import FLOATS, LENGTH, WHOLES, Draw
@@ -52,9 +52,11 @@ def bits(x: np.ndarray) -> np.ndarray:
 # ------------------------------------------------------------------ what it means
 @pytest.mark.parametrize("modules", [MODULES // 10, pytest.param(MODULES, marks=pytest.mark.slow)])
 def test_a_thousand_kernels_mean_what_python_means(
-    modules: int, tmp_path: Path, request: pytest.FixtureRequest
+    modules: int, tmp_path: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Drawn anew by each seed of Hypothesis (CI), the same ones on a developer's machine, a tenth by default."""
+    """Drawn anew by each seed of Hypothesis (CI), the same ones on a developer's machine, a tenth by default. Functions
+    are large from few instructions on, so that half of the kernels are looked through for what is alike."""
+    monkeypatch.setattr(front, "LARGE", 40)
     seed = request.config.option.hypothesis_seed or 0
     for k in range(modules):
         text = Draw(seed + k, KERNELS).text()

@@ -1,7 +1,7 @@
 """A compiler of kernels: what the physics says of it is a dozen words (docs: compiler)."""
 
 from .crew import Crew, OneAtATime, holders, one_at_a_time
-from .decorator import MODE, UNCOMPILED, apart, hot, inlined, kernel, uncompiled
+from .decorator import MODE, UNCOMPILED, apart, hot, inlined, kernel, superword, uncompiled
 from .dispatch import Family, nothing
 from .entry import Placed, entry, native
 from .lanes import (
@@ -33,7 +33,7 @@ from .reverse import vjp_of
 from .trace import traced, unrolled
 
 __all__ = [
-    "kernel", "inlined", "apart", "hot", "uncompiled",
+    "kernel", "inlined", "apart", "hot", "superword", "uncompiled",
     "SINGLE", "EIGHT", "WIDEST", "dual", "arms", "alone", "change", "with_slope",
     "load", "store", "splat", "pick", "place",
     "select_lt", "absolute", "maximum", "square_root", "round_even", "largest", "sincos",

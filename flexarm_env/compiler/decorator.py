@@ -31,18 +31,20 @@ UNCOMPILED = MODE == "python"
 class Kernel:
     """A compiled function: of Python's numbers, of NumPy's arrays, of named tuples of these; see the compiler's page.
 
-    function: the Python function. attributes: of the function in LLVM. often: see `hot`.
+    function: the Python function. attributes: of the function in LLVM. often: see `hot`. alike: see `superword`.
     """
 
     run: ClassVar[Callable[[Kernel, Sequence[Any]], Any]]  # `entry.call`
     __name__: str
     __qualname__: str
 
-    def __init__(self, function: Callable[..., Any], attributes: Sequence[str] = (), often: bool = False) -> None:
+    def __init__(
+        self, function: Callable[..., Any], attributes: Sequence[str] = (), often: bool = False, alike: bool = False
+    ) -> None:
         if not isinstance(function, FunctionType):
             raise Refused(f"@kernel above {function!r}: a kernel is made of a function of Python's (def)")
         functools.update_wrapper(self, function)
-        self.function, self.attributes, self.often = function, tuple(attributes), often
+        self.function, self.attributes, self.often, self.alike = function, tuple(attributes), often, alike
         self.forms: dict[Any, Any] = {}
 
     def __call__(self, *items: Any, **named: Any) -> Any:
@@ -118,6 +120,13 @@ def hot(function: Callable[..., Any]) -> Any:
     """A kernel that Python calls again and again: its loops are unrolled, which takes longer to compile. Loops whose
     length is found as they run are written out once in other programs, and eight times in one of these."""
     return function if UNCOMPILED else Kernel(function, often=True)
+
+
+def superword(function: Callable[..., Any]) -> Any:
+    """A kernel that does the same to many numbers of one arm, as elimination does to a row: where it is large, LLVM
+    looks for them and treats several at once (superword-level parallelism). The bits stay. It looks through no other
+    large function of the program: that takes long, and gains nothing where there are no such rows."""
+    return function if UNCOMPILED else Kernel(function, alike=True)
 
 
 def apart(function: Callable[..., Any]) -> Any:

@@ -25,7 +25,7 @@ from .arithmetic import number, whole
 from .calls import call
 from .decorator import Kernel
 from .expressions import Expressions
-from .front import Module
+from .front import SPARED, Module
 from .kinds import WORD, Array, Integer, Layout, Narrow, Refused, Stored, Truth, is_static, is_tuple, told, width
 from .lanes import EIGHT
 from .source import source_of
@@ -98,6 +98,7 @@ def _compiled(
     """Machine code, under a name, what its result is, and the functions in it with the global names that they read."""
     module = Module(kernel.function.__name__, call, kernel.often)
     spec = _write(module, kernel, shapes, direct, name)
+    module.spare()
     return machine_code(str(module.code), made), spec, module.used
 
 
@@ -256,9 +257,11 @@ def machine_code(text: str, made: Any) -> bytes:
     module.triple, module.data_layout = made.triple, str(made.target_data)
     options = llvm.create_pipeline_tuning_options(speed_level=3)
     lanes = str(vector(len(EIGHT))) in text  # they fill the registers already
-    options.loop_vectorization, options.slp_vectorization = not lanes, False
+    options.loop_vectorization, options.slp_vectorization = not lanes, SPARED in text
     builder = llvm.create_pass_builder(made, options)
     builder.getModulePassManager().run(module, builder)
+    if SPARED in text:  # it has done its work, and would keep the code's own vectors from such functions as well
+        module = llvm.parse_assembly(str(module).replace(SPARED, ""))
     return bytes(made.emit_object(module))
 
 

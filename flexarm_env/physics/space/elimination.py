@@ -6,7 +6,7 @@ to its root and its strains, and these are eliminated.
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, splat, store
+from ...compiler import kernel, load, splat, store, superword
 from ..arithmetic import add, put_vector, vector
 from . import inner
 from .chain import clear, has_lever, onto, three_of
@@ -53,7 +53,7 @@ def solve(lane, model, S, x):
         _up(lane, model, S, k, x, _joint_up(lane, model, S, k, x))
 
 
-@kernel
+@superword
 def _condense_elements(lane, model, S, k):
     """What is on link k to its root, vertex by vertex."""
     for back_e in range(count_of(model, k)):

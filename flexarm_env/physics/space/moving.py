@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...compiler import alone, change, kernel, load, select_lt, store
+from ...compiler import alone, change, kernel, load, select_lt, store, superword
 from ..arithmetic import put_vector, vector
 from ..protocol import added
 from . import rotations
@@ -60,7 +60,7 @@ def between(lane, start, q, i):
     return rotation_vector(shorter(composed(inverse(before), after)))
 
 
-@kernel
+@superword
 def put_difference(lane, start, q, d, i):
     """Place and rotation in the rows of d from i on: what moves those of start to those of q."""
     put_vector(d, i, minus(vector(lane, q, i), vector(lane, start, i)))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from ...compiler import kernel, load, select_lt, square_root, store
+from ...compiler import kernel, load, select_lt, square_root, store, superword
 from ..arithmetic import put_vector
 
 _SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(8, -1, -1))
@@ -288,7 +288,7 @@ def matrix(p):
     return (1.0 - (yy + zz), xy - wz, xz + wy), (xy + wz, 1.0 - (xx + zz), yz - wx), (xz - wy, yz + wx, 1.0 - (xx + yy))
 
 
-@kernel
+@superword
 def moved(psi, d):
     """The rotation vector of exp(psi^) exp(d^)."""
     return rotation_vector(shorter(composed(quaternion(psi), quaternion(d))))
