@@ -257,11 +257,11 @@ def machine_code(text: str, made: Any) -> bytes:
     module.triple, module.data_layout = made.triple, str(made.target_data)
     options = llvm.create_pipeline_tuning_options(speed_level=3)
     lanes = str(vector(len(EIGHT))) in text  # they fill the registers already
-    options.loop_vectorization, options.slp_vectorization = not lanes, SPARED in text
+    options.loop_vectorization, options.slp_vectorization = not lanes, f" {SPARED}" in text
     builder = llvm.create_pass_builder(made, options)
     builder.getModulePassManager().run(module, builder)
-    if SPARED in text:  # it has done its work, and would keep the code's own vectors from such functions as well
-        module = llvm.parse_assembly(str(module).replace(SPARED, ""))
+    if options.slp_vectorization:  # the word has done its work, and would keep vectors of other kinds away as well
+        module = llvm.parse_assembly(str(module).replace(f" {SPARED}", ""))
     return bytes(made.emit_object(module))
 
 
