@@ -90,7 +90,8 @@ def moved(path: str) -> None:
     print(f"Python {sys.version.split()[0]}, {versions}", flush=True)
     assert "numba" not in sys.modules
     found = {"numpy": np.array([int(part) for part in np.__version__.split(".")[:2]])}
-    cases = (("FlexibleArm-v0", {}), ("TwoLinkFlexArm-v0", {"formulation": "geometrically_exact", "elements": 2}))
+    exact = {"formulation": "geometrically_exact", "elements": 2}
+    cases = (("FlexibleArm-v0", {}), ("TwoLinkFlexArm-v0", exact), ("SpatialFlexArm-v0", {}))
     scenes = (("elastica", {"nodes": 4}), ("floating_frame", {"segments": 2}))
     for name, options in cases:
         count, seen, rewards = 16, [], []
