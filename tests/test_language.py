@@ -9,11 +9,12 @@ import types
 from pathlib import Path
 from random import Random
 from typing import Any, NamedTuple
+from uuid import uuid4
 
 import numpy as np
 import pytest
 
-from flexarm_env.compiler import EIGHT, SINGLE, UNCOMPILED, dual, front, kernel, load, store, uncompiled
+from flexarm_env.compiler import EIGHT, SINGLE, UNCOMPILED, dual, front, kernel, load, program, store, uncompiled
 from flexarm_env.compiler.kinds import Refused
 from flexarm_env.layout import Field, Layout
 from tests.drawn_kernels import FLOATS, LENGTH, WHOLES, Draw
@@ -84,6 +85,47 @@ def compare(main: Any, text: str, random: Random) -> None:
             source = text[first : text.index("\n\n\n", first)]
             python, compiled = (rows[wrong[0]] for rows in found)
             pytest.fail(f"{source}\nof {x, y, i, j, a, m, g}: Python {python}, compiled {compiled}")
+
+
+ROWS = """
+from flexarm_env.compiler import apart, kernel, superword
+
+
+@superword
+def rows(a, b):
+    b[0] = a[0] / a[4] + a[0] * a[1]
+    b[1] = a[1] / a[5] + a[1] * a[2]
+    b[2] = a[2] / a[6] + a[2] * a[3]
+    b[3] = a[3] / a[7] + a[3] * a[0]
+
+
+@apart
+def other(a, b):
+    b[4] = a[0] + b[0]
+
+
+@kernel
+def main(a, b):
+    rows(a, b)
+    other(a, b)
+"""
+
+
+def test_numbers_treated_alike_are_looked_for_in_superword_kernels_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And the bits are Python's."""
+    texts, made = list[str](), program.machine_code
+    monkeypatch.setattr(program, "machine_code", lambda text, machine: texts.append(text) or made(text, machine))
+    monkeypatch.setattr(front, "LARGE", 10)
+    main = module(tmp_path, ROWS, f"rows_{uuid4().hex}").main
+    a, found = np.random.default_rng(4).uniform(-1.0, 1.0, 8), [np.zeros(5), np.zeros(5)]
+    main(a, found[0])
+    uncompiled(main)(a, found[1])
+    assert np.array_equal(*found)
+    spared = {name: front.SPARED in line for line in texts[0].splitlines() if line.startswith("define")
+              for name in ("rows", "other") if f'@"{name}"(' in line}  # fmt: skip
+    assert spared == {"rows": False, "other": True}
 
 
 @kernel

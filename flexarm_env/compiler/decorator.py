@@ -31,7 +31,7 @@ UNCOMPILED = MODE == "python"
 class Kernel:
     """A compiled function: of Python's numbers, of NumPy's arrays, of named tuples of these; see the compiler's page.
 
-    function: the Python function. attributes: of the function in LLVM. often: see `hot`. alike: see `superword`.
+    function: the Python function. attributes: of the function in LLVM. often: see `hot`. superword: likewise.
     """
 
     run: ClassVar[Callable[[Kernel, Sequence[Any]], Any]]  # `entry.call`
@@ -39,12 +39,13 @@ class Kernel:
     __qualname__: str
 
     def __init__(
-        self, function: Callable[..., Any], attributes: Sequence[str] = (), often: bool = False, alike: bool = False
+        self, function: Callable[..., Any], attributes: Sequence[str] = (), often: bool = False, superword: bool = False
     ) -> None:
         if not isinstance(function, FunctionType):
             raise Refused(f"@kernel above {function!r}: a kernel is made of a function of Python's (def)")
         functools.update_wrapper(self, function)
-        self.function, self.attributes, self.often, self.alike = function, tuple(attributes), often, alike
+        self.function, self.attributes, self.often = function, tuple(attributes), often
+        self.superword = superword
         self.forms: dict[Any, Any] = {}
 
     def __call__(self, *items: Any, **named: Any) -> Any:
@@ -126,7 +127,7 @@ def superword(function: Callable[..., Any]) -> Any:
     """A kernel that does the same to many numbers of one arm, as elimination does to a row: where it is large, LLVM
     looks for them and treats several at once (superword-level parallelism). The bits stay. It looks through no other
     large function of the program: that takes long, and gains nothing where there are no such rows."""
-    return function if UNCOMPILED else Kernel(function, alike=True)
+    return function if UNCOMPILED else Kernel(function, superword=True)
 
 
 def apart(function: Callable[..., Any]) -> Any:

@@ -24,9 +24,8 @@ LARGE, LARGE_HOT = 160, 350
 it; the second number holds in a `hot` program. The bits stay. A run takes up to 9 % longer (a hot program 1 %), and the
 program is made in 0.83 to 0.9 of the time (0.85). At 80, floating frames in space took 35 % longer."""
 
-
 SPARED = "noimplicitfloat"
-"""A function in which LLVM forms no vectors of its own accord."""
+"""LLVM's attribute of functions that its superword vectoriser leaves out."""
 
 
 class Module:
@@ -41,7 +40,7 @@ class Module:
         self._open: list[Any] = []
         self._tables: dict[Any, Any] = {}
         self._loops = 0
-        self._alike: list[Any] = []
+        self._superword: list[Any] = []
 
     def function(self, kernel: Any, items: Sequence[Any]) -> tuple[Any, Any]:
         """The function of a kernel for such arguments, and what it returns."""
@@ -73,15 +72,14 @@ class Module:
             code.attributes.add(word)
         if not kernel.attributes and _is_large(code, LARGE_HOT if self.often else LARGE):
             code.attributes.add("noinline")
-            if kernel.alike:
-                self._alike.append(code)
+            if kernel.superword:
+                self._superword.append(code)
         return code, result
 
     def spare(self) -> None:
-        """Where there are kernels that LLVM is to look through for what is alike (`superword`): spare it the other
-        functions that are called."""
-        for code in self.code.functions if self._alike else ():
-            if "noinline" in code.attributes and code not in self._alike:
+        """Where there are large `superword` kernels, mark the other functions that are called as `SPARED`."""
+        for code in self.code.functions if self._superword else ():
+            if "noinline" in code.attributes and code not in self._superword:
                 code.attributes.add(SPARED)
 
     def mark_loop(self, back: Any) -> None:

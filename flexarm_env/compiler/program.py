@@ -260,7 +260,7 @@ def machine_code(text: str, made: Any) -> bytes:
     options.loop_vectorization, options.slp_vectorization = not lanes, f" {SPARED}" in text
     builder = llvm.create_pass_builder(made, options)
     builder.getModulePassManager().run(module, builder)
-    if options.slp_vectorization:  # the word has done its work, and would keep vectors of other kinds away as well
+    if options.slp_vectorization:  # the attribute was for the vectoriser; code is generated better without it
         module = llvm.parse_assembly(str(module).replace(f" {SPARED}", ""))
     return bytes(made.emit_object(module))
 
