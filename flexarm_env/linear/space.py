@@ -169,7 +169,7 @@ def modes_of(simulation: Simulation, q: Array, held: list[int], spin: float) -> 
     rows = motions.but(held)
     if spin:
         q = motions.settle(q, rows)
-    M, C, K = (np.ascontiguousarray(motions.slopes(q, which, rows)) for which in (2, 1, 0))  # as bits need
+    M, C, K = (np.ascontiguousarray(motions.slopes(q, which, rows)) for which in (2, 1, 0))  # or BLAS rounds otherwise
     settings, arm = simulation.settings, simulation.scene.arm
     axis = mount_of(arm, 0) @ axis_of(arm, 0)
 
