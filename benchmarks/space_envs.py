@@ -128,7 +128,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
     many, twice, *modes = (each / base for each in vectors)
     told = f"one arm {one / base:.2f} of it, 1024 arms {many:.2f} of it on one thread, {twice:.2f} on two"
     if modes:
-        told += "; in two modes a link at 5 ms and `rho_inf` 0.5, under a quarter of the torques, "
+        told += f"; links of {mesh(FRAMES[0])}, at {step(1e3 * FRAMES[0]['dt'])}, under a quarter of the torques, "
         told += "{:.2f} and {:.2f}".format(*modes)
     return {
         "accuracy": table("torques | a link | dt | after 0.1 s | 0.2 s | 0.3 s | 0.5 s", errors),
