@@ -185,6 +185,26 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
 
 
 # ------------------------------------------------------------------ writing
+def to_file(flag: str, path: str | os.PathLike[str], endings: tuple[str, ...] = ()) -> Path:
+    """The path of an output, its folder made: what cannot be written is told before a long run."""
+    file = Path(path)
+    if endings and file.suffix.lower() not in endings:
+        raise check.InvalidValue(flag, os.fspath(path), f"must end in {' or '.join(endings)}")
+    if file.is_dir():
+        raise check.InvalidValue(flag, os.fspath(path), "must be a file, and this is a folder")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    return file
+
+
+def to_folder(flag: str, path: str | os.PathLike[str]) -> Path:
+    """The same of a folder, which is made."""
+    folder = Path(path)
+    if folder.is_file():
+        raise check.InvalidValue(flag, os.fspath(path), "must be a folder, and this is a file")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
 def write_whole(path: Path, content: bytes | Callable[[Path], Any]) -> None:
     """Write `content`, or what it makes of a file of the same suffix, to `path`, completely or not at all.
 

@@ -47,17 +47,12 @@ class DifferentiableArms:
     def __init__(self, id: str, n: int, **keywords: Any) -> None:
         self.arms = Arms(id, n, **keywords)
         self.n = self.arms.n
+        self._left()
         self.observation_space, self.action_space = self.arms.observation_space, self.arms.action_space
 
-    @property
-    def failed(self) -> Tensor:
-        """Whose solver failed in the last step, (n,)."""
-        return torch.from_numpy(self.arms.failed)
-
-    @property
-    def past(self) -> Tensor:
-        """Who was beyond a joint's limits at the last step's end, (n,)."""
-        return torch.from_numpy(self.arms.past)
+    def _left(self) -> None:
+        """Note what became of the arms: going back through steps says so of others."""
+        self.failed, self.past = torch.tensor(self.arms.failed), torch.tensor(self.arms.past)
 
     def reset(self, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> Tensor:
         """Fresh starts, those of the vector environment with this seed and these options: states (n, S)."""
@@ -71,6 +66,7 @@ class DifferentiableArms:
     def step(self, state: Tensor, action: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """State (n, S), observation (n, O) and reward (n,) a control period later, under an action (n, A)."""
         after, seen, paid = _Step.apply(self.arms, state, action)
+        self._left()
         return after, seen, paid
 
     def close(self) -> None:

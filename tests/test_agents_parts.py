@@ -52,8 +52,10 @@ def test_config_errors_name_the_key(tmp_path: Path):
     for text, sentence in cases:
         with pytest.raises(ValueError, match=sentence):
             config.load(file_of(tmp_path, text), "ppo", ENV)
-    with pytest.raises(ValueError, match="no entry for Other-v0; it has FlexibleArm-v0"):
+    with pytest.raises(ValueError, match=r"Other-v0: unknown entry; allowed: FlexibleArm-v0; those .* --config FILE"):
         config.load(file_of(tmp_path, SMALL), "ppo", "Other-v0")
+    refuses("--env FlexibleArm-v0: tqc comes with settings for .* suite alone", lambda: config.load(None, "tqc", ENV))
+    assert config.load(None, "tqc", "flexarm/slew-geared-v2").text["n_envs"] == 16
     for given in ([1], {ENV: 5}):
         path = file_of(tmp_path, SMALL, env_kwargs=given)
         refuses("env_kwargs.*must be a table", partial(config.load, path, "ppo", ENV))
@@ -96,6 +98,7 @@ def test_arguments_from_words():
 
 def test_returns_decide_which_policy_is_kept_where_none_succeeds():
     """The first one was kept, untrained."""
+
     def judged(success: float, value: float):
         none = np.full(3, success, bool), np.full(3, 1.0 if success else 4.0), np.full(3, value)
         return SimpleNamespace(success=none[0], settling=none[1], returns=none[2], errors=np.zeros(201), dt=0.02)

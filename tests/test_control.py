@@ -108,8 +108,8 @@ def test_tuned_loops_leave_a_gain_margin(name, env, request):
     setup = control.Setup.of(request.getfixturevalue(env))
     gains = tuned_gains(name, setup.task)
     gains = getattr(gains, "pd", gains)
-    assert tune.stable(setup, gains, tune.MARGIN)
-    assert not tune.stable(setup, dataclasses.replace(gains, ratio=tuple(50.0 * r for r in gains.ratio)), 1.0)
+    assert gains.stable(setup, tune.MARGIN)
+    assert not dataclasses.replace(gains, ratio=tuple(50.0 * r for r in gains.ratio)).stable(setup)
 
 
 @pytest.mark.parametrize("task", ["slew", "reach"])

@@ -31,10 +31,23 @@ def nearest(shapes: list[Shape], points: Any) -> float:
 
 
 def along(arm: fx.Arm, settings: fx.Settings, q: Any) -> Any:
-    """Points along an arm in space whose first link is straight, from states q (n, rows)."""
+    """Points along an arm in space whose first link is straight, from states q (n, rows), and those between."""
     found = ribbons(arm, settings, q, pieces=4).points
     pillar = found[:, :1] + np.linspace(0.0, 1.0, 5)[1:, None] * (found[:, 1:2] - found[:, :1])
-    return np.concatenate([pillar, found[:, 2:]], axis=1)
+    strips = np.concatenate([pillar[:, -1:], found[:, 2:]], axis=1)
+    return np.concatenate([pillar, strips, 0.5 * (strips[:, 1:] + strips[:, :-1])], axis=1)
+
+
+@pytest.mark.parametrize("formulation", ["elastica", "geometrically_exact", "floating_frame"])
+def test_rigid_ends_are_a_part_of_the_arm(formulation: str) -> None:
+    """Spheres on them were nowhere near."""
+    section = fx.Section.rectangle(0.02, 0.006, 70e9, 2700.0, 26e9)
+    links = fx.Link(0.4, section, root_offset=0.3, tip_offset=0.3), fx.Link(0.4, section)
+    arm = fx.Arm("clamped", links, torque_limits=(5.0, 5.0))
+    for x in (0.05, 0.15, 0.25, 0.75, 0.9):
+        ball = {"shape": "sphere", "center": (x, 0.0), "radius": 0.06}
+        env = gym.make("TwoLinkFlexArm-v0", arm=arm, formulation=formulation, keep_out=ball)
+        assert env.reset(seed=0, options={"start": (0.0, 0.0)})[1]["clearance"] < 0.0, x
 
 
 @pytest.mark.parametrize("kind", ["plane", pytest.param("space", marks=pytest.mark.slow)])

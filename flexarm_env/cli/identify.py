@@ -3,12 +3,11 @@
 import argparse
 import math
 from contextlib import closing
-from pathlib import Path
 
-from flexarm_env import validation as check
 from flexarm_env.cli.codes import DONE, FAILED
 from flexarm_env.cli.parser import EXCITED
 from flexarm_env.cli.progress import ProgressBar, show
+from flexarm_env.files import to_file, to_folder
 from flexarm_env.identification import excite, identify
 
 
@@ -20,8 +19,7 @@ def run(args: argparse.Namespace) -> int:
 def _excite(args: argparse.Namespace) -> int:
     """Design, write, say what it does to the arm."""
     names = [flag.removeprefix("--").replace("-", "_") for flag, *_ in EXCITED]
-    if Path(args.out).suffix.lower() != ".csv":
-        raise check.InvalidValue("--out", args.out, "must end in .csv")
+    to_file("--out", args.out, (".csv",))
     found = excite(args.arm, **{name: getattr(args, name) for name in names})
     found.write(args.out)
     low, high = (x / (2.0 * math.pi) for x in found.band)
@@ -37,6 +35,8 @@ def _identify(args: argparse.Namespace) -> int:
     names = None if args.fit is None else [name.strip() for name in args.fit.split(",") if name.strip()]
     held = [path for path in (args.hold_out or "").split(",") if path]
     data = [path for path in args.data.split(",") if path]
+    if args.out is not None:
+        to_folder("--out", args.out)
     with closing(ProgressBar("identify")) as bar:
         found = identify(args.arm, args.config, data, fit=names, hold_out=held, out=args.out, progress=bar)
     show(found.lines(), args.json)

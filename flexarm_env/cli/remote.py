@@ -20,6 +20,7 @@ from flexarm_env.cli.export import environment
 from flexarm_env.cli.play import KEYBOARD, choose, keywords
 from flexarm_env.cli.progress import show
 from flexarm_env.control import Setup
+from flexarm_env.files import to_file
 from flexarm_env.remote import Limits, Played, RemoteArmEnv, Server, Session, run_policy
 from flexarm_env.remote.packet import SHORTEST
 from flexarm_env.suite.policies import function_named
@@ -77,7 +78,7 @@ def _serve(args: argparse.Namespace) -> int:
     limits = Limits(angle, rate_limit, slew, args.watchdog)
     seconds = math.inf if args.seconds is None else check.number("--seconds", args.seconds, "s", above=0.0)
     session = Session(environment(args.what, given), limits, key_of(args.key), args.hold, args.seed)
-    log = None if args.log is None else Path(args.log)
+    log = None if args.log is None else to_file("--log", args.log, (".csv",))
     server = Server(session, args.host, args.port, log, args.insecure)
     host, port = server.address
     if not args.json:

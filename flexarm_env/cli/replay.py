@@ -19,6 +19,7 @@ from flexarm_env.cli.codes import DONE, FAILED, NOT_ACCURATE
 from flexarm_env.cli.parser import SOLVER
 from flexarm_env.cli.progress import ProgressBar, show
 from flexarm_env.comparison import tip_error
+from flexarm_env.files import to_file
 from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
 from flexarm_env.trajectory import check_work
@@ -169,12 +170,6 @@ def _needs(name: str, module: str, extra: str) -> None:
 
 def writable(name: str, path: str, endings: tuple[str, ...]) -> Path:
     """The path of an output, its folder made; known to be sound before a long run."""
-    file = Path(path)
-    if file.suffix.lower() not in endings:
-        raise check.InvalidValue(f"--{name}", path, f"must end in {' or '.join(endings)}")
-    if name in NEEDED:
+    if name in NEEDED and Path(path).suffix.lower() in endings:
         _needs(name, *NEEDED[name])
-    if file.is_dir():
-        raise check.InvalidValue(f"--{name}", path, "must be a file, and this is a folder")
-    file.parent.mkdir(parents=True, exist_ok=True)
-    return file
+    return to_file(f"--{name}", path, endings)

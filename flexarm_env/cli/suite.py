@@ -11,7 +11,7 @@ from flexarm_env import suite
 from flexarm_env import validation as check
 from flexarm_env.cli.codes import DONE, FAILED
 from flexarm_env.cli.progress import show
-from flexarm_env.files import write_text
+from flexarm_env.files import to_folder, write_text
 from flexarm_env.suite import best
 from flexarm_env.suite.data import Task
 from flexarm_env.suite.page import page
@@ -86,7 +86,7 @@ def _suite(words: Sequence[str]) -> int:
     policies = listed("--policy", args.policy)
     if args.name is not None and len(policies) != 1:
         raise check.InvalidValue("--name", args.name, "must be given for one policy alone")
-    Path(args.out).mkdir(parents=True, exist_ok=True)  # an error now, and not after the episodes
+    to_folder("--out", args.out)
     done, trouble = [], []
     for word in policies:
         results, refused, notes = judged(

@@ -67,7 +67,8 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
     Args:
         name: "pd", "zv", "zvd", "lqr", "lqg", "mpc" or "time_optimal".
         env: a `Setup`, or an environment (single or vector) with action_mode "torque".
-        gains: of the controller's class of gains; None takes the tuned ones of the environment's task.
+        gains: of the controller's class of gains, or a table of them by name, as `flexarm tune` writes; None takes the
+            tuned ones of the environment's task.
     Raises:
         ValueError: an unknown name, or an environment that the controller is not made for.
     """
@@ -88,5 +89,8 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
         there = ", ".join(f'"{one}"' for one in _SPACE)
         raise check.InvalidValue("controller", name, f"must be one of {there} for an arm in space")
     kind, made = (_SPACE if space else _KINDS)[name]
-    own = gains if gains is None else check.instance("gains", gains, kind)
-    return made(setup, own or tuned_gains(name, "space" if space else setup.task, setup.n_joints))
+    if gains is None:
+        gains = tuned_gains(name, "space" if space else setup.task, setup.n_joints)
+    elif isinstance(gains, Mapping):
+        gains = gains_from(name, gains, space)
+    return made(setup, check.instance("gains", gains, kind))

@@ -1,5 +1,6 @@
 """PD control of the joints: in the plane, and in space about the arm's rest at its target under gravity."""
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,9 @@ from ..validation import Array
 from .arm_model import arm_model
 from .base import Controller, Gains, Setup, Signals
 from .space import AboutRest, holding
+
+POSTURES = (0.0, 0.8, 1.6, 2.4)
+"""Angles of elbows, rad, at which PD control is asked to be stable."""
 
 
 @dataclass(frozen=True)
@@ -34,13 +38,33 @@ class PDGains(Gains):
         omega = np.asarray(self.bandwidth) * model.frequencies[0]
         return inertia * omega**2, 2.0 * np.asarray(self.ratio) * inertia * omega
 
+    def on(self, setup: Setup) -> tuple[Array, Array]:
+        """`of` the setup's arm; a warning where that is not `stable`."""
+        if not self.stable(setup):
+            what = f"PD gains are unstable on arm {setup.arm.name!r} in periods of {setup.control_dt:g} s"
+            warnings.warn(f"{what}: tune them for it (flexarm tune), or take lqr", UserWarning, stacklevel=4)
+        return self.of(setup.arm)
+
+    def stable(self, setup: Setup, factor: float = 1.0) -> bool:
+        """Whether the linear arm under these gains times a factor, held over control periods, is stable in all of
+        `POSTURES`."""
+        kp, kd = self.of(setup.arm)
+        for angle in POSTURES if setup.n_joints > 1 else (0.0,):
+            model = arm_model(setup.arm, (angle,) * (setup.n_joints - 1))
+            n = model.n_joints
+            A, B = model.discrete(setup.control_dt)
+            feedback = np.diag(kp) @ model.C[:n] + np.diag(kd) @ model.C[n : 2 * n]
+            if np.abs(np.linalg.eigvals(A - factor * B @ feedback)).max() >= 1.0:
+                return False
+        return True
+
 
 class PD(Controller):
     """torque = kp (goal - angle) - kd rate, joint by joint."""
 
     def __init__(self, setup: Setup, gains: PDGains) -> None:
         super().__init__(setup)
-        self.kp, self.kd = gains.of(setup.arm)
+        self.kp, self.kd = gains.on(setup)
 
     passed = 1.0
     """Of a change of the rates, by the filter of one period, where there is one."""

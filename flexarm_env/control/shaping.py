@@ -135,7 +135,7 @@ class ShapedPD(Shaped):
     def __init__(self, setup: Setup, gains: ShapedGains, kind: str) -> None:
         super().__init__(setup)
         self.gains, self.kind = gains, kind
-        self.kp, self.kd = gains.of(setup.arm)
+        self.kp, self.kd = gains.on(setup)
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
         arm = self.setup.arm

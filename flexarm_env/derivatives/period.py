@@ -1,5 +1,6 @@
 """Control periods of arms, differentiated: rows of numbers, no episodes, exact Jacobians."""
 
+import math
 import warnings
 from typing import Any, NamedTuple, TypeVar
 
@@ -9,12 +10,22 @@ from .. import validation as check
 from ..batch import Batch
 from ..compiler import SINGLE, WIDEST, Crew, Placed, dual, entry, native, uncompiled
 from ..physics import precision
-from ..physics.model import NEWTON_FAILED, OK, STIFFNESSES, Elastica, ExactBeam, FloatingChain, Jointed
+from ..physics.model import (
+    NEWTON_FAILED,
+    OK,
+    OWN_IN_SPACE,
+    STIFFNESSES,
+    Elastica,
+    ExactBeam,
+    FloatingChain,
+    Jointed,
+)
 from ..physics.space.chain import SpatialBeam, SpatialElastica
 from ..runtime import derivative
 from ..runtime.adjoint import adjoint, room_of
 from ..runtime.implicit import implicit
 from ..runtime.layout import aligned, layout_of
+from ..tasks.program import complete
 from ..validation import Array
 from .guided import guided as guidance
 from .guided import program_of, state_of
@@ -148,6 +159,8 @@ class Periods:
         if guided is not None:
             program = program_of(program, guided[1])
         self.n = program.n
+        if parameters:
+            program = complete(program)
         if parameters and isinstance(program.model, Jointed) and program.model.own is None:
             program = program._replace(model=program.model._replace(own=(0,) * len(batch.system.par)))
         model, fitted = program.model, program.models is not None
@@ -175,6 +188,7 @@ class Periods:
         stiff = "EI_factor", "EI_y_factor", "GJ_factor", "tau_d"
         self._stiff = [k for k, name in enumerate(self.names) if name in stiff or name[:10] == "stiffness["]
         self._last_stiff: list[float] = []
+        self._least = [k for k, name in enumerate(self.names) if name in OWN_IN_SPACE]
         self._laws = None
         if parameters and isinstance(model, Jointed) and not batch.starts.laws:
             self._laws = laws_of(model, names)
@@ -326,7 +340,12 @@ class Periods:
         return given
 
     def _carried(self, rows: Array) -> None:
-        """Arms whose parameters are too stiff for double precision are a ValueError."""
+        """Arms whose parameters are negative, or too stiff for double precision, are a ValueError."""
+        least = np.fmin.reduce(rows[:, self._least], axis=0)
+        for k, value in zip(self._least, least.tolist(), strict=True):
+            if value < 0.0 or np.isinf(rows[:, k]).any():
+                value = value if value < 0.0 else math.inf
+                raise check.InvalidValue(f"state.{self.names[k]}", value, "must be a finite number, at least 0")
         most = np.fmax.reduce(rows[:, self._stiff], axis=0).tolist()
         if most != self._last_stiff:
             of = dict(zip((self.names[k] for k in self._stiff), most, strict=True))

@@ -200,8 +200,8 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     `margin` (m, 0). A shape is one of `flexarm_env.shapes` or a table: `shape` "half_space" (`point`, `normal`, which
     points to where the arm may be), "sphere" (`center`, `radius`), "box" (`center`, `sides`, `turn`) or, in space,
     "cylinder" (`start`, `end`, `radius`). `info["clearance"]` is the signed distance, m, of the nearest shape from the
-    nearest of the points along the arm's line that are drawn (joints and tip among them, the root left out), negative
-    within a shape; `info["penetration"]` how deep that point is in it; a period at whose end the clearance is below
+    nearest of points along the arm (joints and tip among them, at most a sixteenth of its length apart, the root left
+    out), negative within a shape; `info["penetration"]` how deep that point is in it; a period at whose end the clearance is below
     `margin` costs 1, as above. Nothing is pushed back: contact is not computed.
 
     Pushes: `wait` s (drawn) after the start, or after the last push, a force (`force`, N, drawn; in any direction of

@@ -19,7 +19,7 @@ from ..derivatives import Periods
 from ..files import write_whole
 from ..physics.model import Jointed
 from ..runtime import adjoint, episode, starts
-from ..tasks.program import Models
+from ..tasks.program import Models, complete
 from .source import Source
 
 CPU = "x86-64-v2"
@@ -79,7 +79,7 @@ def write(env: Any, folder: Path, name: str, cpu: str | None = None, derivatives
     if target not in (None, CPU) and not is_processor(target):
         raise check.InvalidValue("cpu", cpu, "must be native, or x86-64-v3, znver4, ... as LLVM calls them")
     folder.mkdir(parents=True, exist_ok=True)  # what cannot be written is told before anything is compiled
-    program = batch.program._replace(action=np.zeros(batch.action.size), books=(0,))
+    program = complete(batch.program)._replace(action=np.zeros(batch.action.size), books=(0,))
     worlds = [Image.of(program, (*CHANGING, *(LAWS if isinstance(program.model, Jointed) else ())))]
     made = [(f"{name}_step_program", episode.step), (f"{name}_start_program", starts.start_episodes)]
     periods, absent = _periods(batch) if derivatives else (None, "left out")

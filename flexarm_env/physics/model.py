@@ -55,6 +55,16 @@ def damped(arm: Arm) -> tuple[int, ...] | NDArray[np.float64] | None:
     return None if largest == 0.0 else (0,) if shares is None else np.array(shares)
 
 
+def complete(model: Any) -> Any:
+    """The model with the terms of all of an arm's own parameters, of those too that are 0 in it."""
+    if isinstance(model, Jointed):
+        return model._replace(arm=complete(model.arm))
+    if isinstance(model, FloatingFrame | FloatingChain):
+        return model._replace(mesh=complete(model.mesh))
+    absent = [name for name in ("payload", "payload_turns", "damping", "damped") if getattr(model, name, 0) is None]
+    return model._replace(**dict.fromkeys(absent, (0,)))
+
+
 def levers(arm: Arm) -> NDArray[np.float64]:
     """A `layout.LEVER` for each link's root and tip."""
     found = []

@@ -18,13 +18,17 @@ Array = NDArray[np.float64]
 
 _ONE = (0,)
 
+SPACING = 1.0 / 16.0
+"""Of the points that count along an arm, over its length, at most."""
 
-def with_room(given: KeepOut | None, model: Any, q: Array, room: Array, groups: int) -> KeepOut | None:
-    """With room for the points of an arm of each group: as many as a state has in `room`, (many, 2 or 3)."""
+
+def with_room(given: KeepOut | None, model: Any, q: Array, room: Array, groups: int, length: float) -> KeepOut | None:
+    """With room for the points of an arm of each group: as many as a state has in `room`, (many, 2 or 3); length: of
+    the arm, m."""
     if given is None:
         return None
-    count = int(uncompiled(shape)(model, q, room))
-    return given._replace(rows=(0,) * len(q), points=np.zeros((groups, count, room.shape[1])))
+    points = np.zeros((groups, int(uncompiled(shape)(model, q, room)), room.shape[1]))
+    return given._replace(rows=(0,) * len(q), points=points, spacing=SPACING * length)
 
 
 @apart
@@ -40,10 +44,17 @@ def clearance(keep_out, model, g, lanes, i, q):
         first = count - 1
     for j in range(first, count):
         x, y, z = points[j, 0], points[j, 1], 0.0
+        dx, dy, dz = x - points[j - 1, 0], y - points[j - 1, 1], 0.0
         if points.shape[1] > 2:
             z = points[j, 2]
-        for s in range(keep_out.shapes.shape[0] // OBSTACLE.places.end):
-            least = min(least, distance(keep_out.shapes, s, x, y, z))
+            dz = z - points[j - 1, 2]
+        parts = 1
+        if keep_out.tip is None:
+            parts = int(math.sqrt((dx * dx + dy * dy) + dz * dz) / keep_out.spacing) + 1
+        for part in range(parts):
+            back = part / parts
+            for s in range(keep_out.shapes.shape[0] // OBSTACLE.places.end):
+                least = min(least, distance(keep_out.shapes, s, x - dx * back, y - dy * back, z - dz * back))
     return least
 
 

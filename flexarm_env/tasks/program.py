@@ -7,6 +7,7 @@ import numpy as np
 
 from ..compiler import inlined, kernel
 from ..layout import Field, Layout
+from ..physics import model
 from ..physics.layout import BOOKS
 from ..physics.model import OWN, STATUS
 from ..physics.obstacles import KeepOut
@@ -433,3 +434,9 @@ class Program(NamedTuple):
     stream: np.ndarray  # (n,) uint64
     queue: np.ndarray  # (n,) int64: arms to be started
     request: np.ndarray  # a `REQUEST`
+
+
+def complete(program: Program) -> Program:
+    """The program with models that have the terms of all of an arm's own parameters (`physics.model.complete`)."""
+    models = program.models and Models(*map(model.complete, program.models))
+    return program._replace(model=model.complete(program.model), models=models)

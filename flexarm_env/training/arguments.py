@@ -29,7 +29,7 @@ def parse(kind: type[T], program: str, description: str | None, words: Sequence[
 
     Fields of type bool become switches (--name; --no-name where the default is True), dicts are given as JSON.
     """
-    parser = Parser(prog=program, description=description)
+    parser = Parser(prog=program, description=description, epilog="exit code: 0 done, 2 wrong input, 130 interrupted")
     texts, types = _texts(kind), typing.get_type_hints(kind)
     for field in dataclasses.fields(kind):  # type: ignore[arg-type]
         options: dict[str, Any] = {"dest": field.name, "help": texts.get(field.name, "").replace("%", "%%")}
@@ -39,6 +39,8 @@ def parse(kind: type[T], program: str, description: str | None, words: Sequence[
             options["required"] = True
         elif field.default_factory is not dataclasses.MISSING:
             default = field.default_factory()
+        if default not in (None, False, "", {}):
+            options["help"] += f" ({default})"
         wanted = [t for t in (typing.get_args(types[field.name]) or (types[field.name],)) if t is not type(None)]
         if types[field.name] is bool:
             parser.add_argument(flag, action=argparse.BooleanOptionalAction, default=default, **options)

@@ -93,21 +93,25 @@ class Config:
         return {"policy": self.text.get("policy", usual), **chosen}
 
 
-def default_path(algorithm: str) -> Path:
-    """The file of an algorithm that is taken where none is named."""
-    return HOME / algorithm / "default.yml"
+def default_path(algorithm: str, env_id: str = "") -> Path:
+    """The file of an algorithm that is taken where none is named: of tasks of the suite another."""
+    return HOME / algorithm / ("suite.yml" if env_id.startswith("flexarm/") else "default.yml")
 
 
 def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str] | None = None) -> Config:
     """Read the entry of an environment. ValueError names the file, the key and what is allowed.
 
     path: a file; where there is none, one that comes with the package, named as in a checkout (configs/ppo/robust.yml)
-    or, among the algorithm's own, without folder and suffix (robust). Default: the algorithm's default.yml.
+    or, among the algorithm's own, without folder and suffix (robust). Default: `default_path`.
     allowed: keys that the entry may have; default those that Stable-Baselines3's class takes.
     """
     yaml = _yaml()
     _known(algorithm)
-    path = default_path(algorithm) if path is None else path
+    if path is None:
+        path = default_path(algorithm, env_id)
+        if not path.is_file():
+            what = "comes with settings for tasks of the suite alone (flexarm/...); give others by --config FILE"
+            raise ValueError(f"--env {env_id}: {algorithm} {what}")
     packaged = HOME.parent / path if path.suffix else HOME / algorithm / f"{path}.yml"
     if not path.is_file() and packaged.is_file():
         path = packaged
@@ -118,8 +122,9 @@ def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
     if not isinstance(content, dict) or not isinstance(content.get(env_id), dict):
-        ids = [k for k in content if k != "env_kwargs"] if isinstance(content, dict) else []
-        raise ValueError(f"{path}: no entry for {env_id}; it has {', '.join(map(str, ids)) or 'none'}")
+        ids = [str(key) for key in content if "-v" in str(key)] if isinstance(content, dict) else []
+        unknown = check.UnknownKey(f"{path}: {env_id}", ids, "entry")
+        raise ValueError(f"{unknown}; those for others go into a file of your own, --config FILE")
     with check.in_file(path):
         given = check.table_of("env_kwargs", content.get("env_kwargs") or {}).get(env_id) or {}
         given = check.table_of(f"env_kwargs.{env_id}", given)

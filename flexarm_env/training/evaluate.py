@@ -26,6 +26,7 @@ import numpy as np
 
 from flexarm_env.control import Setup
 from flexarm_env.control.time_optimal import rigid_time, slew_plan
+from flexarm_env.files import to_folder
 from flexarm_env.training import episodes as fixed
 from flexarm_env.training.policies import Chosen, choose
 from flexarm_env.training.runs import command, versions, write_json, write_text
@@ -122,7 +123,7 @@ def report(arguments: Arguments, rows: Mapping[str, Any], limits: Mapping[str, f
 def judge(arguments: Arguments) -> None:
     """Judge, print, and write what is asked for."""
     if arguments.out is not None:
-        arguments.out.mkdir(parents=True, exist_ok=True)  # an error now, and not after the episodes
+        to_folder("--out", arguments.out)
     elif arguments.video:
         raise ValueError("--video: needs --out, the folder of films")
     rows, results, limits = evaluate(arguments)

@@ -113,7 +113,8 @@ class Gradient(BaseAlgorithm):
             (last + plan.names.index(f"{name}_sin"), last + plan.names.index(f"{name}_cos"), *limits)
             for name, limits in zip(plan.arm.joint_names, plan.arm.joint_limits or (), strict=False)
             if limits is not None and self.limit_cost > 0.0 and f"{name}_sin" in plan.names
-        ]
+            and limits[1] - limits[0] < 2.0 * np.pi  # of wider ones the sine and cosine do not tell which is near
+        ]  # fmt: skip
         if self.state is None:
             self.rng = np.random.default_rng(self.seed)
             self.state = self.arms.reset(seed=self._seeds(self.n_envs))
@@ -211,11 +212,13 @@ class Gradient(BaseAlgorithm):
         cost, slopes = np.zeros(self.n_envs), np.zeros(seen.shape)
         for sine, cosine, low, high in self.margins:
             s, c = seen[:, sine], seen[:, cosine]
-            angle = np.arctan2(s, c)
+            middle = 0.5 * (low + high)
+            along, aside = np.cos(middle), np.sin(middle)
+            angle = middle + np.arctan2(s * along - c * aside, c * along + s * aside)
             above, below = angle - high, low - angle
             over = np.clip(np.maximum(above, below) / self.limit_margin + 1.0, 0.0, 2.0)
             cost += self.limit_cost * over * over
-            slope = np.where(above > below, -2.0, 2.0) * (self.limit_cost / self.limit_margin) * over
+            slope = np.where(above > below, -2.0, 2.0) * (self.limit_cost / self.limit_margin) * over * (over < 2.0)
             slopes[:, sine] += slope * c
             slopes[:, cosine] -= slope * s
         return cost, slopes

@@ -150,7 +150,9 @@ class Training:
             if getattr(own, name) is not None:
                 check.integer(f"--{name.replace('_', '-')}", getattr(own, name), minimum=1)
         check.table_of("--env-kwargs", own.env_kwargs)
-        check.number("--solved-at", own.solved_at)
+        check.number("--solved-at", own.solved_at, maximum=1.0)
+        if own.folder.is_file():
+            raise check.InvalidValue("--out", str(own.folder), "must be a folder, and this is a file")
         if own.best_by not in ("settling", "return"):
             raise ValueError(f"--best-by {own.best_by}: must be settling or return")
         if not own.resume and (own.folder / "run.json").exists():

@@ -4,6 +4,7 @@
     flexarm tune --env TwoLinkFlexArm-v0 --controllers pd,lqr
     flexarm tune --env TwoLinkFlexArm-v0 --controllers pd,zv --margin 0 --out reach.toml
     flexarm tune --env FlexibleArm-v0 --controllers pd,zv,zvd,lqr --randomized --out slew.toml
+    flexarm tune --env FlexibleArm-v0 --env-kwargs '{"arm": "mine.toml"}' --controllers pd,zvd --out mine_gains.toml
 
 What is made small is the mean settling time plus the duration for every episode without success, on episodes that
 neither training nor evaluation sees. The gains found are written to runs/gains/TASK.toml, or to --out: `flexarm
@@ -15,9 +16,11 @@ control period, is stable with all gains that many times as large. Without the r
 that are unstable, and settle in a limit cycle that flips the elbow's torque in every period.
 """
 
+import json
+import shlex
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +28,8 @@ import numpy as np
 
 from flexarm_env import control
 from flexarm_env import validation as check
-from flexarm_env.control.arm_model import arm_model
 from flexarm_env.control.catalogue import gains_from
-from flexarm_env.files import read_toml
+from flexarm_env.files import read_toml, to_file
 from flexarm_env.training import episodes
 from flexarm_env.training.runs import command, write_text
 from flexarm_env.validation import Array
@@ -53,9 +55,6 @@ PER_JOINT = ("bandwidth", "ratio")
 MARGIN = 2.0
 """Gain margin asked of PD control: 6 dB."""
 
-POSTURES = (0.0, 0.8, 1.6, 2.4)
-"""Elbow angles, rad, at which it is asked."""
-
 
 @dataclass(frozen=True)
 class Arguments:
@@ -63,6 +62,7 @@ class Arguments:
 
     Args:
         env: id of the environment.
+        env_kwargs: its keywords, as JSON: {"arm": "mine.toml"}.
         controllers: names, separated by commas; default all but mpc, which takes long.
         samples: of the random search.
         refinements: evaluations of Nelder-Mead.
@@ -76,6 +76,7 @@ class Arguments:
     """
 
     env: str
+    env_kwargs: dict[str, Any] = field(default_factory=dict)
     controllers: str = ",".join(name for name in control.NAMES if name != "mpc")
     samples: int = 80
     refinements: int = 120
@@ -111,19 +112,6 @@ def search(
     return np.exp(found.x), float(found.fun)
 
 
-def stable(setup: control.Setup, gains: control.PDGains, factor: float) -> bool:
-    """Whether the linear arm under PD gains times a factor, held over control periods, is stable in all postures."""
-    kp, kd = gains.of(setup.arm)
-    for angle in POSTURES if setup.n_joints == 2 else (None,):
-        model = arm_model(setup.arm, () if angle is None else (angle,))
-        n = model.n_joints
-        A, B = model.discrete(setup.control_dt)
-        feedback = np.diag(kp) @ model.C[:n] + np.diag(kd) @ model.C[n : 2 * n]
-        if np.abs(np.linalg.eigvals(A - factor * B @ feedback)).max() >= 1.0:
-            return False
-    return True
-
-
 def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], episodes.Episodes]:
     """Gains of a controller as a table, and the episodes run with them."""
     setup = control.Setup.of(env)
@@ -147,7 +135,7 @@ def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], epi
     def cost(values: Array) -> float:
         gains = gains_from(name, table(values))
         pd = getattr(gains, "pd", gains)
-        if arguments.margin > 0.0 and isinstance(pd, control.PDGains) and not stable(setup, pd, arguments.margin):
+        if arguments.margin > 0.0 and isinstance(pd, control.PDGains) and not pd.stable(setup, arguments.margin):
             return 1e3
         try:
             result = trial(values)
@@ -182,10 +170,15 @@ def current(path: Path) -> dict[str, Any]:
 
 def text_of(tables: dict[str, Any], arguments: Arguments) -> str:
     """TOML text of the gains of all controllers."""
-    how = "" if arguments.margin == MARGIN else f" --margin {arguments.margin:g}"
-    how += f" --randomized --episodes {arguments.episodes}" if arguments.randomized else ""
+    how = ""
+    for one in fields(arguments):
+        value = getattr(arguments, one.name)
+        usual = one.default if one.default_factory is MISSING else one.default_factory()
+        if value != usual and one.name not in ("out", "home"):
+            words = json.dumps(value) if isinstance(value, dict) else str(value)
+            how += f" --{one.name.replace('_', '-')}" + ("" if value is True else f" {shlex.quote(words)}")
     lines = [
-        f"# Gains of the controllers on {arguments.env}, found by `python -m agents.tune --env {arguments.env}{how}`;",
+        f"# Gains of the controllers on {arguments.env}, found by `flexarm tune{how}`;",
         "# what they mean: flexarm_env/control/pd.py, shaping.py, lqr.py, lqg.py, mpc.py, time_optimal.py.",
     ]
     for name in control.NAMES:
@@ -197,23 +190,23 @@ def text_of(tables: dict[str, Any], arguments: Arguments) -> str:
 def search_all(arguments: Arguments) -> None:
     """Tune what is asked for, print and write it."""
     chosen = arguments.controllers.split(",")
-    for field, least in {"samples": 1, "refinements": 1, "episodes": 1, "seed": 0}.items():
-        check.integer(f"--{field}", getattr(arguments, field), minimum=least)
+    for name, least in {"samples": 1, "refinements": 1, "episodes": 1, "seed": 0}.items():
+        check.integer(f"--{name}", getattr(arguments, name), minimum=least)
     check.number("--margin", arguments.margin, minimum=0.0)
     for name in chosen:
         if name not in control.NAMES:
             raise ValueError(f"--controllers {name}: must be among {', '.join(control.NAMES)}")
-    drawn = {"randomization": episodes.RANDOMIZED} if arguments.randomized else {}
+    drawn = arguments.env_kwargs | ({"randomization": episodes.RANDOMIZED} if arguments.randomized else {})
     env = episodes.make_episodes(arguments.env, arguments.episodes, **drawn)
     setup = control.Setup.of(env)
     if setup.arm.spatial:
         raise ValueError(f"--env {arguments.env}: must be an environment of the plane; gains in space are not searched")
-    measured = episodes.make_episodes(arguments.env, arguments.episodes, observation="measured", **drawn)
+    measured = episodes.make_episodes(arguments.env, arguments.episodes, **drawn | {"observation": "measured"})
     task = setup.task
     path = place(task, arguments)
     tables = current(path)
     if not arguments.dry:
-        path.parent.mkdir(parents=True, exist_ok=True)  # an error now, and not after the search
+        to_file("--out", path)
     for name in chosen:
         if name == "time_optimal" and task != "slew":
             continue

@@ -103,12 +103,19 @@ def _inertia(packed: dict[str, Array]) -> Array:
 
 
 def _correction(packed: dict[str, Array], settings: Settings) -> Array:
-    """(3, n, n) kg m^2, what to take from the inertia of the strains for steps of h (see `elastica.build`)."""
+    """(3, n, n) kg m^2, what to take from the inertia of the strains for steps of h (see `elastica.build`). Lighter it
+    makes bending about the softer axis alone: in a bent link torsion and the stiffer bending move the same mass, and
+    what is taken from one of them would leave less than nothing of motions that have hardly any inertia."""
     assert settings.dt is not None
     lengthening, share = 2.0 * settings.period_error * settings.dt**2, HEAVIER * settings.dt**4
     M, K = _inertia(packed), packed["stiffness"]
     C = (lengthening * K - share * K @ np.linalg.solve(M, K)) @ np.linalg.solve(M + lengthening * K, M)
-    return np.asarray(0.5 * (C + C.transpose(0, 2, 1)))
+    C = np.asarray(0.5 * (C + C.transpose(0, 2, 1)))
+    softer = 1 if K[1, 0, 0] < K[2, 0, 0] else 2
+    for axis in {0, 1, 2} - {softer}:
+        values, vectors = np.linalg.eigh(C[axis])
+        C[axis] = (vectors * np.minimum(values, 0.0)) @ vectors.T
+    return C
 
 
 def physical(model: SpatialElastica) -> SpatialElastica:
