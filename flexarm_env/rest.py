@@ -104,7 +104,8 @@ def relax(simulation: Any) -> Array:
         for rate in rates:
             rate[:] = 0.0
     raise NoEquilibrium(
-        "no rest was found for the scene to start from: its loads may be too large, or turn it on and on; "
+        "no rest was found for the scene to start from: its loads may be too large, turn it on and on, or be just "
+        "below what it buckles under, where floating frames in space find none (geometrically_exact does); "
         'start="held" holds its joints, start="unloaded" lets it begin without stress'
     )
 

@@ -360,3 +360,15 @@ def test_a_policy_of_another_size_is_refused(slew):
     policy = small_policy(setup)
     policy.weights[0] = (np.zeros((5, 8), np.float32), policy.weights[0][1])
     refuses(r"makes 1 actions of 5 entries .* are 1 and 6", lambda: policy.check(setup))
+
+
+def test_pd_that_is_unstable_says_so():
+    """Gains of the package's arms on one whose hub is light: the torque flipped in every period, without a word."""
+    strip = arms.named("strip")
+    env = gym.make("FlexibleArm-v0", arm=dataclasses.replace(strip, name="light", hub_inertia=5e-4))
+    for name in ("pd", "zvd"):
+        with pytest.warns(UserWarning, match="PD gains are unstable on arm 'light' in periods of 0.02 s: tune them"):
+            control.make(name, env)
+    gains = {"bandwidth": 0.05, "ratio": 0.5}
+    assert control.make("pd", env, gains).kp == control.make("pd", env, PDGains(**gains)).kp
+    refuses("pd.bandwith: unknown key .did you mean bandwidth", lambda: control.make("pd", env, {"bandwith": 1.0}))

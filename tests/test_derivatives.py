@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from flexarm_env.parameters import Payload
 from flexarm_env.physics.joints.layout import PLACE, PLACES
 from flexarm_env.validation import Array
 from tests.differences import central
+from tests.refusals import refuses
 
 
 def case(name: str, env_id: str, tolerance: float = 1e-12, back: bool = False, **keywords: Any) -> Any:
@@ -493,3 +495,40 @@ def test_counts_have_the_slope_of_what_is_counted() -> None:
         found.observation[:, 0], np.sin(2.0 * np.pi / 500 * np.round(found.state[:, 0] / (2.0 * np.pi / 500)))
     )
     arms.close()
+
+
+ABSENT = [
+    ("payload_inertia", {"payload": Payload(0.2, 0.0)}, {}), ("payload_mass", {"payload": Payload(0.0, 0.0)}, {}),
+    *(("tau_d", {"tau_d": 0.0}, {"formulation": way}) for way in ("elastica", "geometrically_exact", "floating_frame")),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "arm", "options"), ABSENT)
+def test_parameters_that_an_arm_has_none_of(name: str, arm: dict[str, Any], options: dict[str, Any]) -> None:
+    """Their derivatives were 0, and values set in a state did nothing: the arm is that which is built with them."""
+    strip = dataclasses.replace(arms_by_name.named("strip"), **arm)
+    options = options | {"joint_limits": None, "tolerance": 1e-12}
+    own = Arms(ONE, 1, parameters=True, arm=strip, **options)
+    state, actions, e = own.reset(seed=0, options={"start": 0.0}), np.full((12, 1, 1), 0.8), 1e-6
+    k, run = own.names.index(name), own.rollout(state, actions)
+    moved = state.copy()
+    moved[:, k] = e
+    more = own.rollout(moved, actions).rewards.sum() - run.rewards.sum()
+    slope = run.vjp(rewards=np.ones((12, 1))).state[0, k]
+    assert abs(more) > 1e-7 and slope * e == pytest.approx(more, rel=0.01)
+    if name == "payload_inertia":
+        return
+    changed = {"tau_d": e} if name == "tau_d" else {"payload": Payload(e, 0.0)}
+    built = Arms(ONE, 1, parameters=True, arm=dataclasses.replace(strip, **changed), **options)
+    found = built.rollout(built.reset(seed=0, options={"start": 0.0}), actions).rewards.sum() - run.rewards.sum()
+    assert found == pytest.approx(more, rel=1e-3)
+
+
+def test_parameters_that_no_arm_has() -> None:
+    own = Arms(ONE, 2, parameters=True)
+    state = own.reset(seed=0)
+    for name, value in (("EI_factor", np.inf), ("tau_d", -1.0), ("payload_mass", -1e-3)):
+        wrong = state.copy()
+        wrong[1, own.names.index(name)] = value
+        sentence = f"state.{name} = {value}: must be a finite number, at least 0"
+        refuses(sentence, partial(own.step, wrong, np.zeros((2, 1))))

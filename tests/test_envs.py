@@ -218,11 +218,14 @@ def test_success_needs_half_a_second_in_the_band() -> None:
 
 
 def test_episodes_end_after_their_duration() -> None:
-    cases = (({}, 200), ({"duration": 0.5}, 25), ({"max_episode_steps": 7}, 7), ({"control_dt": 0.04}, 100))
+    cases = (
+        ({}, 200), ({"duration": 0.5}, 25), ({"max_episode_steps": 7}, 7), ({"max_episode_steps": 300}, 200),
+        ({"control_dt": 0.04}, 100),
+    )  # fmt: skip
     for kwargs, length in cases:
         env = gym.make("FlexibleArm-v0", **kwargs)
         outcomes = episode(env, 0, 1000)
-        assert len(outcomes) - 1 == length
+        assert len(outcomes) - 1 == length == env.spec.max_episode_steps
         assert outcomes[-1][3] is True
         assert outcomes[-1][2] is False
 

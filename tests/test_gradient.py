@@ -125,3 +125,18 @@ def test_joints_near_their_limits_cost():
     wanted = (cost(angles + 1e-6)[0] - cost(angles - 1e-6)[0]) / 2e-6
     along = slopes[:, 0] * np.cos(angles) - slopes[:, 1] * np.sin(angles)
     assert np.allclose(along, -wanted, atol=1e-5)
+
+
+def test_limits_beyond_half_a_turn():
+    """Angles are seen by their sine and cosine: 3.5 rad was taken for -2.8."""
+    from types import SimpleNamespace
+
+    def cost(angle: float) -> tuple[float, float]:
+        own = SimpleNamespace(n_envs=1, margins=[(0, 1, -0.5, 4.0)], limit_margin=0.3, limit_cost=1.0)
+        found, slopes = Gradient._near_limits(own, np.array([[np.sin(angle), np.cos(angle)]]))
+        return float(found[0]), -float(slopes[0] @ [np.cos(angle), -np.sin(angle)])
+
+    assert [cost(angle)[0] for angle in (-0.1, 1.0, 3.5)] == [0.0, 0.0, 0.0]
+    for angle in (-0.4, 3.9, 4.1, 4.5):  # of the last no slope is left
+        assert cost(angle)[1] == pytest.approx((cost(angle + 1e-6)[0] - cost(angle - 1e-6)[0]) / 2e-6, abs=1e-6)
+    assert cost(3.9)[0] == pytest.approx(4.0 / 9.0)

@@ -160,6 +160,11 @@ def test_tensors_give_what_arrays_give(arms: Arms) -> None:
     assert actions.grad.dtype == torch.float32
     assert abs(actions.grad.numpy() - run.vjp(rewards=np.ones((4, 9))).actions).max() < 1e-6
     assert total.item() == pytest.approx(run.rewards.sum(), abs=1e-12)
+    hurt = torch.zeros(9, 1, dtype=torch.float64)
+    hurt[4] = torch.nan
+    _, _, reward = same.step(state.detach(), hurt.requires_grad_())
+    torch.where(same.failed, torch.zeros(9, dtype=torch.float64), reward).sum().backward()
+    assert same.failed.tolist() == [k == 4 for k in range(9)]  # going back must not forget it
 
 
 def test_tensors_and_arrays_share_memory(arms: Arms, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -80,7 +80,7 @@ def _kind(word: str) -> str:
     players = (*control.NAMES, *control.policy_names(), *best.known())
     if word in players or path.exists():
         return "player"
-    known = (*scenes.names(), *players)
+    known = (*scenes.names(space=True), *players)
     raise check.UnknownKey(word, known, "scene, controller, policy or task with a record (and no file or folder)")
 
 

@@ -90,7 +90,7 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
 
     ## Episode end
 
-    Truncated after `duration` (4 s), or `max_episode_steps` given to make or make_vec, or where a prescribed motion
+    Truncated after `duration` (4 s) or `max_episode_steps`, whichever comes first, or where a prescribed motion
     ends. Success never ends an episode: `info["is_success"]` says whether, over the trailing 0.5 s, the tip angle has
     been within 1 degree of the target and the rate of the deflection below 0.01 L/s throughout; an episode's success
     is its value at the last step. Terminated by failure only, with `info["termination_reason"]`: `joint_limit` (a
@@ -201,8 +201,8 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     points to where the arm may be), "sphere" (`center`, `radius`), "box" (`center`, `sides`, `turn`) or, in space,
     "cylinder" (`start`, `end`, `radius`). `info["clearance"]` is the signed distance, m, of the nearest shape from the
     nearest of points along the arm (joints and tip among them, at most a sixteenth of its length apart, the root left
-    out), negative within a shape; `info["penetration"]` how deep that point is in it; a period at whose end the clearance is below
-    `margin` costs 1, as above. Nothing is pushed back: contact is not computed.
+    out), negative within a shape; `info["penetration"]` how deep that point is in it; a period at whose end the
+    clearance is below `margin` costs 1, as above. Nothing is pushed back: contact is not computed.
 
     Pushes: `wait` s (drawn) after the start, or after the last push, a force (`force`, N, drawn; in any direction of
     the plane) acts on the tip for `lasting` s (a control period); none begins after `until` s. `info["push"]` (2,) N.

@@ -333,7 +333,9 @@ def _factors(given: Any, arm: Arm) -> dict[str, events.Pair]:
         "friction": any(joint.friction_viscous > 0.0 or joint.friction_coulomb > 0.0 for joint in joints),
         "backlash": any(joint.backlash > 0.0 for joint in joints),
         "motor_inertia": any(joint.rotor > 0.0 for joint in joints),
-    }
+        "payload": arm.payload.mass > 0.0, "payload_inertia": bool(np.any(arm.payload.inertia)),
+        "damping": arm.damping[0] > 0.0,
+    }  # fmt: skip
     for name in names:
         path = f"randomization.{name}"
         low, high = check.limits(path, table.get(name, (1.0, 1.0)), minimum=0.0)
@@ -342,7 +344,7 @@ def _factors(given: Any, arm: Arm) -> dict[str, events.Pair]:
         if name == "motor_inertia" and low == 0.0:
             raise check.InvalidValue(f"{path}[0]", low, "must be positive: behind a gear something must move")
         if name in table and not there.get(name, True):
-            raise check.InvalidValue(path, table[name], f"must not be given: no joint of {arm.name} has any")
+            raise check.InvalidValue(path, table[name], f"must not be given: {arm.name} has none")
         found[name] = low, high
     count = ALWAYS
     if any(name in table for name in names[ALWAYS:]):

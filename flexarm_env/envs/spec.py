@@ -48,9 +48,9 @@ class ArmSpec(EnvSpec):
     @property
     def max_episode_steps(self) -> int | None:
         """Control periods of an episode."""
-        if self.given is not None or sys._getframe(1).f_code in MAKERS:
+        if sys._getframe(1).f_code in MAKERS:
             return self.given
-        return self.own
+        return self.own if self.given is None or self.own is None else min(self.given, self.own)
 
     @max_episode_steps.setter
     def max_episode_steps(self, value: int | None) -> None:

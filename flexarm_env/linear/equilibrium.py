@@ -82,6 +82,8 @@ def static_equilibrium(
 
     With the joints held it is the rest that grows from the unloaded arm as all loads grow together. With free joints
     it is the rest that the arm sinks to; a start at rest is kept, even where that is unstable (an arm upright).
+    In space it is found from the unloaded arm under the whole load: beyond what buckles the arm that may be another
+    rest than grows with the load, an unstable one, too (starts of scenes, `start="held"`, say nothing of that).
 
     Args:
         scene: its motions keep the value they have at t = 0.
