@@ -43,6 +43,8 @@ def run(args: argparse.Namespace) -> int:
         if value is not None:
             flag = f"--{word.replace('_', '-')}"
             raise check.InvalidValue(flag, value, "must not be given with a policy, which names its own environment")
+    if Path(args.what).suffix == ".toml" or args.what.removeprefix("flexarm_env:") in own_ids():
+        raise check.InvalidValue("WHAT", args.what, "must be a policy or a controller: arms go by --to library or fmu")
     policy = load_policy(args.what)
     size, joints = policy.weights[0][0].shape[0], policy.weights[-1][0].shape[1]
     values = {"export": str(out), "observation": size, "actions": joints}
@@ -63,6 +65,8 @@ def _controller(args: argparse.Namespace, out: Path) -> int:
     if args.env is None:
         raise check.InvalidValue("--env", args.env, "must be given for a controller: what it is designed for")
     env = environment(args.env, keywords(args.env_kwargs))
+    if args.slew is not None and args.what != "time_optimal":
+        raise check.InvalidValue("--slew", args.slew, "must not be given but with time_optimal")
     name, own = args.name or c_name(out.stem), make(args.what, env)
     elbows = _rows("--elbows", args.elbows, 2, "LOW:HIGH,..., rad, a pair an elbow")
     targets = _rows("--targets", args.targets, 3, "X:Y:Z,..., m, a point a target")

@@ -1,6 +1,7 @@
 """Arguments and help texts of `flexarm`; nothing heavy is imported here."""
 
 import argparse
+import difflib
 import importlib
 import os
 import sys
@@ -269,7 +270,7 @@ def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
     output.add_argument("--plot", metavar="FILE", help="figure of shapes, tip deflection, energy: .png, .pdf or .svg")
     output.add_argument("--plots", metavar="FOLDER", help="all figures of the run: shapes, energies, spectrum")
     output.add_argument("--video", metavar="FILE", help="film of the run: .mp4, .gif, .webm, .mkv or .mov")
-    output.add_argument("--speed", type=float, default=1.0, metavar="S", help="seconds of the run a second of film")
+    output.add_argument("--speed", type=float, metavar="S", help="seconds of the run a second of film (1)")
 
 
 def build_parser() -> Parser:
@@ -367,7 +368,7 @@ def build_parser() -> Parser:
     run.add_argument("--most-angle", type=float, metavar="RAD", help="of a joint; beyond, it lets go of the arm")
     run.add_argument("--most-rate", type=float, metavar="RAD/S", help="likewise of its rate")
 
-    export = add("export", "a trained policy as ONNX or C, an arm as a C library", EXPORT, "export")
+    export = add("export", "policies as ONNX or C, controllers as C, arms as C libraries or FMUs", EXPORT, "export")
     what = "a policy or a controller; for --to library or fmu an environment, a task or an arm"
     export.add_argument("what", metavar="WHAT", help=what)
     export.add_argument("--to", required=True, choices=("onnx", "c", "library", "fmu"), help="the form")
@@ -397,7 +398,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         module = "checkout" if words[0] == "bench" else "training"
         args = argparse.Namespace(command=words[0], module=module, words=words[1:])
     else:
-        args = parser.parse_args(words)
+        args, more = parser.parse_known_args(words)
+        if more:
+            told = next(part for part in parser._actions if isinstance(part, argparse._SubParsersAction))
+            own = told.choices.get(args.command, parser)
+            near = difflib.get_close_matches(more[0], own._option_string_actions, n=1, cutoff=0.7)
+            own.error(f"unrecognized arguments: {' '.join(more)}" + (f", did you mean {near[0]}?" if near else ""))
     if args.command is None:
         parser.print_help()
         return DONE

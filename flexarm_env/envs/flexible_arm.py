@@ -121,7 +121,7 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     | `formulation` | "elastica" | or "geometrically_exact", "floating_frame"; with its options as flat keywords |
     | `nodes`, `elements`, `order` | | mesh of the formulation, see below |
     | `segments`, `modes`, `frame`, `coupling`, `multipliers` | | likewise, "floating_frame" |
-    | `rho_inf`, `newmark`, `tolerance`, `newton`, `max_iterations`, `max_halvings` | | of its solver |
+    | `rho_inf`, `newmark` (beta, gamma), `tolerance`, `newton`, `max_iterations`, `max_halvings` | | of its solver |
     | `period_correction` | False | of "geometrically_exact": take the integrator's error of the period out of steps |
     | `step_tolerance` | None | error that a period may add, over L: each arm halves `dt` where needed |
     | `control_dt` | 0.02 | control period, s |
@@ -236,8 +236,8 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
 
     ## Options of reset
 
-    `start` (hub angle, rad), `target` (rad), `vibration` (over L), and `motion`: the hub's angle is prescribed, the
-    action ignored. A motion is the name of one ("robot_arm_motion", "robot_arm_motion_smooth", "spin_up"), a table of
+    `start` (hub angle, rad), `target` (rad), `vibration` (over L, where `initial_vibration` is given), and `motion`: the
+    hub's angle is prescribed, the action ignored. A motion is the name of one ("robot_arm_motion", "robot_arm_motion_smooth", "spin_up"), a table of
     columns t, psi[, psi_dot[, psi_ddot]] as an array, a list of rows, a dict or a CSV file, or a
     `flexarm_env.TimeFunction`; with psi alone it is a C2 cubic spline, or with `interpolation="linear"` straight
     between rows, each of them a kink. The arm starts where the motion does, the episode ends where the motion ends,

@@ -56,6 +56,8 @@ def parameter_sets(source: str | os.PathLike[str]) -> tuple[str, ...]:
 
 
 def _scene(kind: Callable[..., T], table: Mapping[str, Any], directory: Path) -> T:
+    if "links" in table and "arm" not in table:
+        raise check.UnknownKey("links", check.names_of(kind), hint="this is an arm, and a scene has one: arm = FILE")
     check.known_keys("", table, (*check.names_of(kind), "parameter_sets"))
     values = dict(table)
     name = check.text("name", check.needed("", values, "name", "must be a text"), empty=False)

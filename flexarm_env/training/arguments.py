@@ -40,7 +40,7 @@ def parse(kind: type[T], program: str, description: str | None, words: Sequence[
         elif field.default_factory is not dataclasses.MISSING:
             default = field.default_factory()
         if default not in (None, False, "", {}):
-            options["help"] += f" ({default})"
+            options["help"] += " (on)" if default is True else f" ({default})"
         wanted = [t for t in (typing.get_args(types[field.name]) or (types[field.name],)) if t is not type(None)]
         if types[field.name] is bool:
             parser.add_argument(flag, action=argparse.BooleanOptionalAction, default=default, **options)
