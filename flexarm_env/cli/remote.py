@@ -78,7 +78,7 @@ def _serve(args: argparse.Namespace) -> int:
     limits = Limits(angle, rate_limit, slew, args.watchdog)
     seconds = math.inf if args.seconds is None else check.number("--seconds", args.seconds, "s", above=0.0)
     session = Session(environment(args.what, given), limits, key_of(args.key), args.hold, args.seed)
-    log = None if args.log is None else to_file("--log", args.log, (".csv",))
+    log = None if args.log is None else to_file("--log", args.log)
     server = Server(session, args.host, args.port, log, args.insecure)
     host, port = server.address
     if not args.json:

@@ -49,10 +49,10 @@ def run(args: argparse.Namespace) -> int:
     interval = args.sample or scene.sample
     assert interval is not None
     check_work(args.duration or scene.duration, interval, settings.dt)
-    if args.speed is not None and args.video is None:
-        raise check.InvalidValue("--speed", args.speed, "must not be given but with --video")
     least = 1e-3 * interval  # a picture in 1000 s
     speed = check.number("--speed", 1.0 if args.speed is None else args.speed, minimum=least)
+    if args.speed is not None and args.video is None:
+        raise check.InvalidValue("--speed", args.speed, "must not be given but with --video")
     if args.through_env and args.time_limit is not None:
         raise check.InvalidValue("--time-limit", args.time_limit, "must not be given together with --through-env")
 

@@ -236,14 +236,14 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
 
     ## Options of reset
 
-    `start` (hub angle, rad), `target` (rad), `vibration` (over L, where `initial_vibration` is given), and `motion`: the
-    hub's angle is prescribed, the action ignored. A motion is the name of one ("robot_arm_motion", "robot_arm_motion_smooth", "spin_up"), a table of
-    columns t, psi[, psi_dot[, psi_ddot]] as an array, a list of rows, a dict or a CSV file, or a
-    `flexarm_env.TimeFunction`; with psi alone it is a C2 cubic spline, or with `interpolation="linear"` straight
-    between rows, each of them a kink. The arm starts where the motion does, the episode ends where the motion ends,
-    and nothing else about the arm changes; the target is where the motion ends. Motors are ideal then, and without
-    controllers. The vector environment also takes `reset_mask`, an array of bools, and a list of one motion for each
-    arm (None: an ordinary episode).
+    `start` (hub angle, rad), `target` (rad), `vibration` (over L, where `initial_vibration` is given), and `motion`:
+    the hub's angle is prescribed, the action ignored. A motion is the name of one ("robot_arm_motion",
+    "robot_arm_motion_smooth", "spin_up"), a table of columns t, psi[, psi_dot[, psi_ddot]] as an array, a list of rows,
+    a dict or a CSV file, or a `flexarm_env.TimeFunction`; with psi alone it is a C2 cubic spline, or with
+    `interpolation="linear"` straight between rows, each of them a kink. The arm starts where the motion does, the
+    episode ends where the motion ends, and nothing else about the arm changes; the target is where the motion ends.
+    Motors are ideal then, and without controllers. The vector environment also takes `reset_mask`, an array of bools,
+    and a list of one motion for each arm (None: an ordinary episode).
 
     ## Further methods
 
