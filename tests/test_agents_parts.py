@@ -52,7 +52,7 @@ def test_config_errors_name_the_key(tmp_path: Path):
     for text, sentence in cases:
         with pytest.raises(ValueError, match=sentence):
             config.load(file_of(tmp_path, text), "ppo", ENV)
-    with pytest.raises(ValueError, match=r"Other-v0: unknown entry; allowed: FlexibleArm-v0; those .* --config FILE"):
+    with pytest.raises(ValueError, match=r"Other-v0: unknown entry; allowed: FlexibleArm-v0; .* --config FILE"):
         config.load(file_of(tmp_path, SMALL), "ppo", "Other-v0")
     refuses("--env FlexibleArm-v0: tqc comes with settings for .* suite alone", lambda: config.load(None, "tqc", ENV))
     assert config.load(None, "tqc", "flexarm/slew-geared-v2").text["n_envs"] == 16

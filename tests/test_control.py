@@ -107,7 +107,6 @@ def test_tuned_loops_leave_a_gain_margin(name, env, request):
     """6 dB; a derivative gain that flips the arm within a control period leaves none."""
     setup = control.Setup.of(request.getfixturevalue(env))
     gains = tuned_gains(name, setup.task)
-    gains = getattr(gains, "pd", gains)
     assert gains.stable(setup, tune.MARGIN)
     assert not dataclasses.replace(gains, ratio=tuple(50.0 * r for r in gains.ratio)).stable(setup)
 
@@ -362,13 +361,23 @@ def test_a_policy_of_another_size_is_refused(slew):
     refuses(r"makes 1 actions of 5 entries .* are 1 and 6", lambda: policy.check(setup))
 
 
-def test_pd_that_is_unstable_says_so():
-    """Gains of the package's arms on one whose hub is light: the torque flipped in every period, without a word."""
-    strip = arms.named("strip")
-    env = gym.make("FlexibleArm-v0", arm=dataclasses.replace(strip, name="light", hub_inertia=5e-4))
+def test_pd_that_is_unstable_says_so(tmp_path, recwarn):
+    """Gains of the package's arms on one whose hub is light: the torque flipped in every period, without a word. Tuned
+    for it they are stable."""
+    light = dataclasses.replace(arms.named("strip"), name="light", hub_inertia=5e-4)
+    env = gym.make("FlexibleArm-v0", arm=light)
     for name in ("pd", "zvd"):
         with pytest.warns(UserWarning, match="PD gains are unstable on arm 'light' in periods of 0.02 s: tune them"):
             control.make(name, env)
-    gains = {"bandwidth": 0.05, "ratio": 0.5}
-    assert control.make("pd", env, gains).kp == control.make("pd", env, PDGains(**gains)).kp
     refuses("pd.bandwith: unknown key .did you mean bandwidth", lambda: control.make("pd", env, {"bandwith": 1.0}))
+    file, path = tmp_path / "gains.toml", tmp_path / "light.toml"
+    path.write_text(arms.to_toml(light), "utf-8")
+    words = ["--env", "FlexibleArm-v0", "--env-kwargs", json.dumps({"arm": str(path)}), "--controllers", "pd"]
+    words += ["--refinements", "1", "--episodes", "2", "--out", str(file)]
+    recwarn.clear()
+    assert tune.main(words=[*words, "--samples", "64"]) == 0 and not recwarn
+    found = tune.current(file)["pd"]
+    assert control.make("pd", env, found).kp == control.make("pd", env, gains_from("pd", found)).kp and not recwarn
+    assert f"--env-kwargs '{json.dumps({'arm': str(path)})}'" in file.read_text("utf-8")
+    assert tune.main(words=[*words, "--samples", "1", "--margin", "1000"]) == 2
+    assert tune.current(file)["pd"] == found

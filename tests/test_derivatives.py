@@ -516,9 +516,8 @@ def test_parameters_that_an_arm_has_none_of(name: str, arm: dict[str, Any], opti
     more = own.rollout(moved, actions).rewards.sum() - run.rewards.sum()
     slope = run.vjp(rewards=np.ones((12, 1))).state[0, k]
     assert abs(more) > 1e-7 and slope * e == pytest.approx(more, rel=0.01)
-    if name == "payload_inertia":
-        return
-    changed = {"tau_d": e} if name == "tau_d" else {"payload": Payload(e, 0.0)}
+    payload = Payload(0.2, e) if name == "payload_inertia" else Payload(e, 0.0)
+    changed: dict[str, Any] = {"tau_d": e} if name == "tau_d" else {"payload": payload}
     built = Arms(ONE, 1, parameters=True, arm=dataclasses.replace(strip, **changed), **options)
     found = built.rollout(built.reset(seed=0, options={"start": 0.0}), actions).rewards.sum() - run.rewards.sum()
     assert found == pytest.approx(more, rel=1e-3)
@@ -527,8 +526,11 @@ def test_parameters_that_an_arm_has_none_of(name: str, arm: dict[str, Any], opti
 def test_parameters_that_no_arm_has() -> None:
     own = Arms(ONE, 2, parameters=True)
     state = own.reset(seed=0)
-    for name, value in (("EI_factor", np.inf), ("tau_d", -1.0), ("payload_mass", -1e-3)):
+    finite = "finite number, at least 0"
+    for name, value, what in (
+        ("EI_factor", np.inf, "positive number"), ("EI_factor", 0.0, "positive number"), ("tau_d", -1.0, finite),
+        ("payload_mass", -1e-3, finite), ("payload_inertia", np.inf, finite),
+    ):  # fmt: skip
         wrong = state.copy()
         wrong[1, own.names.index(name)] = value
-        sentence = f"state.{name} = {value}: must be a finite number, at least 0"
-        refuses(sentence, partial(own.step, wrong, np.zeros((2, 1))))
+        refuses(f"state.{name} = {value}: must be a {what}", partial(own.step, wrong, np.zeros((2, 1))))

@@ -20,7 +20,7 @@ NETWORK = {"net_arch": [64, 64], "log_std_init": 0.0, "activation_fn": None}
 def load(path: Path | None, env_id: str) -> configs.Config:
     """Hyper-parameters of an environment. ValueError names the file, the key and what is allowed."""
     config = configs.load(path, "ppo", env_id, KEYS)
-    where = f"{path or configs.default_path('ppo')}: {env_id}"
+    where = f"{path or configs.default_path('ppo', env_id)}: {env_id}"
     if config.text.get("policy", "MlpPolicy") != "MlpPolicy":
         raise ValueError(f"{where}.policy = {config.text['policy']!r}: must be 'MlpPolicy'")
     for key in ("clip_range", "ent_coef"):

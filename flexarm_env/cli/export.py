@@ -11,7 +11,7 @@ from flexarm_env import validation as check
 from flexarm_env.cli.codes import DONE
 from flexarm_env.cli.play import keywords
 from flexarm_env.cli.progress import show
-from flexarm_env.control import NAMES, NumpyPolicy, Setup, load_policy, make
+from flexarm_env.control import NAMES, NumpyPolicy, Setup, load_policy, make, policy_names
 from flexarm_env.control.export import Entries, c_name, c_source, onnx_bytes
 from flexarm_env.control.in_c import controller_source
 from flexarm_env.envs.ids import own_ids, permitted
@@ -38,13 +38,13 @@ def run(args: argparse.Namespace) -> int:
             raise check.InvalidValue(flag, value, "must not be given but with --to library or fmu")
     if args.what in NAMES:
         return _controller(args, out)
+    if Path(args.what).suffix == ".toml" or (args.what in _arms() and args.what not in policy_names()):
+        raise check.InvalidValue("WHAT", args.what, "must be a policy or a controller: arms go by --to library or fmu")
     for word in ("env", "slew", "elbows", "targets", "env_kwargs"):
         value = getattr(args, word)
         if value is not None:
             flag = f"--{word.replace('_', '-')}"
             raise check.InvalidValue(flag, value, "must not be given with a policy, which names its own environment")
-    if Path(args.what).suffix == ".toml" or args.what.removeprefix("flexarm_env:") in own_ids():
-        raise check.InvalidValue("WHAT", args.what, "must be a policy or a controller: arms go by --to library or fmu")
     policy = load_policy(args.what)
     size, joints = policy.weights[0][0].shape[0], policy.weights[-1][0].shape[1]
     values = {"export": str(out), "observation": size, "actions": joints}
@@ -64,9 +64,9 @@ def _controller(args: argparse.Namespace, out: Path) -> int:
         raise check.InvalidValue("--to", args.to, "must be c or fmu for a controller")
     if args.env is None:
         raise check.InvalidValue("--env", args.env, "must be given for a controller: what it is designed for")
-    env = environment(args.env, keywords(args.env_kwargs))
     if args.slew is not None and args.what != "time_optimal":
         raise check.InvalidValue("--slew", args.slew, "must not be given but with time_optimal")
+    env = environment(args.env, keywords(args.env_kwargs))
     name, own = args.name or c_name(out.stem), make(args.what, env)
     elbows = _rows("--elbows", args.elbows, 2, "LOW:HIGH,..., rad, a pair an elbow")
     targets = _rows("--targets", args.targets, 3, "X:Y:Z,..., m, a point a target")
@@ -108,6 +108,11 @@ def _arm(args: argparse.Namespace, out: Path) -> int:
     return DONE
 
 
+def _arms() -> tuple[str, ...]:
+    """Words that `environment` takes."""
+    return (*own_ids(), *(task.id for task in suite.tasks(earlier=True)), *arms.names())
+
+
 def environment(word: str, given: dict[str, Any]) -> Any:
     """The environment that a word names: its id, a task of the suite, or an arm, by its name or its file."""
     known = [task.id for task in suite.tasks(earlier=True)]
@@ -119,7 +124,7 @@ def environment(word: str, given: dict[str, Any]) -> Any:
         ids, arm = {1: "FlexibleArm-v0", 2: "TwoLinkFlexArm-v0"}, arms.resolve(word)
         planar = ids.get(arm.n_links, "MultiLinkFlexArm-v0")
         return gym.make("SpatialFlexArm-v0" if arm.spatial else planar, arm=word, **given)
-    raise check.UnknownKey(word, (*own_ids(), *known, *arms.names()), "environment, task or arm (and no TOML file)")
+    raise check.UnknownKey(word, _arms(), "environment, task or arm (and no TOML file)")
 
 
 def entries_of(policy: NumpyPolicy, word: str) -> Entries:

@@ -1,7 +1,6 @@
 """Arguments and help texts of `flexarm`; nothing heavy is imported here."""
 
 import argparse
-import difflib
 import importlib
 import os
 import sys
@@ -401,9 +400,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         args, more = parser.parse_known_args(words)
         if more:
             told = next(part for part in parser._actions if isinstance(part, argparse._SubParsersAction))
-            own = told.choices.get(args.command, parser)
-            near = difflib.get_close_matches(more[0], own._option_string_actions, n=1, cutoff=0.7)
-            own.error(f"unrecognized arguments: {' '.join(more)}" + (f", did you mean {near[0]}?" if near else ""))
+            told.choices.get(args.command, parser).unknown(more)
     if args.command is None:
         parser.print_help()
         return DONE

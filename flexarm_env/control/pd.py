@@ -13,7 +13,7 @@ from .base import Controller, Gains, Setup, Signals
 from .space import AboutRest, holding
 
 POSTURES = (0.0, 0.8, 1.6, 2.4)
-"""Angles of elbows, rad, at which PD control is asked to be stable."""
+"""Angles of elbows, rad, at which PD control is asked to be stable, where they may be so bent."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,10 @@ class PDGains(Gains):
         """Whether the linear arm under these gains times a factor, held over control periods, is stable in all of
         `POSTURES`."""
         kp, kd = self.of(setup.arm)
+        limits = [pair for pair in (setup.arm.joint_limits or ())[1:] if pair is not None]
         for angle in POSTURES if setup.n_joints > 1 else (0.0,):
+            if any(not low <= angle <= high for low, high in limits):
+                continue
             model = arm_model(setup.arm, (angle,) * (setup.n_joints - 1))
             n = model.n_joints
             A, B = model.discrete(setup.control_dt)

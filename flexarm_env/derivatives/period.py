@@ -142,7 +142,8 @@ class Periods:
         batch: the arms. parameters: see `Arms`. kept: a state holds accelerations and torques, also where periods begin
         with accelerations solved afresh. guided: which arm alone, and its `envs.motion.Guide`; None: all arms, as they
         move in the batch. alone: which arms are taken one at a time, their steps halved where Newton's iteration fails:
-        those for which it has failed beside others, as in the environment ("failed"), "all" or "none".
+        those for which it has failed beside others, as in the environment ("failed"), "all" or "none". whole: with the
+        terms of all parameters, as with `parameters` (`physics.model.complete`).
     Attributes:
         n, state_size, action_size, observation_size, moving, names, failed, past: see `Arms`. backwards: whether
         cotangents have kernels of their own (`vjp`).
@@ -150,7 +151,7 @@ class Periods:
 
     def __init__(
         self, batch: Batch, parameters: bool = False, kept: bool = False, guided: tuple[int, Any] | None = None,
-        alone: str = "failed",
+        alone: str = "failed", whole: bool = False,
     ) -> None:  # fmt: skip
         if WIDEST is SINGLE:
             raise RuntimeError("derivatives are compiled: there are none where compilation is disabled")
@@ -159,7 +160,7 @@ class Periods:
         if guided is not None:
             program = program_of(program, guided[1])
         self.n = program.n
-        if parameters:
+        if parameters or whole:
             program = complete(program)
         if parameters and isinstance(program.model, Jointed) and program.model.own is None:
             program = program._replace(model=program.model._replace(own=(0,) * len(batch.system.par)))
@@ -343,9 +344,11 @@ class Periods:
         """Arms whose parameters are negative, or too stiff for double precision, are a ValueError."""
         least = np.fmin.reduce(rows[:, self._least], axis=0)
         for k, value in zip(self._least, least.tolist(), strict=True):
-            if value < 0.0 or np.isinf(rows[:, k]).any():
-                value = value if value < 0.0 else math.inf
-                raise check.InvalidValue(f"state.{self.names[k]}", value, "must be a finite number, at least 0")
+            factor = self.names[k].endswith("_factor")
+            low = value < 0.0 or (factor and value == 0.0)
+            if low or np.isinf(rows[:, k]).any():
+                what = "must be a positive number" if factor else "must be a finite number, at least 0"
+                raise check.InvalidValue(f"state.{self.names[k]}", value if low else math.inf, what)
         most = np.fmax.reduce(rows[:, self._stiff], axis=0).tolist()
         if most != self._last_stiff:
             of = dict(zip((self.names[k] for k in self._stiff), most, strict=True))

@@ -113,7 +113,7 @@ def check_name(name: str) -> None:
 def _periods(batch: Any) -> tuple[Periods | None, str]:
     """The derivatives of the batch's one arm, or why there are none."""
     try:
-        periods = Periods(batch)
+        periods = Periods(batch, whole=True)
     except (ValueError, NotImplementedError) as error:
         return None, " ".join(str(error).split())
     if periods._memory.frames:

@@ -26,6 +26,8 @@ VERSION = metadata.version("flexarm_env")
 LEAST = 1e-30
 """Of what must be positive."""
 
+LEAST_DAMPED = 1e-3
+"""s: tau_d that an arm without damping may be given, tenfold, as one that has this."""
 _OWN = (
     ("payload_mass", "kg", "of the arm", 0.0), ("payload_inertia", "kg m2", "of the arm", 0.0),
     ("EI_factor", "", "on all stiffness to bending", LEAST), ("tau_d", "s", "of the damping", 0.0),
@@ -146,7 +148,8 @@ class Source:
 
     def _most(self) -> tuple[float, ...]:
         """The largest parameters that double precision carries; see `physics.precision`."""
-        batch, largest = self.batch, 10.0 * self.batch.arm.damping[0] * self.batch.starts.drawn["damping"][1]
+        batch = self.batch
+        largest = 10.0 * (batch.arm.damping[0] or LEAST_DAMPED) * batch.starts.drawn["damping"][1]
 
         def carried(factor: float, damping: float) -> bool:
             factors = dict.fromkeys(STIFFNESSES, factor)

@@ -34,7 +34,7 @@ class KeepOut(NamedTuple):
     tip: tuple[int, ...] | None  # a tag where only the tip is looked at, and not all of the arm
     rows: tuple[int, ...] = ()  # a zero for each row of the state
     points: np.ndarray = np.zeros((0, 0, 2))  # (groups, P, 2 or 3) m: room for points along an arm
-    spacing: float = 0.0  # m: where these are further apart, as along rigid ends, points between them count, too
+    parts: np.ndarray = np.zeros(0, np.int64)  # (P,): in how many of them the way from the point before is looked at
 
 
 def packed(shapes: Sequence[Shape]) -> Array:

@@ -27,8 +27,12 @@ def with_room(given: KeepOut | None, model: Any, q: Array, room: Array, groups: 
     the arm, m."""
     if given is None:
         return None
-    points = np.zeros((groups, int(uncompiled(shape)(model, q, room)), room.shape[1]))
-    return given._replace(rows=(0,) * len(q), points=points, spacing=SPACING * length)
+    count = int(uncompiled(shape)(model, q, room))
+    gaps = np.linalg.norm(np.diff(room[:count], axis=0), axis=1)
+    parts = np.ones(count, np.int64)
+    if given.tip is None:  # along rigid ends, for one, nothing is drawn
+        parts[1:] = np.maximum(1, np.ceil(gaps / (SPACING * length) - 1e-9))
+    return given._replace(rows=(0,) * len(q), points=np.zeros((groups, count, room.shape[1])), parts=parts)
 
 
 @apart
@@ -48,11 +52,8 @@ def clearance(keep_out, model, g, lanes, i, q):
         if points.shape[1] > 2:
             z = points[j, 2]
             dz = z - points[j - 1, 2]
-        parts = 1
-        if keep_out.tip is None:
-            parts = int(math.sqrt((dx * dx + dy * dy) + dz * dz) / keep_out.spacing) + 1
-        for part in range(parts):
-            back = part / parts
+        for part in range(keep_out.parts[j]):
+            back = part / keep_out.parts[j]
             for s in range(keep_out.shapes.shape[0] // OBSTACLE.places.end):
                 least = min(least, distance(keep_out.shapes, s, x - dx * back, y - dy * back, z - dz * back))
     return least

@@ -2,6 +2,7 @@
 
 import argparse
 import dataclasses
+import difflib
 import json
 import re
 import sys
@@ -17,6 +18,12 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **options)
+
+    def unknown(self, words: Sequence[str]) -> NoReturn:
+        """Leave for words that it has no place for, with the nearest flag."""
+        flags = [flag for action in self._actions for flag in action.option_strings]
+        near = difflib.get_close_matches(words[0], flags, n=1, cutoff=0.7) if words[0].startswith("-") else []
+        self.error(f"unrecognized arguments: {' '.join(words)}" + (f", did you mean {near[0]}?" if near else ""))
 
     def error(self, message: str) -> NoReturn:
         """Leave with code 2 and a sentence that says where help is."""
@@ -39,7 +46,7 @@ def parse(kind: type[T], program: str, description: str | None, words: Sequence[
             options["required"] = True
         elif field.default_factory is not dataclasses.MISSING:
             default = field.default_factory()
-        if default not in (None, False, "", {}):
+        if default is not None and default is not False and default not in ("", {}):
             options["help"] += " (on)" if default is True else f" ({default})"
         wanted = [t for t in (typing.get_args(types[field.name]) or (types[field.name],)) if t is not type(None)]
         if types[field.name] is bool:
@@ -48,7 +55,10 @@ def parse(kind: type[T], program: str, description: str | None, words: Sequence[
             parser.add_argument(flag, type=_table, default=default, metavar="JSON", **options)
         else:
             parser.add_argument(flag, type=_number if wanted[0] is int else wanted[0], default=default, **options)
-    return kind(**vars(parser.parse_args(words)))
+    found, more = parser.parse_known_args(words)
+    if more:
+        parser.unknown(more)
+    return kind(**vars(found))
 
 
 def _number(text: str) -> int:

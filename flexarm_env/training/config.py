@@ -107,6 +107,7 @@ def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str
     """
     yaml = _yaml()
     _known(algorithm)
+    env_id = env_id.removeprefix("flexarm_env:")
     if path is None:
         path = default_path(algorithm, env_id)
         if not path.is_file():
@@ -122,9 +123,10 @@ def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
     if not isinstance(content, dict) or not isinstance(content.get(env_id), dict):
-        ids = [str(key) for key in content if "-v" in str(key)] if isinstance(content, dict) else []
+        ids = [str(key) for key in content if key != "env_kwargs"] if isinstance(content, dict) else []
+        ids = [key for key in ids if "-v" in key] or ids  # without the names that entries share
         unknown = check.UnknownKey(f"{path}: {env_id}", ids, "entry")
-        raise ValueError(f"{unknown}; those for others go into a file of your own, --config FILE")
+        raise ValueError(f"{unknown}; an environment of another id wants settings of your own, --config FILE")
     with check.in_file(path):
         given = check.table_of("env_kwargs", content.get("env_kwargs") or {}).get(env_id) or {}
         given = check.table_of(f"env_kwargs.{env_id}", given)

@@ -83,7 +83,14 @@ def make_episodes(env_id: str, n: int, /, **arguments: Any) -> Any:
     for key in ("id", "num_envs", "vectorization_mode"):
         if key in arguments:
             raise check.InvalidValue(f"env_kwargs.{key}", arguments[key], "must be left out: it is the program's own")
-    return made(gym.make_vec, env_id, num_envs=n, vectorization_mode="vector_entry_point", **arguments)
+    try:
+        return made(gym.make_vec, env_id, num_envs=n, vectorization_mode="vector_entry_point", **arguments)
+    except check.InvalidValue as error:
+        name = error.path.removeprefix("randomization.")
+        if arguments.get("randomization") != RANDOMIZED or name not in RANDOMIZED:
+            raise
+        arguments["randomization"] = {key: pair for key, pair in RANDOMIZED.items() if key != name}  # it has none
+    return make_episodes(env_id, n, **arguments)
 
 
 def run(env: Any, policy: Policy, first: int = TEST) -> Episodes:

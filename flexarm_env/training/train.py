@@ -32,7 +32,7 @@ class Arguments(Training):
         algo: "ppo", "sac", "tqc", "gradient" (through the arms, see gradient.py beside this), or "recurrent_ppo", whose
             policy stays a model.zip (policy.npz has no memory).
         config: file of hyper-parameters, RL Zoo format, or the name of one that comes with the package, such as robust;
-            default configs/ALGO/default.yml.
+            default configs/ALGO/default.yml, of tasks of the suite suite.yml.
     """
 
     algo: str = "ppo"

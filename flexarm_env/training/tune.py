@@ -19,6 +19,7 @@ that are unstable, and settle in a limit cycle that flips the elbow's torque in 
 import json
 import shlex
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
@@ -47,10 +48,16 @@ SEARCHED: dict[str, dict[str, tuple[float, float]]] = {
 }
 """Gains that are searched, with their ranges; on a logarithmic scale."""
 
+OWN: dict[str, tuple[float, float]] = {"bandwidth": (0.02, 3.0), "ratio": (0.02, 3.0)}
+"""In place of those, on an arm that is named: a light hub or elbow bears little damping between control periods."""
+
 WIDE: dict[str, tuple[float, float]] = {"bandwidth": (0.02, 3.0), "ratio": (0.3, 10.0)}
 """In place of those, on drawn arms: loops that suit them all are slower, and damped more."""
 
 PER_JOINT = ("bandwidth", "ratio")
+
+NONE = 1e3
+"""Cost of gains that cannot be used."""
 
 MARGIN = 2.0
 """Gain margin asked of PD control: 6 dB."""
@@ -116,7 +123,8 @@ def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], epi
     """Gains of a controller as a table, and the episodes run with them."""
     setup = control.Setup.of(env)
     names, bounds = [], []
-    for key, limits in (SEARCHED[name] | (WIDE if arguments.randomized and "ratio" in SEARCHED[name] else {})).items():
+    others = WIDE if arguments.randomized else OWN if "arm" in arguments.env_kwargs else {}
+    for key, limits in (SEARCHED[name] | (others if "ratio" in SEARCHED[name] else {})).items():
         for _ in range(setup.n_joints if key in PER_JOINT else 1):
             names.append(key)
             bounds.append(limits)
@@ -134,13 +142,12 @@ def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], epi
 
     def cost(values: Array) -> float:
         gains = gains_from(name, table(values))
-        pd = getattr(gains, "pd", gains)
-        if arguments.margin > 0.0 and isinstance(pd, control.PDGains) and not pd.stable(setup, arguments.margin):
-            return 1e3
+        if arguments.margin > 0.0 and isinstance(gains, control.PDGains) and not gains.stable(setup, arguments.margin):
+            return NONE
         try:
             result = trial(values)
         except (np.linalg.LinAlgError, ValueError):  # a Riccati equation or a plan without solution
-            return 1e3
+            return NONE
         duration = (len(result.errors) - 1) * result.dt
         return float(result.settling.mean() + duration * (1.0 - result.success.mean()))
 
@@ -149,8 +156,13 @@ def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], epi
     if known is not None:
         flat = [v for key in SEARCHED[name] for v in np.atleast_1d(known.get(key, np.nan))]
         start = np.array(flat) if len(flat) == len(names) and np.isfinite(flat).all() else None
-    best, _ = search(cost, np.array(bounds), arguments, start)
-    return table(best), trial(best)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "PD gains are unstable")
+        best, least = search(cost, np.array(bounds), arguments, start)
+        if least >= NONE:
+            what = f"{name}: none of the gains that were tried can be used on {setup.arm.name}"
+            raise ValueError(f"{what}; take more --samples, lqr, or for pd and what is shaped --margin 0")
+        return table(best), trial(best)
 
 
 def place(task: str, arguments: Arguments) -> Path:
@@ -178,7 +190,7 @@ def text_of(tables: dict[str, Any], arguments: Arguments) -> str:
             words = json.dumps(value) if isinstance(value, dict) else str(value)
             how += f" --{one.name.replace('_', '-')}" + ("" if value is True else f" {shlex.quote(words)}")
     lines = [
-        f"# Gains of the controllers on {arguments.env}, found by `flexarm tune{how}`;",
+        f"# Gains of the controllers on {arguments.env}, the last of them found by `flexarm tune{how}`;",
         "# what they mean: flexarm_env/control/pd.py, shaping.py, lqr.py, lqg.py, mpc.py, time_optimal.py.",
     ]
     for name in control.NAMES:

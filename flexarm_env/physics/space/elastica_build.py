@@ -104,17 +104,23 @@ def _inertia(packed: dict[str, Array]) -> Array:
 
 def _correction(packed: dict[str, Array], settings: Settings) -> Array:
     """(3, n, n) kg m^2, what to take from the inertia of the strains for steps of h (see `elastica.build`). Lighter it
-    makes bending about the softer axis alone: in a bent link torsion and the stiffer bending move the same mass, and
-    what is taken from one of them would leave less than nothing of motions that have hardly any inertia."""
+    makes bending about the softer axis alone, or about both where they are alike: in a bent link torsion and the
+    stiffer bending move the same mass, and what is taken from one of them would leave less than nothing of motions that
+    have hardly any inertia."""
+    from scipy.linalg import eigh
+
     assert settings.dt is not None
     lengthening, share = 2.0 * settings.period_error * settings.dt**2, HEAVIER * settings.dt**4
     M, K = _inertia(packed), packed["stiffness"]
     C = (lengthening * K - share * K @ np.linalg.solve(M, K)) @ np.linalg.solve(M + lengthening * K, M)
     C = np.asarray(0.5 * (C + C.transpose(0, 2, 1)))
-    softer = 1 if K[1, 0, 0] < K[2, 0, 0] else 2
-    for axis in {0, 1, 2} - {softer}:
-        values, vectors = np.linalg.eigh(C[axis])
-        C[axis] = (vectors * np.minimum(values, 0.0)) @ vectors.T
+    softest = ALIKE * min(K[1, 0, 0], K[2, 0, 0])
+    for axis in range(3):
+        if axis == 0 or K[axis, 0, 0] > softest:
+            squares, modes = eigh(K[axis], M[axis])
+            taken = (lengthening * squares - share * squares**2) / (1.0 + lengthening * squares)
+            moved = M[axis] @ modes
+            C[axis] = (moved * np.minimum(taken, 0.0)) @ moved.T
     return C
 
 
@@ -125,6 +131,9 @@ def physical(model: SpatialElastica) -> SpatialElastica:
     STRAINED.unpack(strains.reshape(model.links, -1), polynomials=n, points=n + 2)["correction"][:] = 0.0
     return model._replace(strains=strains)
 
+
+ALIKE = 1.01
+"""Bending stiffnesses whose ratio is at most this are alike."""
 
 BENT = 0.3
 """By what share of its length a link is taken to be bent where nothing is known yet."""
