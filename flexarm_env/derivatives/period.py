@@ -341,13 +341,14 @@ class Periods:
         return given
 
     def _carried(self, rows: Array) -> None:
-        """Arms whose parameters are negative, or too stiff for double precision, are a ValueError."""
+        """Arms whose parameters are infinite, factors that are not positive, or too stiff for double precision, are a
+        ValueError. Masses and tau_d about 0 may be negative: differences want them."""
         least = np.fmin.reduce(rows[:, self._least], axis=0)
         for k, value in zip(self._least, least.tolist(), strict=True):
             factor = self.names[k].endswith("_factor")
-            low = value < 0.0 or (factor and value == 0.0)
+            low = factor and value <= 0.0
             if low or np.isinf(rows[:, k]).any():
-                what = "must be a positive number" if factor else "must be a finite number, at least 0"
+                what = f"must be a {'positive' if factor else 'finite'} number"
                 raise check.InvalidValue(f"state.{self.names[k]}", value if low else math.inf, what)
         most = np.fmax.reduce(rows[:, self._stiff], axis=0).tolist()
         if most != self._last_stiff:
