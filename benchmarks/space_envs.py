@@ -79,7 +79,7 @@ def rates() -> pages.Found:
     arm = arms.named("three_dof")
     weak = dataclasses.replace(arm, torque_limits=tuple(0.25 * limit for limit in arm.torque_limits or ()))
     modes = {"formulation": "floating_frame", **FRAMES[0]}
-    kinds: list[dict[str, Any]] = [{}, *({"arm": weak, **own} for own in (*COARSE, modes))]
+    kinds: list[dict[str, Any]] = [{}, *({"arm": weak, **own} for own in ({}, *COARSE, modes))]
     vectors = [gym.make_vec(ID, num_envs=1024, threads=k, **own) for own in kinds for k in (1, 2)]
     environments = [(gym.make("Pendulum-v1"), 4000, 1), (gym.make(ID), 1000, 1), *((env, 100, 1024) for env in vectors)]
     for env, _, n in environments:
@@ -135,7 +135,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
         (row["elements"], step(1e3 * row["dt"]), percent(row["pd"]), percent(row["full"])) for row in found["books"]
     ]
     rates, base = found["rates"], found["rates"]["pendulum"]
-    kinds = [(shares[1.0], CANDIDATES[0]), *((shares[0.25], own) for own in (*COARSE, FRAMES[0]))]
+    kinds = [(shares[1.0], CANDIDATES[0]), *((shares[0.25], own) for own in (CANDIDATES[0], *COARSE, FRAMES[0]))]
     fast = [
         (share, mesh(own), step(1e3 * own["dt"]), *(f"{each / base:.2f}" for each in pair))
         for (share, own), pair in zip(kinds, rates["many"], strict=True)
