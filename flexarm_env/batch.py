@@ -173,9 +173,7 @@ class Batch:
         self.request = np.full(REQUEST.offsets(0, links, links * self.arm.spatial).end, np.nan)
         n_steps = round(self.period / settings.dt)
         room = np.zeros((assembly.room_for_points(settings, links), 3 if self.arm.spatial else 2))
-        shapes = with_room(
-            self.extras.keep_out, model, self.system.q0, room, self.groups, self.arm.total_length
-        )
+        shapes = with_room(self.extras.keep_out, model, self.system.q0, room, self.groups, self.arm.total_length)
         self.program = Program(
             lane=self.lane, model=model, scheme=assembly.scheme_of(settings, self.tolerance), task=task,
             models=Models(*(system.model for system in self.systems)) if fitted else None,
