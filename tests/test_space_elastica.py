@@ -113,7 +113,7 @@ def test_it_is_linearised_about_a_sagging_rest() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("width", "thickness", "pull"), [(0.03, 0.004, 2.0), (0.004, 0.03, 2.0), (0.01, 0.008, 8.0)])
+@pytest.mark.parametrize(("width", "thickness", "pull"), [(0.03, 0.004, 2.0), (0.004, 0.03, 28.0), (0.01, 0.008, 8.0)])
 def test_a_loaded_strip_stays_at_rest(width: float, thickness: float, pull: float) -> None:
     """Inertia that is corrected for the step left less than none of motions in which torsion and the stiffer bending
     cancel: a stable rest was left by a tenth of the length within half a second."""
