@@ -251,3 +251,31 @@ def test_an_arm_s_own_sensors_and_what_is_refused() -> None:
         (lambda: StrainGauge(measures="yz"), "measures = 'yz'"),
     ):
         says(words, make)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("link", ["curved", "tapered"])
+def test_gauges_of_frames_on_curved_and_tapered_links_are_off(link: str) -> None:
+    """Moments at the tip bend and twist by M/EI_y and M/GJ anywhere: what the tutorial says of frames, and of the beam."""
+    steel, moment = {"E": 70e9, "rho": 2700.0, "G": 26e9}, 1e-3
+    own = fx.Link(1.0, fx.Section.rectangle(0.03, 0.004, **steel), curvature=1.2)
+    if link == "tapered":
+        own = fx.Link.tapered(1.0, widths=(0.04, 0.02), thicknesses=(0.006, 0.003), **steel)
+    about = dict.fromkeys(("torque", "torque_x", "torque_y"), constant(moment))
+    scene = fx.Scene(
+        "gauges", fx.Arm(link, (own,), hub_inertia=0.01, tau_d=1e-3), duration=2e-3, dt=1e-3, start="held", space=True,
+        motions=(fx.Motion("joint0", constant(0.0)),), loads=(fx.PointLoad(0, "tip", **about),),
+    )  # fmt: skip
+    off = {"curved": {"xz": (1.449, 0.1), "torsion": (0.041, 0.0105)}, "tapered": {"torsion": (0.171, 0.048)}}[link]
+    meshes = [("floating_frame", {"segments": n}) for n in (10, 40)] + [("geometrically_exact", {"elements": 10})]
+    for measures, shares in off.items():
+        for (formulation, mesh), share in zip(meshes, (*shares, 0.0), strict=True):
+            run, errors, sizes = fx.simulate(scene, formulation, estimate_error=False, **mesh), [], []
+            for place in (0.0, 0.3, 0.5, 0.7, 0.9, 1.0):
+                turn, section = own.turn * place, own.across(np.array(place * own.length))
+                bent = -moment * (np.cos(turn) - np.sin(turn)) / section["EI_y"]
+                wanted = bent if measures == "xz" else moment * (np.cos(turn) + np.sin(turn)) / section["GJ"]
+                gauge = {"strain_gauges": [{"place": place, "measures": measures}]}
+                errors.append(abs(run.measured(gauge)["strain_gauge_1"][0] - wanted))
+                sizes.append(abs(wanted))
+            assert max(errors) / max(sizes) == pytest.approx(share, rel=0.02, abs=0.006), (formulation, mesh)
