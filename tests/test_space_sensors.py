@@ -256,7 +256,7 @@ def test_an_arm_s_own_sensors_and_what_is_refused() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("link", ["curved", "tapered"])
 def test_gauges_of_frames_on_curved_and_tapered_links_are_off(link: str) -> None:
-    """Moments at the tip bend and twist by M/EI_y and M/GJ anywhere: what the tutorial says of frames, and of the beam."""
+    """Moments at the tip bend and twist by M/EI_y and M/GJ anywhere: the figures of the tutorial."""
     steel, moment = {"E": 70e9, "rho": 2700.0, "G": 26e9}, 1e-3
     own = fx.Link(1.0, fx.Section.rectangle(0.03, 0.004, **steel), curvature=1.2)
     if link == "tapered":
