@@ -7,9 +7,10 @@
     flexarm tune --env FlexibleArm-v0 --env-kwargs '{"arm": "mine.toml"}' --controllers pd,zvd --out mine_gains.toml
 
 What is made small is the mean settling time plus the duration for every episode without success, on episodes that
-neither training nor evaluation sees. The gains found are written to runs/gains/TASK.toml, or to --out: `flexarm
-evaluate --policy zv@FILE` takes them from there. `python -m agents.tune` of a checkout writes
-flexarm_env/data/control/TASK.toml, from where `flexarm_env.control.make` takes them.
+neither training nor evaluation sees; among the gains tried are those on file, or else those that come with the package.
+What is found is written to runs/gains/TASK.toml, or to --out: `flexarm evaluate --policy zv@FILE` takes it from there.
+`python -m agents.tune` of a checkout writes flexarm_env/data/control/TASK.toml, from where `flexarm_env.control.make`
+takes them.
 
 PD gains, a shaped reference's too, must leave a gain margin (--margin, 6 dB): the linear arm under them, sampled at the
 control period, is stable with all gains that many times as large. Without the rule (--margin 0) the search finds loops
@@ -21,7 +22,7 @@ import shlex
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ import numpy as np
 
 from flexarm_env import control
 from flexarm_env import validation as check
-from flexarm_env.control.catalogue import gains_from
+from flexarm_env.control.catalogue import gains_from, tuned_gains
 from flexarm_env.files import read_toml, to_file
 from flexarm_env.training import episodes
 from flexarm_env.training.runs import command, write_text
@@ -152,10 +153,10 @@ def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], epi
         return float(result.settling.mean() + duration * (1.0 - result.success.mean()))
 
     known = current(place(setup.task, arguments)).get(name) or current(arguments.home / f"{setup.task}.toml").get(name)
-    start = None
-    if known is not None:
-        flat = [v for key in SEARCHED[name] for v in np.atleast_1d(known.get(key, np.nan))]
-        start = np.array(flat) if len(flat) == len(names) and np.isfinite(flat).all() else None
+    if known is None:
+        known = asdict(tuned_gains(name, setup.task, setup.n_joints))
+    flat = [v for key in SEARCHED[name] for v in np.atleast_1d(known.get(key, np.nan))]
+    start = np.array(flat) if len(flat) == len(names) and np.isfinite(flat).all() else None
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "PD gains are unstable")
         best, least = search(cost, np.array(bounds), arguments, start)
