@@ -209,3 +209,4 @@ def test_other_packages_are_told() -> None:
     for id in ("CartPole-v1", "Pendulum-v1"):
         with pytest.raises(ValueError, match=f"id = '{id}': must be of an environment of this package"):
             Arms(id, 2)
+    refuses("id = None: must be a text", lambda: Arms(None, 2))  # type: ignore[arg-type]

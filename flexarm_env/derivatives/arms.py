@@ -55,7 +55,7 @@ class Arms(Periods):
     def __init__(
         self, id: str, n: int, *, threads: int | None = None, parameters: bool = False, **keywords: Any
     ) -> None:
-        kind: Any = gym.spec(id).vector_entry_point
+        kind: Any = gym.spec(check.text("id", id, empty=False)).vector_entry_point
         kind = load_env_creator(kind) if isinstance(kind, str) else kind
         made_of = [base.__module__.partition(".")[0] for base in getattr(kind, "__mro__", ())]
         if kind is None or (made_of and __name__.partition(".")[0] not in made_of):
