@@ -90,13 +90,13 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
 
     ## Episode end
 
-    Truncated after `duration` (4 s) or `max_episode_steps`, whichever comes first, or where a prescribed motion
-    ends. Success never ends an episode: `info["is_success"]` says whether, over the trailing 0.5 s, the tip angle has
-    been within 1 degree of the target and the rate of the deflection below 0.01 L/s throughout; an episode's success
-    is its value at the last step. Terminated by failure only, with `info["termination_reason"]`: `joint_limit` (a
-    joint beyond its limits), `action_not_finite`, or the solver's status (`newton_failed`, `out_of_range`,
-    `diverged`, `not_finite`). After the last two kinds the observation is the last good one. The other arms of a
-    vector go on untouched.
+    Truncated after the whole control periods in `duration` (4 s) or `max_episode_steps`, whichever comes first, or
+    where a prescribed motion ends. Success never ends an episode: `info["is_success"]` says whether, over the trailing
+    0.5 s, the tip angle has been within 1 degree of the target and the rate of the deflection below 0.01 L/s
+    throughout; an episode's success is its value at the last step. Terminated by failure only, with
+    `info["termination_reason"]`: `joint_limit` (a joint beyond its limits), `action_not_finite`, or the solver's status
+    (`newton_failed`, `out_of_range`, `diverged`, `not_finite`). After the last two kinds the observation is the last
+    good one. The other arms of a vector go on untouched.
 
     ## Info
 

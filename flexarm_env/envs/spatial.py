@@ -92,11 +92,11 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     ## Episode end
 
-    Truncated after `duration` (5 s) or `max_episode_steps`, whichever comes first, or where a prescribed motion ends.
-    Success never ends an episode: `info["is_success"]` says whether, over the trailing 0.5 s, the tip has been within
-    0.01 L of the target and slower than 0.05 L/s throughout; with "track" than 0.05 L/s beside the target.
-    Terminated by failure only, with `info["termination_reason"]`: `joint_limit`, `action_not_finite`, or the solver's
-    status. The other arms of a vector go on untouched.
+    Truncated after the whole control periods in `duration` (5 s) or `max_episode_steps`, whichever comes first, or
+    where a prescribed motion ends. Success never ends an episode: `info["is_success"]` says whether, over the trailing
+    0.5 s, the tip has been within 0.01 L of the target and slower than 0.05 L/s throughout; with "track" than 0.05 L/s
+    beside the target. Terminated by failure only, with `info["termination_reason"]`: `joint_limit`,
+    `action_not_finite`, or the solver's status. The other arms of a vector go on untouched.
 
     ## Info
 

@@ -91,12 +91,13 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     ## Episode end
 
-    Truncated after `duration` (8 s) or `max_episode_steps`, whichever comes first, or where a prescribed motion
-    ends. Success never ends an episode: `info["is_success"]` says whether, over the trailing 0.5 s, the tip has been
-    within 0.01 L of the target and slower than 0.05 L/s throughout; an episode's success is its value at the last
-    step. Terminated by failure only, with `info["termination_reason"]`: `joint_limit` (the elbow beyond +-2.8 rad),
-    `action_not_finite`, or the solver's status (`newton_failed`, `out_of_range`, `diverged`, `not_finite`). After the
-    last two kinds the observation is the last good one. The other arms of a vector go on untouched.
+    Truncated after the whole control periods in `duration` (8 s) or `max_episode_steps`, whichever comes first, or
+    where a prescribed motion ends. Success never ends an episode: `info["is_success"]` says whether, over the trailing
+    0.5 s, the tip has been within 0.01 L of the target and slower than 0.05 L/s throughout; an episode's success is its
+    value at the last step. Terminated by failure only, with `info["termination_reason"]`: `joint_limit` (the elbow
+    beyond +-2.8 rad), `action_not_finite`, or the solver's status (`newton_failed`, `out_of_range`, `diverged`,
+    `not_finite`). After the last two kinds the observation is the last good one. The other arms of a vector go on
+    untouched.
 
     ## Info
 

@@ -107,7 +107,7 @@ class Training:
             default configs/ppo/default.yml.
         env_kwargs: keywords of the environment, as JSON; they go before those of the config file.
         seed: of everything.
-        n_timesteps: environment steps in all; default the config's.
+        n_timesteps: environment steps in all, whole rollouts of them; default the config's.
         out: run folder; default runs/ALGO-ENV-SEED.
         resume: go on from the run folder's last checkpoint, or anew where it has none yet (other flags are then those
             of the run).
