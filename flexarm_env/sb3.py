@@ -176,6 +176,8 @@ class GymnasiumVecEnv(VecEnv):
         name = SINGLE_NAMES.get(attr_name, attr_name)
         if hasattr(self.env, "get_attr") and name == attr_name and not hasattr(VectorEnv, name):
             values: Any = self.env.get_attr(name)
+        elif not hasattr(self.env, name) and hasattr(self.env, "call"):
+            values = self.env.call(name)
         else:
             values = _spread(getattr(self.env, name), self.num_envs)
         return [values[i] for i in self._indices(indices)]

@@ -138,10 +138,11 @@ def differences(arms: Arms, state: Array, action: Array, found: Array, share: fl
         e = share * 1e-3 / max(1e-3, (np.abs(found[:, :, j]).max(axis=0) / there).max())
         if arms.environment.batch.extras.payload_change is not None:
             e *= 100.0  # what damping leaves of an impact is asked for at a thousandth of the velocity (`impact`)
-        settings = arms.environment.plan.settings
+        settings, actuator = arms.environment.plan.settings, arms.environment.plan.extras.actuator
         stiff = settings.formulation == "geometrically_exact" and not arms.environment.plan.arm.spatial
         if stiff and not settings.period_correction:
-            e = min(300.0 * e, 1e-3)  # accelerations are as fine as the solver's tolerance makes them
+            # accelerations are as fine as the solver's tolerance makes them, less so where torques jump in each step
+            e = min((300.0 if actuator is None else 3000.0) * e, 1e-3)
         if settings.multipliers:
             e = max(e, 1e-6)  # likewise
         if stiff and [*arms.names, ""][min(k, arms.state_size)] in ("payload_inertia", "tau_d"):

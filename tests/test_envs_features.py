@@ -155,6 +155,48 @@ def test_jitter_draws_how_late_each_command_comes() -> None:
         np.testing.assert_array_equal(many[0][4], one[0])
 
 
+BEAMS = [
+    {}, {"formulation": "geometrically_exact"}, {"formulation": "floating_frame"},
+    {"formulation": "floating_frame", "modes": 2, "dt": 0.0025},
+]  # fmt: skip
+
+
+def lateness(**keywords: Any) -> float:
+    """How late a push of the motor takes effect, s: of a line through a stiff arm's angles once the torque is gone, which
+    are its rate times the time since the torque's middle."""
+    env = gym.make(ONE, randomization={"EI": (100.0, 100.0)}, duration=5.0, **keywords)
+    outcomes = run(env, np.where(np.arange(60) < 5, 0.5, 0.0)[:, None], start=0.0, target=0.0)
+    angles = np.unwrap([math.atan2(float(o[0][0]), float(o[0][1])) for o in outcomes[30:]])
+    rate, at = np.polyfit(0.02 * np.arange(31, 61), angles, 1)
+    return float(-at / rate)
+
+
+@pytest.mark.parametrize("keywords", [BEAMS[0], *(pytest.param(k, marks=pytest.mark.slow) for k in BEAMS[1:])])
+def test_motors_are_as_late_as_they_are_said_to_be(keywords: dict[str, Any]) -> None:
+    """Delays that end within a control period too, and lags; momentum tells, whatever the solver does with torques."""
+    at_once = lateness(**keywords)
+    dt = gym.make(ONE, **keywords).unwrapped.plan.settings.dt
+    for given, wanted in [({"delay": k * dt}, k * dt) for k in (1, 2, round(0.02 / dt) + 1)] + [({"lag": 0.03}, 0.03)]:
+        assert lateness(actuator=given, **keywords) - at_once == pytest.approx(wanted, abs=0.01 * dt)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("given", [{"delay": 0.02 / 3}, {"jitter": 0.04 / 3}, {"lag": 0.02}])
+def test_books_close_where_torques_change_within_a_period(given: dict[str, float]) -> None:
+    env = gym.make_vec(ONE, num_envs=16, info_level="full", duration=10.0, actuator=given)
+    info = env.reset(seed=5)[1]
+    stored = ("energy_kinetic", "energy_strain", "energy_gravity", "energy_dissipated")
+    rng, turned, begun, last = np.random.default_rng(1), 0.0, sum(info[name] for name in stored), info["work"]
+    worst = np.zeros(16)
+    for _ in range(20):
+        action = rng.uniform(-1.0, 1.0, (16, 1)).astype(np.float32)
+        for _ in range(5):
+            info = env.step(action)[-1]
+            turned, last = turned + abs(info["work"] - last), info["work"]
+            worst = np.maximum(worst, abs(sum(info[name] for name in stored) - begun - last))
+    assert np.median(worst / turned) < 2e-4  # were torques late by half a step, it would be 1e-2
+
+
 def test_factors_that_are_drawn_are_told() -> None:
     strip = arms.named("strip")
     arm = dataclasses.replace(strip, payload=dataclasses.replace(strip.payload, inertia=0.01))

@@ -90,6 +90,20 @@ def test_some_arms_of_a_vector_are_restored_with_all_that_they_remember() -> Non
             assert_same(a[4][key][chosen], b[4][key][chosen])
 
 
+def test_the_state_of_an_arm_that_has_ended_begins_anew_where_ends_do() -> None:
+    """In a vector of SameStep, where no arm is left ended; its step is then the reset's, as it is of NextStep."""
+    single, still = gym.make("FlexibleArm-v0", duration=0.1).unwrapped, np.zeros((3, 1), np.float32)
+    single.reset(seed=1)
+    assert [single.step(still[0])[3] for _ in range(5)][-1]
+    for mode in ("SameStep", "NextStep"):
+        vector = gym.make_vec("FlexibleArm-v0", num_envs=3, autoreset_mode=mode, duration=0.1)
+        vector.reset(seed=5)
+        vector.set_state([single.get_state()], [1])
+        found = steps(vector, [still] * 2)
+        assert [rewards[1] == 0.0 for _, rewards, *_ in found] == [True, False]
+        assert not any((terminated | truncated).any() for _, _, terminated, truncated, _ in found)
+
+
 def test_states_pass_between_single_and_vector_environments() -> None:
     single = gym.make("TwoLinkFlexArm-v0").unwrapped
     vector = gym.make_vec("TwoLinkFlexArm-v0", num_envs=5)

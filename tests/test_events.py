@@ -153,6 +153,15 @@ def test_work_of_pushes_is_force_times_way() -> None:
     assert 15 < pushed < 100
 
 
+def test_a_push_may_begin_at_the_last_instant_that_is_allowed() -> None:
+    """Whatever 0.58 / 0.02 rounds to."""
+    for at in (0.3, 0.58):
+        env = gym.make(ONE, pushes={"wait": (at, at), "force": (1.0, 1.0), "until": at})
+        env.reset(seed=0)
+        forces = [env.step(np.zeros(1, np.float32))[-1]["push"].any() for _ in range(40)]
+        assert np.flatnonzero(forces).tolist() == [round(at / 0.02)]
+
+
 @pytest.mark.slow
 def test_pushes_come_as_asked() -> None:
     """Waits, durations and forces lie within their ranges and fill them; directions all around; none after `until`."""

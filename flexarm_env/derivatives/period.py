@@ -201,7 +201,7 @@ class Periods:
             guide = guidance(guided[1], model, len(both))
             self._blocks = [*blocks, guide.room]
         else:
-            room = lanes * int(uncompiled(room_of)(model, task, program.n_steps))
+            room = lanes * int(uncompiled(room_of)(model, task, program.actuator, program.n_steps))
         self._program = derivative.Derivative(
             lane=lane, dual=both, program=program, guide=guide, plain=layouts[0], both=layouts[1], columns=columns,
             moving=core, passes=_passes(model),

@@ -172,14 +172,18 @@ def actuator(frame: Frame, given: Any) -> Actuator | None:
         return None
     drawn, rows = least < steps, (steps + more) // per_period + 2
     oldest = rows - 1 if drawn else -(-(steps + more) // per_period)
+    made = 1.0 if lag == 0.0 else -math.expm1(-dt / lag)
+    within = lag > 0.0 or drawn or more > 0 or steps % per_period > 0
     return Actuator(
-        share=1.0 if lag == 0.0 else 1.0 - math.exp(-dt / lag),
+        share=made,
+        mean=1.0 if lag == 0.0 else 1.0 - made * lag / dt,
         age=0 if drawn else steps // per_period,
         late=0 if drawn else steps % per_period,
         limits=share * np.array(arm.torque_limits),
         rows=rows,
         jitter=(float(more), float(per_period), oldest) if more or drawn else None,
         drawn=(float(least), float(steps)) if drawn else None,
+        within=(0,) if within else None,
     )
 
 

@@ -35,9 +35,9 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
 
     ## Observation space
 
-    `Box` of float32. Each entry is divided by its scale and clipped to +-10 (sine and cosine: +-1). w = sqrt(tau pi/2
-    / I) is the top rate of a rigid quarter turn at full torque, tau the torque limit, I the inertia of the straight
-    arm about the hub; for `strip` w = 3.029 rad/s.
+    `Box` of float32. Each entry is divided by its scale and clipped to +-10 (sine and cosine without noise to +-1). w =
+    sqrt(tau pi/2 / I) is the top rate of a rigid quarter turn at full torque, tau the torque limit, I the inertia of
+    the straight arm about the hub; for `strip` w = 3.029 rad/s.
 
     | # | entry | scale | unit |
     |---|---|---|---|
@@ -86,7 +86,8 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
 
     Straight and at rest at a hub angle from -pi to pi, within the joint's limits (targets are not held to them), with a
     target within +-pi/2 of it; `initial_vibration=x` adds the first mode of vibration, in which the tip deflects by at
-    most x L (drawn from -x to x). All draws are uniform.
+    most x L (drawn from -x to x; of the nominal arm: one of half its stiffness deflects by 1.4 times as much). All
+    draws are uniform.
 
     ## Episode end
 
@@ -156,7 +157,7 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     | `gravity` | None | (x, y), m/s^2 |
     | `info_level` | "standard" | or "full", or "numbers": without words, for libraries that make tensors of it |
     | `render_mode` | None | "rgb_array" or "human" |
-    | `max_episode_steps` | None | control periods |
+    | `max_episode_steps` | None | control periods; single: Gymnasium's `TimeLimit`, which states do not carry |
 
     Formulations, with what an environment takes where nothing is said: "elastica" (`nodes` 4, `dt` 0.02/3 s,
     `tolerance` 1e-5), "geometrically_exact" (`elements` 3, `order` 2, `dt` 0.0025 s, `tolerance` 1e-6) and
@@ -181,11 +182,12 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     (`frequency`, `order`, `damping`), `quantum` and `delay`: docs/tutorials/sensors.md, `flexarm_env.sensors`. Those of
     the arm itself hold where `observation` is not "full" and nothing else is said. A `gyroscope` is one of space.
 
-    Actuator: `lag` is the time constant of the motor, s; `delay` a whole number of solver's steps, s, or (low, high):
-    drawn for each episode; `jitter` the most that is added to it, s, drawn for each period in whole steps; `saturation`
-    a share of the torque limit; `viscous` (N m s/rad) and `coulomb` (N m) friction is added to what the arm's joints
-    have (`Joint.friction_viscous`, `friction_coulomb`): it sticks, and sets no limit to `dt`; its loss is part of
-    `energy_dissipated`. What is left at its default costs nothing.
+    Actuator: `lag` is the time constant of the motor, s (its torque acts by its mean over each solver's step); `delay`
+    a whole number of solver's steps, s, or (low, high): drawn for each episode; `jitter` the most that is added to it,
+    s, drawn for each period in whole steps; `saturation` a share of the torque limit; `viscous` (N m s/rad) and
+    `coulomb` (N m) friction is added to what the arm's joints have (`Joint.friction_viscous`, `friction_coulomb`): it
+    sticks, and sets no limit to `dt`; its loss is part of `energy_dissipated`. What is left at its default costs
+    nothing.
 
     Targets that move: `reference={"path": "swing", "width": (low, high), "period": (low, high)}` draws swings to and
     fro (rad, s), `{"path": "line", "behind": ..., "rate": ...}` targets that come from behind (rad) and run on at a

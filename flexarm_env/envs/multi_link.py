@@ -36,9 +36,9 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
 
     ## Observation space
 
-    `Box` of 5 N + 4 float32. Each entry is divided by its scale and clipped to +-10 (sines and cosines: +-1). w_k =
-    sqrt(tau_k pi/2 / I_k), tau_k the torque limit of joint k, I_k the inertia of the straight arm from there on about
-    it; for the default arm w = 1.506, 1.735 and 2.410 rad/s.
+    `Box` of 5 N + 4 float32. Each entry is divided by its scale and clipped to +-10 (sines and cosines without noise to
+    +-1). w_k = sqrt(tau_k pi/2 / I_k), tau_k the torque limit of joint k, I_k the inertia of the straight arm from
+    there on about it; for the default arm w = 1.506, 1.735 and 2.410 rad/s.
 
     | # | entry | scale | unit |
     |---|---|---|---|
@@ -63,7 +63,7 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
     At rest with straight links; half of the episodes with all joint angles 0, half with the hub at -1 to 1 and the
     elbows at -3.6/N to 3.6/N rad. The target is 0.3 L to 0.95 L from the root, within +-120 degrees of the x axis. All
     draws are uniform, of angles within the joints' limits. `initial_vibration=x` adds a first mode in which link 1's
-    tip deflects by at most x times its length.
+    tip deflects by at most x times its length, that of the nominal arm.
 
     ## Episode end and info
 

@@ -38,9 +38,9 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     ## Observation space
 
     `Box` of 3 N + 6 F + 6 float32, F flexible links (27 for the default arm). Each entry is divided by its scale and
-    clipped to +-10 (sines and cosines: +-1). w_k = sqrt(tau_k pi/2 / I_k), tau_k the torque limit of joint k, I_k the
-    inertia about it of all that is beyond, laid out straight at a right angle to the joint's axis; for the default arm
-    w = 8.518, 7.738 and 21.887 rad/s.
+    clipped to +-10 (sines and cosines without noise to +-1). w_k = sqrt(tau_k pi/2 / I_k), tau_k the torque limit of
+    joint k, I_k the inertia about it of all that is beyond, laid out straight at a right angle to the joint's axis; for
+    the default arm w = 8.518, 7.738 and 21.887 rad/s.
 
     | # | entry | scale | unit |
     |---|---|---|---|

@@ -36,9 +36,9 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     ## Observation space
 
-    `Box` of float32. Each entry is divided by its scale and clipped to +-10 (sines and cosines: +-1). w_k =
-    sqrt(tau_k pi/2 / I_k), tau_k the torque limit of joint k, I_k the inertia of the straight arm from there on about
-    it; for the default arm w_0 = 1.595 and w_1 = 2.371 rad/s.
+    `Box` of float32. Each entry is divided by its scale and clipped to +-10 (sines and cosines without noise to +-1).
+    w_k = sqrt(tau_k pi/2 / I_k), tau_k the torque limit of joint k, I_k the inertia of the straight arm from there on
+    about it; for the default arm w_0 = 1.595 and w_1 = 2.371 rad/s.
 
     | # | entry | scale | unit |
     |---|---|---|---|
@@ -85,9 +85,9 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     ## Starting state
 
     At rest with straight links; half of the episodes with both joint angles 0, half with the hub at -1 to 1 and the
-    elbow at -1.8 to 1.8 rad. The target is 0.3 L to 0.95 L from the root, within +-120 degrees of the x axis. All
-    draws are uniform, of angles within the joints' limits. `initial_vibration=x` adds a first mode in which link 1's
-    tip deflects by at most x times its length.
+    elbow at -1.8 to 1.8 rad. The target is 0.3 L to 0.95 L from the root, within +-120 degrees of the x axis. All draws
+    are uniform, of angles within the joints' limits. `initial_vibration=x` adds a first mode in which link 1's tip
+    deflects by at most x times its length, that of the nominal arm.
 
     ## Episode end
 

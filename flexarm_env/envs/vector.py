@@ -122,7 +122,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         if self._ended and self.autoreset_mode is AutoresetMode.DISABLED:
             raise ResetNeeded(f"Arms {self._ended} have ended: reset them with options['reset_mask']")
         batch.renew(keep=False)
-        if self._ended and self.autoreset_mode is AutoresetMode.NEXT_STEP:
+        if self._ended:  # in the step before, or as a state that was put back
             self._start(self._ended, FRESH, *self._requests(self._ended))
         batch.action[:] = actions
         attention = batch.step()

@@ -20,11 +20,11 @@ from ..physics.integrator.tangents import prepare
 from ..physics.integrator.work import copy_rows, moved_by, rows_of_shift, unpack
 from ..physics.layout import POSE
 from ..physics.protocol import difference, light, rotates, tangent_map, task_poses, vjp_poses
-from ..tasks.program import PERIODS, saved_at, sections
+from ..tasks.program import saved_at, sections
 from ..tasks.task import info_of, judge, observe
 from .derivative import fill
 from .keeping import keep, read_parts, write_parts
-from .motors import ask, command, jump, motors_at, record_commands, starting, turn_motors
+from .motors import ask, command, jump, jumps, motors_at, record_commands, starting, turn_motors
 
 
 class Asked(NamedTuple):
@@ -78,19 +78,19 @@ def _period(lane, d, g, block, bars, tape):
     fill(lane, d, d.places, layout, g, block)
     keep(w, record, saved)
     ask(lane, p, model, par, poses, record, action, w)
-    length = _length(model, p.task) * len(lane)
-    start = tape[(p.n_steps + 1) * length :]
+    length, more = _length(model, p.task) * len(lane), _more(model) * len(lane)
+    start = tape[p.n_steps * length :]
     for s in range(p.n_steps):
-        _turn(lane, model, p.task, p.actuator, s, record, w, tape[(s + 1) * length :])
-        if s == 0:
-            jump(lane, p, model, par, record, saved, block, w, (0,))
-            write_parts(_of_step(lane, model, p.task, w), tape)
-            write_parts(_of_jump(w), start)
+        _turn(lane, model, p.task, p.actuator, s, record, w, tape[s * length :])
+        if jumps(p.actuator, s):
+            jump(lane, p, model, par, s, record, saved, block, w, (0,))
+            write_parts(_of_step(lane, model, p.task, w), start[s * (length + more) :])
+            write_parts(_of_jump(w), start[s * (length + more) + length :])
         advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
         if rotates(model) is not None:
             _, foreseen = moved_by(w)
             difference(lane, model, w.q0, foreseen, foreseen)  # what foresees it moves by is what is kept
-        write_parts(_of_step(lane, model, p.task, w), tape[(s + 1) * length :])
+        write_parts(_of_step(lane, model, p.task, w), tape[s * length :])
     for i in range(arms(lane)):
         if g * arms(lane) + i < d.n:
             d.failed[g * arms(lane) + i] = np.uint8(w.flag[i])
@@ -102,14 +102,14 @@ def _period(lane, d, g, block, bars, tape):
         tangent_map(lane, model, w.q, True, bar.q)
     slopes = slopes_of(p.scheme, p.h)
     for s in range(p.n_steps - 1, -1, -1):
-        read_parts(_of_step(lane, model, p.task, w), tape[(s + 1) * length :])
+        read_parts(_of_step(lane, model, p.task, w), tape[s * length :])
         prepare(lane, model, par, w, slopes)
         vjp_step(lane, model, par, par_bar, w, bar, slopes, p.scheme, d.passes)
-        if s == 0:
-            read_parts(_of_step(lane, model, p.task, w), tape)
-            read_parts(_of_jump(w), start)
-            _vjp_torques_jump(lane, p, par, par_bar, record, saved, block, w, bar)
-        _vjp_turn(lane, model, p.task, p.actuator, s, record, record_bar, w, bar, tape[(s + 1) * length :])
+        if jumps(p.actuator, s):
+            read_parts(_of_step(lane, model, p.task, w), start[s * (length + more) :])
+            read_parts(_of_jump(w), start[s * (length + more) + length :])
+            _vjp_torques_jump(lane, p, par, par_bar, s, record, saved, block, w, bar)
+        _vjp_turn(lane, model, p.task, p.actuator, s, record, record_bar, w, bar, tape[s * length :])
     if rotates(model) is not None:
         tangent_map(lane, model, w.q, False, bar.q)
     if p.actuator is not None:
@@ -124,22 +124,21 @@ def _period(lane, d, g, block, bars, tape):
 
 # --- where torques jump -------------------------------------------------------------------------------
 @kernel
-def _vjp_torques_jump(lane, p, par, par_bar, record, saved, block, w, bar):
+def _vjp_torques_jump(lane, p, par, par_bar, s, record, saved, block, w, bar):
     """`motors.jump` backwards."""
     if isinstance(p.model.predictor, tuple):
         vjp_restart(lane, p.model, par, par_bar, w, bar, splat(lane, 1.0), p.h)
     elif light(p.model) is not None:
-        vjp_light(lane, p.model, par, par_bar, w, bar, p.h, starting(lane, record))
+        vjp_light(lane, p.model, par, par_bar, w, bar, p.h, starting(lane, s, record))
     else:
-        _vjp_switch(lane, p, par, par_bar, record, saved, block, w, bar)
+        _vjp_switch(lane, p, par, par_bar, s, record, saved, block, w, bar)
 
 
 @kernel
-def _vjp_switch(lane, p, par, par_bar, record, saved, block, w, bar):
-    one, zero = splat(lane, 1.0), splat(lane, 0.0)
+def _vjp_switch(lane, p, par, par_bar, s, record, saved, block, w, bar):
+    zero, first = splat(lane, 0.0), starting(lane, s, record)
     n, inputs = size(p.model.n), size(p.model.n_inputs)
     vjp_switch(lane, p.model, par, par_bar, w, bar, p.h)
-    first = select_lt(load(lane, record, PERIODS), 0.5, one, zero)
     if largest(first) > 0.5:  # whose torques did not jump: u0 is u
         at = saved_at(0, n, inputs, 0, 0)
         for k in range(inputs):
@@ -167,9 +166,16 @@ def _last(model, task):
 
 
 @kernel
-def room_of(model, task, n_steps):
-    """Numbers kept of a period."""
-    return (n_steps + 1) * _length(model, task) + size(model.n_factor) + size(model.n) + size(model.n_inputs)
+def _more(model):
+    """Numbers kept besides where torques jump."""
+    return size(model.n_factor) + size(model.n) + size(model.n_inputs)
+
+
+@kernel
+def room_of(model, task, actuator, n_steps):
+    """Numbers kept of a period: of each step's end, and of where torques have jumped."""
+    times = n_steps if jumps(actuator, 1) else 1
+    return n_steps * _length(model, task) + times * (_length(model, task) + _more(model))
 
 
 @kernel
@@ -192,6 +198,8 @@ def _turn(lane, model, task, actuator, s, record, w, tape):
     if actuator is not None:
         torques = record[motors_at(task, actuator).torque * len(lane) :]
         copy_rows(lane, size(task.links), torques, tape[_last(model, task) * len(lane) :])
+        if s > 0:
+            copy_rows(lane, size(model.n_inputs), w.u, w.u0)
         turn_motors(lane, task, actuator, s, record, w)
 
 
@@ -202,6 +210,10 @@ def _vjp_turn(lane, model, task, actuator, s, record, record_bar, w, bar, tape):
         torques = record[motors_at(task, actuator).torque * len(lane) :]
         copy_rows(lane, size(task.links), tape[_last(model, task) * len(lane) :], torques)
         _vjp_motors(lane, task, actuator, s, record, w, record_bar, bar)
+        if s > 0:
+            for k in range(size(model.n_inputs)):
+                store(bar.u, k, load(lane, bar.u, k) + load(lane, bar.u0, k))
+                store(bar.u0, k, splat(lane, 0.0))
 
 
 # --- rows -------------------------------------------------------------------------------------------

@@ -28,7 +28,7 @@ from ..tasks.program import sections
 from .derivative import at_once, close, fill, seed, take_columns, write_outcome
 from .events import change_payloads
 from .keeping import keep
-from .motors import ask, start_stiff, starting, turn_motors
+from .motors import ask, jumps, start_stiff, starting, turn_motors
 
 
 @kernel
@@ -73,8 +73,8 @@ def _period(lane, d, g, chunks, block, scratch, w):
     slopes = slopes_of(p.scheme, p.h)
     for s in range(p.n_steps):
         _turn(lane, d, s, chunks, record, scratch, w)
-        if s == 0:
-            _jump(lane, d, chunks, par, record, saved, block, scratch, w)
+        if jumps(p.actuator, s):
+            _jump(lane, d, chunks, par, s, record, saved, block, scratch, w)
         advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
         prepare(lane, model, par, w, slopes)
         for c in range(chunks):
@@ -91,9 +91,13 @@ def _turn(lane, d, s, chunks, record, scratch, w):
     """The motors' torques in step s, and their tangents."""
     actuator = d.program.actuator
     if actuator is not None:
+        if s > 0:
+            copy_rows(lane, size(d.program.model.n_inputs), w.u, w.u0)
         turn_motors(lane, d.program.task, actuator, s, record, w)
         for c in range(chunks):
             both, x = _chunk(d, c, scratch)
+            if s > 0:
+                copy_rows(d.dual, size(d.program.model.n_inputs), x.u, x.u0)
             turn_motors(d.dual, d.program.task, actuator, s, _record(d, both), x)
 
 
@@ -119,14 +123,14 @@ def _close(lane, d, g, c, scratch, w):
 
 
 @kernel
-def _jump(lane, d, chunks, par, record, saved, block, scratch, w):
+def _jump(lane, d, chunks, par, s, record, saved, block, scratch, w):
     """`motors.jump` with its tangents."""
     if isinstance(d.program.model.predictor, tuple):
         _afresh(lane, d, chunks, par, block, scratch, w)
     elif light(d.program.model) is not None:
-        _light(lane, d, chunks, par, record, block, scratch, w)
+        _light(lane, d, chunks, par, s, record, block, scratch, w)
     else:
-        _stiff(lane, d, chunks, par, record, saved, block, scratch, w)
+        _stiff(lane, d, chunks, par, s, record, saved, block, scratch, w)
 
 
 @kernel
@@ -141,24 +145,24 @@ def _afresh(lane, d, chunks, par, block, scratch, w):
 
 
 @kernel
-def _light(lane, d, chunks, par, record, block, scratch, w):
+def _light(lane, d, chunks, par, s, record, block, scratch, w):
     p, model = d.program, d.program.model
     for c in range(chunks):
         both, x = _chunk(d, c, scratch)
-        first, zero = starting(d.dual, _record(d, both)), splat(d.dual, 0.0)
+        first, zero = starting(d.dual, s, _record(d, both)), splat(d.dual, 0.0)
         before_switch(lane, d.dual, model, _parameters(d, both), w, x)
         for k in range(size(model.n)):
             store(x.q0, k, select_lt(0.5, first, zero, load(d.dual, x.q0, k)))
-    switch(lane, model, par, block, 0, p.h, starting(lane, record))
+    switch(lane, model, par, block, 0, p.h, starting(lane, s, record))
     for c in range(chunks):
         both, x = _chunk(d, c, scratch)
         light_tangents(lane, d.dual, model, _parameters(d, both), w, x, p.h)
 
 
 @kernel
-def _stiff(lane, d, chunks, par, record, saved, block, scratch, w):
+def _stiff(lane, d, chunks, par, s, record, saved, block, scratch, w):
     p, model = d.program, d.program.model
-    first = start_stiff(lane, p, model, par, record, saved, block, w)
+    first = start_stiff(lane, p, model, par, s, record, saved, block, w)
     for c in range(chunks):
         both, x = _chunk(d, c, scratch)
         if largest(first) > 0.5:
@@ -174,7 +178,7 @@ def _stiff(lane, d, chunks, par, record, saved, block, scratch, w):
 def _start_tangents(lane, d, model, p, both, w, x):
     """Tangents of lanes where an episode begins."""
     wide = d.dual
-    first = starting(wide, _record(d, both))
+    first = starting(wide, 0, _record(d, both))
     copy_rows(wide, size(model.n), x.a, x.v0)
     restart_tangents(lane, wide, model, _parameters(d, both), w, x)
     for k in range(size(model.n)):

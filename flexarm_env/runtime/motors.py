@@ -91,13 +91,15 @@ def take_steps(lane, p, model, parts, par, poses, record, action, saved, block, 
     """The steps of one period under an action, each in so many parts; motors that are not ideal in each step anew."""
     ask(lane, p, model, par, poses, record, action, w)
     if p.actuator is None:
-        jump(lane, p, model, par, record, saved, block, w)
+        jump(lane, p, model, par, 0, record, saved, block, w)
         advance(lane, model, None, par, block, 0, 0.0, p.h / parts, p.n_steps * parts, p.scheme, p.books)
     else:
         for s in range(p.n_steps):
+            if s > 0:
+                copy_rows(lane, size(model.n_inputs), w.u, w.u0)
             turn_motors(lane, p.task, p.actuator, s, record, w)
-            if s == 0:
-                jump(lane, p, model, par, record, saved, block, w)
+            if jumps(p.actuator, s):
+                jump(lane, p, model, par, s, record, saved, block, w)
             advance(lane, model, None, par, block, 0, 0.0, p.h / parts, parts, p.scheme, p.books)
 
 
@@ -112,15 +114,24 @@ def ask(lane, p, model, par, poses, record, action, w):
 
 
 @kernel
-def starting(lane, record):
-    """1 in lanes where an episode begins."""
-    return select_lt(load(lane, record, PERIODS), 0.5, splat(lane, 1.0), splat(lane, 0.0))
+def jumps(actuator, s):
+    """Whether torques may jump ahead of step s of a period."""
+    if actuator is not None:
+        if actuator.within is not None:
+            return True
+    return s == 0
 
 
 @kernel
-def start_stiff(lane, p, model, par, record, saved, block, w):
+def starting(lane, s, record):
+    """1 in lanes where an episode begins with step s of a period."""
+    return select_lt(load(lane, record, PERIODS) + splat(lane, s), 0.5, splat(lane, 1.0), splat(lane, 0.0))
+
+
+@kernel
+def start_stiff(lane, p, model, par, s, record, saved, block, w):
     """1 in lanes where an episode begins, whose accelerations are solved for; elsewhere they stay."""
-    n, first = size(model.n), starting(lane, record)
+    n, first = size(model.n), starting(lane, s, record)
     if largest(first) > 0.5:
         restart(lane, model, None, par, block, 0, 0.0, p.h, True)
         for k in range(size(model.n_inputs)):
@@ -133,18 +144,18 @@ def start_stiff(lane, p, model, par, record, saved, block, w):
 
 
 @kernel
-def jump(lane, p, model, par, record, saved, block, w, kept=None):
-    """Accelerations jump with the torques, from w.u0 to w.u.
+def jump(lane, p, model, par, s, record, saved, block, w, kept=None):
+    """Accelerations jump with the torques, from w.u0 to w.u, ahead of step s of a period.
 
-    They are solved afresh where nothing is stiff, the elastica (a pair as predictor); elsewhere in an episode's first
-    period only (`switching.switch` says why). kept: as there.
+    They are solved afresh where nothing is stiff, the elastica (a pair as predictor); elsewhere where an episode begins
+    only (`switching.switch` says why). kept: as there.
     """
     if isinstance(model.predictor, tuple):
         restart(lane, model, None, par, block, 0, 0.0, p.h, True)
     elif light(model) is not None:
-        switch(lane, model, par, block, 0, p.h, starting(lane, record), kept)
+        switch(lane, model, par, block, 0, p.h, starting(lane, s, record), kept)
     else:
-        start_stiff(lane, p, model, par, record, saved, block, w)
+        start_stiff(lane, p, model, par, s, record, saved, block, w)
         switch(lane, model, par, block, 0, p.h, None, kept)
 
 
@@ -166,7 +177,7 @@ def record_commands(lane, task, actuator, record, w):
 
 @kernel
 def turn_motors(lane, task, actuator, s, record, w):
-    """w.u <- the motors' torques in step s of a period."""
+    """w.u <- the motors' torques in step s of a period, their mean over it; what they end with they remember."""
     n, at = size(task.links), motors_at(task, actuator)
     age = actuator.age + 1 if s < actuator.late else actuator.age
     for k in range(n):
@@ -179,9 +190,9 @@ def turn_motors(lane, task, actuator, s, record, w):
                 before = load(lane, record, at.commands + older * n + k)
                 asked = select_lt(splat(lane, due + 0.5), late, before, asked)
         torque = load(lane, record, at.torque + k)
-        torque = clip(torque + (asked - torque) * actuator.share, actuator.limits[k])
-        store(record, at.torque + k, torque)
-        store(w.u, k, torque)
+        left = asked - torque
+        store(record, at.torque + k, clip(torque + left * actuator.share, actuator.limits[k]))
+        store(w.u, k, clip(torque + left * actuator.mean, actuator.limits[k]))
 
 
 @kernel

@@ -286,12 +286,14 @@ class Actuator(NamedTuple):
     """Motors that are not ideal."""
 
     share: float  # 1 - exp(-h / lag): of the way to the command that a motor makes in a step; 1: no lag
+    mean: float  # of that way, the mean over the step
     age: int  # whole control periods by which commands come late
     late: int  # and whole steps
     limits: np.ndarray  # (N,) N m, saturation
     rows: int  # commands that are remembered, those of this period with them
     jitter: tuple[float, float, int] | None = None  # most steps more; of a period; greatest age, in periods
     drawn: tuple[float, float] | None = None  # least and most steps of a delay that is drawn; age and late are 0
+    within: tuple[int] | None = None  # a tag: torques turn within a period, not only at its start
 
 
 class Sensors(NamedTuple):
