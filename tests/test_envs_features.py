@@ -162,8 +162,8 @@ BEAMS = [
 
 
 def lateness(**keywords: Any) -> float:
-    """How late a push of the motor takes effect, s: of a line through a stiff arm's angles once the torque is gone, which
-    are its rate times the time since the torque's middle."""
+    """When a torque of 0.1 s took effect, s, by a line through a stiff arm's angles once it is gone: these are the rate
+    times the time since its middle."""
     env = gym.make(ONE, randomization={"EI": (100.0, 100.0)}, duration=5.0, **keywords)
     outcomes = run(env, np.where(np.arange(60) < 5, 0.5, 0.0)[:, None], start=0.0, target=0.0)
     angles = np.unwrap([math.atan2(float(o[0][0]), float(o[0][1])) for o in outcomes[30:]])

@@ -250,8 +250,8 @@ def test_methods_of_a_native_vector_environment(counting: GymnasiumVecEnv) -> No
 
 
 def test_attributes_that_a_native_vector_knows_of_its_environments_alone() -> None:
-    env = make_sb3_vec("FlexibleArm-v0", n_envs=3)
-    assert env.get_attr("dt") == [0.02] * 3 == make_sb3_vec("FlexibleArm-v0", 3, vectorization_mode="sync").get_attr("dt")
+    for mode in ("vector_entry_point", "sync"):
+        assert make_sb3_vec("FlexibleArm-v0", 3, vectorization_mode=mode).get_attr("dt") == [0.02] * 3
 
 
 def test_attributes_of_single_environments() -> None:
