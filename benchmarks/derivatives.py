@@ -48,7 +48,7 @@ GEAR = geared(2, friction_coulomb=0.0).joints[0]
 IDS = {1: "FlexibleArm-v0", 2: "TwoLinkFlexArm-v0", 3: "SpatialFlexArm-v0"}
 SPACE: dict[str, Callable[[int], dict[str, Any]]] = {
     "in space": lambda links: {},
-    "in space, randomised": lambda links: {"randomization": {"payload": (0.5, 1.5), "EI": (0.8, 1.2)}},
+    "in space, randomised": lambda links: {"randomization": {"EI": (0.8, 1.2), "GJ": (0.8, 1.2)}},
     "in space, motors": lambda links: {"actuator": {"lag": 0.01, "delay": 0.02}},
     "in space, gears": lambda links: {"arm": dataclasses.replace(arms_by_name.named("three_dof"), joints=(GEAR,) * 3)},
 }

@@ -28,7 +28,7 @@ from .runtime import episode as environment
 from .runtime import starts
 from .runtime.keep_out import with_room
 from .runtime.laws import LAW_SIZE, law_of, room_of
-from .runtime.layout import aligned, layout_of, readings_size
+from .runtime.layout import aligned, layout_of, readings_size, record_sizes
 from .runtime.sampling import observe_arm
 from .scene import standing_scene
 from .settings import Settings
@@ -47,6 +47,7 @@ from .tasks.program import (
     PERIODS,
     PERIODS_ALLOWED,
     REASONS,
+    RECORD,
     REQUEST,
     RETRY,
     RUNNING,
@@ -249,7 +250,11 @@ class Batch:
             return part.transpose(0, 2, 1).reshape(-1, count)[: self.n].copy()
 
         par = mine(self.layout.par, len(self.system.par))
-        return mine(work.q[0], rows), mine(work.v[0], rows), mine(work.u[0], self.arm.n_links), par
+        torques = work.u[0]
+        if self.extras.actuator is not None:  # what motors have come to; u is what they did in the last step
+            at = RECORD.offsets(0, *record_sizes(self.task, self.entries, self.extras)).torque
+            torques = self.layout.record + at * lanes
+        return mine(work.q[0], rows), mine(work.v[0], rows), mine(torques, self.arm.n_links), par
 
     def ask(self, angles: Array, target: Array, vibration: Array) -> None:
         """What the next start is to be like: joint angles (N,), target (2,), vibration (1,) or (3,); NaN: drawn.

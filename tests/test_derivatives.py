@@ -107,6 +107,8 @@ CASES = [
     case("pushes and payloads", ONE, **EVENTS),
     case("pushes and payloads, floating frame", TWO, **EVENTS, **FLOATING),
     case("gravity, motors, exact beam", TWO, 1e-14, back=True, arm="two_link_upright", **FALL, **MOTORS, **EXACT),
+    case("commands late by a period, exact beam", ONE, 1e-14, back=True, actuator={"delay": 0.02}, **EXACT),
+    case("commands late by two steps, floating frame", ONE, back=True, actuator={"delay": 0.005}, **FLOATING),
     case("rigid ends, exact beam", ONE, 1e-14, back=True, arm=geared(), **EXACT),
     case("parameters, exact beam", ONE, 1e-14, back=True, parameters=True, arm=heavy(), **FALL, **EXACT),
     case("multipliers", ONE, parameters=True, gravity=(0.0, -9.81), **MULTIPLIERS),
@@ -402,6 +404,7 @@ RUBS = [
     pytest.param(ONE, {"arm": rough(backlash=0.01)}, 1e-12, id="backlash"),
     pytest.param(TWO, {"arm": rough(2), **MOTORS}, 3e-12, id="two links, motors"),
     pytest.param(ONE, {"arm": bare(rough()), "tolerance": 1e-15, **EXACT}, 1e-9, id="exact beam"),
+    pytest.param(ONE, {"arm": bare(rough()), "tolerance": 1e-15, **MOTORS, **EXACT}, 1e-9, id="exact beam, motors"),
 ]
 
 

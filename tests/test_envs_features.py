@@ -118,7 +118,7 @@ def test_lag_is_first_order() -> None:
 
 @pytest.mark.parametrize("delay", [0.04, 0.0225, 0.0025])
 def test_delay_holds_commands_back(delay: float) -> None:
-    """With a lag one solver's step long, the torque at the period's end tells how long the command has been there."""
+    """Under a lag the torque at the period's end tells how long the command has been there."""
     env = make(actuator={"delay": delay, "lag": 0.05}, dt=0.0025)
     actions = np.zeros((8, 1))
     actions[2:] = 1.0

@@ -207,6 +207,9 @@ def test_linear_model_at_the_present_state() -> None:
     change = (ends[1][0] - ends[0][0]) / (np.float32(0.1 + 1e-3) - np.float32(0.1)) / 2.0
     np.testing.assert_allclose(model.B[: len(change), 0], change, rtol=2e-3, atol=1e-6)
     assert env.linearize().A.shape == (2 * len(change), 2 * len(change))
+    lagging = gym.make("FlexibleArm-v0", actuator={"lag": 0.01}).unwrapped
+    lagging.reset(seed=0)
+    assert lagging.step(np.ones(1, np.float32))[-1]["joint_torque"] == lagging.batch.motion(0)[2]
 
 
 # ---------------------------------------------------------------------------------------- processes and threads

@@ -193,6 +193,11 @@ class Periods:
         self._laws = None
         if parameters and isinstance(model, Jointed) and not batch.starts.laws:
             self._laws = laws_of(model, names)
+        gauges = extras.sensors is not None and len(extras.sensors.gauges) > 0
+        forwards = extras.reference, extras.instruments, extras.pushes, extras.payload_change, program.models
+        controls = extras.controller is not None or extras.amplifier is not None
+        able = decided and _goes_back(model, controls, parameters)
+        self.backwards = able and not gauges and all(part is None for part in forwards)
         self._groups = -(-self.n // lanes)
         self.failed, self.past = np.zeros(self.n, np.bool_), np.zeros(self.n, np.bool_)
         blocks = [aligned(self._groups * k, layout.row) for k, layout in zip((1, chunks), layouts, strict=True)]
@@ -201,7 +206,7 @@ class Periods:
             guide = guidance(guided[1], model, len(both))
             self._blocks = [*blocks, guide.room]
         else:
-            room = lanes * int(uncompiled(room_of)(model, task, program.actuator, program.n_steps))
+            room = lanes * int(uncompiled(room_of)(model, task, program.actuator, program.n_steps)) * self.backwards
         self._program = derivative.Derivative(
             lane=lane, dual=both, program=program, guide=guide, plain=layouts[0], both=layouts[1], columns=columns,
             moving=core, passes=_passes(model),
@@ -218,11 +223,6 @@ class Periods:
             tape=aligned(self._groups, room).reshape(-1), room=room,
             block=blocks[0].reshape(-1), scratch=blocks[1].reshape(-1),
         )  # fmt: skip
-        gauges = extras.sensors is not None and len(extras.sensors.gauges) > 0
-        forwards = extras.reference, extras.instruments, extras.pushes, extras.payload_change, program.models
-        controls = extras.controller is not None or extras.amplifier is not None
-        able = decided and _goes_back(model, controls, parameters)
-        self.backwards = able and not gauges and all(part is None for part in forwards)
         self._shape = (self.n, rows, columns)
         self._placed = Placed(self._program)
         self._kept, self._repeats, self._stuck = kept, alone == "failed" and len(lane) > 1, np.zeros(self.n, np.bool_)

@@ -102,16 +102,17 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     ## Info
 
     The same keys and types at every reset and step, float64 and SI units: `is_success` (bool), `tip_position` (2,) m,
-    `tip_deflection` (over L), `target` rad, `hub_torque` N m (as applied; where the hub's motion is prescribed, what
-    enforces it), `joint_torque` (1,) N m, `reward_<name>`, `in_range` (bool: the formulation holds), `deflection_bound`
-    (over L, beyond which it does not: infinite but for `modes`), `error_estimate` (over L: what leaving out stretch and
-    shear costs the elastica under the largest torques, mesh and step not in it; infinite for others: not known),
-    `solver_status` ("ok" or what failed), `termination_reason` ("" or why). With `step_tolerance` also `step_error`
-    (over L: what the period added; above the tolerance where five halvings of `dt` were not enough). With
-    `info_level="full"` also `energy_kinetic`, `energy_strain`, `energy_gravity`, `energy_dissipated` and `work` (of the
-    motor), J. With `randomization` also `drawn_<key>` of each of its keys: the episode's factor. Where a delay is drawn
-    `drawn_command_delay`, of the period's commands, with its jitter (at reset without), and `drawn_observation_delay`,
-    s; `drawn_<reading>_gain` of sensors whose gain is drawn (`strain_gauge_1`, `hub_angle`, `camera_x`, ...).
+    `tip_deflection` (over L), `target` rad, `hub_torque` N m (as applied, under a lag what the motor has come to; where
+    the hub's motion is prescribed, what enforces it), `joint_torque` (1,) N m, `reward_<name>`, `in_range` (bool: the
+    formulation holds), `deflection_bound` (over L, beyond which it does not: infinite but for `modes`),
+    `error_estimate` (over L: what leaving out stretch and shear costs the elastica under the largest torques, mesh and
+    step not in it; infinite for others: not known), `solver_status` ("ok" or what failed), `termination_reason` ("" or
+    why). With `step_tolerance` also `step_error` (over L: what the period added; above the tolerance where five
+    halvings of `dt` were not enough). With `info_level="full"` also `energy_kinetic`, `energy_strain`,
+    `energy_gravity`, `energy_dissipated` and `work` (of the motor), J. With `randomization` also `drawn_<key>` of each
+    of its keys: the episode's factor. Where a delay is drawn `drawn_command_delay`, of the period's commands, with its
+    jitter (at reset without), and `drawn_observation_delay`, s; `drawn_<reading>_gain` of sensors whose gain is drawn
+    (`strain_gauge_1`, `hub_angle`, `camera_x`, ...).
 
     ## Arguments
 
@@ -182,12 +183,12 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     (`frequency`, `order`, `damping`), `quantum` and `delay`: docs/tutorials/sensors.md, `flexarm_env.sensors`. Those of
     the arm itself hold where `observation` is not "full" and nothing else is said. A `gyroscope` is one of space.
 
-    Actuator: `lag` is the time constant of the motor, s (its torque acts by its mean over each solver's step); `delay`
-    a whole number of solver's steps, s, or (low, high): drawn for each episode; `jitter` the most that is added to it,
-    s, drawn for each period in whole steps; `saturation` a share of the torque limit; `viscous` (N m s/rad) and
-    `coulomb` (N m) friction is added to what the arm's joints have (`Joint.friction_viscous`, `friction_coulomb`): it
-    sticks, and sets no limit to `dt`; its loss is part of `energy_dissipated`. What is left at its default costs
-    nothing.
+    Actuator: `lag` is the time constant of the motor, s (its torque acts by its mean over each solver's step, nearly so
+    where it reaches its limit); `delay` a whole number of solver's steps, s, or (low, high): drawn for each episode;
+    `jitter` the most that is added to it, s, drawn for each period in whole steps; `saturation` a share of the torque
+    limit; `viscous` (N m s/rad) and `coulomb` (N m) friction is added to what the arm's joints have
+    (`Joint.friction_viscous`, `friction_coulomb`): it sticks, and sets no limit to `dt`; its loss is part of
+    `energy_dissipated`. What is left at its default costs nothing.
 
     Targets that move: `reference={"path": "swing", "width": (low, high), "period": (low, high)}` draws swings to and
     fro (rad, s), `{"path": "line", "behind": ..., "rate": ...}` targets that come from behind (rad) and run on at a

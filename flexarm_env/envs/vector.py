@@ -272,7 +272,8 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
 
     @one_at_a_time
     def set_state(self, states: Sequence[dict[str, Any]], indices: Sequence[int] | None = None) -> None:
-        """Continue from states that `get_state` gave, here or in a single environment, bit for bit."""
+        """Continue from states that `get_state` gave, here or in a single environment, bit for bit. Arms whose episodes
+        had ended begin anew with the next step, but where autoreset is disabled."""
         chosen = self._chosen(indices)
         if len(states) != len(chosen):
             raise check.InvalidValue("states", f"{len(states)} states", f"must be {len(chosen)}, one for each arm")

@@ -2,7 +2,8 @@
 
 The period is gone through once more, each step's end is kept, and they are gone back through in turn; all derivatives
 at once, for a few times what the period costs. A block like that of the arms holds cotangents in place of numbers.
-Accelerations start afresh with each period (elasticas) or jump with the torques (stiff arms).
+Accelerations start afresh with each period (elasticas) or jump with the torques (stiff arms); where motors turn within
+a period, with each step.
 """
 
 from __future__ import annotations

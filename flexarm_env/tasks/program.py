@@ -149,7 +149,7 @@ INFO = Layout(
     Field("deflection", ("1 + targets // 3", "links"), "", "of each tip, over its length; in space along y, then z"),
     Field("twist", ("targets // 3", "links"), "rad", "in space: of each link"),
     Field("target", ("targets",), "m or rad", ""),
-    Field("torque", ("links",), "N m", "of each joint, as applied"),
+    Field("torque", ("links",), "N m", "of each joint, as applied; under a lag, what the motor ends with"),
     Field("terms", ("terms",), "", "of the reward, weighted; the last: of failure"),
     Field("in_range", (), "", "1 where the formulation holds, or 0"),
     Field("error", (), "", "estimate of the formulation's own error, over L"),

@@ -1,4 +1,4 @@
-"""What happens at an instant where only inputs jump: the torques of a controller, held over a period."""
+"""What happens at an instant where only inputs jump: the torques of a controller, held over a period or a step."""
 
 from __future__ import annotations
 
