@@ -289,7 +289,7 @@ def test_controllers_take_gains_from_a_file(tmp_path: Path):
         file.write_text(f"[pd]\nbandwidth = [0.1]\n{text}\n")
         refuses(sentence, lambda: policies.choose(f"pd@{file}", ENV))
     file.write_text("[pd")
-    refuses("not TOML", lambda: policies.choose(f"pd@{file}", ENV))
+    refuses("not a TOML file", lambda: policies.choose(f"pd@{file}", ENV))
 
 
 def test_tuning_does_not_write_over_what_it_does_not_know(tmp_path: Path):

@@ -1,6 +1,5 @@
 """Policies by the words that a command line takes: controllers, controllers with gains of one's own, runs, files."""
 
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from flexarm_env import control
 from flexarm_env.control import NumpyPolicy, Setup, load_policy
 from flexarm_env.control.catalogue import gains_from
+from flexarm_env.files import read_toml
 from flexarm_env.training.export_policy import numpy_policy
 from flexarm_env.training.runs import load_model, read_run
 
@@ -29,28 +29,16 @@ class Chosen:
 
 
 class TorchPolicy:
-    """A Stable-Baselines3 model with its normaliser, as a Policy."""
+    """A Stable-Baselines3 model with its normaliser, as a Policy; one of RecurrentPPO remembers since the beginning."""
 
     def __init__(self, model: Any, normaliser: Any) -> None:
         self.model, self.normaliser = model, normaliser
-
-    def reset(self, observation: NDArray[np.float32]) -> None:
-        """Nothing to remember."""
-
-    def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Deterministic actions."""
-        seen = observation if self.normaliser is None else self.normaliser.normalize_obs(observation)
-        action: NDArray[np.float32] = self.model.predict(seen, deterministic=True)[0]
-        return action
-
-
-class RecurrentPolicy(TorchPolicy):
-    """A model of RecurrentPPO with its normaliser; it remembers since the episodes' beginning."""
+        self.memory: Any = None
+        self.first: Any = None
 
     def reset(self, observation: NDArray[np.float32]) -> None:
         """Forget."""
-        self.memory: Any = None
-        self.first = np.ones(len(observation), bool)
+        self.memory, self.first = None, np.ones(len(observation), bool)
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """Deterministic actions."""
@@ -60,10 +48,10 @@ class RecurrentPolicy(TorchPolicy):
         return np.asarray(action, np.float32)
 
 
-def acting(model: Any, meta: Mapping[str, Any], normaliser: Any) -> NumpyPolicy | RecurrentPolicy:
+def acting(model: Any, meta: Mapping[str, Any], normaliser: Any) -> NumpyPolicy | TorchPolicy:
     """A model as a Policy: for NumPy alone where that can be."""
     if hasattr(model.policy, "lstm_actor"):
-        return RecurrentPolicy(model, normaliser)
+        return TorchPolicy(model, normaliser)
     return numpy_policy(model, meta, normaliser)
 
 
@@ -92,11 +80,9 @@ def choose(word: str, env_id: str) -> Chosen:
 
 def _gains(name: str, path: Path) -> Any:
     try:
-        tables = tomllib.loads(path.read_text("utf-8-sig"))
+        tables, _ = read_toml(path)
     except OSError as error:
         raise ValueError(f"{path}: {error.strerror}") from error
-    except ValueError as error:
-        raise ValueError(f"{path}: not TOML: {error}") from error
     if not isinstance(tables.get(name), dict):
         raise ValueError(f"{path}: no table [{name}]; it has {', '.join(tables) or 'none'}")
     return gains_from(name, tables[name])
@@ -107,13 +93,11 @@ def _from_model(run: Path, env_id: str) -> Chosen:
     _same_env(str(run), record["env_id"], env_id)
     model, normaliser = load_model(run, record["algorithm"])
 
-    kind = RecurrentPolicy if hasattr(model.policy, "lstm_actor") else TorchPolicy
-
     def make(env: Any) -> TorchPolicy:
         layout = Setup.of(env).layout
         if layout != record["layout"]:
             raise ValueError(f"{run}: trained on observation layout {record['layout']}; this environment's is {layout}")
-        return kind(model, normaliser)
+        return TorchPolicy(model, normaliser)
 
     return Chosen(run.name, record["env_kwargs"], make)
 
