@@ -30,15 +30,6 @@ MOST_SEED = FIRST - 1001
 """Of a training run, whose environments have the thousand seeds from it on."""
 
 
-@contextlib.contextmanager
-def at(path: Path) -> Iterator[None]:
-    """Say which file or folder an OSError inside the block is about (a full disk's does not)."""
-    try:
-        yield
-    except OSError as error:
-        raise OSError(error.errno, error.strerror or str(error), os.fspath(path)) from error
-
-
 def write_rows(path: Path, heads: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
     """Write a CSV file, whole or not at all."""
     text = io.StringIO()
@@ -231,14 +222,15 @@ def new_checkpoint(folder: Path, steps: int, best: Iterable[str]) -> Iterator[Pa
     part, final = home / f".part-{os.getpid()}", home / f"{steps:012d}"
     shutil.rmtree(part, ignore_errors=True)
     try:
-        with at(home):
-            part.mkdir(parents=True)
-            for name in best:
-                if (folder / name).is_file():
-                    shutil.copyfile(folder / name, part / f"best-{name}")
-            yield part
-            shutil.rmtree(final, ignore_errors=True)
-            part.rename(final)
+        part.mkdir(parents=True)
+        for name in best:
+            if (folder / name).is_file():
+                shutil.copyfile(folder / name, part / f"best-{name}")
+        yield part
+        shutil.rmtree(final, ignore_errors=True)
+        part.rename(final)
+    except OSError as error:  # a full disk's does not say what it is about
+        raise OSError(error.errno, error.strerror or str(error), os.fspath(home)) from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
     for old in checkpoints(folder)[:-2]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecMonitor, unwrap_vec_wrapper
 
 from flexarm_env.training import episodes
 from flexarm_env.training.policies import acting
@@ -162,11 +163,10 @@ def restore(folder: Path, algorithm: Any, env: Any) -> tuple[Any, Progress]:
         try:
             with (path / "state.pkl").open("rb") as file:
                 state = pickle.load(file)
-            model = algorithm.load(path / "model.zip", env=env, force_reset=not state["envs"], device="cpu")
+            model = algorithm.load(path / "model.zip", env=env, force_reset=False, device="cpu")
             if (path / "replay.pkl").is_file():
                 model.load_replay_buffer(path / "replay.pkl")
-            if state["envs"]:
-                set_env_states(model.env, state["envs"])
+            set_env_states(model.env, state["envs"])
             normaliser = model.get_vec_normalize_env()
             if normaliser is not None or (path / "vecnormalize.pkl").is_file():
                 kept = load_normaliser(path / "vecnormalize.pkl", model)  # after the reset of `set_env_states`
@@ -189,27 +189,16 @@ MONITOR = ("episode_returns", "episode_lengths", "episode_count")
 
 
 def env_states(venv: Any) -> dict[str, Any]:
-    """States of the environments, where they can give them, and what VecMonitor has counted."""
-    native = venv.unwrapped.env.unwrapped
-    if not hasattr(native, "get_state"):
-        return {}
-    states: dict[str, Any] = {"native": native.get_state()}
-    inner = venv
-    while hasattr(inner, "venv"):
-        if hasattr(inner, "episode_returns"):
-            states["monitor"] = {k: np.copy(getattr(inner, k)) for k in MONITOR if hasattr(inner, k)}
-        inner = inner.venv
-    return states
+    """States of the environments, and what VecMonitor has counted."""
+    monitor = unwrap_vec_wrapper(venv, VecMonitor)
+    counted = {k: np.copy(getattr(monitor, k)) for k in MONITOR}
+    return {"native": venv.unwrapped.env.unwrapped.get_state(), "monitor": counted}
 
 
 def set_env_states(venv: Any, states: dict[str, Any]) -> None:
     """Give the environments back what `env_states` took."""
-    native = venv.unwrapped.env.unwrapped
     venv.reset()
-    native.set_state(states["native"])
-    inner = venv
-    while hasattr(inner, "venv"):
-        if hasattr(inner, "episode_returns"):
-            for k, value in states.get("monitor", {}).items():
-                setattr(inner, k, value.copy() if value.ndim else value.item())
-        inner = inner.venv
+    venv.unwrapped.env.unwrapped.set_state(states["native"])
+    monitor = unwrap_vec_wrapper(venv, VecMonitor)
+    for k, value in states["monitor"].items():
+        setattr(monitor, k, value.copy() if value.ndim else value.item())
