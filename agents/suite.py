@@ -12,7 +12,6 @@ policy with the highest mean return on the validation episodes is judged. --free
 made from.
 """
 
-import hashlib
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -24,7 +23,7 @@ from typing import Any
 from flexarm_env import suite
 from flexarm_env.control import NAMES
 from flexarm_env.suite.page import page
-from flexarm_env.suite.policies import Chosen, choose
+from flexarm_env.suite.policies import Chosen, choose, fingerprint
 from flexarm_env.suite.results import (
     Results,
     begun,
@@ -219,7 +218,7 @@ def of_run(word: str, task: suite.Task) -> Chosen:
     from flexarm_env.training.policies import _from_model
 
     record = read_run(folder)
-    content = hashlib.sha256((folder / "model.zip").read_bytes()).hexdigest()[:16]
+    content = fingerprint((folder / "model.zip").read_bytes())
     training = {key: record[key] for key in ("algorithm", "steps", "wall_s", "cpu_s")}
     make = _from_model(folder, task.registered).make
     return Chosen("model", folder.name, content, make, record["seed"], training)
