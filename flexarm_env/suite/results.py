@@ -296,8 +296,7 @@ def _check_entry(path: str, entry: Any, task: Task | None, earlier: bool) -> Non
         check.integer(f"{path}.second.first_seed", other["first_seed"], minimum=second.BEGIN, maximum=most)
         _check_numbers(f"{path}.second", other, count, can)
     if table.get("further") is not None:
-        for k, found_value in enumerate(check.sequence(f"{path}.further", table["further"], "numbers")):
-            check.number(f"{path}.further[{k}]", found_value, maximum=can.most)
+        check.numbers(f"{path}.further", table["further"], "numbers", maximum=can.most)
     for key in ("wall_s", "cpu_s", "decision_us"):
         check.number(f"{path}.{key}", table[key], minimum=0.0)
     policy = check.table_of(f"{path}.policy", table["policy"])
@@ -326,8 +325,7 @@ def _check_numbers(path: str, table: Mapping[str, Any], count: int, can: Possibl
             if bool(last) != bool(numbers["successes"][k]):
                 raise check.InvalidValue(f"{path}.settled[{k}]", last, "must be 0 without success, and then alone")
     if table.get("pd") is not None:
-        for k, found in enumerate(check.sequence(f"{path}.pd", table["pd"], "numbers", count)):
-            check.number(f"{path}.pd[{k}]", found, maximum=can.most)
+        check.numbers(f"{path}.pd", table["pd"], "numbers", count, maximum=can.most)
 
 
 def begun(folder: Path, name: str, run: int) -> Results:
