@@ -131,9 +131,10 @@ class Training:
     progress: bool = True
 
     def begun(self, *kept: str, algorithm: str | None = None) -> Self:
-        """The arguments of the run, new or to be gone on with (`resumed`). ValueError for one that is there already, or
-        whose seed is one of those that policies are judged on."""
-        own = resumed(self, *kept, algorithm=algorithm) if self.resume else self
+        """The arguments of the run, new, or those that the one to be gone on with was started with, but `kept` as given
+        now. ValueError for one that is there already, that has finished or is another's, or whose seed is one of those
+        that policies are judged on."""
+        own = self._resumed(kept, algorithm) if self.resume else self
         if not isinstance(own.seed, int) or not 0 <= own.seed <= MOST_SEED:
             what = f"must be from 0 to {MOST_SEED}; those from {FIRST} on are for judging"
             raise ValueError(f"--seed {own.seed}: {what}")
@@ -150,6 +151,17 @@ class Training:
             raise ValueError(f"{own.folder}: holds a run already; go on with it by --resume, or choose another --out")
         return own
 
+    def _resumed(self, kept: Iterable[str], algorithm: str | None) -> Self:
+        folder, record = self.folder, read_run(self.folder)
+        if algorithm is not None and record["algorithm"] != algorithm:
+            raise ValueError(f"{folder}: a run of {record['algorithm']}, not of {algorithm}")
+        if record.get("finished"):
+            raise ValueError(f"{folder}: that run has finished; there is nothing to resume")
+        told = check.table_of(f"{folder / 'run.json'}: arguments", record.get("arguments"))
+        values = {k: v for k, v in told.items() if k in check.names_of(self)}
+        values |= {"config": folder / "config.yml", "out": folder, "resume": True}
+        return type(self)(**values | {name: getattr(self, name) for name in kept})
+
     @property
     def folder(self) -> Path:
         """The run folder."""
@@ -159,24 +171,6 @@ class Training:
     def name(self) -> str:
         """What run folders are named for."""
         raise NotImplementedError
-
-
-def resumed(arguments: T, *kept: str, algorithm: str | None = None) -> T:
-    """The arguments that a run was started with, those named in `kept` as they are given now.
-
-    arguments: of a training program, with `out` or `folder`. ValueError where the run has finished, or is another's.
-    """
-    given: Any = arguments
-    record = read_run(given.folder)
-    if algorithm is not None and record["algorithm"] != algorithm:
-        raise ValueError(f"{given.folder}: a run of {record['algorithm']}, not of {algorithm}")
-    if record.get("finished"):
-        raise ValueError(f"{given.folder}: that run has finished; there is nothing to resume")
-    known = {f.name for f in dataclasses.fields(given)}
-    told = check.table_of(f"{given.folder / 'run.json'}: arguments", record.get("arguments"))
-    values = {k: v for k, v in told.items() if k in known}
-    values |= {"config": given.folder / "config.yml", "out": given.folder, "resume": True}
-    return type(arguments)(**values | {name: getattr(given, name) for name in kept})
 
 
 OF_POLICY = ("env_id", "env_kwargs", "layout", "scales", "torque_limits", "seed", "algorithm", "versions")
