@@ -20,10 +20,12 @@ from flexarm_env.training.runs import load_model, read_run
 class Chosen:
     """A policy before it meets its environment.
 
-    name: to be shown. env_kwargs: keywords of the environment it was trained with. make: environment -> Policy.
+    name: to be shown. env_id, env_kwargs: the environment it is made for, and its keywords ("" and {}: any). make:
+    environment -> Policy.
     """
 
     name: str
+    env_id: str
     env_kwargs: Mapping[str, Any]
     make: Callable[[Any], Any]
 
@@ -61,11 +63,11 @@ def choose(word: str, env_id: str) -> Chosen:
     if not word:
         raise ValueError("--policy: must name at least one, or several with commas between them")
     if word in control.NAMES:
-        return Chosen(word, {}, lambda env: control.make(word, env))
+        return Chosen(word, "", {}, lambda env: control.make(word, env))
     name, _, file = word.partition("@")
     if file and name in control.NAMES:
         gains = _gains(name, Path(file))
-        return Chosen(f"{name}@{Path(file).stem}", {}, lambda env: control.make(name, env, gains))
+        return Chosen(f"{name}@{Path(file).stem}", "", {}, lambda env: control.make(name, env, gains))
     path = Path(word)
     if path.is_dir() and not (path / "policy.npz").is_file():
         return _from_model(path, env_id)
@@ -75,7 +77,7 @@ def choose(word: str, env_id: str) -> Chosen:
     policy = load_policy(word)
     _same_env(word, policy.meta["env_id"], env_id)
     name = path.name if path.suffix != ".npz" else path.stem
-    return Chosen(name, policy.meta["env_kwargs"], lambda env: policy.check(Setup.of(env)))
+    return Chosen(name, env_id, policy.meta["env_kwargs"], lambda env: policy.check(Setup.of(env)))
 
 
 def _gains(name: str, path: Path) -> Any:
@@ -99,7 +101,7 @@ def _from_model(run: Path, env_id: str) -> Chosen:
             raise ValueError(f"{run}: trained on observation layout {record['layout']}; this environment's is {layout}")
         return TorchPolicy(model, normaliser)
 
-    return Chosen(run.name, record["env_kwargs"], make)
+    return Chosen(run.name, env_id, record["env_kwargs"], make)
 
 
 def _same_env(word: str, trained: str, env_id: str) -> None:
