@@ -19,21 +19,22 @@ import sys
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from agents.rllib import cluster, setup
 from flexarm_env.training import config as configs
 from flexarm_env.training import episodes
 from flexarm_env.training.arguments import parse
-from flexarm_env.training.progress import Progress, after, training_program, write_curve
+from flexarm_env.training.progress import Progress, after, finish, training_program, write_curve
 from flexarm_env.training.runs import (
     OF_POLICY,
     Training,
     checkpoints,
     fail,
-    fall_back,
     new_checkpoint,
     new_record,
+    restored,
     write_json,
     write_text,
     write_whole,
@@ -154,11 +155,7 @@ class Run:
 
     def finish(self) -> None:
         """Write what a finished run leaves behind."""
-        from flexarm_env.training.figures import learning_curve
-
-        self.record |= self.state.outcome()
-        write_json(self.folder / "run.json", self.record)
-        learning_curve([self.state.curve], self.folder / "learning_curve.png", self.arguments.env)
+        finish(self.folder, self.record, self.state)
         shutil.rmtree(self.folder / "checkpoints", ignore_errors=True)
 
     def close(self) -> None:
@@ -253,20 +250,13 @@ class Run:
 
     def _restore(self) -> None:
         """Go back to the last checkpoint that can be read."""
-        problem = ""
-        for path in reversed(checkpoints(self.folder)):
-            try:
-                with (path / "state.pkl").open("rb") as file:
-                    kept = pickle.load(file)
-                self.algorithm.restore_from_path((path / "algorithm").absolute())
-                self.state, self.steps = kept["progress"], kept["steps"]
-                break
-            except Exception as error:
-                problem = problem or f"{path}: damaged ({type(error).__name__})"
-        else:
-            raise ValueError(problem)
+
+        def read(path: Path, kept: dict[str, Any]) -> tuple[Progress, int]:
+            self.algorithm.restore_from_path((path / "algorithm").absolute())
+            return kept["progress"], kept["steps"]
+
+        self.state, self.steps = restored(self.folder, read)
         self._sync()
-        fall_back(self.folder, path)
 
 
 def _curves(result: Mapping[str, Any]) -> dict[str, float]:

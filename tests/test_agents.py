@@ -17,7 +17,7 @@ from flexarm_env import control
 from flexarm_env.training import config, episodes, export_policy, policies, progress, tune
 from flexarm_env.training import evaluate as judging
 from flexarm_env.training import train as train_ppo
-from flexarm_env.training.runs import load_model, read_run
+from flexarm_env.training.runs import checkpoints, load_model, read_run
 from tests.agents_tools import ENV, RUN_FILES, SMALL, file_of, told
 from tests.processes import python
 from tests.refusals import refuses
@@ -131,10 +131,8 @@ def test_a_run_broken_off_before_its_first_checkpoint_begins_anew(tmp_path: Path
 
 
 def test_a_damaged_checkpoint_is_passed_over(tmp_path: Path):
-    from flexarm_env.training import watch as training
-
     interrupted(arguments(tmp_path), 1024)
-    found = training.checkpoints(tmp_path / "run")
+    found = checkpoints(tmp_path / "run")
     assert [p.name for p in found] == ["000000000512", "000000001024"]
     (found[-1] / "model.zip").write_bytes(b"torn")
     progress = train_ppo.train(train_ppo.Arguments(out=tmp_path / "run", resume=True, progress=False))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexarm_env.training import episodes
-from flexarm_env.training.runs import broken_off, fail, read_run, write_rows
+from flexarm_env.training.runs import broken_off, fail, read_run, write_json, write_rows
 
 sys.modules.setdefault("agents.progress", sys.modules[__name__])  # as pickles of older run folders name it
 
@@ -114,6 +114,14 @@ def describe(progress: Progress) -> str:
         s = progress.solved
         text += f"; solved after {s['steps']:.0f} steps, {s['wall_s']:.0f} s ({s['cpu_s']:.0f} s CPU)"
     return text
+
+
+def finish(folder: Path, record: dict[str, Any], progress: Progress) -> None:
+    """Write what a run has come to into its record, and draw its curve."""
+    from flexarm_env.training.figures import learning_curve
+
+    write_json(folder / "run.json", record | progress.outcome())
+    learning_curve([progress.curve], folder / "learning_curve.png", record["env_id"])
 
 
 def training_program(program: str, train: Callable[[Any], Any], arguments: Any) -> int:

@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import io
 import os
+import pickle
 import shutil
 import sys
 import time
@@ -231,10 +232,20 @@ def new_checkpoint(folder: Path, steps: int, best: Iterable[str]) -> Iterator[Pa
         shutil.rmtree(old)
 
 
-def fall_back(folder: Path, checkpoint: Path) -> None:
-    """Give a run folder the best files that a checkpoint has."""
-    for kept in checkpoint.glob("best-*"):
-        write_whole(folder / kept.name.removeprefix("best-"), functools.partial(shutil.copyfile, kept))
+def restored(folder: Path, read: Callable[[Path, Any], T]) -> T:
+    """What `read` makes of the last checkpoint that can be read, its folder and state; the best files come back too."""
+    problem = f"{folder}: no checkpoint to resume from"
+    for path in reversed(checkpoints(folder)):
+        try:
+            with (path / "state.pkl").open("rb") as file:
+                found = read(path, pickle.load(file))
+        except Exception as error:
+            problem = f"{path}: damaged, or of other arguments ({type(error).__name__})"
+            continue
+        for kept in path.glob("best-*"):
+            write_whole(folder / kept.name.removeprefix("best-"), functools.partial(shutil.copyfile, kept))
+        return found
+    raise ValueError(problem)
 
 
 def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:
@@ -263,8 +274,6 @@ def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:
 
 def load_normaliser(path: Path, model: Any) -> Any:
     """The VecNormalize statistics of a model in a file. ValueError for what is none, or another model's."""
-    import pickle
-
     try:
         with path.open("rb") as file:
             found = pickle.load(file)

@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import VecMonitor, unwrap_vec_wrapper
 from flexarm_env.training import episodes
 from flexarm_env.training.policies import acting
 from flexarm_env.training.progress import Progress, after, write_curve
-from flexarm_env.training.runs import Training, checkpoints, fall_back, load_normaliser, new_checkpoint, write_whole
+from flexarm_env.training.runs import Training, load_normaliser, new_checkpoint, restored, write_whole
 from flexarm_env.training.starts import staggered
 
 
@@ -156,33 +156,22 @@ def restore(folder: Path, algorithm: Any, env: Any) -> tuple[Any, Progress]:
     """Model and progress of the last checkpoint that can be read; the environments and generators with them."""
     import torch
 
-    found = checkpoints(folder)
-    if not found:
-        raise ValueError(f"{folder}: no checkpoint to resume from")
-    for path in reversed(found):
-        try:
-            with (path / "state.pkl").open("rb") as file:
-                state = pickle.load(file)
-            model = algorithm.load(path / "model.zip", env=env, force_reset=False, device="cpu")
-            if (path / "replay.pkl").is_file():
-                model.load_replay_buffer(path / "replay.pkl")
-            set_env_states(model.env, state["envs"])
-            normaliser = model.get_vec_normalize_env()
-            if normaliser is not None or (path / "vecnormalize.pkl").is_file():
-                kept = load_normaliser(path / "vecnormalize.pkl", model)  # after the reset of `set_env_states`
-                normaliser.obs_rms, normaliser.ret_rms = kept.obs_rms, kept.ret_rms
-                normaliser.returns = state["returns"]
-            torch.set_rng_state(state["torch"])
-            np.random.set_state(state["numpy"])
-            random.setstate(state["python"])
-            progress: Progress = state["progress"]
-            break
-        except Exception as error:
-            problem = f"{path}: damaged, or of other arguments ({type(error).__name__})"
-    else:
-        raise ValueError(problem)
-    fall_back(folder, path)
-    return model, progress
+    def read(path: Path, state: dict[str, Any]) -> tuple[Any, Progress]:
+        model = algorithm.load(path / "model.zip", env=env, force_reset=False, device="cpu")
+        if (path / "replay.pkl").is_file():
+            model.load_replay_buffer(path / "replay.pkl")
+        set_env_states(model.env, state["envs"])
+        normaliser = model.get_vec_normalize_env()
+        if normaliser is not None or (path / "vecnormalize.pkl").is_file():
+            kept = load_normaliser(path / "vecnormalize.pkl", model)  # after the reset of `set_env_states`
+            normaliser.obs_rms, normaliser.ret_rms = kept.obs_rms, kept.ret_rms
+            normaliser.returns = state["returns"]
+        torch.set_rng_state(state["torch"])
+        np.random.set_state(state["numpy"])
+        random.setstate(state["python"])
+        return model, state["progress"]
+
+    return restored(folder, read)
 
 
 MONITOR = ("episode_returns", "episode_lengths", "episode_count")
