@@ -48,9 +48,8 @@ class Arguments:
     fresh: bool = False
 
 
-def say(text: str) -> None:
-    """A line of progress."""
-    print(text, flush=True)
+say = partial(print, flush=True)
+"""A line of progress."""
 
 
 def replay(out: Path) -> list[str]:

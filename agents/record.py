@@ -100,8 +100,8 @@ def gathered(task: suite.Task, home: Path) -> tuple[Any, Any, list[str]]:
 
 def published(task: suite.Task) -> Any:
     """The most that published runs have in each episode; -inf where there is none."""
-    entries = [one.tasks.get(task.id) for one in results.folder_of(RESULTS, earlier=True)]
-    rows = [results.values(task, one) for one in entries if one is not None and results.of_the_protocol(task, one)]
+    found = results.of_task(task, results.folder_of(RESULTS, earlier=True))
+    rows = [results.values(task, entry) for _, entry in found]
     return np.max([np.full(EPISODES, -np.inf), *rows], axis=0)
 
 

@@ -32,6 +32,7 @@ from flexarm_env.suite.results import (
     frozen,
     judged,
     length,
+    of_task,
     of_the_protocol,
     value,
 )  # fmt: skip
@@ -232,11 +233,10 @@ def references(found: Sequence[Results]) -> dict[str, dict[str, Any]]:
     for task in suite.tasks():
         if task.id in known and known[task.id]["digest"] == task.digest:
             continue
-        returns: dict[str, float] = {}
-        for one in found:
-            entry = one.tasks.get(task.id)
-            if entry is not None and of_the_protocol(task, entry):
-                returns[f"{one.name}-{one.run}" if entry["training"] else one.name] = value(task, entry)
+        returns = {
+            f"{one.name}-{one.run}" if entry["training"] else one.name: value(task, entry)
+            for one, entry in of_task(task, found)
+        }
         if FLOOR in returns and (best := max(returns, key=lambda name: returns[name])) != FLOOR:
             known[task.id] = asdict(Reference(task.digest, round(returns[FLOOR], 4), round(returns[best], 4), best))
     return known

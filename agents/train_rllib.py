@@ -26,7 +26,7 @@ from agents.rllib import cluster, setup
 from flexarm_env.training import config as configs
 from flexarm_env.training import episodes
 from flexarm_env.training.arguments import parse
-from flexarm_env.training.progress import Progress, after, finish, training_program, write_curve
+from flexarm_env.training.progress import Progress, after, bar, finish, training_program, write_curve
 from flexarm_env.training.runs import (
     OF_POLICY,
     Training,
@@ -138,11 +138,7 @@ class Run:
             from tensorboardX import SummaryWriter
 
             self._board = SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.steps)
-        if arguments.progress:
-            from tqdm import tqdm
-
-            total = self.config.n_timesteps
-            self._bar = tqdm(total=total, initial=self.steps, unit="step", unit_scale=True, mininterval=0.5)
+        self._bar = bar(arguments.progress, self.config.n_timesteps, self.steps)
 
     def _places(self) -> dict[str, int]:
         """Nodes of the cluster, and how many runners each has at the start."""
@@ -196,8 +192,7 @@ class Run:
         if self.arguments.runners > 0 and spent > self.workers_cpu:
             self.state.cpu_s += spent - self.workers_cpu
             self.workers_cpu = spent
-        if self._bar is not None:
-            self._bar.update(self.steps - self._bar.n)
+        self._bar.update(self.steps - self._bar.n)
         if self._board is not None:
             for name, value in _curves(result).items():
                 self._board.add_scalar(name, value, self.steps)
@@ -226,8 +221,7 @@ class Run:
         if self._board is not None:
             for name in ("success_rate", "settling_mean", "settling_median", "return_mean"):
                 self._board.add_scalar(f"validation/{name}", row[name], self.steps)
-        if self._bar is not None:
-            self._bar.set_postfix(success=f"{row['success_rate']:.2f}", settling=f"{row['settling_median']:.2f} s")
+        self._bar.set_postfix(success=f"{row['success_rate']:.2f}", settling=f"{row['settling_median']:.2f} s")
 
     @property
     def module(self) -> Any:

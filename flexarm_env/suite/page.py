@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..files import table
 from . import best
 from .data import Task, tasks
-from .results import Results, all_values, length, of_the_protocol, settling, summary, values
+from .results import Results, all_values, length, of_task, of_the_protocol, settling, summary, values
 from .score import EPISODES, FIRST, interquartile_mean, interval, reference
 from .second import LEVEL, chance, holm
 
@@ -85,10 +85,8 @@ def page(found: Sequence[Results]) -> str:
 def lines_of(task: Task, found: Sequence[Results]) -> list[Line]:
     """Methods on a task, the best first."""
     runs: dict[str, list[dict[str, Any]]] = {}
-    for one in found:
-        entry = one.tasks.get(task.id)
-        if entry is not None and of_the_protocol(task, entry):
-            runs.setdefault(one.name, []).append(entry)
+    for one, entry in of_task(task, found):
+        runs.setdefault(one.name, []).append(entry)
     rows = [Line(name, [summary(task, entry) for entry in entries], entries) for name, entries in runs.items()]
     return sorted(rows, key=lambda line: -float(np.mean([one["value"] for one in line.summaries])))
 

@@ -4,7 +4,7 @@ import json
 import os
 import platform
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from datetime import date
@@ -240,6 +240,14 @@ def settling(task: Task, entry: Mapping[str, Any]) -> float | None:
 def of_the_protocol(task: Task, entry: Mapping[str, Any]) -> bool:
     """Whether it is this task, on the episodes that everybody is judged on."""
     return (entry["digest"], entry["first_seed"], entry["episodes"]) == (task.digest, FIRST, EPISODES)
+
+
+def of_task(task: Task, found: Iterable[Results]) -> Iterator[tuple[Results, dict[str, Any]]]:
+    """Results files that have the task, on the episodes that everybody is judged on, each with its entry."""
+    for one in found:
+        entry = one.tasks.get(task.id)
+        if entry is not None and of_the_protocol(task, entry):
+            yield one, entry
 
 
 def frozen(task: Task) -> Task:

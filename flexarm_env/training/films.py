@@ -111,9 +111,8 @@ def make(arguments: Arguments) -> Path:
     labels = arguments.labels.split(",") if arguments.labels else [one.name for one in chosen]
     if len(labels) != len(words):
         raise ValueError(f"--labels {arguments.labels}: must be {len(words)}, one for each policy")
-    films = []
-    for one in chosen:
-        films.append(episode(arguments.env, one, judged_in(one.env_kwargs) | arguments.env_kwargs, arguments.seed))
+    kwargs = [judged_in(one.env_kwargs) | arguments.env_kwargs for one in chosen]
+    films = [episode(arguments.env, one, own, arguments.seed) for one, own in zip(chosen, kwargs, strict=True)]
     env: Any = gym.make(arguments.env, **arguments.env_kwargs).unwrapped
     period = env.dt
     for name in ("fps", "speed", "size"):

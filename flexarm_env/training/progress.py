@@ -116,6 +116,13 @@ def describe(progress: Progress) -> str:
     return text
 
 
+def bar(shown: bool, total: int, steps: int) -> Any:
+    """A progress bar of environment steps."""
+    from tqdm import tqdm
+
+    return tqdm(total=total, initial=steps, unit="step", unit_scale=True, mininterval=0.5, disable=not shown)
+
+
 def finish(folder: Path, record: dict[str, Any], progress: Progress) -> None:
     """Write what a run has come to into its record, and draw its curve."""
     from flexarm_env.training.figures import learning_curve

@@ -13,7 +13,7 @@ from stable_baselines3.common.vec_env import VecMonitor, unwrap_vec_wrapper
 
 from flexarm_env.training import episodes
 from flexarm_env.training.policies import acting
-from flexarm_env.training.progress import Progress, after, write_curve
+from flexarm_env.training.progress import Progress, after, bar, write_curve
 from flexarm_env.training.runs import Training, load_normaliser, new_checkpoint, restored, write_whole
 from flexarm_env.training.starts import staggered
 
@@ -30,7 +30,6 @@ class Watch(BaseCallback):
         super().__init__()
         self.arguments, self.folder = arguments, arguments.folder
         self.eval_env, self.meta, self.state, self.total = env, meta, progress, total
-        self._bar: Any = None
         self._over = False
         self._wall = self._cpu = 0.0
 
@@ -48,12 +47,7 @@ class Watch(BaseCallback):
     def _on_training_start(self) -> None:
         self._next_evaluation = after(self.num_timesteps - 1, self.arguments.evaluate_every)
         self._next_checkpoint = after(self.num_timesteps, self.arguments.checkpoint_every)
-        if self.arguments.progress:
-            from tqdm import tqdm
-
-            self._bar = tqdm(
-                total=self.total, initial=self.num_timesteps, unit="step", unit_scale=True, mininterval=0.5
-            )
+        self._bar = bar(self.arguments.progress, self.total, self.num_timesteps)
         self._reset_clock()
 
     def _on_rollout_start(self) -> None:
@@ -67,8 +61,7 @@ class Watch(BaseCallback):
             self._next_checkpoint = after(steps, self.arguments.checkpoint_every)
             save_checkpoint(self.folder, self.model, self.state)
         self._reset_clock()
-        if self._bar is not None:
-            self._bar.update(steps - self._bar.n)
+        self._bar.update(steps - self._bar.n)
 
     def _on_step(self) -> bool:
         return not self._over
@@ -77,9 +70,8 @@ class Watch(BaseCallback):
         self._tick()
         if not self._over and not self.state.judged(self.num_timesteps):
             self.judge()
-        if self._bar is not None:
-            self._bar.update(self.num_timesteps - self._bar.n)
-            self._bar.close()
+        self._bar.update(self.num_timesteps - self._bar.n)
+        self._bar.close()
 
     # --- evaluation ----------------------------------------------------------------------------------
     def judge(self) -> None:
@@ -101,8 +93,7 @@ class Watch(BaseCallback):
         write_curve(self.folder / "learning_curve.csv", state.curve)
         for name in ("success_rate", "settling_mean", "settling_median", "return_mean"):
             self.logger.record(f"validation/{name}", row[name])
-        if self._bar is not None:
-            self._bar.set_postfix(success=f"{row['success_rate']:.2f}", settling=f"{row['settling_median']:.2f} s")
+        self._bar.set_postfix(success=f"{row['success_rate']:.2f}", settling=f"{row['settling_median']:.2f} s")
 
 
 def save_model(folder: Path, model: Any) -> None:
