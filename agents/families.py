@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from flexarm_env import validation as check
 from flexarm_env.training.runs import command, load_model, read_run, write_json, write_whole
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -75,10 +76,8 @@ FAMILIES = (
 
 def named(name: str) -> Family:
     """A family by its name."""
-    for family in FAMILIES:
-        if family.name == name:
-            return family
-    raise ValueError(f"--only {name}: must be among {', '.join(family.name for family in FAMILIES)}")
+    known = {family.name: family for family in FAMILIES}
+    return known[check.choice("--only", name, tuple(known))]
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.rllib import cluster, setup
+from flexarm_env import validation as check
 from flexarm_env.training import config as configs
 from flexarm_env.training import episodes
 from flexarm_env.training.arguments import parse
@@ -274,12 +275,10 @@ def _curves(result: Mapping[str, Any]) -> dict[str, float]:
 def _check(arguments: Arguments, env_kwargs: Mapping[str, Any]) -> None:
     """ValueError with a sentence for a number or word that there cannot be."""
     for name in ("runners", "learners"):
-        if getattr(arguments, name) < 0:
-            raise ValueError(f"{name} = {getattr(arguments, name)}: must be a whole number from 0")
-    if arguments.envs_per_runner is not None and arguments.envs_per_runner < 1:
-        raise ValueError(f"envs_per_runner = {arguments.envs_per_runner}: must be a whole number from 1")
-    if arguments.sampler not in ("native", "rllib"):
-        raise ValueError(f"sampler = {arguments.sampler!r}: must be native or rllib")
+        check.integer(name, getattr(arguments, name), minimum=0)
+    if arguments.envs_per_runner is not None:
+        check.integer("envs_per_runner", arguments.envs_per_runner, minimum=1)
+    check.choice("sampler", arguments.sampler, ("native", "rllib"))
     mode = env_kwargs.get("autoreset_mode", "NextStep")
     if mode != "NextStep":
         raise ValueError(f"env_kwargs.autoreset_mode = {mode!r}: must be 'NextStep', which is what RLlib takes")

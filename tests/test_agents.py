@@ -237,7 +237,7 @@ def test_evaluate_prints_json(run: Path, tmp_path: Path):
         (tune, "--env SpatialFlexArm-v0", "--env SpatialFlexArm-v0: must be an environment of the plane"),
         (judging, '--policy pd --env-kwargs {"num_envs":3}', "env_kwargs.num_envs = 3: must be left out"),
         (judging, '--policy pd --env-kwargs {"n":3}', "n: unknown argument"),
-        (train_ppo, "--algo a2c", "algo = 'a2c': must be one of ppo, sac,"),
+        (train_ppo, "--algo a2c", "algo = 'a2c': must be one of \"ppo\", \"sac\","),
         (train_ppo, "--n-timesteps inf", "--n-timesteps: invalid"),
         (train_ppo, "--n-timesteps 0", "--n-timesteps = 0: must be a whole number, at least 1"),
         (train_ppo, "--evaluate-every -1", "--evaluate-every = -1: must be a whole number, at least 1"),

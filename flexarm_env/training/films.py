@@ -19,6 +19,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from flexarm_env import validation as check
 from flexarm_env.envs.video import film_path, write_film
 from flexarm_env.training.episodes import TEST, judged_in
 from flexarm_env.training.policies import Chosen, choose
@@ -116,8 +117,7 @@ def make(arguments: Arguments) -> Path:
     env: Any = gym.make(arguments.env, **arguments.env_kwargs).unwrapped
     period = env.dt
     for name in ("fps", "speed", "size"):
-        if not getattr(arguments, name) > 0:
-            raise ValueError(f"--{name} {getattr(arguments, name)}: must be positive")
+        check.number(f"--{name}", getattr(arguments, name), above=0.0)
     every = max(1, round(arguments.speed / (arguments.fps * period)))
     count = None if arguments.seconds is None else round(arguments.seconds / period) + 1
     pictures = beside([islice(one, 0, count, every) for one in films], labels, arguments.size)

@@ -146,8 +146,7 @@ class Training:
         check.number("--solved-at", own.solved_at, maximum=1.0)
         if own.folder.is_file():
             raise check.InvalidValue("--out", str(own.folder), "must be a folder, and this is a file")
-        if own.best_by not in ("settling", "return"):
-            raise ValueError(f"--best-by {own.best_by}: must be settling or return")
+        check.choice("--best-by", own.best_by, ("settling", "return"))
         if not own.resume and (own.folder / "run.json").exists():
             raise ValueError(f"{own.folder}: holds a run already; go on with it by --resume, or choose another --out")
         return own
