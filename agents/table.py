@@ -141,15 +141,11 @@ class Judge:
         policies = {f"PPO ({one.name})": self.best(one) for one in (family, *others)}
         return policies | {name: name for name in family.controllers}
 
-    def robust(self, family: Family) -> dict[str, str]:
-        """Controllers tuned on drawn arms, name -> word."""
-        file = os.path.relpath(ROBUST / f"{family.task}.toml")
-        return {f"{name} ({DRAWN})": f"{name}@{file}" for name in ("pd", "zv", "zvd", "lqr")}
 
-    def no_margin(self, family: Family) -> dict[str, str]:
-        """PD control tuned without the rule of the gain margin, name -> word."""
-        file = os.path.relpath(NO_MARGIN / f"{family.task}.toml")
-        return {f"{name}, no margin": f"{name}@{file}" for name in ("pd", "zv")}
+def tuned(family: Family, folder: Path, *names: str, label: str) -> dict[str, str]:
+    """Controllers with the gains of a folder, name and label -> word."""
+    file = os.path.relpath(folder / f"{family.task}.toml")
+    return {f"{name}{label}": f"{name}@{file}" for name in names}
 
 
 def curve_of(folder: Path) -> list[dict[str, float]]:
@@ -198,7 +194,7 @@ def nominal(judge: Judge, family: Family, content: dict[str, Any]) -> None:
     own = content[family.name]
     torque = families.named("two_link_torque")
     others = [torque] if family.name == "two_link" and torque.runs(judge.arguments.trained) else []
-    words = judge.words(family, *others) | judge.no_margin(family)
+    words = judge.words(family, *others) | tuned(family, NO_MARGIN, "pd", "zv", label=", no margin")
     if judge.asked is not None:
         own["nominal"] = judge.anew(own["nominal"], family, words)
     else:
@@ -243,7 +239,7 @@ def robustness(judge: Judge, family: Family, robust: Family, content: dict[str, 
     """Randomised arms, the exact model, and one thing changed at a time."""
     say(f"{family.env}: other arms, other models")
     own, words, most = content[family.name], judge.words(family, robust), FEWER_EPISODES
-    every = words | judge.robust(family)
+    every = words | tuned(family, ROBUST, "pd", "zv", "zvd", "lqr", label=f" ({DRAWN})")
     own["ordinary"] = judge.anew(own.get("ordinary", own.get("nominal", {})), family, every)
     own["randomised"] = judge.anew(own.get("randomised", {}), family, every, randomized=True)
     if judge.asked is not None:
