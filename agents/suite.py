@@ -169,7 +169,10 @@ def run(job: Job, arguments: Arguments) -> str:
         except ValueError as error:
             if job.method.algorithm != "foresight":
                 raise
-            return refused(job, arguments, error)
+            known = begun(arguments.results, job.method.name, job.seed)  # it is not made for the task, which is noted
+            known.refused[job.task.id] = " ".join(str(error).split())
+            known.write(arguments.results)
+            return f"{job.name}: {error}"
         chooser = of_run
     name, folder = job.method.name, arguments.results
     results, trouble, _ = judged(
@@ -178,14 +181,6 @@ def run(job: Job, arguments: Arguments) -> str:
     if trouble:
         return f"{job.name}: not judged: {trouble[0]}"
     return f"{job.name}: J {value(job.task, results.tasks[job.task.id]):.2f}"
-
-
-def refused(job: Job, arguments: Arguments, error: ValueError) -> str:
-    """Note in the results that a method is not made for a task; a line that says so."""
-    known = begun(arguments.results, job.method.name, job.seed)
-    known.refused[job.task.id] = " ".join(str(error).split())
-    known.write(arguments.results)
-    return f"{job.name}: {error}"
 
 
 def train(job: Job, arguments: Arguments) -> Path:

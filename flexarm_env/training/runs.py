@@ -40,17 +40,6 @@ def write_rows(path: Path, heads: Sequence[str], rows: Iterable[Mapping[str, Any
     write_text(path, text.getvalue())
 
 
-def broken_off(folder: Path, command: str, error: OSError | None = None) -> int:
-    """Print how a training run goes on that was interrupted, or that a file could not be written of; the exit code."""
-    there = (folder / "run.json").is_file()
-    then = f"go on with: {command} --out {folder} --resume" if there else f"nothing is in {folder} yet: start it again"
-    if error is None:
-        sys.stderr.write(f"interrupted; {then}\n")
-        return INTERRUPTED
-    where = folder if error.filename is None else error.filename
-    return fail(f"{where}: {error.strerror or error}; what was written before is whole; when that is mended, {then}")
-
-
 def report(folder: Path, title: str, began: float, lines: list[str]) -> None:
     """Write report.md of what began at `began` (time.perf_counter), and print its lines."""
     made = " · ".join(f"{name} {version}" for name, version in versions().items())
