@@ -207,6 +207,17 @@ def test_pickles_of_older_run_folders_find_their_classes():
     assert pickle.loads(b"cagents.config\nLinear\n.") is config.Linear
 
 
+def test_a_memory_begins_with_the_episodes_of_one_arm_as_of_many():
+    """A single arm's entries were taken for arms, and its film ended in an error."""
+    begun: list[list[bool]] = []
+    model = SimpleNamespace(predict=lambda seen, memory, first, **more: (begun.append(first.tolist()) or seen, memory))
+    for seen in (np.zeros(6, np.float32), np.zeros((2, 6), np.float32)):
+        policy = policies.TorchPolicy(model, None)
+        policy.reset(seen)
+        policy.act(policy.act(seen))
+    assert begun == [[True], [False], [True, True], [False, False]]
+
+
 # ------------------------------------------------------------------ export and judging
 @pytest.mark.slow
 def test_evaluate_prints_json(run: Path, tmp_path: Path):

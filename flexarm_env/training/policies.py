@@ -40,13 +40,13 @@ class TorchPolicy:
 
     def reset(self, observation: NDArray[np.float32]) -> None:
         """Forget."""
-        self.memory, self.first = None, np.ones(len(observation), bool)
+        self.memory, self.first = None, np.ones(observation.shape[:-1] or 1, bool)
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """Deterministic actions."""
         seen = observation if self.normaliser is None else self.normaliser.normalize_obs(observation)
         action, self.memory = self.model.predict(seen, self.memory, self.first, deterministic=True)
-        self.first = np.zeros(len(observation), bool)
+        self.first = np.zeros(observation.shape[:-1] or 1, bool)
         return np.asarray(action, np.float32)
 
 
