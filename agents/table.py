@@ -207,10 +207,6 @@ def nominal(judge: Judge, family: Family, content: dict[str, Any]) -> None:
         curves = [curve_of(folder) for folder in family.runs(judge.arguments.trained)]
         title = f"{family.env}, {len(curves)} seeds"
         learning_curve(curves, figures / f"control_{family.name}_learning.png", title)
-    count = next(iter(own["nominal"].values()))["episodes"]
-    content["tables"][family.name] = {
-        "env": family.env, "episodes": count, "policies": own["nominal"], "bounds": own["bounds"],
-    }  # fmt: skip
 
 
 def decisions(judge: Judge, family: Family, content: dict[str, Any]) -> None:
@@ -231,8 +227,7 @@ def decisions(judge: Judge, family: Family, content: dict[str, Any]) -> None:
                 times.append(1e3 * (time.thread_time() - began))
                 observation = env.step(action)[0]
         env.close()
-        own[name] = {"median": np.median(times), "p99": np.percentile(times, 99), "most": max(times)}
-        own[name] = {key: float(value) for key, value in own[name].items()}
+        own[name] = dict(zip(("median", "p99", "most"), np.percentile(times, (50, 99, 100)).tolist(), strict=True))
 
 
 def robustness(judge: Judge, family: Family, robust: Family, content: dict[str, Any]) -> None:
@@ -363,7 +358,7 @@ def judge_all(arguments: Arguments) -> None:
         raise ValueError(f"--policies: {path} is not there; judge all of them first")
     part = only is not None or arguments.policies is not None
     content: dict[str, Any] = read_json(path) if part and path.exists() else {}
-    content = {k: v for k, v in content.items() if k in PARTS} | {"tables": content.get("tables", {})}
+    content = {k: v for k, v in content.items() if k in PARTS}
     content["machine"] = {"date": date.today().isoformat(), "cores": str(os.cpu_count()), **versions()}
     judge = Judge(arguments)
     for name in PARTS if only is None else [only]:
