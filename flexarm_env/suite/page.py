@@ -105,17 +105,15 @@ def _scores(known: Sequence[Task], lines: dict[str, list[Line]]) -> list[str]:
         counts = sorted({len(runs) for runs in own.values()})
         runs = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]}-{counts[-1]}"
         rows.append((name, runs, _middle(own, len(known)), *means))
-    found = [_of_policies(lines[task.id]) for task in known]
+    found = [  # of the methods that make policies: actions that were found beforehand are none
+        [score for line in lines[task.id] if line.policy and (score := line.mean("score")) is not None]
+        for task in known
+    ]
     rows.append(("*best less worst*", "", "", *(f"{max(own) - min(own):.2f}" if own else "" for own in found)))
     left = (f"{max(0.0, 1.0 - max(own)):.2f}" if own else "" for own in found)
     rows.append(("*left to the best known*", "", "", *left))
     rows.append(("*widest ±*", "", "", *(f"{widest(task, lines[task.id]):.3f}" for task in known)))
     return table(" | ".join(["method", "runs", "IQM", *(f"{task.number}" for task in known)]), rows, numbers=True)
-
-
-def _of_policies(lines: Sequence[Line]) -> list[float]:
-    """Mean scores of the methods that make policies: actions that were found beforehand are none."""
-    return [score for line in lines if line.policy and (score := line.mean("score")) is not None]
 
 
 def _middle(own: dict[str, list[float]], count: int) -> str:

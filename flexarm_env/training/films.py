@@ -74,14 +74,7 @@ def episode(env_id: str, chosen: Chosen, kwargs: Mapping[str, Any], seed: int) -
 
 def film(env_id: str, chosen: Chosen, kwargs: Mapping[str, Any], seed: int, path: Path) -> None:
     """Write an episode as a film, one picture a control period."""
-    _written(path, episode(env_id, chosen, kwargs, seed), 50.0)
-
-
-def _written(path: Path, pictures: Iterator[Picture], fps: float) -> Path:
-    try:
-        return write_film(path, pictures, fps)
-    except gym.error.DependencyNotInstalled as error:
-        raise ValueError(str(error)) from error
+    write_film(path, episode(env_id, chosen, kwargs, seed), 50.0)
 
 
 def beside(films: Sequence[Iterator[Picture]], labels: Sequence[str], size: int) -> Iterator[Picture]:
@@ -121,7 +114,7 @@ def make(arguments: Arguments) -> Path:
     every = max(1, round(arguments.speed / (arguments.fps * period)))
     count = None if arguments.seconds is None else round(arguments.seconds / period) + 1
     pictures = beside([islice(one, 0, count, every) for one in films], labels, arguments.size)
-    return _written(arguments.out, pictures, arguments.speed / (every * period))
+    return write_film(arguments.out, pictures, arguments.speed / (every * period))
 
 
 main = partial(

@@ -15,6 +15,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
+from gymnasium.error import DependencyNotInstalled
+
 from flexarm_env import validation as check
 from flexarm_env.files import read_json as read_json
 from flexarm_env.files import write_json as write_json
@@ -63,11 +65,11 @@ def command(
     work: Callable[[T], int | None],
     words: Sequence[str] | None = None,
 ) -> int:
-    """Parse a command line (`arguments`) and do the work; the exit code, 2 with a sentence for a ValueError."""
+    """Parse a command line (`arguments`) and do the work; exit code, 2 with a sentence for what is wrong or lacking."""
     arguments = parse(kind, program, description, words)
     try:
         return work(arguments) or 0
-    except ValueError as error:
+    except (ValueError, ImportError, DependencyNotInstalled) as error:
         return fail(error)
 
 
