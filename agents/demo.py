@@ -48,9 +48,8 @@ class Arguments:
     fresh: bool = False
 
 
-def say(text: str) -> None:
-    """A line of progress."""
-    print(text, flush=True)
+say = partial(print, flush=True)
+"""A line of progress."""
 
 
 def replay(out: Path) -> list[str]:
@@ -138,22 +137,13 @@ def judged(out: Path, controllers: Sequence[str], others: Mapping[str, Any] | No
 
 def judge(out: Path) -> list[str]:
     """The trained policy, an untrained one and the classical controllers on the same episodes; lines of the report."""
+    from flexarm_env.suite.best import Actions
     from flexarm_env.training import episodes
     from flexarm_env.training.statistics import summary
 
-    class Untrained:
-        """Uniform random actions."""
-
-        def reset(self, observation: Any) -> None:
-            """Begin anew with the same draws."""
-            self.rng = np.random.default_rng(0)
-
-        def act(self, observation: Any) -> Any:
-            """One action an environment."""
-            return self.rng.uniform(-1.0, 1.0, (len(observation), 1)).astype(np.float32)
-
     env = episodes.make_episodes(ENV, 100)
-    before = summary(episodes.run(env, Untrained(), episodes.TEST))
+    drawn = np.random.default_rng(0).uniform(-1.0, 1.0, (env.unwrapped.plan.limit, 100, 1))
+    before = summary(episodes.run(env, Actions(drawn), episodes.TEST))
     env.close()
     return ["## The policy beside classical control", "", *judged(out, CONTROLLERS, {"random actions": before})[1]]
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from flexarm_env import validation as check
 from flexarm_env.training.runs import command, load_model, read_run, write_json, write_whole
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -29,8 +30,8 @@ class Family:
 
     Args:
         name: of the policy. env: id. config: file in configs/ppo. seeds: how many.
-        test: number of test episodes. controllers: beside which it is judged. robust: trained on randomised arms.
-        every: steps from one evaluation to the next. published: its best policy comes with the package.
+        test: number of test episodes. controllers: beside which it is judged. every: steps from one evaluation to the
+            next. published: its best policy comes with the package.
     """
 
     name: str
@@ -39,7 +40,6 @@ class Family:
     seeds: int
     test: int = 100
     controllers: tuple[str, ...] = CONTROL
-    robust: bool = False
     every: int = 32_768
     published: bool = True
 
@@ -63,10 +63,10 @@ class Family:
 
 FAMILIES = (
     Family("flexible_arm", "FlexibleArm-v0", "default.yml", 5, controllers=(*CONTROL, "time_optimal")),
-    Family("flexible_arm_robust", "FlexibleArm-v0", "robust.yml", 1, robust=True),
+    Family("flexible_arm_robust", "FlexibleArm-v0", "robust.yml", 1),
     Family("two_link", "TwoLinkFlexArm-v0", "residual.yml", 5, test=200, every=131_072),
     Family("two_link_torque", "TwoLinkFlexArm-v0", "default.yml", 1, test=200, every=65_536),
-    Family("two_link_robust", "TwoLinkFlexArm-v0", "robust.yml", 1, test=200, robust=True, every=131_072),
+    Family("two_link_robust", "TwoLinkFlexArm-v0", "robust.yml", 1, test=200, every=131_072),
     Family("flexible_arm_measured", "FlexibleArm-v0", "measured.yml", 1, published=False),
     Family("flexible_arm_geared", "FlexibleArm-v0", "geared.yml", 1, published=False),
     Family("two_link_geared", "TwoLinkFlexArm-v0", "geared.yml", 2, published=False, every=131_072),
@@ -75,10 +75,8 @@ FAMILIES = (
 
 def named(name: str) -> Family:
     """A family by its name."""
-    for family in FAMILIES:
-        if family.name == name:
-            return family
-    raise ValueError(f"--only {name}: must be among {', '.join(family.name for family in FAMILIES)}")
+    known = {family.name: family for family in FAMILIES}
+    return known[check.choice("--only", name, tuple(known))]
 
 
 @dataclass(frozen=True)

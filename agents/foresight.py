@@ -6,7 +6,6 @@ whole state; it is played in the task itself, sensors and all, where it must giv
 `python -m agents.suite --only foresight`.
 """
 
-import hashlib
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -21,7 +20,8 @@ from agents import payoff
 from flexarm_env import suite
 from flexarm_env.files import write_npz
 from flexarm_env.suite.best import Actions
-from flexarm_env.suite.policies import Chosen, choose
+from flexarm_env.suite.judge import checked
+from flexarm_env.suite.policies import Chosen, choose, fingerprint
 from flexarm_env.suite.score import EPISODES, FIRST
 from flexarm_env.training.runs import read_json, write_json
 from flexarm_env.validation import Array
@@ -46,15 +46,17 @@ ALIKE = 1e-6
 def played(env: Any, policy: Any, price: float = 0.0) -> tuple[Array, Array]:
     """Actions (T, n, N) and J (n,) of a policy on the episodes, in a vector environment of them."""
     limit, n = int(env.unwrapped.plan.limit), int(env.num_envs)
-    actions, returns, alive = np.zeros((limit, *env.action_space.shape)), np.zeros(n), np.ones(n, bool)
+    actions = np.zeros((limit, *env.action_space.shape), np.float32)
+    returns, costs, alive = np.zeros(n), np.zeros(n), np.ones(n, bool)
     observation, _ = env.reset(seed=FIRST)
     policy.reset(observation)
     for k in range(limit):
-        actions[k] = np.clip(policy.act(observation), -1.0, 1.0)
-        observation, reward, terminated, truncated, info = env.step(actions[k].astype(np.float32))
-        returns += np.where(alive, reward - price * info.get("cost", 0.0), 0.0)
+        actions[k] = checked(policy.act(observation), env.action_space.shape)
+        observation, reward, terminated, truncated, info = env.step(actions[k])
+        returns += np.where(alive, reward, 0.0)
+        costs += np.where(alive, info.get("cost", 0.0), 0.0)
         alive &= ~(terminated | truncated)
-    return actions, returns
+    return actions, returns - price * costs
 
 
 def beginnings(task: suite.Task, trained: Sequence[Path] = ()) -> tuple[Array, Array]:
@@ -267,5 +269,4 @@ def chosen(folder: Path) -> Chosen:
             raise ValueError(f"{path}: actions of {actions.shape[1]} episodes, which are judged together or not at all")
         return Actions(actions)
 
-    content = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
-    return Chosen("actions", folder.name, content, make, 0, record)
+    return Chosen("actions", folder.name, fingerprint(path.read_bytes()), make, 0, record)

@@ -61,24 +61,6 @@ class Arguments:
     grow: str = "none"
 
 
-class Recorded:
-    """A policy, and what it did."""
-
-    def __init__(self, policy: Any) -> None:
-        self.policy = policy
-        self.actions: list[Any] = []
-
-    def reset(self, observation: Any) -> None:
-        """Begin."""
-        self.actions = []
-        self.policy.reset(observation)
-
-    def act(self, observation: Any) -> Any:
-        """Actions, kept."""
-        self.actions.append(np.clip(np.asarray(self.policy.act(observation), np.float32), -1.0, 1.0))
-        return self.actions[-1]
-
-
 def candidates(task: suite.Task, home: Path) -> Iterator[tuple[str, Any, bool]]:
     """Names, what makes a policy of an environment, and whether it sees the whole state."""
     if task.id in best.known():
@@ -107,11 +89,10 @@ def gathered(task: suite.Task, home: Path) -> tuple[Any, Any, list[str]]:
     for name, make, whole in candidates(task, home):
         env = wide if whole else shown
         with suppress(ValueError):  # of a controller that is not made for the task
-            policy = Recorded(make(env))
-            values.append(best.played(task, env, policy)[0])
+            way, value = foresight.played(env, make(env), task.price)
             names.append(name)
-            ways.append(np.zeros((env.unwrapped.plan.limit, *env.action_space.shape), np.float32))
-            ways[-1][: len(policy.actions)] = policy.actions
+            ways.append(way)
+            values.append(value)
     wide.close()
     by = [names[i] or best.record(task).by[k] for k, i in enumerate(np.argmax(values, axis=0))]
     return *foresight.best_of(ways, values), by
@@ -119,8 +100,8 @@ def gathered(task: suite.Task, home: Path) -> tuple[Any, Any, list[str]]:
 
 def published(task: suite.Task) -> Any:
     """The most that published runs have in each episode; -inf where there is none."""
-    entries = [one.tasks.get(task.id) for one in results.folder_of(RESULTS, earlier=True)]
-    rows = [results.values(task, one) for one in entries if one is not None and results.of_the_protocol(task, one)]
+    found = results.of_task(task, results.folder_of(RESULTS, earlier=True))
+    rows = [results.values(task, entry) for _, entry in found]
     return np.max([np.full(EPISODES, -np.inf), *rows], axis=0)
 
 

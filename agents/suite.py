@@ -12,7 +12,6 @@ policy with the highest mean return on the validation episodes is judged. --free
 made from.
 """
 
-import hashlib
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -24,7 +23,7 @@ from typing import Any
 from flexarm_env import suite
 from flexarm_env.control import NAMES
 from flexarm_env.suite.page import page
-from flexarm_env.suite.policies import Chosen, choose
+from flexarm_env.suite.policies import Chosen, choose, fingerprint
 from flexarm_env.suite.results import (
     Results,
     begun,
@@ -33,6 +32,7 @@ from flexarm_env.suite.results import (
     frozen,
     judged,
     length,
+    of_task,
     of_the_protocol,
     value,
 )  # fmt: skip
@@ -169,7 +169,10 @@ def run(job: Job, arguments: Arguments) -> str:
         except ValueError as error:
             if job.method.algorithm != "foresight":
                 raise
-            return refused(job, arguments, error)
+            known = begun(arguments.results, job.method.name, job.seed)  # it is not made for the task, which is noted
+            known.refused[job.task.id] = " ".join(str(error).split())
+            known.write(arguments.results)
+            return f"{job.name}: {error}"
         chooser = of_run
     name, folder = job.method.name, arguments.results
     results, trouble, _ = judged(
@@ -178,14 +181,6 @@ def run(job: Job, arguments: Arguments) -> str:
     if trouble:
         return f"{job.name}: not judged: {trouble[0]}"
     return f"{job.name}: J {value(job.task, results.tasks[job.task.id]):.2f}"
-
-
-def refused(job: Job, arguments: Arguments, error: ValueError) -> str:
-    """Note in the results that a method is not made for a task; a line that says so."""
-    known = begun(arguments.results, job.method.name, job.seed)
-    known.refused[job.task.id] = " ".join(str(error).split())
-    known.write(arguments.results)
-    return f"{job.name}: {error}"
 
 
 def train(job: Job, arguments: Arguments) -> Path:
@@ -219,7 +214,7 @@ def of_run(word: str, task: suite.Task) -> Chosen:
     from flexarm_env.training.policies import _from_model
 
     record = read_run(folder)
-    content = hashlib.sha256((folder / "model.zip").read_bytes()).hexdigest()[:16]
+    content = fingerprint((folder / "model.zip").read_bytes())
     training = {key: record[key] for key in ("algorithm", "steps", "wall_s", "cpu_s")}
     make = _from_model(folder, task.registered).make
     return Chosen("model", folder.name, content, make, record["seed"], training)
@@ -233,11 +228,10 @@ def references(found: Sequence[Results]) -> dict[str, dict[str, Any]]:
     for task in suite.tasks():
         if task.id in known and known[task.id]["digest"] == task.digest:
             continue
-        returns: dict[str, float] = {}
-        for one in found:
-            entry = one.tasks.get(task.id)
-            if entry is not None and of_the_protocol(task, entry):
-                returns[f"{one.name}-{one.run}" if entry["training"] else one.name] = value(task, entry)
+        returns = {
+            f"{one.name}-{one.run}" if entry["training"] else one.name: value(task, entry)
+            for one, entry in of_task(task, found)
+        }
         if FLOOR in returns and (best := max(returns, key=lambda name: returns[name])) != FLOOR:
             known[task.id] = asdict(Reference(task.digest, round(returns[FLOOR], 4), round(returns[best], 4), best))
     return known

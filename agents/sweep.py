@@ -31,7 +31,7 @@ SHOWN = {
     "success_rate": "success", "settling_time_median": "settling (s)", "residual_vibration_median": "vibration (mm)",
     "overshoot_median": "overshoot (%)", "effort_median": "effort (s)", "return_mean": "return",
 }  # fmt: skip
-"""Columns of the results, as `agents.statistics` has them: medians over the episodes, but for success and return."""
+"""Columns of the results, as in `training.statistics`: medians over the episodes, but for success and return."""
 
 DRAWN = ("success_rate", "settling_time_median", "residual_vibration_median", "effort_median")
 

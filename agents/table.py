@@ -141,15 +141,11 @@ class Judge:
         policies = {f"PPO ({one.name})": self.best(one) for one in (family, *others)}
         return policies | {name: name for name in family.controllers}
 
-    def robust(self, family: Family) -> dict[str, str]:
-        """Controllers tuned on drawn arms, name -> word."""
-        file = os.path.relpath(ROBUST / f"{family.task}.toml")
-        return {f"{name} ({DRAWN})": f"{name}@{file}" for name in ("pd", "zv", "zvd", "lqr")}
 
-    def no_margin(self, family: Family) -> dict[str, str]:
-        """PD control tuned without the rule of the gain margin, name -> word."""
-        file = os.path.relpath(NO_MARGIN / f"{family.task}.toml")
-        return {f"{name}, no margin": f"{name}@{file}" for name in ("pd", "zv")}
+def tuned(family: Family, folder: Path, *names: str, label: str) -> dict[str, str]:
+    """Controllers with the gains of a folder, name and label -> word."""
+    file = os.path.relpath(folder / f"{family.task}.toml")
+    return {f"{name}{label}": f"{name}@{file}" for name in names}
 
 
 def curve_of(folder: Path) -> list[dict[str, float]]:
@@ -198,7 +194,7 @@ def nominal(judge: Judge, family: Family, content: dict[str, Any]) -> None:
     own = content[family.name]
     torque = families.named("two_link_torque")
     others = [torque] if family.name == "two_link" and torque.runs(judge.arguments.trained) else []
-    words = judge.words(family, *others) | judge.no_margin(family)
+    words = judge.words(family, *others) | tuned(family, NO_MARGIN, "pd", "zv", label=", no margin")
     if judge.asked is not None:
         own["nominal"] = judge.anew(own["nominal"], family, words)
     else:
@@ -211,10 +207,6 @@ def nominal(judge: Judge, family: Family, content: dict[str, Any]) -> None:
         curves = [curve_of(folder) for folder in family.runs(judge.arguments.trained)]
         title = f"{family.env}, {len(curves)} seeds"
         learning_curve(curves, figures / f"control_{family.name}_learning.png", title)
-    count = next(iter(own["nominal"].values()))["episodes"]
-    content["tables"][family.name] = {
-        "env": family.env, "episodes": count, "policies": own["nominal"], "bounds": own["bounds"],
-    }  # fmt: skip
 
 
 def decisions(judge: Judge, family: Family, content: dict[str, Any]) -> None:
@@ -235,15 +227,14 @@ def decisions(judge: Judge, family: Family, content: dict[str, Any]) -> None:
                 times.append(1e3 * (time.thread_time() - began))
                 observation = env.step(action)[0]
         env.close()
-        own[name] = {"median": np.median(times), "p99": np.percentile(times, 99), "most": max(times)}
-        own[name] = {key: float(value) for key, value in own[name].items()}
+        own[name] = dict(zip(("median", "p99", "most"), np.percentile(times, (50, 99, 100)).tolist(), strict=True))
 
 
 def robustness(judge: Judge, family: Family, robust: Family, content: dict[str, Any]) -> None:
     """Randomised arms, the exact model, and one thing changed at a time."""
     say(f"{family.env}: other arms, other models")
     own, words, most = content[family.name], judge.words(family, robust), FEWER_EPISODES
-    every = words | judge.robust(family)
+    every = words | tuned(family, ROBUST, "pd", "zv", "zvd", "lqr", label=f" ({DRAWN})")
     own["ordinary"] = judge.anew(own.get("ordinary", own.get("nominal", {})), family, every)
     own["randomised"] = judge.anew(own.get("randomised", {}), family, every, randomized=True)
     if judge.asked is not None:
@@ -367,7 +358,7 @@ def judge_all(arguments: Arguments) -> None:
         raise ValueError(f"--policies: {path} is not there; judge all of them first")
     part = only is not None or arguments.policies is not None
     content: dict[str, Any] = read_json(path) if part and path.exists() else {}
-    content = {k: v for k, v in content.items() if k in PARTS} | {"tables": content.get("tables", {})}
+    content = {k: v for k, v in content.items() if k in PARTS}
     content["machine"] = {"date": date.today().isoformat(), "cores": str(os.cpu_count()), **versions()}
     judge = Judge(arguments)
     for name in PARTS if only is None else [only]:

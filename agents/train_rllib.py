@@ -19,21 +19,23 @@ import sys
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from agents.rllib import cluster, setup
+from flexarm_env import validation as check
 from flexarm_env.training import config as configs
 from flexarm_env.training import episodes
 from flexarm_env.training.arguments import parse
-from flexarm_env.training.progress import Progress, after, training_program, write_curve
+from flexarm_env.training.progress import Progress, after, bar, finish, training_program, write_curve
 from flexarm_env.training.runs import (
     OF_POLICY,
     Training,
     checkpoints,
     fail,
-    fall_back,
     new_checkpoint,
     new_record,
+    restored,
     write_json,
     write_text,
     write_whole,
@@ -137,11 +139,7 @@ class Run:
             from tensorboardX import SummaryWriter
 
             self._board = SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.steps)
-        if arguments.progress:
-            from tqdm import tqdm
-
-            total = self.config.n_timesteps
-            self._bar = tqdm(total=total, initial=self.steps, unit="step", unit_scale=True, mininterval=0.5)
+        self._bar = bar(arguments.progress, self.config.n_timesteps, self.steps)
 
     def _places(self) -> dict[str, int]:
         """Nodes of the cluster, and how many runners each has at the start."""
@@ -154,11 +152,7 @@ class Run:
 
     def finish(self) -> None:
         """Write what a finished run leaves behind."""
-        from flexarm_env.training.figures import learning_curve
-
-        self.record |= self.state.outcome()
-        write_json(self.folder / "run.json", self.record)
-        learning_curve([self.state.curve], self.folder / "learning_curve.png", self.arguments.env)
+        finish(self.folder, self.record, self.state)
         shutil.rmtree(self.folder / "checkpoints", ignore_errors=True)
 
     def close(self) -> None:
@@ -199,8 +193,7 @@ class Run:
         if self.arguments.runners > 0 and spent > self.workers_cpu:
             self.state.cpu_s += spent - self.workers_cpu
             self.workers_cpu = spent
-        if self._bar is not None:
-            self._bar.update(self.steps - self._bar.n)
+        self._bar.update(self.steps - self._bar.n)
         if self._board is not None:
             for name, value in _curves(result).items():
                 self._board.add_scalar(name, value, self.steps)
@@ -229,8 +222,7 @@ class Run:
         if self._board is not None:
             for name in ("success_rate", "settling_mean", "settling_median", "return_mean"):
                 self._board.add_scalar(f"validation/{name}", row[name], self.steps)
-        if self._bar is not None:
-            self._bar.set_postfix(success=f"{row['success_rate']:.2f}", settling=f"{row['settling_median']:.2f} s")
+        self._bar.set_postfix(success=f"{row['success_rate']:.2f}", settling=f"{row['settling_median']:.2f} s")
 
     @property
     def module(self) -> Any:
@@ -253,20 +245,13 @@ class Run:
 
     def _restore(self) -> None:
         """Go back to the last checkpoint that can be read."""
-        problem = ""
-        for path in reversed(checkpoints(self.folder)):
-            try:
-                with (path / "state.pkl").open("rb") as file:
-                    kept = pickle.load(file)
-                self.algorithm.restore_from_path((path / "algorithm").absolute())
-                self.state, self.steps = kept["progress"], kept["steps"]
-                break
-            except Exception as error:
-                problem = problem or f"{path}: damaged ({type(error).__name__})"
-        else:
-            raise ValueError(problem)
+
+        def read(path: Path, kept: dict[str, Any]) -> tuple[Progress, int]:
+            self.algorithm.restore_from_path((path / "algorithm").absolute())
+            return kept["progress"], kept["steps"]
+
+        self.state, self.steps = restored(self.folder, read)
         self._sync()
-        fall_back(self.folder, path)
 
 
 def _curves(result: Mapping[str, Any]) -> dict[str, float]:
@@ -290,12 +275,10 @@ def _curves(result: Mapping[str, Any]) -> dict[str, float]:
 def _check(arguments: Arguments, env_kwargs: Mapping[str, Any]) -> None:
     """ValueError with a sentence for a number or word that there cannot be."""
     for name in ("runners", "learners"):
-        if getattr(arguments, name) < 0:
-            raise ValueError(f"{name} = {getattr(arguments, name)}: must be a whole number from 0")
-    if arguments.envs_per_runner is not None and arguments.envs_per_runner < 1:
-        raise ValueError(f"envs_per_runner = {arguments.envs_per_runner}: must be a whole number from 1")
-    if arguments.sampler not in ("native", "rllib"):
-        raise ValueError(f"sampler = {arguments.sampler!r}: must be native or rllib")
+        check.integer(name, getattr(arguments, name), minimum=0)
+    if arguments.envs_per_runner is not None:
+        check.integer("envs_per_runner", arguments.envs_per_runner, minimum=1)
+    check.choice("sampler", arguments.sampler, ("native", "rllib"))
     mode = env_kwargs.get("autoreset_mode", "NextStep")
     if mode != "NextStep":
         raise ValueError(f"env_kwargs.autoreset_mode = {mode!r}: must be 'NextStep', which is what RLlib takes")

@@ -16,15 +16,14 @@ import numpy as np
 from benchmarks.machine import DOCS, table
 from benchmarks.pages import write_page
 from flexarm_env import suite
-from flexarm_env.suite.results import Results, folder_of, of_the_protocol, values
+from flexarm_env.suite.results import Results, folder_of, of_task, values
 
 LEAST, PAIRS = 0.95, 30
 
 
 def agreement(task: suite.Task, found: Sequence[Results]) -> tuple[int, int]:
     """Pairs of one success and one that is none, on the same episode; in how many the success has the higher value."""
-    entries = [one.tasks[task.id] for one in found if task.id in one.tasks]
-    entries = [entry for entry in entries if of_the_protocol(task, entry)]
+    entries = [entry for _, entry in of_task(task, found)]
     pairs = right = 0
     found_values = np.array([values(task, entry) for entry in entries])
     successes = np.array([e["successes"] for e in entries], bool)

@@ -17,7 +17,7 @@ from flexarm_env import control
 from flexarm_env.training import config, episodes, export_policy, policies, progress, tune
 from flexarm_env.training import evaluate as judging
 from flexarm_env.training import train as train_ppo
-from flexarm_env.training.runs import load_model, read_run
+from flexarm_env.training.runs import checkpoints, load_model, read_run
 from tests.agents_tools import ENV, RUN_FILES, SMALL, file_of, told
 from tests.processes import python
 from tests.refusals import refuses
@@ -131,10 +131,8 @@ def test_a_run_broken_off_before_its_first_checkpoint_begins_anew(tmp_path: Path
 
 
 def test_a_damaged_checkpoint_is_passed_over(tmp_path: Path):
-    from flexarm_env.training import watch as training
-
     interrupted(arguments(tmp_path), 1024)
-    found = training.checkpoints(tmp_path / "run")
+    found = checkpoints(tmp_path / "run")
     assert [p.name for p in found] == ["000000000512", "000000001024"]
     (found[-1] / "model.zip").write_bytes(b"torn")
     progress = train_ppo.train(train_ppo.Arguments(out=tmp_path / "run", resume=True, progress=False))
@@ -209,6 +207,17 @@ def test_pickles_of_older_run_folders_find_their_classes():
     assert pickle.loads(b"cagents.config\nLinear\n.") is config.Linear
 
 
+def test_a_memory_begins_with_the_episodes_of_one_arm_as_of_many():
+    """A single arm's entries were taken for arms, and its film ended in an error."""
+    begun: list[list[bool]] = []
+    model = SimpleNamespace(predict=lambda seen, memory, first, **more: (begun.append(first.tolist()) or seen, memory))
+    for seen in (np.zeros(6, np.float32), np.zeros((2, 6), np.float32)):
+        policy = policies.TorchPolicy(model, None)
+        policy.reset(seen)
+        policy.act(policy.act(seen))
+    assert begun == [[True], [False], [True, True], [False, False]]
+
+
 # ------------------------------------------------------------------ export and judging
 @pytest.mark.slow
 def test_evaluate_prints_json(run: Path, tmp_path: Path):
@@ -239,7 +248,7 @@ def test_evaluate_prints_json(run: Path, tmp_path: Path):
         (tune, "--env SpatialFlexArm-v0", "--env SpatialFlexArm-v0: must be an environment of the plane"),
         (judging, '--policy pd --env-kwargs {"num_envs":3}', "env_kwargs.num_envs = 3: must be left out"),
         (judging, '--policy pd --env-kwargs {"n":3}', "n: unknown argument"),
-        (train_ppo, "--algo a2c", "algo = 'a2c': must be one of ppo, sac,"),
+        (train_ppo, "--algo a2c", "algo = 'a2c': must be one of \"ppo\", \"sac\","),
         (train_ppo, "--n-timesteps inf", "--n-timesteps: invalid"),
         (train_ppo, "--n-timesteps 0", "--n-timesteps = 0: must be a whole number, at least 1"),
         (train_ppo, "--evaluate-every -1", "--evaluate-every = -1: must be a whole number, at least 1"),
@@ -289,7 +298,7 @@ def test_controllers_take_gains_from_a_file(tmp_path: Path):
         file.write_text(f"[pd]\nbandwidth = [0.1]\n{text}\n")
         refuses(sentence, lambda: policies.choose(f"pd@{file}", ENV))
     file.write_text("[pd")
-    refuses("not TOML", lambda: policies.choose(f"pd@{file}", ENV))
+    refuses("not a TOML file", lambda: policies.choose(f"pd@{file}", ENV))
 
 
 def test_tuning_does_not_write_over_what_it_does_not_know(tmp_path: Path):

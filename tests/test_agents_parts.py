@@ -32,7 +32,7 @@ from tests.refusals import refuses
 # ------------------------------------------------------------------ configuration
 def test_config_errors_name_the_key(tmp_path: Path):
     cases = [
-        (SMALL | {"n_stepz": 3}, r"FlexibleArm-v0\.n_stepz: unknown key"),
+        (SMALL | {"n_stepz": 3}, r"FlexibleArm-v0\.n_stepz: unknown key of ppo"),
         ({k: v for k, v in SMALL.items() if k != "n_timesteps"}, r"n_timesteps: missing"),
         (SMALL | {"n_timesteps": "many"}, r"n_timesteps = 'many': must be a whole number, at least 1"),
         (SMALL | {"n_envs": 0}, r"n_envs = 0: must be a whole number, at least 1"),
@@ -62,7 +62,7 @@ def test_config_errors_name_the_key(tmp_path: Path):
     with pytest.raises(ValueError, match="hyper-parameters of ppo: batch"), config.fitting("ppo"):
         raise AssertionError("batch")
     refuses("No such file", lambda: config.load(tmp_path / "none.yml", "ppo", ENV))
-    refuses("must be one of ppo, sac", lambda: config.algorithm_class("dqn"))
+    refuses('must be one of "ppo", "sac"', lambda: config.algorithm_class("dqn"))
 
 
 def test_configs_that_come_with_the_package_go_by_name(tmp_path: Path, monkeypatch):
@@ -192,7 +192,7 @@ def test_policies_side_by_side(tmp_path: Path):
     for changes, words in (
         ({"labels": "one"}, "must be 2, one for each policy"),
         ({"out": tmp_path / "a.txt"}, "must end with one of"),
-        ({"fps": 0.0}, "--fps 0.0: must be positive"),
+        ({"fps": 0.0}, "--fps = 0.0: must be a positive number"),
     ):
         with pytest.raises(ValueError, match=words):
             films.make(dataclasses.replace(wanted, **changes))

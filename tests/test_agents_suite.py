@@ -92,7 +92,7 @@ def test_seeds_that_policies_are_judged_on_are_refused(monkeypatch: pytest.Monke
 
     sentence = told(train_ppo.main, ["--seed", str(FIRST - 500)], monkeypatch, capsys)
     assert "--seed 9500: must be from 0 to 8999; those from 10000 on are for judging" in sentence
-    assert "settling or return" in told(train_ppo.main, ["--best-by", "luck"], monkeypatch, capsys)
+    assert 'must be one of "settling", "return"' in told(train_ppo.main, ["--best-by", "luck"], monkeypatch, capsys)
     assert Training(seed=8999).begun().seed == 8999
     assert "must be among" in told(reference.main, ["--only", "dqn", "--plan"], monkeypatch, capsys)
 

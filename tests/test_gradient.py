@@ -51,7 +51,7 @@ def test_a_resumed_run_ends_as_one_that_was_never_stopped(tmp_path: Path, run: P
 def test_what_it_cannot_do_is_told(tmp_path: Path):
     (tmp_path / "other").mkdir()
     path = file_of(tmp_path / "other", SHORT | {"normalize": True})
-    with pytest.raises(ValueError, match="normalize: unknown key; gradient takes"):
+    with pytest.raises(ValueError, match="normalize: unknown key of gradient; allowed: "):
         train_ppo.train(given(tmp_path, config=path))
 
 

@@ -23,10 +23,8 @@ def test_no_published_run_is_above_a_record(name: str, published: list[results.R
     periods = frozen.possible(name).periods
     assert kept.actions.shape[:2] == (periods, score.EPISODES) and np.abs(kept.actions).max() <= 1.0
     assert kept.digest == task.digest and len(kept.by) == len(kept.values) == score.EPISODES and all(kept.by)
-    for one in published:
-        entry = one.tasks.get(name)
-        if entry is not None and results.of_the_protocol(task, entry):
-            assert (results.values(task, entry) <= kept.values + best.rounding(name)).all(), one.file
+    for one, entry in results.of_task(task, published):
+        assert (results.values(task, entry) <= kept.values + best.rounding(name)).all(), one.file
     assert kept.values.mean() >= score.references()[name].best - 1e-3
 
 

@@ -77,7 +77,7 @@ def line(method: str, rows: list[list[float]], kind: str = "policy", steps: floa
 
 def test_differences_are_paired_over_the_episodes_of_both(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch):
     reference = score.Reference(FIRST_TASK.digest, 50.0, 70.0, "somebody")
-    monkeypatch.setattr(page, "references", lambda: {FIRST_TASK.id: reference})
+    monkeypatch.setattr(score, "references", lambda: {FIRST_TASK.id: reference})
     hard = rng.normal(0.0, 50.0, 300)
     ahead, runs = hard + 10.0, hard[:250] + rng.normal(0.0, 4.0, (3, 250))
     one, other = line("one", [list(ahead)]), line("other", [list(row) for row in runs])

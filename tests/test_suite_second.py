@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from agents import foresight
 from flexarm_env import suite
 from flexarm_env.control import NumpyPolicy
 from flexarm_env.control.catalogue import tuned_gains
@@ -72,11 +73,7 @@ class ByHeart:
 
     def __init__(self, env, name: str) -> None:
         self.first, _ = env.reset(seed=score.FIRST)
-        policy, seen, self.actions = policies.controller(name, env), self.first.copy(), []
-        policy.reset(seen)
-        for _ in range(env.unwrapped.plan.limit):
-            self.actions.append(np.array(policy.act(seen)))
-            seen = env.step(self.actions[-1])[0]
+        self.actions, _ = foresight.played(env, policies.controller(name, env))
 
     def reset(self, observation):
         far = np.abs(observation[:, None] - self.first[None]).sum(axis=2)
@@ -92,7 +89,7 @@ def test_what_was_learnt_by_heart_is_marked_and_what_was_not_is_not(tmp_path: Pa
     env = suite.make_vec(TASK.id, score.EPISODES)
     learnt = ByHeart(env, "time_optimal")
     env.close()
-    stored = np.array(learnt.actions).tobytes()
+    stored = learnt.actions.tobytes()
 
     def chosen(word: str, task: suite.Task) -> policies.Chosen:
         if word != "by-heart":

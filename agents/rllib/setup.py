@@ -21,15 +21,11 @@ def load(path: Path | None, env_id: str) -> configs.Config:
     """Hyper-parameters of an environment. ValueError names the file, the key and what is allowed."""
     config = configs.load(path, "ppo", env_id, KEYS)
     where = f"{path or configs.default_path('ppo', env_id)}: {env_id}"
-    if config.text.get("policy", "MlpPolicy") != "MlpPolicy":
-        raise ValueError(f"{where}.policy = {config.text['policy']!r}: must be 'MlpPolicy'")
+    check.choice(f"{where}.policy", config.text.get("policy", "MlpPolicy"), ("MlpPolicy",))
     for key in ("clip_range", "ent_coef"):
-        if isinstance(config.text.get(key), str):
-            raise ValueError(f"{where}.{key} = {config.text[key]!r}: must be a number")
+        check.number(f"{where}.{key}", config.text.get(key, DEFAULTS[key]))
     network = config.arguments().get("policy_kwargs", {})
-    for key in network:
-        if key not in NETWORK:
-            raise ValueError(f"{where}.policy_kwargs.{key}: unknown key; rllib takes {', '.join(NETWORK)}")
+    check.known_keys(f"{where}.policy_kwargs", network, NETWORK, "key of rllib")
     hidden = network.get("net_arch", NETWORK["net_arch"])
     if not isinstance(hidden, list | tuple) or not hidden or not all(isinstance(n, int) and n > 0 for n in hidden):
         raise ValueError(f"{where}.policy_kwargs.net_arch = {hidden!r}: must be a list of positive whole numbers")

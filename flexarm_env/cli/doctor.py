@@ -32,7 +32,8 @@ def run(args: argparse.Namespace) -> int:
     values: dict[str, Any] = {"flexarm_env": __version__, "python": platform.python_version()}
     values |= {name: check.installed(name) for name in NEEDED}
     values |= {name: check.installed(name) or "not installed" for name in OPTIONAL}
-    values |= {"platform": platform.platform(), "processors": _processors(), "executable": sys.executable}
+    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    values |= {"platform": platform.platform(), "processors": processors, "executable": sys.executable}
     values |= {name: os.environ[name] for name in VARIABLES if name in os.environ}
     missing = [name for name in NEEDED if check.installed(name) is None]
     if missing:
@@ -45,14 +46,6 @@ def run(args: argparse.Namespace) -> int:
     tested, good = _self_test()
     show(values | tested, args.json)
     return DONE if good else FAILED
-
-
-def _processors() -> int:
-    """How many this process may use."""
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:  # not on this system
-        return os.cpu_count() or 1
 
 
 def _self_test() -> tuple[dict[str, Any], bool]:

@@ -407,7 +407,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from gymnasium.error import DependencyNotInstalled
 
     try:
-        code: int = importlib.import_module(f"flexarm_env.cli.{args.module}").run(args)
+        if args.module == "training":
+            program = importlib.import_module(f"flexarm_env.training.{args.command}")
+            code: int = program.main(f"flexarm {args.command}", args.words)
+        else:
+            code = importlib.import_module(f"flexarm_env.cli.{args.module}").run(args)
         sys.stdout.flush()
     except BrokenPipeError:  # the reader has seen enough (`flexarm scenes | head`)
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

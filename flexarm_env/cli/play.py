@@ -3,8 +3,7 @@
 import argparse
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,7 @@ from flexarm_env.envs.video import film_path, write_film
 from flexarm_env.recording import EpisodeRecorder, save_episodes
 from flexarm_env.suite.policies import controller
 from flexarm_env.training.episodes import judged_in
+from flexarm_env.training.policies import Chosen
 
 KEYBOARD = "keyboard"
 DEFAULT_ENV = "FlexibleArm-v0"
@@ -31,16 +31,6 @@ KEYS = {"left": (0, 1.0), "right": (0, -1.0), "up": (1, 1.0), "down": (1, -1.0)}
 """Key -> joint and direction of its torque."""
 GENTLE = 0.3
 """Share of the torque limit with a shift key held."""
-
-
-@dataclass(frozen=True)
-class Player:
-    """Who plays: a name, the id and keywords of the environment it is made for ("" and {}: any), and how to make it."""
-
-    name: str
-    env_id: str
-    env_kwargs: Mapping[str, Any]
-    make: Callable[[Any], Any]
 
 
 class Keyboard:
@@ -96,20 +86,20 @@ def run(args: argparse.Namespace) -> int:
     return DONE
 
 
-def choose(word: str) -> Player:
+def choose(word: str) -> Chosen:
     """Who a word names. ValueError with a sentence for a word that names nobody."""
     if word == KEYBOARD:
-        return Player(word, "", {}, _keyboard)
+        return Chosen(word, "", {}, _keyboard)
     if word in control.NAMES:
-        return Player(word, "", {}, lambda env: controller(word, env))
+        return Chosen(word, "", {}, lambda env: controller(word, env))
     if not Path(word).exists() and word not in control.policy_names():
         raise check.UnknownKey(word, (KEYBOARD, *control.NAMES, *control.policy_names()), "policy (and no policy.npz)")
     policy = load_policy(word)
     kwargs, env_id = judged_in(policy.meta["env_kwargs"]), str(policy.meta["env_id"])
-    return Player(Path(word).stem, env_id, kwargs, lambda env: policy.check(Setup.of(env)))
+    return Chosen(Path(word).stem, env_id, kwargs, lambda env: policy.check(Setup.of(env)))
 
 
-def play(env: Any, player: Player, seeds: range, outcomes: list[dict[str, Any]]) -> Iterator[NDArray[np.uint8]]:
+def play(env: Any, player: Chosen, seeds: range, outcomes: list[dict[str, Any]]) -> Iterator[NDArray[np.uint8]]:
     """Play an episode a seed, yield its pictures, and append what came of it; ends where the window is closed."""
     env.reset(seed=seeds[0])
     policy = player.make(env)
@@ -147,7 +137,7 @@ def keywords(text: str | None) -> dict[str, Any]:
     return given
 
 
-def _environment(args: argparse.Namespace, player: Player, mode: str | None) -> Any:
+def _environment(args: argparse.Namespace, player: Chosen, mode: str | None) -> Any:
     env_id = args.env or player.env_id or DEFAULT_ENV
     if player.env_id and env_id != player.env_id:
         raise check.InvalidValue("ENV", env_id, f"must be {player.env_id}, which {player.name} was trained on")

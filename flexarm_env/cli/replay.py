@@ -19,7 +19,7 @@ from flexarm_env.cli.codes import DONE, FAILED, NOT_ACCURATE
 from flexarm_env.cli.parser import SOLVER
 from flexarm_env.cli.progress import ProgressBar, show
 from flexarm_env.comparison import tip_error
-from flexarm_env.files import to_file
+from flexarm_env.files import to_file, to_folder
 from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
 from flexarm_env.trajectory import check_work
@@ -41,8 +41,7 @@ def run(args: argparse.Namespace) -> int:
     paths = {name: writable(name, path, endings) for name, (path, endings) in outputs.items() if path is not None}
     if args.plots is not None:
         _needs("plots", "matplotlib", "plot")
-        if Path(args.plots).is_file():
-            raise check.InvalidValue("--plots", args.plots, "must be a folder, and this is a file")
+        to_folder("--plots", args.plots)
     for name in ("duration", "sample"):
         if getattr(args, name) is not None:
             check.number(name, getattr(args, name), "s", above=0.0)

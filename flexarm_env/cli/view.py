@@ -13,7 +13,7 @@ import gymnasium as gym
 from flexarm_env import control, scenes
 from flexarm_env import validation as check
 from flexarm_env.cli.codes import DONE
-from flexarm_env.cli.play import DEFAULT_ENV, Player, choose, play
+from flexarm_env.cli.play import DEFAULT_ENV, choose, play
 from flexarm_env.cli.progress import ProgressBar, show
 from flexarm_env.envs.ids import PACKAGE, own_ids
 from flexarm_env.files import npz_names
@@ -22,6 +22,7 @@ from flexarm_env.scene import Scene
 from flexarm_env.suite import best
 from flexarm_env.suite.data import task
 from flexarm_env.suite.score import FIRST
+from flexarm_env.training.policies import Chosen
 from flexarm_env.trajectory import MOST_SAMPLES, MOST_STEPS, Trajectory
 from flexarm_env.view import Clip, SpaceClip
 from flexarm_env.view import Player as Page
@@ -96,14 +97,14 @@ def _clip(word: str, kind: str, seed: int, args: argparse.Namespace, shared: dic
     return _of_player(_who(word, seed), seed, shared)
 
 
-def _who(word: str, seed: int) -> Player:
+def _who(word: str, seed: int) -> Chosen:
     """A player by name; of a task of the suite it is the best that is known of the episode with this seed."""
     if word not in best.known():
         return choose(word)
     kept = best.record(task(word))
     n = kept.actions.shape[1]
     k = check.integer("--seed", seed, minimum=FIRST, maximum=FIRST + n - 1) - FIRST
-    return Player(f"best known ({kept.by[k]})", task(word).registered, {}, lambda env: best.Actions(kept.actions[:, k]))
+    return Chosen(f"best known ({kept.by[k]})", task(word).registered, {}, lambda env: best.Actions(kept.actions[:, k]))
 
 
 def _of_episodes(path: Path, args: argparse.Namespace) -> Clip | SpaceClip:
@@ -142,7 +143,7 @@ def _registered(env_id: str) -> str:
     return env_id.removeprefix(f"{PACKAGE}:")
 
 
-def _of_player(player: Player, seed: int, shared: dict[str, Any]) -> Clip | SpaceClip:
+def _of_player(player: Chosen, seed: int, shared: dict[str, Any]) -> Clip | SpaceClip:
     """An episode of a controller or a policy."""
     env_id, kwargs = (player.env_id, player.env_kwargs) if player.env_id else (shared["env"], shared["kwargs"])
     env_id = _registered(env_id)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from ..files import table
 from . import best
 from .data import Task, tasks
-from .results import Results, all_values, length, of_the_protocol, settling, summary, values
-from .score import EPISODES, FIRST, interquartile_mean, interval, references
+from .results import Results, all_values, length, of_task, of_the_protocol, settling, summary, values
+from .score import EPISODES, FIRST, interquartile_mean, interval, reference
 from .second import LEVEL, chance, holm
 
 WIDTH = 0.05
@@ -85,10 +85,8 @@ def page(found: Sequence[Results]) -> str:
 def lines_of(task: Task, found: Sequence[Results]) -> list[Line]:
     """Methods on a task, the best first."""
     runs: dict[str, list[dict[str, Any]]] = {}
-    for one in found:
-        entry = one.tasks.get(task.id)
-        if entry is not None and of_the_protocol(task, entry):
-            runs.setdefault(one.name, []).append(entry)
+    for one, entry in of_task(task, found):
+        runs.setdefault(one.name, []).append(entry)
     rows = [Line(name, [summary(task, entry) for entry in entries], entries) for name, entries in runs.items()]
     return sorted(rows, key=lambda line: -float(np.mean([one["value"] for one in line.summaries])))
 
@@ -107,23 +105,15 @@ def _scores(known: Sequence[Task], lines: dict[str, list[Line]]) -> list[str]:
         counts = sorted({len(runs) for runs in own.values()})
         runs = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]}-{counts[-1]}"
         rows.append((name, runs, _middle(own, len(known)), *means))
-    for head, text in (("*best less worst*", _spread), ("*left to the best known*", _left)):
-        rows.append((head, "", "", *(text(_of_policies(lines[task.id])) for task in known)))
+    found = [  # of the methods that make policies: actions that were found beforehand are none
+        [score for line in lines[task.id] if line.policy and (score := line.mean("score")) is not None]
+        for task in known
+    ]
+    rows.append(("*best less worst*", "", "", *(f"{max(own) - min(own):.2f}" if own else "" for own in found)))
+    left = (f"{max(0.0, 1.0 - max(own)):.2f}" if own else "" for own in found)
+    rows.append(("*left to the best known*", "", "", *left))
     rows.append(("*widest ±*", "", "", *(f"{widest(task, lines[task.id]):.3f}" for task in known)))
     return table(" | ".join(["method", "runs", "IQM", *(f"{task.number}" for task in known)]), rows, numbers=True)
-
-
-def _of_policies(lines: Sequence[Line]) -> list[float]:
-    """Mean scores of the methods that make policies: actions that were found beforehand are none."""
-    return [score for line in lines if line.policy and (score := line.mean("score")) is not None]
-
-
-def _spread(scores: Sequence[float]) -> str:
-    return f"{max(scores) - min(scores):.2f}" if scores else ""
-
-
-def _left(scores: Sequence[float]) -> str:
-    return f"{max(0.0, 1.0 - max(scores)):.2f}" if scores else ""
 
 
 def _middle(own: dict[str, list[float]], count: int) -> str:
@@ -171,8 +161,8 @@ def _second(task: Task, line: Line, learnt: set[int]) -> tuple[str, str, str]:
 def gap(task: Task, line: Line, first: Line) -> tuple[float, float, int] | None:
     """How far a method's score is behind another's on the episodes that both have, half the width of the 95 %
     interval, and how many they are; None where the task has no scores."""
-    known = references().get(task.id)
-    if known is None or known.digest != task.digest:
+    known = reference(task)
+    if known is None:
         return None
     count = min(length(entry) for one in (first, line) for entry in one.entries)
     ahead, own = (np.mean([all_values(task, e)[:count] for e in one.entries], axis=0) for one in (first, line))
@@ -208,12 +198,10 @@ def _record(task: Task, lines: Sequence[Line]) -> str:
 
 
 def _table(task: Task, lines: Sequence[Line], learnt: set[int]) -> Iterator[str]:
-    reference = references().get(task.id)
-    yield " ".join(task.hard.split())
-    yield ""
-    if reference is not None and reference.digest == task.digest:
-        yield f"J_PD = {reference.pd:.1f}; J_best = {reference.best:.1f}, by {reference.by}."
-        yield ""
+    known = reference(task)
+    yield from (" ".join(task.hard.split()), "")
+    if known is not None:
+        yield from (f"J_PD = {known.pd:.1f}; J_best = {known.best:.1f}, by {known.by}.", "")
     if task.id in best.known():
         yield from (_record(task, lines), "")
     first = next((line for line in lines if line.policy), None)

@@ -66,10 +66,10 @@ def choose(word: str, task: Task) -> Chosen:
             raise check.InvalidValue("--policy", source, "no such file")
         beside = path.with_name(f"{path.name}.data")  # where PyTorch puts the weights
         content = path.read_bytes() + (beside.read_bytes() if beside.is_file() else b"")
-        return Chosen("onnx", source, _hash(content), lambda env: OnnxPolicy(path, env))
+        return Chosen("onnx", source, fingerprint(content), lambda env: OnnxPolicy(path, env))
     if ":" in source and not path.exists():
-        function = function_named(source)
-        return Chosen("function", source, _hash(_text_of(function)), lambda env: FunctionPolicy(source, function, env))
+        given = function_named(source)
+        return Chosen("function", source, fingerprint(_text_of(given)), lambda env: FunctionPolicy(source, given, env))
     if not path.exists() and source not in control.policy_names():
         known = ", ".join((*control.NAMES, *control.policy_names()))
         raise check.InvalidValue("--policy", source, f"no such file or folder, no module:name, and none of {known}")
@@ -78,7 +78,7 @@ def choose(word: str, task: Task) -> Chosen:
     seed = policy.meta.get("seed", 0)
     run = seed if isinstance(seed, int) and seed >= 0 else 0
     return Chosen(
-        "policy", source, _hash(content), lambda env: _fitting(policy, source, env), run, _training(path),
+        "policy", source, fingerprint(content), lambda env: policy.check(control.Setup.of(env)), run, _training(path),
         lambda: second.of_arrays(policy),
     )  # fmt: skip
 
@@ -115,14 +115,6 @@ def controller(name: str, env: Any) -> Policy:
 
 
 # ------------------------------------------------------------------ files
-def _fitting(policy: control.NumpyPolicy, source: str, env: Any) -> Policy:
-    setup = control.Setup.of(env)
-    try:
-        return policy.check(setup)
-    except ValueError as error:
-        raise ValueError(f"--policy {source}: {error}") from None
-
-
 def _training(path: Path) -> dict[str, Any] | None:
     """Of the run folder that a policy lies in: algorithm, steps, seconds."""
     record = (path if path.is_dir() else path.parent) / "run.json"
@@ -272,5 +264,6 @@ def _text_of(function: Any) -> bytes:
         return repr(getattr(function, "__qualname__", type(function))).encode()
 
 
-def _hash(content: bytes) -> str:
+def fingerprint(content: bytes) -> str:
+    """16 digits that change where the content does."""
     return hashlib.sha256(content).hexdigest()[:16]

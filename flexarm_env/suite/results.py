@@ -4,7 +4,7 @@ import json
 import os
 import platform
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from datetime import date
@@ -242,6 +242,14 @@ def of_the_protocol(task: Task, entry: Mapping[str, Any]) -> bool:
     return (entry["digest"], entry["first_seed"], entry["episodes"]) == (task.digest, FIRST, EPISODES)
 
 
+def of_task(task: Task, found: Iterable[Results]) -> Iterator[tuple[Results, dict[str, Any]]]:
+    """Results files that have the task, on the episodes that everybody is judged on, each with its entry."""
+    for one in found:
+        entry = one.tasks.get(task.id)
+        if entry is not None and of_the_protocol(task, entry):
+            yield one, entry
+
+
 def frozen(task: Task) -> Task:
     """The task, if it still comes to what its file records. ValueError where this package makes another of it."""
     found = digest(task)
@@ -296,8 +304,7 @@ def _check_entry(path: str, entry: Any, task: Task | None, earlier: bool) -> Non
         check.integer(f"{path}.second.first_seed", other["first_seed"], minimum=second.BEGIN, maximum=most)
         _check_numbers(f"{path}.second", other, count, can)
     if table.get("further") is not None:
-        for k, found_value in enumerate(check.sequence(f"{path}.further", table["further"], "numbers")):
-            check.number(f"{path}.further[{k}]", found_value, maximum=can.most)
+        check.numbers(f"{path}.further", table["further"], "numbers", maximum=can.most)
     for key in ("wall_s", "cpu_s", "decision_us"):
         check.number(f"{path}.{key}", table[key], minimum=0.0)
     policy = check.table_of(f"{path}.policy", table["policy"])
@@ -326,8 +333,7 @@ def _check_numbers(path: str, table: Mapping[str, Any], count: int, can: Possibl
             if bool(last) != bool(numbers["successes"][k]):
                 raise check.InvalidValue(f"{path}.settled[{k}]", last, "must be 0 without success, and then alone")
     if table.get("pd") is not None:
-        for k, found in enumerate(check.sequence(f"{path}.pd", table["pd"], "numbers", count)):
-            check.number(f"{path}.pd[{k}]", found, maximum=can.most)
+        check.numbers(f"{path}.pd", table["pd"], "numbers", count, maximum=can.most)
 
 
 def begun(folder: Path, name: str, run: int) -> Results:

@@ -66,10 +66,16 @@ def read_references(text: str, path: str) -> dict[str, Reference]:
     return found
 
 
-def score(task: Task, value: float) -> float | None:
-    """Of a value J on a task; None where no reference belongs to the task as it is."""
+def reference(task: Task) -> Reference | None:
+    """That of a task; None where none belongs to the task as it is."""
     known = references().get(task.id)
-    return None if known is None or known.digest != task.digest else known.score(value)
+    return None if known is None or known.digest != task.digest else known
+
+
+def score(task: Task, value: float) -> float | None:
+    """Of a value J on a task; None without a reference."""
+    known = reference(task)
+    return None if known is None else known.score(value)
 
 
 def interquartile_mean(scores: Mapping[str, Sequence[float]]) -> float:

@@ -106,7 +106,7 @@ def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str
     allowed: keys that the entry may have; default those that Stable-Baselines3's class takes.
     """
     yaml = _yaml()
-    _known(algorithm)
+    check.choice("algo", algorithm, tuple(CLASSES))
     env_id = env_id.removeprefix("flexarm_env:")
     if path is None:
         path = default_path(algorithm, env_id)
@@ -143,26 +143,22 @@ def taken_by(algorithm: str) -> set[str]:
 
 def checked(config: Config, path: str, env_id: str, allowed: Collection[str]) -> Config:
     """The config, or a ValueError for a key or value that there is not."""
-    for key in config.text:
-        if key not in allowed:
-            known = ", ".join(sorted(allowed))
-            raise ValueError(f"{path}: {env_id}.{key}: unknown key; {config.algorithm} takes {known}")
-    if "n_timesteps" not in config.text:
-        raise ValueError(f"{path}: {env_id}.n_timesteps: missing; a positive number of environment steps")
-    for key in ("n_envs", "n_timesteps"):
-        value = config.text.get(key, 1)
-        try:
-            good = float(value) >= 1.0 and float(value).is_integer()
-        except (TypeError, ValueError):
-            good = False
-        if not good:
-            raise ValueError(f"{path}: {env_id}.{key} = {value!r}: must be a whole number, at least 1")
-    for key, value in config.text.items():
-        if key in WHOLE:
-            check.integer(f"{path}: {env_id}.{key}", value, minimum=1)
-        elif key in REAL and not (isinstance(value, str) and (key in SCHEDULED or value.startswith("auto"))):
-            check.number(f"{path}: {env_id}.{key}", value, minimum=0.0, maximum=REAL[key])
     with check.under(f"{path}: {env_id}"):
+        check.known_keys("", config.text, sorted(allowed), f"key of {config.algorithm}")
+        check.needed("", config.text, "n_timesteps", "a positive number of environment steps")
+        for key in ("n_envs", "n_timesteps"):
+            value = config.text.get(key, 1)
+            try:
+                good = float(value) >= 1.0 and float(value).is_integer()
+            except (TypeError, ValueError):
+                good = False
+            if not good:
+                raise check.InvalidValue(key, value, "must be a whole number, at least 1")
+        for key, value in config.text.items():
+            if key in WHOLE:
+                check.integer(key, value, minimum=1)
+            elif key in REAL and not (isinstance(value, str) and (key in SCHEDULED or value.startswith("auto"))):
+                check.number(key, value, minimum=0.0, maximum=REAL[key])
         if config.normalize is not None:
             check.known_keys("normalize", config.normalize, NORMALIZED)
             for key, value in config.normalize.items():
@@ -195,15 +191,9 @@ def _yaml() -> Any:
         return importlib.import_module("yaml")
 
 
-def _known(name: str) -> None:
-    if name not in CLASSES:
-        raise ValueError(f"algo = {name!r}: must be one of {', '.join(CLASSES)}")
-
-
 def algorithm_class(name: str) -> Any:
     """The class in Stable-Baselines3, or in its contrib. ValueError for one there is not."""
-    _known(name)
-    module, _, kind = CLASSES[name].partition(":")
+    module, _, kind = CLASSES[check.choice("algo", name, tuple(CLASSES))].partition(":")
     try:
         return getattr(importlib.import_module(module), kind)
     except ImportError as error:

@@ -6,7 +6,7 @@ policy, so that policies are compared on the same starts, targets and arms.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from flexarm_env import validation as check
 from flexarm_env.control import Setup
 from flexarm_env.envs.ids import made
+from flexarm_env.suite.judge import Policy
 from flexarm_env.validation import Array
 
 TEST, VALIDATION, TUNING = 10_000, 20_000, 30_000
@@ -42,16 +43,6 @@ def validation(env_id: str, kwargs: Mapping[str, Any]) -> dict[str, Any]:
     if isinstance(reward, Mapping) and "cost" in reward:
         judged["reward"] = made(gym.spec, env_id.rpartition(":")[2]).kwargs.get("reward", {}) | {"cost": reward["cost"]}
     return judged
-
-
-class Policy(Protocol):
-    """What acts: `reset` takes the first observations of episodes that begin together, `act` every one in turn."""
-
-    def reset(self, observation: NDArray[np.float32]) -> None:
-        """Begin episodes."""
-
-    def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Actions in [-1, 1]."""
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from flexarm_env import validation as check
 from flexarm_env.envs.video import film_path, write_film
 from flexarm_env.training.episodes import TEST, judged_in
 from flexarm_env.training.policies import Chosen, choose
@@ -73,14 +74,7 @@ def episode(env_id: str, chosen: Chosen, kwargs: Mapping[str, Any], seed: int) -
 
 def film(env_id: str, chosen: Chosen, kwargs: Mapping[str, Any], seed: int, path: Path) -> None:
     """Write an episode as a film, one picture a control period."""
-    _written(path, episode(env_id, chosen, kwargs, seed), 50.0)
-
-
-def _written(path: Path, pictures: Iterator[Picture], fps: float) -> Path:
-    try:
-        return write_film(path, pictures, fps)
-    except gym.error.DependencyNotInstalled as error:
-        raise ValueError(str(error)) from error
+    write_film(path, episode(env_id, chosen, kwargs, seed), 50.0)
 
 
 def beside(films: Sequence[Iterator[Picture]], labels: Sequence[str], size: int) -> Iterator[Picture]:
@@ -111,18 +105,16 @@ def make(arguments: Arguments) -> Path:
     labels = arguments.labels.split(",") if arguments.labels else [one.name for one in chosen]
     if len(labels) != len(words):
         raise ValueError(f"--labels {arguments.labels}: must be {len(words)}, one for each policy")
-    films = []
-    for one in chosen:
-        films.append(episode(arguments.env, one, judged_in(one.env_kwargs) | arguments.env_kwargs, arguments.seed))
+    kwargs = [judged_in(one.env_kwargs) | arguments.env_kwargs for one in chosen]
+    films = [episode(arguments.env, one, own, arguments.seed) for one, own in zip(chosen, kwargs, strict=True)]
     env: Any = gym.make(arguments.env, **arguments.env_kwargs).unwrapped
     period = env.dt
     for name in ("fps", "speed", "size"):
-        if not getattr(arguments, name) > 0:
-            raise ValueError(f"--{name} {getattr(arguments, name)}: must be positive")
+        check.number(f"--{name}", getattr(arguments, name), above=0.0)
     every = max(1, round(arguments.speed / (arguments.fps * period)))
     count = None if arguments.seconds is None else round(arguments.seconds / period) + 1
     pictures = beside([islice(one, 0, count, every) for one in films], labels, arguments.size)
-    return _written(arguments.out, pictures, arguments.speed / (every * period))
+    return write_film(arguments.out, pictures, arguments.speed / (every * period))
 
 
 main = partial(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexarm_env.training import episodes
-from flexarm_env.training.runs import broken_off, fail, read_run, write_rows
+from flexarm_env.training.runs import INTERRUPTED, fail, read_run, write_json, write_rows
 
 sys.modules.setdefault("agents.progress", sys.modules[__name__])  # as pickles of older run folders name it
 
@@ -116,16 +116,36 @@ def describe(progress: Progress) -> str:
     return text
 
 
+def bar(shown: bool, total: int, steps: int) -> Any:
+    """A progress bar of environment steps."""
+    from tqdm import tqdm
+
+    return tqdm(total=total, initial=steps, unit="step", unit_scale=True, mininterval=0.5, disable=not shown)
+
+
+def finish(folder: Path, record: dict[str, Any], progress: Progress) -> None:
+    """Write what a run has come to into its record, and draw its curve."""
+    from flexarm_env.training.figures import learning_curve
+
+    write_json(folder / "run.json", record | progress.outcome())
+    learning_curve([progress.curve], folder / "learning_curve.png", record["env_id"])
+
+
 def training_program(program: str, train: Callable[[Any], Any], arguments: Any) -> int:
-    """Train, and print what it came to, or in a sentence what went wrong; the exit code."""
+    """Train, and print what it came to, or in a sentence what went wrong and how it goes on; the exit code."""
     try:
         progress = train(arguments)
     except ValueError as error:
         return fail(error)
-    except KeyboardInterrupt:
-        return broken_off(arguments.folder, program)
-    except OSError as error:
-        return broken_off(arguments.folder, program, error)
+    except (KeyboardInterrupt, OSError) as error:
+        folder = arguments.folder
+        there, again = (folder / "run.json").is_file(), f"go on with: {program} --out {folder} --resume"
+        then = again if there else f"nothing is in {folder} yet: start it again"
+        if isinstance(error, KeyboardInterrupt):
+            sys.stderr.write(f"interrupted; {then}\n")
+            return INTERRUPTED
+        what = f"{folder if error.filename is None else error.filename}: {error.strerror or error}"
+        return fail(f"{what}; what was written before is whole; when that is mended, {then}")
     print(f"{arguments.folder}: {describe(progress)}")
     return 0
 

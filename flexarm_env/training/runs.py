@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import io
 import os
+import pickle
 import shutil
 import sys
 import time
@@ -13,6 +14,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self, TypeVar
+
+from gymnasium.error import DependencyNotInstalled
 
 from flexarm_env import validation as check
 from flexarm_env.files import read_json as read_json
@@ -30,15 +33,6 @@ MOST_SEED = FIRST - 1001
 """Of a training run, whose environments have the thousand seeds from it on."""
 
 
-@contextlib.contextmanager
-def at(path: Path) -> Iterator[None]:
-    """Say which file or folder an OSError inside the block is about (a full disk's does not)."""
-    try:
-        yield
-    except OSError as error:
-        raise OSError(error.errno, error.strerror or str(error), os.fspath(path)) from error
-
-
 def write_rows(path: Path, heads: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
     """Write a CSV file, whole or not at all."""
     text = io.StringIO()
@@ -46,17 +40,6 @@ def write_rows(path: Path, heads: Sequence[str], rows: Iterable[Mapping[str, Any
     writer.writeheader()
     writer.writerows(rows)
     write_text(path, text.getvalue())
-
-
-def broken_off(folder: Path, command: str, error: OSError | None = None) -> int:
-    """Print how a training run goes on that was interrupted, or that a file could not be written of; the exit code."""
-    there = (folder / "run.json").is_file()
-    then = f"go on with: {command} --out {folder} --resume" if there else f"nothing is in {folder} yet: start it again"
-    if error is None:
-        sys.stderr.write(f"interrupted; {then}\n")
-        return INTERRUPTED
-    where = folder if error.filename is None else error.filename
-    return fail(f"{where}: {error.strerror or error}; what was written before is whole; when that is mended, {then}")
 
 
 def report(folder: Path, title: str, began: float, lines: list[str]) -> None:
@@ -82,11 +65,11 @@ def command(
     work: Callable[[T], int | None],
     words: Sequence[str] | None = None,
 ) -> int:
-    """Parse a command line (`arguments`) and do the work; the exit code, 2 with a sentence for a ValueError."""
+    """Parse a command line (`arguments`) and do the work; exit code, 2 with a sentence for what is wrong or lacking."""
     arguments = parse(kind, program, description, words)
     try:
         return work(arguments) or 0
-    except ValueError as error:
+    except (ValueError, ImportError, DependencyNotInstalled) as error:
         return fail(error)
 
 
@@ -140,9 +123,10 @@ class Training:
     progress: bool = True
 
     def begun(self, *kept: str, algorithm: str | None = None) -> Self:
-        """The arguments of the run, new or to be gone on with (`resumed`). ValueError for one that is there already, or
-        whose seed is one of those that policies are judged on."""
-        own = resumed(self, *kept, algorithm=algorithm) if self.resume else self
+        """The arguments of the run, new, or those that the one to be gone on with was started with, but `kept` as given
+        now. ValueError for one that is there already, that has finished or is another's, or whose seed is one of those
+        that policies are judged on."""
+        own = self._resumed(kept, algorithm) if self.resume else self
         if not isinstance(own.seed, int) or not 0 <= own.seed <= MOST_SEED:
             what = f"must be from 0 to {MOST_SEED}; those from {FIRST} on are for judging"
             raise ValueError(f"--seed {own.seed}: {what}")
@@ -153,11 +137,21 @@ class Training:
         check.number("--solved-at", own.solved_at, maximum=1.0)
         if own.folder.is_file():
             raise check.InvalidValue("--out", str(own.folder), "must be a folder, and this is a file")
-        if own.best_by not in ("settling", "return"):
-            raise ValueError(f"--best-by {own.best_by}: must be settling or return")
+        check.choice("--best-by", own.best_by, ("settling", "return"))
         if not own.resume and (own.folder / "run.json").exists():
             raise ValueError(f"{own.folder}: holds a run already; go on with it by --resume, or choose another --out")
         return own
+
+    def _resumed(self, kept: Iterable[str], algorithm: str | None) -> Self:
+        folder, record = self.folder, read_run(self.folder)
+        if algorithm is not None and record["algorithm"] != algorithm:
+            raise ValueError(f"{folder}: a run of {record['algorithm']}, not of {algorithm}")
+        if record.get("finished"):
+            raise ValueError(f"{folder}: that run has finished; there is nothing to resume")
+        told = check.table_of(f"{folder / 'run.json'}: arguments", record.get("arguments"))
+        values = {k: v for k, v in told.items() if k in check.names_of(self)}
+        values |= {"config": folder / "config.yml", "out": folder, "resume": True}
+        return type(self)(**values | {name: getattr(self, name) for name in kept})
 
     @property
     def folder(self) -> Path:
@@ -168,24 +162,6 @@ class Training:
     def name(self) -> str:
         """What run folders are named for."""
         raise NotImplementedError
-
-
-def resumed(arguments: T, *kept: str, algorithm: str | None = None) -> T:
-    """The arguments that a run was started with, those named in `kept` as they are given now.
-
-    arguments: of a training program, with `out` or `folder`. ValueError where the run has finished, or is another's.
-    """
-    given: Any = arguments
-    record = read_run(given.folder)
-    if algorithm is not None and record["algorithm"] != algorithm:
-        raise ValueError(f"{given.folder}: a run of {record['algorithm']}, not of {algorithm}")
-    if record.get("finished"):
-        raise ValueError(f"{given.folder}: that run has finished; there is nothing to resume")
-    known = {f.name for f in dataclasses.fields(given)}
-    told = check.table_of(f"{given.folder / 'run.json'}: arguments", record.get("arguments"))
-    values = {k: v for k, v in told.items() if k in known}
-    values |= {"config": given.folder / "config.yml", "out": given.folder, "resume": True}
-    return type(arguments)(**values | {name: getattr(given, name) for name in kept})
 
 
 OF_POLICY = ("env_id", "env_kwargs", "layout", "scales", "torque_limits", "seed", "algorithm", "versions")
@@ -231,24 +207,35 @@ def new_checkpoint(folder: Path, steps: int, best: Iterable[str]) -> Iterator[Pa
     part, final = home / f".part-{os.getpid()}", home / f"{steps:012d}"
     shutil.rmtree(part, ignore_errors=True)
     try:
-        with at(home):
-            part.mkdir(parents=True)
-            for name in best:
-                if (folder / name).is_file():
-                    shutil.copyfile(folder / name, part / f"best-{name}")
-            yield part
-            shutil.rmtree(final, ignore_errors=True)
-            part.rename(final)
+        part.mkdir(parents=True)
+        for name in best:
+            if (folder / name).is_file():
+                shutil.copyfile(folder / name, part / f"best-{name}")
+        yield part
+        shutil.rmtree(final, ignore_errors=True)
+        part.rename(final)
+    except OSError as error:  # a full disk's does not say what it is about
+        raise OSError(error.errno, error.strerror or str(error), os.fspath(home)) from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
     for old in checkpoints(folder)[:-2]:
         shutil.rmtree(old)
 
 
-def fall_back(folder: Path, checkpoint: Path) -> None:
-    """Give a run folder the best files that a checkpoint has."""
-    for kept in checkpoint.glob("best-*"):
-        write_whole(folder / kept.name.removeprefix("best-"), functools.partial(shutil.copyfile, kept))
+def restored(folder: Path, read: Callable[[Path, Any], T]) -> T:
+    """What `read` makes of the last checkpoint that can be read, its folder and state; the best files come back too."""
+    problem = f"{folder}: no checkpoint to resume from"
+    for path in reversed(checkpoints(folder)):
+        try:
+            with (path / "state.pkl").open("rb") as file:
+                found = read(path, pickle.load(file))
+        except Exception as error:
+            problem = f"{path}: damaged, or of other arguments ({type(error).__name__})"
+            continue
+        for kept in path.glob("best-*"):
+            write_whole(folder / kept.name.removeprefix("best-"), functools.partial(shutil.copyfile, kept))
+        return found
+    raise ValueError(problem)
 
 
 def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:
@@ -277,8 +264,6 @@ def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:
 
 def load_normaliser(path: Path, model: Any) -> Any:
     """The VecNormalize statistics of a model in a file. ValueError for what is none, or another model's."""
-    import pickle
-
     try:
         with path.open("rb") as file:
             found = pickle.load(file)

@@ -20,7 +20,7 @@ from typing import Any
 from flexarm_env.training import config as configs
 from flexarm_env.training import episodes
 from flexarm_env.training.arguments import parse
-from flexarm_env.training.progress import Progress, training_program
+from flexarm_env.training.progress import Progress, finish, training_program
 from flexarm_env.training.runs import OF_POLICY, Training, checkpoints, new_record, write_json, write_text
 
 
@@ -53,6 +53,7 @@ def train(arguments: Arguments) -> Any:
     from flexarm_env.control import Setup
     from flexarm_env.sb3 import make_sb3_vec
     from flexarm_env.training import watch
+    from flexarm_env.training.export_policy import UNEXPORTED, export
 
     kwargs = {**config.env_kwargs, **arguments.env_kwargs}
     judged = episodes.validation(arguments.env, kwargs)
@@ -83,22 +84,13 @@ def train(arguments: Arguments) -> Any:
                 raise
             what = f"training diverged after {model.num_timesteps} steps, the network's outputs are no numbers any more"
             raise ValueError(f"{folder}: {what}; take a smaller learning_rate, gamma or log_std_init") from error
-    _finish(folder, record, progress)
+    finish(folder, record, progress)
+    if config.algorithm not in UNEXPORTED:
+        export(folder)
+    shutil.rmtree(folder / "checkpoints", ignore_errors=True)
     env.close()
     eval_env.close()
     return progress
-
-
-def _finish(folder: Path, record: dict[str, Any], progress: Any) -> None:
-    from flexarm_env.training.export_policy import UNEXPORTED, export
-    from flexarm_env.training.figures import learning_curve
-
-    record |= progress.outcome()
-    write_json(folder / "run.json", record)
-    learning_curve([progress.curve], folder / "learning_curve.png", str(record["env_id"]))
-    if record["algorithm"] not in UNEXPORTED:
-        export(folder)
-    shutil.rmtree(folder / "checkpoints", ignore_errors=True)
 
 
 def _log(model: Any, folder: Path, arguments: Arguments) -> None:

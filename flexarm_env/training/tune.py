@@ -22,7 +22,7 @@ import shlex
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import MISSING, asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -184,12 +184,10 @@ def current(path: Path) -> dict[str, Any]:
 def text_of(tables: dict[str, Any], arguments: Arguments) -> str:
     """TOML text of the gains of all controllers."""
     how = ""
-    for one in fields(arguments):
-        value = getattr(arguments, one.name)
-        usual = one.default if one.default_factory is MISSING else one.default_factory()
-        if value != usual and one.name not in ("out", "home"):
+    for name, value in check.changed(arguments).items():
+        if value != {} and name not in ("out", "home"):
             words = json.dumps(value) if isinstance(value, dict) else str(value)
-            how += f" --{one.name.replace('_', '-')}" + ("" if value is True else f" {shlex.quote(words)}")
+            how += f" --{name.replace('_', '-')}" + ("" if value is True else f" {shlex.quote(words)}")
     lines = [
         f"# Gains of the controllers on {arguments.env}, the last of them found by `flexarm tune{how}`;",
         "# what they mean: flexarm_env/control/pd.py, shaping.py, lqr.py, lqg.py, mpc.py, time_optimal.py.",
@@ -207,8 +205,7 @@ def search_all(arguments: Arguments) -> None:
         check.integer(f"--{name}", getattr(arguments, name), minimum=least)
     check.number("--margin", arguments.margin, minimum=0.0)
     for name in chosen:
-        if name not in control.NAMES:
-            raise ValueError(f"--controllers {name}: must be among {', '.join(control.NAMES)}")
+        check.choice("--controllers", name, control.NAMES)
     drawn = arguments.env_kwargs | ({"randomization": episodes.RANDOMIZED} if arguments.randomized else {})
     env = episodes.make_episodes(arguments.env, arguments.episodes, **drawn)
     setup = control.Setup.of(env)

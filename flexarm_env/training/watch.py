@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecMonitor, unwrap_vec_wrapper
 
 from flexarm_env.training import episodes
 from flexarm_env.training.policies import acting
-from flexarm_env.training.progress import Progress, after, write_curve
-from flexarm_env.training.runs import Training, checkpoints, fall_back, load_normaliser, new_checkpoint, write_whole
+from flexarm_env.training.progress import Progress, after, bar, write_curve
+from flexarm_env.training.runs import Training, load_normaliser, new_checkpoint, restored, write_whole
 from flexarm_env.training.starts import staggered
 
 
@@ -29,7 +30,6 @@ class Watch(BaseCallback):
         super().__init__()
         self.arguments, self.folder = arguments, arguments.folder
         self.eval_env, self.meta, self.state, self.total = env, meta, progress, total
-        self._bar: Any = None
         self._over = False
         self._wall = self._cpu = 0.0
 
@@ -47,12 +47,7 @@ class Watch(BaseCallback):
     def _on_training_start(self) -> None:
         self._next_evaluation = after(self.num_timesteps - 1, self.arguments.evaluate_every)
         self._next_checkpoint = after(self.num_timesteps, self.arguments.checkpoint_every)
-        if self.arguments.progress:
-            from tqdm import tqdm
-
-            self._bar = tqdm(
-                total=self.total, initial=self.num_timesteps, unit="step", unit_scale=True, mininterval=0.5
-            )
+        self._bar = bar(self.arguments.progress, self.total, self.num_timesteps)
         self._reset_clock()
 
     def _on_rollout_start(self) -> None:
@@ -66,8 +61,7 @@ class Watch(BaseCallback):
             self._next_checkpoint = after(steps, self.arguments.checkpoint_every)
             save_checkpoint(self.folder, self.model, self.state)
         self._reset_clock()
-        if self._bar is not None:
-            self._bar.update(steps - self._bar.n)
+        self._bar.update(steps - self._bar.n)
 
     def _on_step(self) -> bool:
         return not self._over
@@ -76,9 +70,8 @@ class Watch(BaseCallback):
         self._tick()
         if not self._over and not self.state.judged(self.num_timesteps):
             self.judge()
-        if self._bar is not None:
-            self._bar.update(self.num_timesteps - self._bar.n)
-            self._bar.close()
+        self._bar.update(self.num_timesteps - self._bar.n)
+        self._bar.close()
 
     # --- evaluation ----------------------------------------------------------------------------------
     def judge(self) -> None:
@@ -100,8 +93,7 @@ class Watch(BaseCallback):
         write_curve(self.folder / "learning_curve.csv", state.curve)
         for name in ("success_rate", "settling_mean", "settling_median", "return_mean"):
             self.logger.record(f"validation/{name}", row[name])
-        if self._bar is not None:
-            self._bar.set_postfix(success=f"{row['success_rate']:.2f}", settling=f"{row['settling_median']:.2f} s")
+        self._bar.set_postfix(success=f"{row['success_rate']:.2f}", settling=f"{row['settling_median']:.2f} s")
 
 
 def save_model(folder: Path, model: Any) -> None:
@@ -155,61 +147,38 @@ def restore(folder: Path, algorithm: Any, env: Any) -> tuple[Any, Progress]:
     """Model and progress of the last checkpoint that can be read; the environments and generators with them."""
     import torch
 
-    found = checkpoints(folder)
-    if not found:
-        raise ValueError(f"{folder}: no checkpoint to resume from")
-    for path in reversed(found):
-        try:
-            with (path / "state.pkl").open("rb") as file:
-                state = pickle.load(file)
-            model = algorithm.load(path / "model.zip", env=env, force_reset=not state["envs"], device="cpu")
-            if (path / "replay.pkl").is_file():
-                model.load_replay_buffer(path / "replay.pkl")
-            if state["envs"]:
-                set_env_states(model.env, state["envs"])
-            normaliser = model.get_vec_normalize_env()
-            if normaliser is not None or (path / "vecnormalize.pkl").is_file():
-                kept = load_normaliser(path / "vecnormalize.pkl", model)  # after the reset of `set_env_states`
-                normaliser.obs_rms, normaliser.ret_rms = kept.obs_rms, kept.ret_rms
-                normaliser.returns = state["returns"]
-            torch.set_rng_state(state["torch"])
-            np.random.set_state(state["numpy"])
-            random.setstate(state["python"])
-            progress: Progress = state["progress"]
-            break
-        except Exception as error:
-            problem = f"{path}: damaged, or of other arguments ({type(error).__name__})"
-    else:
-        raise ValueError(problem)
-    fall_back(folder, path)
-    return model, progress
+    def read(path: Path, state: dict[str, Any]) -> tuple[Any, Progress]:
+        model = algorithm.load(path / "model.zip", env=env, force_reset=False, device="cpu")
+        if (path / "replay.pkl").is_file():
+            model.load_replay_buffer(path / "replay.pkl")
+        set_env_states(model.env, state["envs"])
+        normaliser = model.get_vec_normalize_env()
+        if normaliser is not None or (path / "vecnormalize.pkl").is_file():
+            kept = load_normaliser(path / "vecnormalize.pkl", model)  # after the reset of `set_env_states`
+            normaliser.obs_rms, normaliser.ret_rms = kept.obs_rms, kept.ret_rms
+            normaliser.returns = state["returns"]
+        torch.set_rng_state(state["torch"])
+        np.random.set_state(state["numpy"])
+        random.setstate(state["python"])
+        return model, state["progress"]
+
+    return restored(folder, read)
 
 
 MONITOR = ("episode_returns", "episode_lengths", "episode_count")
 
 
 def env_states(venv: Any) -> dict[str, Any]:
-    """States of the environments, where they can give them, and what VecMonitor has counted."""
-    native = venv.unwrapped.env.unwrapped
-    if not hasattr(native, "get_state"):
-        return {}
-    states: dict[str, Any] = {"native": native.get_state()}
-    inner = venv
-    while hasattr(inner, "venv"):
-        if hasattr(inner, "episode_returns"):
-            states["monitor"] = {k: np.copy(getattr(inner, k)) for k in MONITOR if hasattr(inner, k)}
-        inner = inner.venv
-    return states
+    """States of the environments, and what VecMonitor has counted."""
+    monitor = unwrap_vec_wrapper(venv, VecMonitor)
+    counted = {k: np.copy(getattr(monitor, k)) for k in MONITOR}
+    return {"native": venv.unwrapped.env.unwrapped.get_state(), "monitor": counted}
 
 
 def set_env_states(venv: Any, states: dict[str, Any]) -> None:
     """Give the environments back what `env_states` took."""
-    native = venv.unwrapped.env.unwrapped
     venv.reset()
-    native.set_state(states["native"])
-    inner = venv
-    while hasattr(inner, "venv"):
-        if hasattr(inner, "episode_returns"):
-            for k, value in states.get("monitor", {}).items():
-                setattr(inner, k, value.copy() if value.ndim else value.item())
-        inner = inner.venv
+    venv.unwrapped.env.unwrapped.set_state(states["native"])
+    monitor = unwrap_vec_wrapper(venv, VecMonitor)
+    for k, value in states["monitor"].items():
+        setattr(monitor, k, value.copy() if value.ndim else value.item())

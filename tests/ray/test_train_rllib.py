@@ -115,10 +115,10 @@ def test_two_links_train_as_well(cluster: Any, tmp_path: Path) -> None:
 
 def test_wrong_arguments_are_told_in_a_sentence(tmp_path: Path) -> None:
     for changes, sentence in (
-        ({"runners": -1}, "runners = -1: must be a whole number from 0"),
-        ({"envs_per_runner": 0}, "envs_per_runner = 0: must be a whole number from 1"),
-        ({"best_by": "speed"}, "--best-by speed: must be"),
-        ({"sampler": "fast"}, "sampler = 'fast': must be native or rllib"),
+        ({"runners": -1}, "runners = -1: must be a whole number, at least 0"),
+        ({"envs_per_runner": 0}, "envs_per_runner = 0: must be a whole number, at least 1"),
+        ({"best_by": "speed"}, "--best-by = 'speed': must be"),
+        ({"sampler": "fast"}, "sampler = 'fast': must be one of \"native\", \"rllib\""),
         ({"env_kwargs": {"autoreset_mode": "SameStep"}}, "env_kwargs.autoreset_mode = 'SameStep': must be 'NextStep'"),
     ):
         with pytest.raises(ValueError, match=sentence):
@@ -129,8 +129,8 @@ def test_hyper_parameters_that_rllib_cannot_have_are_named(tmp_path: Path) -> No
     """GELU was tanh, in silence."""
     path = tmp_path / "config.yml"
     for changes, sentence in (
-        ({"clip_range": "lin_0.2"}, "clip_range = 'lin_0.2': must be a number"),
-        ({"ent_coef": "auto"}, "ent_coef = 'auto': must be a number"),
+        ({"clip_range": "lin_0.2"}, "clip_range = 'lin_0.2': must be a finite number"),
+        ({"ent_coef": "auto"}, "ent_coef = 'auto': must be a finite number"),
         ({"policy_kwargs": "dict(net_arch=5)"}, "net_arch = 5: must be a list"),
         ({"policy_kwargs": "dict(log_std_init='x')"}, "log_std_init = 'x'"),
         ({"policy_kwargs": "dict(activation_fn=nn.GELU)"}, "activation_fn = GELU: must be nn.Tanh or nn.ReLU"),
