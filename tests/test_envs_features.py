@@ -155,29 +155,44 @@ def test_jitter_draws_how_late_each_command_comes() -> None:
         np.testing.assert_array_equal(many[0][4], one[0])
 
 
-BEAMS = [
-    {}, {"formulation": "geometrically_exact"}, {"formulation": "floating_frame"},
-    {"formulation": "floating_frame", "modes": 2, "dt": 0.0025},
+SPACE = "SpatialFlexArm-v0"
+FRAMES: dict[str, Any] = {"formulation": "floating_frame"}
+BEAMS: list[tuple[str, dict[str, Any]]] = [
+    (ONE, {}), (ONE, {"formulation": "geometrically_exact"}), (ONE, FRAMES), (ONE, FRAMES | {"multipliers": True}),
+    (ONE, FRAMES | {"modes": 2, "dt": 0.0025}), (SPACE, {}), (SPACE, FRAMES), (SPACE, FRAMES | {"modes": 2}),
 ]  # fmt: skip
 
 
-def lateness(**keywords: Any) -> float:
-    """When a torque of 0.1 s took effect, s, by a line through a stiff arm's angles once it is gone: these are the rate
-    times the time since its middle."""
-    env = gym.make(ONE, randomization={"EI": (100.0, 100.0)}, duration=5.0, **keywords)
-    outcomes = run(env, np.where(np.arange(60) < 5, 0.5, 0.0)[:, None], start=0.0, target=0.0)
+def lateness(env_id: str, **keywords: Any) -> tuple[float, float]:
+    """When a torque of five periods took effect, s, by a line through a stiff arm's angles once it is gone: these are
+    the rate times the time since its middle. And the delay, s, where info tells one."""
+    stiff: dict[str, Any] = {"EI": (100.0, 100.0)}
+    if env_id == SPACE:
+        stiff, keywords = stiff | {"GJ": (100.0, 100.0)}, {"gravity": (0.0, 0.0, 0.0)} | keywords
+    env: Any = gym.make(env_id, randomization=stiff, duration=5.0, **keywords)
+    joints, period = env.action_space.shape[0], env.unwrapped.dt
+    pulse = np.outer(np.arange(60) < 5, np.eye(joints)[0] * (0.05 if env_id == SPACE else 0.5))
+    outcomes = run(env, pulse, start=0.0 if joints == 1 else [0.0] * joints)
     angles = np.unwrap([math.atan2(float(o[0][0]), float(o[0][1])) for o in outcomes[30:]])
-    rate, at = np.polyfit(0.02 * np.arange(31, 61), angles, 1)
-    return float(-at / rate)
+    rate, at = np.polyfit(period * np.arange(31, 61), angles, 1)
+    return float(-at / rate), float(outcomes[-1][-1].get("drawn_command_delay", 0.0))
 
 
-@pytest.mark.parametrize("keywords", [BEAMS[0], *(pytest.param(k, marks=pytest.mark.slow) for k in BEAMS[1:])])
-def test_motors_are_as_late_as_they_are_said_to_be(keywords: dict[str, Any]) -> None:
-    """Delays that end within a control period too, and lags; momentum tells, whatever the solver does with torques."""
-    at_once = lateness(**keywords)
-    dt = gym.make(ONE, **keywords).unwrapped.plan.settings.dt
-    for given, wanted in [({"delay": k * dt}, k * dt) for k in (1, 2, round(0.02 / dt) + 1)] + [({"lag": 0.03}, 0.03)]:
-        assert lateness(actuator=given, **keywords) - at_once == pytest.approx(wanted, abs=0.01 * dt)
+@pytest.mark.parametrize(
+    ("env_id", "keywords"), [BEAMS[0], *(pytest.param(*each, marks=pytest.mark.slow) for each in BEAMS[1:])]
+)
+def test_motors_are_as_late_as_they_are_said_to_be(env_id: str, keywords: dict[str, Any]) -> None:
+    """Delays that end within a control period too, those that are drawn, and lags; momentum tells, whatever the solver
+    does with torques."""
+    plan = gym.make(env_id, **keywords).unwrapped.plan
+    (at_once, _), dt = lateness(env_id, **keywords), plan.settings.dt
+    for steps in (1, 2, round(plan.period / dt) + 1):
+        late, _ = lateness(env_id, actuator={"delay": steps * dt}, **keywords)
+        assert late - at_once == pytest.approx(steps * dt, abs=0.01 * dt)
+    late, told = lateness(env_id, actuator={"delay": (dt, 9 * dt)}, **keywords)
+    assert told > 0.0 and late - at_once == pytest.approx(told, abs=0.01 * dt)
+    late, _ = lateness(env_id, actuator={"lag": 0.02}, **keywords)
+    assert late - at_once == pytest.approx(0.02, abs=0.01 * dt)
 
 
 @pytest.mark.slow
