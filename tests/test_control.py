@@ -381,3 +381,11 @@ def test_pd_that_is_unstable_says_so(tmp_path, recwarn):
     assert f"--env-kwargs '{json.dumps({'arm': str(path)})}'" in file.read_text("utf-8")
     assert tune.main(words=[*words, "--samples", "1", "--margin", "1000"]) == 2
     assert tune.current(file)["pd"] == found
+
+
+def test_tune_tries_the_gains_that_come_with_the_package(tmp_path):
+    """Where nothing is on file; of so few points drawn none leaves the gain margin."""
+    file = tmp_path / "gains.toml"
+    words = ["--env", "FlexibleArm-v0", "--controllers", "pd", "--samples", "2", "--refinements", "2"]
+    assert tune.main(words=[*words, "--home", str(tmp_path / "none"), "--out", str(file)]) == 0
+    assert gains_from("pd", tune.current(file)["pd"]).stable(control.Setup.of(gym.make("FlexibleArm-v0")), tune.MARGIN)
