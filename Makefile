@@ -15,6 +15,8 @@ PY    := $(VENV)/bin/python
 READY := $(VENV)/.ready
 READY_BENCH := $(VENV)/.ready-bench
 READY_FMI := $(VENV)/.ready-fmi
+READY_MUJOCO := $(VENV)/.ready-mujoco
+READY_DOCS := $(VENV)/.ready-docs
 # Ray has an environment of its own: RLlib takes one version of Gymnasium, which need not be the newest
 VENV_RAY  := .venv-ray
 PY_RAY    := $(VENV_RAY)/bin/python
@@ -22,25 +24,42 @@ READY_RAY := $(VENV_RAY)/.ready
 PIP_INSTALL := $(PY) -m pip install --disable-pip-version-check --quiet -c constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-bench setup-fmi setup-ray demo ray-demo ray-test test test-slow test-browser test-notebooks test-fmi test-versions release-check lint format types architecture docs build clean distclean
+.PHONY: help setup setup-bench setup-fmi setup-mujoco setup-ray demo ray-demo ray-test test test-slow test-browser test-notebooks test-fmi test-versions release-check lint format types bits bits-record architecture docs build clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 15
 
 # ------------------------------------------------------------------ set-up
+# $(call MADE,FOLDER): the virtual environment in FOLDER is there, with pip
+define MADE
+@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+  echo "flexarm_env needs Python 3.11 or newer; '$(PYTHON)' is: $$($(PYTHON) --version 2>&1)." \
+       "Say which to use: make $(or $(MAKECMDGOALS),setup) PYTHON=python3.12" >&2; exit 1; }
+@if [ ! -x $(1)/bin/python ] || ! $(1)/bin/python -m pip --version >/dev/null 2>&1; then \
+  echo "Setting up $(1) (a few minutes, once)"; \
+  $(PYTHON) -m venv --clear $(1) || { \
+    echo "Could not make $(1): the venv module of '$(PYTHON)' is missing or incomplete" \
+         "(on Debian and Ubuntu: the package python3-venv)." >&2; exit 1; }; \
+fi
+endef
+
 setup: $(READY) ## .venv with the package (editable) and all it needs to train, render, test and build its documents
 
 $(READY): pyproject.toml constraints.txt
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
-	  echo "flexarm_env needs Python 3.11 or newer; '$(PYTHON)' is: $$($(PYTHON) --version 2>&1)." \
-	       "Say which to use: make $(or $(MAKECMDGOALS),setup) PYTHON=python3.12" >&2; exit 1; }
-	@if [ ! -x $(PY) ] || ! $(PY) -m pip --version >/dev/null 2>&1; then \
-	  echo "Setting up $(VENV) (a few minutes, once)"; \
-	  $(PYTHON) -m venv --clear $(VENV) || { \
-	    echo "Could not make $(VENV): the venv module of '$(PYTHON)' is missing or incomplete" \
-	         "(on Debian and Ubuntu: the package python3-venv)." >&2; exit 1; }; \
-	fi
+	$(call MADE,$(VENV))
 	$(PIP_INSTALL) -e ".[train,render,plot,docs,data,export,dev]"
+	@touch $@
+
+# the site needs neither PyTorch nor Stable-Baselines3; where .venv has all, it is built there
+$(READY_DOCS): pyproject.toml constraints.txt
+	$(call MADE,$(VENV))
+	$(PIP_INSTALL) -e ".[docs]"
+	@touch $@
+
+setup-mujoco: $(READY_MUJOCO) ## in addition, MuJoCo, which reads URDF and MJCF; without it its tests are skipped
+
+$(READY_MUJOCO): $(READY)
+	$(PIP_INSTALL) -e ".[mujoco]"
 	@touch $@
 
 setup-fmi: $(READY_FMI) ## in addition, FMPy, which validates functional mock-up units
@@ -58,15 +77,7 @@ $(READY_BENCH): $(READY)
 setup-ray: $(READY_RAY) ## .venv-ray with the package (editable) and Ray
 
 $(READY_RAY): pyproject.toml constraints-ray.txt
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
-	  echo "flexarm_env needs Python 3.11 or newer; '$(PYTHON)' is: $$($(PYTHON) --version 2>&1)." \
-	       "Say which to use: make $(or $(MAKECMDGOALS),setup-ray) PYTHON=python3.12" >&2; exit 1; }
-	@if [ ! -x $(PY_RAY) ] || ! $(PY_RAY) -m pip --version >/dev/null 2>&1; then \
-	  echo "Setting up $(VENV_RAY) (a few minutes, once)"; \
-	  $(PYTHON) -m venv --clear $(VENV_RAY) || { \
-	    echo "Could not make $(VENV_RAY): the venv module of '$(PYTHON)' is missing or incomplete" \
-	         "(on Debian and Ubuntu: the package python3-venv)." >&2; exit 1; }; \
-	fi
+	$(call MADE,$(VENV_RAY))
 	$(PY_RAY) -m pip install --disable-pip-version-check --quiet -c constraints-ray.txt -e ".[ray]" pytest hypothesis
 	@touch $@
 
@@ -114,10 +125,16 @@ format: $(READY) ## let ruff mend what it can
 types: $(READY) ## mypy, strict
 	$(PY) -m mypy
 
+bits: $(READY) ## some cases of benchmarks.bits, to the last bit, against their record (other machines: the commit before)
+	$(PY) -m benchmarks.bits_gate
+
+bits-record: $(READY) ## the record anew, for a commit that changes numbers on purpose
+	$(PY) -m benchmarks.bits_gate --write
+
 architecture: $(READY) ## which room may import which
 	$(PY) -m pytest tests/test_architecture.py
 
-docs: $(READY) ## the documentation site, in docs/_build/html; a warning is an error
+docs: $(or $(wildcard $(READY)),$(READY_DOCS)) ## the documentation site, in docs/_build/html; a warning is an error
 	$(PY) -m sphinx -W --keep-going -b html docs docs/_build/html
 
 build: $(READY) ## wheel and source distribution, in dist/

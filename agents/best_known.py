@@ -120,6 +120,7 @@ class OtherWay(MPC):
     """With the elbow bent the other way at the goal."""
 
     def _goal(self, signals: Any) -> Array:
+        """Return the goal angles (n, 2), rad, with the elbow bent to the other side."""
         goal = super()._goal(signals)
         first, second = (link.span for link in self.setup.arm.links)
         bent = goal[:, 1]
@@ -162,7 +163,7 @@ def lot_of(env: Any, first: int) -> Lot:
     if setup.task == "slew":
         way = np.abs(target - x[:, 0])
         return Lot(plant, x, target, np.maximum(fixed.SLEW_BAND * way, fixed.SLEW_BAND_LEAST))
-    return Lot(plant, x, target, np.full(len(x), fixed.REACH_BAND))
+    return Lot(plant, x, target, np.full(len(x), fixed.reach_band(setup)))
 
 
 class Guess(NamedTuple):
@@ -189,8 +190,11 @@ def guesses(env: Any, first: int) -> dict[str, Guess]:
 
 
 class Judged(NamedTuple):
-    """What trained policies and controllers do: by name settling (s) and return of each episode; of the quickest in
-    each the torques (T, n, N) over their limits, and the state (n, S) in which it leaves the arm."""
+    """Results of trained policies and controllers.
+
+    By name settling time (s) and return of each episode; of the fastest in each the torques (T, n, N) over their
+    limits, and the state (n, S) at its end.
+    """
 
     settling: dict[str, list[float]]
     returns: dict[str, list[float]]
@@ -208,7 +212,7 @@ def policies(case: Case, first: int, count: int) -> Judged:
     settling: dict[str, list[float]] = {}
     returns: dict[str, list[float]] = {}
     for name, chosen in made.items():
-        env = fixed.make_episodes(case.env, count, **fixed.judged_in(chosen.env_kwargs))
+        env = fixed.make_episodes(case.env, count, **chosen.env_kwargs)
         torques: list[Array] = []
         policy = Watched(chosen.make(env), env, torques)
         outcome = fixed.run(env, policy, first)

@@ -24,7 +24,7 @@ import flexarm_env  # noqa: F401  (registers the environments)
 
 
 def arguments(words: list[str] | None = None) -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--env-id", default="FlexibleArm-v0")
     parser.add_argument("--out", default="cleanrl_ppo.pt")
@@ -45,7 +45,7 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
 
 
 def layer(rows: int, columns: int, gain: float = 2.0**0.5) -> nn.Linear:
-    """Orthogonal weights, no bias."""
+    """Make a layer with orthogonal weights and no bias."""
     made = nn.Linear(rows, columns)
     nn.init.orthogonal_(made.weight, gain)
     nn.init.constant_(made.bias, 0.0)
@@ -134,7 +134,7 @@ def train(args: argparse.Namespace) -> list[float]:
 
 
 def learn(agent: Agent, optimizer: Any, args: argparse.Namespace, batch: list[torch.Tensor]) -> None:
-    """The updates of an iteration."""
+    """Run the updates of an iteration."""
     size = len(batch[0])
     for _ in range(args.update_epochs):
         for places in torch.randperm(size).split(args.minibatch_size):
@@ -153,7 +153,7 @@ def learn(agent: Agent, optimizer: Any, args: argparse.Namespace, batch: list[to
 
 @cache
 def trained(path: str) -> Agent:
-    """The agent of a file."""
+    """Load the agent of a file."""
     kept = torch.load(path, weights_only=True)
     agent = Agent(kept["entries"], kept["joints"])
     agent.load_state_dict(kept["agent"])
@@ -161,7 +161,7 @@ def trained(path: str) -> Agent:
 
 
 def act(observations: np.ndarray) -> np.ndarray:
-    """Actions (n, joints) of observations (n, entries), by the agent in the file that AGENT names."""
+    """Return actions (n, joints) for observations (n, entries), by the agent in the file that AGENT names."""
     with torch.no_grad():
         found: np.ndarray = trained(os.environ["AGENT"]).actor(torch.from_numpy(observations)).clamp(-1.0, 1.0).numpy()
     return found

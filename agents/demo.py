@@ -122,8 +122,10 @@ def train(arguments: Arguments) -> list[str]:
 
 
 def judged(out: Path, controllers: Sequence[str], others: Mapping[str, Any] | None = None) -> tuple[Any, list[str]]:
-    """Figures of the trained policy and of controllers on the evaluation episodes, and the report's lines; others: rows
-    to be shown before them."""
+    """Return the results of the trained policy and of controllers on the evaluation episodes, and the report's lines.
+
+    others: rows shown before them.
+    """
     from flexarm_env.training.evaluate import Arguments as Judged
     from flexarm_env.training.evaluate import evaluate
     from flexarm_env.training.figures import tip_errors

@@ -54,7 +54,10 @@ class Family:
         return [folder for folder in folders if (folder / "policy.npz").is_file()]
 
     def best(self, home: Path) -> Path:
-        """The run folder of the seed that did best on the validation episodes. ValueError where there is none."""
+        """Return the run folder of the seed that did best on the validation episodes.
+
+        Raises ValueError if there is none.
+        """
         found = self.runs(home)
         if not found:
             raise ValueError(f"{home}: no run of {self.name}; python -m agents.families --only {self.name} trains it")
@@ -95,7 +98,7 @@ class Arguments:
 
 
 def train(family: Family, seed: int, home: Path, progress: bool) -> None:
-    """See that a run has finished."""
+    """Train a run unless it is finished."""
     from flexarm_env.training import train as train_ppo
     from flexarm_env.training.progress import finished
 

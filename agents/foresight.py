@@ -60,8 +60,10 @@ def played(env: Any, policy: Any, price: float = 0.0) -> tuple[Array, Array]:
 
 
 def beginnings(task: suite.Task, trained: Sequence[Path] = ()) -> tuple[Array, Array]:
-    """Of each episode the actions and J of the best of the controllers, which see all there is, and of trained
-    policies (run folders), which see what the task shows, or all there is."""
+    """Return actions and J of each episode's best controller, and of its best trained policy.
+
+    Controllers see the whole state; policies (run folders) see what the task shows, or the whole state.
+    """
     named = [word for word in CONTROLLERS if word != "mpc" or task.environment != payoff.SPACE]
     whole = gym.make_vec(task.environment, EPISODES, vectorization_mode="vector_entry_point", **seen_whole(task))
     shown = suite.make_vec(task.id, EPISODES) if trained and set(SENSED) & set(task.keywords) else whole
@@ -85,7 +87,7 @@ def best_of(ways: Sequence[Array], values: Sequence[Array]) -> tuple[Array, Arra
 
 def seen_whole(task: suite.Task) -> dict[str, Any]:
     """Keywords of the task's environment without its sensors."""
-    return {key: value for key, value in task.keywords.items() if key not in SENSED}
+    return {key: value for key, value in task.arguments.items() if key not in SENSED}
 
 
 def search(
@@ -153,12 +155,9 @@ def climb(
     steps: int,
     kept: Path | None = None,
 ) -> tuple[Array, Array, Array]:
-    """From actions x (n, T N) of n episodes, and what `value` finds there (returns (n,), slopes (n, T N), what is
-    played (T, n, N)), up: x, played and returns at the end.
+    """Ascend from actions x (n, T N) of n episodes; return x, played actions and returns at the end.
 
-    steps: of L-BFGS with a memory of `MEMORY` (Liu & Nocedal 1989), each episode for itself: actions at a limit that
-    the slope would push beyond stay there, a step that pays less is halved; fewer where the last ones have brought next
-    to nothing. kept: a file in which actions are kept on the way.
+    value: function that returns returns (n,), slopes (n, T N) and played actions (T, n, N).
     """
     reached, slope, best = found
     reached = np.where(np.isnan(reached), -LARGE, reached)
@@ -189,15 +188,17 @@ def climb(
 
 
 def growing(periods: int, end: int) -> list[Array]:
-    """Weights (T,) for searches one after another that find a way from its beginning on: the first periods alone,
-    `GROWTH` more each time, and at last all, the `end` last ones, in which success is judged, `STRESS`-fold. What comes
-    later cannot spoil how a way begins, as it does where an arm that is late at first is late to the end."""
+    """Return weights (T,) of successive searches over growing parts of an episode.
+
+    The first search counts `2 GROWTH` periods, each later one `GROWTH` more; the last counts all, the `end` last ones,
+    in which success is judged, `STRESS`-fold. Later periods so cannot spoil an episode's beginning.
+    """
     shares = [np.arange(periods) < count for count in range(2 * GROWTH, periods + GROWTH, GROWTH)]
     return [*(np.where(share, 1.0, 0.0) for share in shares), np.where(np.arange(periods) < periods - end, 1.0, STRESS)]
 
 
 def beside(task: suite.Task, home: Path) -> list[Path]:
-    """Run folders of policies: the task's own, and behind them, in space, those of tasks with other sensors."""
+    """Return the run folders of policies: the task's own, then, in space, those of tasks with other sensors."""
     tasks = [task.id, *(one.id for one in suite.tasks() if one.environment == task.environment == payoff.SPACE)]
     return [path.parent for name in dict.fromkeys(tasks) for path in sorted(home.glob(f"*/{name}/policy.npz"))]
 
@@ -208,7 +209,7 @@ def keep(path: Path, actions: Array, returns: Array) -> None:
 
 
 def read(path: Path) -> tuple[Array, Array]:
-    """What `keep` has written."""
+    """Read what `keep` wrote: actions (T, n, N) and returns (n,)."""
     with np.load(path) as data:
         return data["actions"].astype(float), data["returns"].astype(float)
 

@@ -25,18 +25,23 @@ NUDGE = 1e-3
 
 
 class Fine:
-    """What a task takes for its cost: price times the periods at whose end a tip's deflection over L passes the limit,
-    or the arm in space is inside a shape.
+    """Cost of a task: price times the number of periods at whose end a link's deflection over L passes the limit.
 
-    The slope by a deflection is that of a step that is somewhat rounded off. Of shapes the cost itself is rounded, and
-    half of it stands `OFF` m before them, so that what is found stays outside. Looked at are points on the straight
-    lines between the sections that the state holds. Within a wall no slope leads over it: `lifting` prices, of the
-    point that has to rise most to be over a shape, by how much. ValueError for another kind of cost.
+    For arms in space: the number of periods at whose end the arm is inside a shape. Derivatives by a deflection are
+    those of a smoothed step. The cost of shapes is smoothed, and its middle lies `OFF` m outside of them, so that
+    results stay outside. It is evaluated at points on straight lines between the state's sections. Within a wall no
+    slope leads over it: `lifting` prices the height by which the point that must rise most has to rise. ValueError for
+    another kind of cost.
     """
 
     ROUNDED, SOFT, OFF = 0.03, 0.005, 0.012
 
     def __init__(self, task: suite.Task, plan: Any, names: Sequence[str] = (), lifting: bool = False) -> None:
+        """Store which entries of the observation and the state the task's cost depends on.
+
+        names: of the state's entries, for shapes in space. lifting: see the class. Raises ValueError for another kind
+        of cost.
+        """
         cost, self.lifting = task.keywords.get("cost", {}), lifting
         self.shapes = plan.keep_out if "keep_out" in task.keywords else ()
         if task.price and set(cost) != {"deflection"} and not (self.shapes and not cost and plan.arm.spatial):
@@ -91,15 +96,17 @@ class Fine:
 
 
 class InTask:
-    """Arms to which something comes that is drawn on the way: they move in the task itself, which draws it, and are
-    differentiated at the very states that they are in there. `step` and `vjp` are as those of `derivatives.Arms`."""
+    """Arms with random events, stepped in the task itself, which draws the events.
+
+    Derivatives are those at the states reached there. `step` and `vjp` are as those of `derivatives.Arms`.
+    """
 
     def __init__(self, arms: Any, seeds: Sequence[int]) -> None:
         self.arms, self.n, self.vjp, self.observe, self.seeds = arms, arms.n, arms.vjp, arms.observe, seeds
         self.first, self.failed = arms.names.index("periods"), np.zeros(arms.n, bool)
 
     def step(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
-        """The next period of the episodes, from the first one on."""
+        """Advance the episodes by one period; the first call resets them."""
         env = self.arms.environment
         if state[0, self.first] == 0.0:
             env.reset(seed=self.seeds)
@@ -110,11 +117,15 @@ class InTask:
 
 
 class Steady:
-    """Pulls arms back to the way that they had under actions (T, n, N) from states `start`, as a policy would that sees
-    all there is: linear about that way, 0 on it. What is searched in space is added to it, for under actions alone the
-    least change of an early one sends such an arm elsewhere (by 1e-5 of the torque: most of the return is lost)."""
+    """Feedback that pulls arms back to their path under actions (T, n, N) from states `start`.
+
+    It is linear about the path and 0 on it, as a policy's that observes the whole state. Searches in space add it to
+    the actions: without it the smallest change of an early action (1e-5 of the torque) leads to another motion, and
+    most of the return is lost.
+    """
 
     def __init__(self, arms: Any, start: Array, actions: Array, policy: Any) -> None:
+        """Follow the actions (T, n, N) from start, and store a policy's slopes by its observations along that path."""
         state, seen = start, [arms.observe(start)]
         for action in actions[:-1]:
             state, after, _ = arms.step(state, action)
@@ -126,11 +137,11 @@ class Steady:
         self.slopes = np.stack(slopes, axis=2).reshape(*actions.shape, -1)
 
     def __call__(self, k: int, seen: Array) -> Array:
-        """What is added to the actions of period k (n, N)."""
+        """Return the feedback (n, N) added to the actions of period k."""
         return np.einsum("njo,no->nj", self.slopes[k], seen - self.seen[k])
 
     def back(self, k: int, slope: Array) -> Array:
-        """Slopes by what was seen before period k (n, O), of those by its actions (n, N)."""
+        """Return derivatives (n, O) by the observation before period k, from those by the actions (n, N)."""
         return np.einsum("njo,nj->no", self.slopes[k], slope)
 
 
@@ -138,9 +149,11 @@ def returned(
     arms: Any, start: Array, wanted: Array, fine: Fine, steady: Steady | None = None, weight: Array | None = None,
     grid: float = 0.0,
 ) -> tuple[Array, Array, Array]:  # fmt: skip
-    """J (n,) of actions (T, n, N), NaN where an episode would have ended; its slope by them; what was played, in parts
-    of `grid` if there is one. weight: (T,), of the periods' rewards and costs; what comes after the last one that
-    counts is not looked at."""
+    """Return J (n,) of actions (T, n, N), its derivatives by them, and the actions played.
+
+    J is NaN where an episode would end early. grid: played actions are multiples of 1 / grid; 0: any. weight (T,): of
+    the periods' rewards and costs; periods after the last nonzero one are not simulated.
+    """
     counts = np.ones(len(wanted)) if weight is None else np.trim_zeros(weight, "b")
     states, taken, total, over = [start], [], np.zeros(arms.n), np.zeros(arms.n, bool)
     actions, seen = wanted.copy(), None if steady is None else arms.observe(start)
@@ -167,7 +180,7 @@ def returned(
 
 
 def exact(x: Array) -> Array:
-    """As actions are handed on, in float32."""
+    """Round actions to float32, in which environments receive them."""
     return x.astype(np.float32).astype(float)
 
 
@@ -183,8 +196,10 @@ def steadiers(task: suite.Task, env: Any, trained: Sequence[Path]) -> list[Any]:
 
 
 def steadiest(arms: Any, start: Array, actions: Array, policies: Sequence[Any]) -> Steady:
-    """The way of arms from states `start` under actions (T, n, N), each arm steadied by the one of the policies under
-    which a first action that is `NUDGE` off leads away least."""
+    """Return the feedback of each arm's best policy about the path under actions (T, n, N) from states `start`.
+
+    Best is the policy under which a first action that is off by `NUDGE` changes the observations least.
+    """
     ways = [Steady(arms, start, actions, policy) for policy in policies]
     away = []
     for steady in ways:

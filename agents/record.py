@@ -62,7 +62,7 @@ class Arguments:
 
 
 def candidates(task: suite.Task, home: Path) -> Iterator[tuple[str, Any, bool]]:
-    """Names, what makes a policy of an environment, and whether it sees the whole state."""
+    """Return names, makers of an environment's policies, and whether each observes the whole state."""
     if task.id in best.known():
         kept = best.record(task)
         yield "", lambda env: best.Actions(kept.actions), False
@@ -81,7 +81,7 @@ def finished(folder: Path) -> bool:
 
 
 def gathered(task: suite.Task, home: Path) -> tuple[Any, Any, list[str]]:
-    """Of each episode the best actions, their value, and whose they are."""
+    """Return each episode's best actions, their value, and their policy."""
     shown = suite.make_vec(task.id, EPISODES)
     seen = foresight.seen_whole(task)
     wide = gym.make_vec(task.environment, EPISODES, vectorization_mode="vector_entry_point", **seen)
@@ -99,7 +99,7 @@ def gathered(task: suite.Task, home: Path) -> tuple[Any, Any, list[str]]:
 
 
 def published(task: suite.Task) -> Any:
-    """The most that published runs have in each episode; -inf where there is none."""
+    """Return the largest value of published runs in each episode; -inf if there is none."""
     found = results.of_task(task, results.folder_of(RESULTS, earlier=True))
     rows = [results.values(task, entry) for _, entry in found]
     return np.max([np.full(EPISODES, -np.inf), *rows], axis=0)
@@ -154,7 +154,7 @@ def made(task: suite.Task, arguments: Arguments) -> str:
 
 
 def work(arguments: Arguments) -> int:
-    """All that are asked for."""
+    """Update the requested records."""
     check.choice("--grow", arguments.grow, GROWS)
     for task in map(frozen, chosen_tasks(arguments.task)):
         print(made(task, arguments), flush=True)

@@ -20,7 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from flexarm_env import suite
+from flexarm_env import control, suite
 from flexarm_env.control import NAMES
 from flexarm_env.suite.page import page
 from flexarm_env.suite.policies import Chosen, choose, fingerprint
@@ -145,7 +145,7 @@ class Job:
 
 
 def jobs(arguments: Arguments) -> Iterator[Job]:
-    """All of them, in order. ValueError for a method that there is not."""
+    """Return all jobs in order. Raises ValueError for an unknown method."""
     names = [method.name for method in METHODS]
     chosen = names if arguments.only is None else [word.strip() for word in arguments.only.split(",")]
     for word in chosen:
@@ -184,7 +184,7 @@ def run(job: Job, arguments: Arguments) -> str:
 
 
 def train(job: Job, arguments: Arguments) -> Path:
-    """The folder of a finished run: trained, gone on with, or kept."""
+    """Train a run, resume it, or keep it if finished; return its folder."""
     from flexarm_env.training import train as train_ppo
     from flexarm_env.training.progress import finished
 
@@ -203,7 +203,7 @@ def train(job: Job, arguments: Arguments) -> Path:
 
 
 def of_run(word: str, task: suite.Task) -> Chosen:
-    """The policy of a run folder: policy.npz, or a model with a memory, which that has not."""
+    """Return the policy of a run folder: policy.npz, or the model itself if it has a memory."""
     folder = Path(word)
     if (folder / "actions.npz").is_file():
         from agents import foresight
@@ -211,19 +211,19 @@ def of_run(word: str, task: suite.Task) -> Chosen:
         return foresight.chosen(folder)
     if (folder / "policy.npz").is_file():
         return choose(word, task)
-    from flexarm_env.training.policies import _from_model
-
     record = read_run(folder)
     content = fingerprint((folder / "model.zip").read_bytes())
     training = {key: record[key] for key in ("algorithm", "steps", "wall_s", "cpu_s")}
-    make = _from_model(folder, task.registered).make
+    make = control.find_policy(word).make
     return Chosen("model", folder.name, content, make, record["seed"], training)
 
 
 # ------------------------------------------------------------------ references
 def references(found: Sequence[Results]) -> dict[str, dict[str, Any]]:
-    """What scores are made from: of tasks that had none, from a folder's results; what was frozen never moves. Tasks
-    without PD, or where nothing is better, have none."""
+    """Return the reference values of scores; frozen ones never change.
+
+    Tasks without one get it from a folder's results, unless PD is missing there or nothing is better.
+    """
     known = {name: asdict(one) for name, one in frozen_references().items()}
     for task in suite.tasks():
         if task.id in known and known[task.id]["digest"] == task.digest:
@@ -238,7 +238,7 @@ def references(found: Sequence[Results]) -> dict[str, dict[str, Any]]:
 
 
 def plan(todo: Sequence[Job], arguments: Arguments) -> list[str]:
-    """A line a method: how many runs are done, how many left, and what those would take."""
+    """Print a line per method: finished runs, missing runs, and the time these would take."""
     lines = []
     for method in METHODS:
         own = [job for job in todo if job.method == method]
@@ -257,7 +257,7 @@ def made(arguments: Arguments) -> None:
 
 
 def work(arguments: Arguments) -> int:
-    """What is asked for: the plan, the references, or all that is missing."""
+    """Do what the flags ask: print the plan, update the references, or train and evaluate what is missing."""
     began, todo = time.monotonic(), list(jobs(arguments))
     if arguments.plan:
         print("\n".join(plan(todo, arguments)))

@@ -69,7 +69,7 @@ class Arguments:
 
 # ------------------------------------------------------------------ what is run
 def choices(space: Mapping[str, Any], seeds: int) -> list[dict[str, Any]]:
-    """All combinations, each with "seed". ValueError names the key that is wrong."""
+    """Return all combinations, each with "seed". ValueError names the wrong key."""
     if not space:
         raise ValueError("--space: must name something to vary, such as '{\"reward.effort\": [0.01, 0.1]}'")
     for key, values in space.items():
@@ -82,7 +82,7 @@ def choices(space: Mapping[str, Any], seeds: int) -> list[dict[str, Any]]:
 
 
 def keywords(choice: Mapping[str, Any], common: Mapping[str, Any]) -> dict[str, Any]:
-    """Keywords of the environment that a choice stands for."""
+    """Return the environment's keywords of a combination."""
     kwargs: dict[str, Any] = json.loads(json.dumps(common))
     for key, value in choice.items():
         if key == "seed":
@@ -114,11 +114,7 @@ def check(arguments: Arguments, wanted: list[dict[str, Any]]) -> None:
 
 
 def trial(config: Mapping[str, Any], told: Mapping[str, Any]) -> None:
-    """One trial, in a process of its own: train (or go on, or keep what has finished), judge, report.
-
-    config: {"choice": name}. told: name -> {"run": arguments of the training run, and of the evaluation "env",
-    "kwargs", "episodes"}.
-    """
+    """Run one trial in its own process: train, resume or keep, evaluate, report."""
     from ray import tune
 
     from agents.train_rllib import Arguments as Training
@@ -137,7 +133,7 @@ def trial(config: Mapping[str, Any], told: Mapping[str, Any]) -> None:
 
 
 def judge(folder: Path, env_id: str, kwargs: Mapping[str, Any], n: int) -> dict[str, Any]:
-    """Summary of the policy of a run folder on the test episodes of its own arm, under the environment's own reward."""
+    """Return a run folder's summary on the test episodes of its own arm, under the environment's own reward."""
     from flexarm_env.control import load_policy
     from flexarm_env.training.statistics import summary
 
@@ -182,7 +178,7 @@ def sweep(arguments: Arguments) -> list[dict[str, Any]]:
 
 
 def _given(arguments: Arguments, choice: dict[str, Any], out: Path) -> dict[str, Any]:
-    """What a trial is told."""
+    """Return the arguments of a trial."""
     kwargs = keywords(choice, arguments.env_kwargs)
     run: dict[str, Any] = {
         "env": arguments.env, "config": None if arguments.config is None else arguments.config.absolute(),
@@ -222,7 +218,7 @@ def _folder(trial: Any) -> str:
 
 
 def _resumed(arguments: Arguments) -> Arguments:
-    """The arguments that the sweep was started with."""
+    """Return the arguments with which the sweep was started."""
     path = arguments.out / "sweep.json"
     if not path.is_file():
         raise ValueError(f"{arguments.out}: holds no sweep, it has no sweep.json")
@@ -234,7 +230,7 @@ def _resumed(arguments: Arguments) -> Arguments:
 
 # ------------------------------------------------------------------ results
 def write(out: Path, rows: list[dict[str, Any]], varied: list[str], env_id: str) -> None:
-    """results.csv, results.md and results.png."""
+    """Write results.csv, results.md and results.png."""
     write_rows(out / "results.csv", list(rows[0]), rows)
     cells = []
     for row in rows:

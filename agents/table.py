@@ -155,7 +155,7 @@ def curve_of(folder: Path) -> list[dict[str, float]]:
 
 
 def seeds(judge: Judge, family: Family) -> list[Row]:
-    """Each seed's training and its outcome on the test episodes."""
+    """Return each seed's training and its result on the test episodes."""
     rows = []
     for folder in family.runs(judge.arguments.trained):
         record = read_run(folder)
@@ -165,7 +165,7 @@ def seeds(judge: Judge, family: Family) -> list[Row]:
 
 
 def seeds_table(rows: list[Row]) -> list[str]:
-    """Markdown of `seeds`."""
+    """Return `seeds` as a Markdown table."""
     cells = []
     for row in rows:
         solved = row["solved"]
@@ -178,7 +178,7 @@ def seeds_table(rows: list[Row]) -> list[str]:
 
 
 def short_table(head: str, columns: Mapping[str, Rows]) -> list[str]:
-    """Success and median settling of policies (rows) in several settings (columns)."""
+    """Return a table of success and median settling time of policies (rows) in several settings (columns)."""
 
     def cell(row: Row | None) -> str:
         return "" if row is None else f"{row['success_rate']:.1%}, {row['settling_time_median']:.2f} s"
@@ -189,7 +189,7 @@ def short_table(head: str, columns: Mapping[str, Rows]) -> list[str]:
 
 
 def nominal(judge: Judge, family: Family, content: dict[str, Any]) -> None:
-    """One environment: rows and figures."""
+    """Evaluate one environment: return rows and figures."""
     say(family.env)
     own = content[family.name]
     torque = families.named("two_link_torque")
@@ -231,7 +231,7 @@ def decisions(judge: Judge, family: Family, content: dict[str, Any]) -> None:
 
 
 def robustness(judge: Judge, family: Family, robust: Family, content: dict[str, Any]) -> None:
-    """Randomised arms, the exact model, and one thing changed at a time."""
+    """Evaluate randomized arms, the exact model, and single changes."""
     say(f"{family.env}: other arms, other models")
     own, words, most = content[family.name], judge.words(family, robust), FEWER_EPISODES
     every = words | tuned(family, ROBUST, "pd", "zv", "zvd", "lqr", label=f" ({DRAWN})")
@@ -260,7 +260,7 @@ def robustness(judge: Judge, family: Family, robust: Family, content: dict[str, 
 
 
 def section(family: Family, own: Mapping[str, Any], best: Mapping[str, Any] | None) -> list[str]:
-    """One environment's part of the page."""
+    """Return one environment's section of the page."""
     bounds = dict(own["bounds"])
     both = {"nominal": own.get("ordinary", own["nominal"]), "randomised": own["randomised"]}
     if best is not None:
@@ -272,36 +272,37 @@ def section(family: Family, own: Mapping[str, Any], best: Mapping[str, Any] | No
         times = [
             (name, *(f"{row[k]:.2f}" for k in ("median", "p99", "most"))) for name, row in own["decisions"].items()
         ]
-        lines += [f"CPU time of a decision for one arm, in one thread, over {TIMED} episodes:", ""]
+        lines += [f"CPU time of a decision for one arm, on one thread, over {TIMED} episodes:", ""]
         lines += [*table("controller | median (ms) | 99th percentile (ms) | most (ms)", times, True), ""]
     for name, found in own["seeds"].items():
         lines += [f"Seeds of `{name}`:", "", *seeds_table(found), ""]
     return lines + [
         f"![tip error](../figures/control_{family.name}.png)", "",
         f"![learning curves](../figures/control_{family.name}_learning.png)", "",
-        f"### {family.env}: randomised payload (x 0.5 to 2) and stiffness (x 0.7 to 1.3)", "",
-        f"`{DRAWN}`: tuned on such arms; `_robust`: trained on them; the others know the nominal arm.", "",
+        f"### {family.env}: randomized payload (x 0.5 to 2) and stiffness (x 0.7 to 1.3)", "",
+        f"Controllers named `{DRAWN}` are tuned on such arms, policies named `_robust` are trained on them. The others "
+        "know only the nominal arm.", "",
         *short_table("success, median settling", both), "",
         f"On the converged exact beam (4 cubic elements a link, 1 ms), the first {FEWER_EPISODES} episodes:", "",
         *short_table("policy", own["models"]), "",
-        "One thing at a time:", "",
+        "With one parameter changed at a time:", "",
         *short_table("policy", own["shifted"]),
     ]  # fmt: skip
 
 
 def distance(rows: Rows, best: Mapping[str, Any]) -> list[str]:
-    """Settling of the policies over that of the best plans known."""
+    """Return the policies' settling times over those of the best known plans."""
     median, mean = float(np.median(best["settling"])), float(np.mean(best["settling"]))
     ratios = [
         (name, f"{row['settling_time_median'] / median:.2f}", f"{row['settling_time_mean'] / mean:.2f}")
         for name, row in rows.items()
     ]
-    known = f"Best known settling ([](optimal.md)): median {median:.2f} s, mean {mean:.3f} s. Settling over it:"
+    known = f"Settling over the best known ([](optimal.md): median {median:.2f} s, mean {mean:.3f} s):"
     return [known, "", *table("policy | medians | means", ratios, True), ""]
 
 
 def best_known(results: Path, family: Family) -> dict[str, Any] | None:
-    """What agents.best_known has found for a family's test episodes, all of them; None: not there."""
+    """Return the results of agents.best_known for a family's test episodes; None if incomplete."""
     path = results / "optimal.json"
     lots = read_json(path)["lots"].get(family.task, {}) if path.exists() else {}
     found = joined(list(lots.values())) if lots else None
@@ -309,7 +310,7 @@ def best_known(results: Path, family: Family) -> dict[str, Any] | None:
 
 
 def measured(judge: Judge, content: dict[str, Any]) -> None:
-    """What controllers, and policies trained there, make of gears, friction and real sensors."""
+    """Evaluate controllers, and policies trained there, with gears, friction and real sensors."""
     before, found = content.get("measured", {}), {}
     for name, settings in SETTINGS.items():
         family, columns = families.named(name), {}
@@ -328,7 +329,7 @@ def measured(judge: Judge, content: dict[str, Any]) -> None:
 
 
 def blocks(content: Mapping[str, Any], best: Mapping[str, Any]) -> dict[str, list[str]]:
-    """What the page shows of each part. best: of `best_known`, by family."""
+    """Return the blocks of each section of the page. best: of `best_known`, by family."""
     lines = {"machine": [told(content["machine"])]}
     for name in (name for name in PARTS if name in content):
         if name == "measured":
@@ -350,7 +351,7 @@ def save(arguments: Arguments, content: dict[str, Any]) -> None:
 
 
 def judge_all(arguments: Arguments) -> None:
-    """Judge what is asked for, write page and numbers."""
+    """Evaluate the requested families; write the page and its numbers."""
     path, only = arguments.results / "control.json", arguments.only
     if only is not None and only not in PARTS:
         raise ValueError(f"--only {only}: must be one of {', '.join(PARTS)}")

@@ -87,7 +87,7 @@ def train(arguments: Arguments) -> Progress:
     config = setup.load(arguments.config, arguments.env).lasting(arguments.n_timesteps)
     kwargs = {**config.env_kwargs, **arguments.env_kwargs}
     _check(arguments, kwargs)
-    judged = episodes.validation(arguments.env, kwargs)
+    judged = episodes.validation(arguments.env, kwargs, episodes.user_keywords(arguments.env, arguments.env_kwargs))
     eval_env = episodes.make_episodes(arguments.env, arguments.eval_episodes, **judged)
     setup.split(config, arguments.runners, arguments.learners, arguments.envs_per_runner)
     cluster.connect(arguments.address, arguments.runners + arguments.learners, arguments.verbose)
@@ -116,11 +116,13 @@ class Run:
     def __init__(
         self, arguments: Arguments, config: configs.Config, kwargs: dict[str, Any], algorithm: Any, eval_env: Any
     ) -> None:
+        """Store what a run is made of, and begin its record."""
         from flexarm_env.control import Setup
 
         self.arguments, self.config, self.algorithm, self.eval_env = arguments, config, algorithm, eval_env
         self.folder, self.state, self.steps, self.workers_cpu = arguments.folder, Progress(), 0, 0.0
         self.record = new_record(arguments, "rllib_ppo", kwargs, Setup.of(eval_env), runners=self._places())
+        self.record["asked"] = episodes.user_keywords(arguments.env, arguments.env_kwargs)
         self.meta = {key: self.record[key] for key in OF_POLICY}
         self._board: Any = None
         self._bar: Any = None
@@ -142,7 +144,7 @@ class Run:
         self._bar = bar(arguments.progress, self.config.n_timesteps, self.steps)
 
     def _places(self) -> dict[str, int]:
-        """Nodes of the cluster, and how many runners each has at the start."""
+        """Return the nodes of the cluster and the initial number of runners on each."""
         import ray
 
         nodes = self.algorithm.env_runner_group.foreach_env_runner(
@@ -237,7 +239,7 @@ class Run:
 
     # --- checkpoints ---------------------------------------------------------------------------------
     def save(self) -> None:
-        """Everything from which the run goes on."""
+        """Save all that resuming the run needs."""
         with new_checkpoint(self.folder, self.steps, ("policy.npz", "module.pt")) as part:
             self.algorithm.save_to_path((part / "algorithm").absolute())
             with (part / "state.pkl").open("wb") as file:
@@ -255,7 +257,7 @@ class Run:
 
 
 def _curves(result: Mapping[str, Any]) -> dict[str, float]:
-    """What goes to TensorBoard, under the names that Stable-Baselines3 gives them."""
+    """Return the scalars for TensorBoard under Stable-Baselines3's names."""
     runners, learner = result.get("env_runners", {}), result.get("learners", {}).get("default_policy", {})
     timers = result.get("timers", {})
     found = {
@@ -273,7 +275,7 @@ def _curves(result: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _check(arguments: Arguments, env_kwargs: Mapping[str, Any]) -> None:
-    """ValueError with a sentence for a number or word that there cannot be."""
+    """Raise ValueError with a sentence for an impossible number or word."""
     for name in ("runners", "learners"):
         check.integer(name, getattr(arguments, name), minimum=0)
     if arguments.envs_per_runner is not None:

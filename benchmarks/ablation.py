@@ -194,7 +194,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
     }
     if found["absent"]:
         whole, cut = found["absent"]["whole"], found["absent"]["cut"]
-        lines["absent"] = [f"{whole:,.0f} instructions, without {cut:,.0f}: {100 * (whole / cut - 1):+.2f} %."]
+        lines["absent"] = [f"{whole:,.0f} instructions, {cut:,.0f} in the cut copy: {100 * (whole / cut - 1):+.2f} %."]
     return lines
 
 

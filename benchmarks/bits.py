@@ -3,11 +3,12 @@
 python -m benchmarks.bits FILE [--only WORDS ...]            writes what is not yet in FILE (JSON)
 python -m benchmarks.bits FILE --compare [--only WORDS ...]  computes it again; the exit code is 1 where it differs
 
-A case's numbers come in parts (coordinates, energies, observations, ...), each with a hash, and are kept beside FILE
-(FILE.npz), so that a difference has a size. Values are to be equal to the last bit; parts named d_... are derivatives
-or follow from some: off by DERIVATIVE of the part's largest number they are still told to be equal. A case's result is
-written as soon as it is there: a run that was stopped goes on. --only: cases whose names hold one of the words;
---most N: at most so many (a process keeps all it compiles); --list: names alone. Cases: `benchmarks.bits_cases`.
+A case's numbers come in parts (coordinates, energies, observations, ...), each with a hash, and are stored beside FILE
+(FILE.npz), so that a difference has a size. All parts must be equal to the last bit. A part named d_... is a derivative
+or follows from one: with --within 1e-12 its numbers may differ by 1e-12 of the part's largest number. Each case's
+result is written as soon as it is computed, so that a run can be continued. --only: cases whose names hold one of the
+words; --most N: at most N cases (a process keeps all it compiles); --list: names alone. Cases: `benchmarks.bits_cases`
+in the plane, `benchmarks.bits_space` in space. A small part has a record in the repository: `benchmarks.bits_gate`.
 """
 
 import argparse
@@ -24,12 +25,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.bits_cases import cases
+from benchmarks import bits_cases, bits_space
 
 Numbers = NDArray[np.float64]
 
-DERIVATIVE = 1e-12
-"""What derivatives may be off by, over the largest number of their part."""
+
+def cases() -> dict[str, Any]:
+    """Every case, in the plane and in space."""
+    return bits_cases.cases() | bits_space.cases()
 
 
 def flat(value: Any) -> Numbers:
@@ -80,8 +83,11 @@ def off(known: Numbers, found: Numbers) -> float:
     return float(gap / largest) if largest > 0.0 else np.inf
 
 
-def differences(name: str, known: Mapping[str, str], parts: dict[str, Numbers], beside: Any) -> list[str]:
-    """A sentence for each part that is not what it was, "~" before those within what derivatives may be off."""
+def differences(
+    name: str, known: Mapping[str, str], parts: dict[str, Numbers], beside: Any, within: float
+) -> list[str]:
+    """A sentence for each part that differs, "~" before derivatives that differ by at most `within`, over the largest
+    number of the part."""
     told = [f"part {part!r} is not there any more" for part in known if part not in parts]
     for part, numbers in parts.items():
         if part not in known:
@@ -92,7 +98,7 @@ def differences(name: str, known: Mapping[str, str], parts: dict[str, Numbers], 
                 told.append(f"{part}: {numbers.size} numbers, {old.size} before")
                 continue
             gap, count = off(old, numbers), int((old.view(np.int64) != numbers.view(np.int64)).sum())
-            mark = "~" if part.startswith("d_") and gap <= DERIVATIVE else ""
+            mark = "~" if part.startswith("d_") and gap <= within else ""
             told.append(f"{mark}{part}: off by {gap:.2g} of the largest number ({count} of {old.size} differ)")
     return told
 
@@ -104,6 +110,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--compare", action="store_true")
     parser.add_argument("--only", nargs="+", default=[""], help="words: cases whose names hold one of them")
     parser.add_argument("--most", type=int, default=10**6, help="cases computed, at most")
+    parser.add_argument("--within", type=float, default=0.0, help="what derivatives may be off by, of their largest")
     parser.add_argument("--list", action="store_true")
     options = parser.parse_args(arguments)
     kept: dict[str, Any] = json.loads(options.file.read_text("utf-8")) if options.file.exists() else {}
@@ -124,12 +131,15 @@ def main(arguments: list[str] | None = None) -> int:
         return 0
     beside, equal, close, count = np.load(options.file.with_suffix(".npz")), 0, 0, 0
     for name, case in list(chosen.items())[: options.most]:
-        told = differences(name, kept[name]["parts"], computed(case), beside) if name in kept else ["not known before"]
+        told = ["not known before"]
+        if name in kept:
+            told = differences(name, kept[name]["parts"], computed(case), beside, options.within)
         worse = [sentence for sentence in told if not sentence.startswith("~")]
         equal, close, count = equal + (not told), close + (bool(told) and not worse), count + 1
         for sentence in told:
             print(f"{name}: {sentence}", flush=True)
-    print(f"{equal} of {count} cases are equal to the last bit, {close} but for derivatives within {DERIVATIVE:g}")
+    also = f", {close} but for derivatives within {options.within:g}" if options.within else ""
+    print(f"{equal} of {count} cases are equal to the last bit{also}")
     return 0 if equal + close == count else 1
 
 

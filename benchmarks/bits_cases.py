@@ -51,7 +51,7 @@ FORMULATIONS: dict[str, tuple[str, dict[str, Any]]] = {
 FURTHER = tuple(FORMULATIONS)[12:]
 """Formulations for three scenes alone."""
 
-ONE, TWO, MULTI = "FlexibleArm-v0", "TwoLinkFlexArm-v0", "MultiLinkFlexArm-v0"
+ONE, TWO, MULTI, SPATIAL = "FlexibleArm-v0", "TwoLinkFlexArm-v0", "MultiLinkFlexArm-v0", "SpatialFlexArm-v0"
 FLOATING, EXACT = {"formulation": "floating_frame"}, {"formulation": "geometrically_exact"}
 RANDOM = {"payload": (0.5, 2.0), "EI": (0.7, 1.3), "damping": (0.5, 2.0), "torque_constant": (0.9, 1.1)}
 MOTORS: dict[str, Any] = {"actuator": {"lag": 0.01, "delay": 0.02}}
@@ -136,6 +136,9 @@ BENT = from_array([[0.0, 0.0, 0.0], [0.085, 0.03, 0.6], [0.15, 0.06, 0.2], [5.0,
 BROKEN = from_array([[0.0, 0.0], [0.085, 0.05], [0.16, 0.02], [5.0, 0.6]], "linear")
 HUBS = [SMOOTH, BROKEN, cycloid(0.2, 0.15)]
 JOINTS: list[Any] = [{"joint0": BROKEN}, {"joint1": SMOOTH}, {"joint0": BENT}]
+MOTIONS: dict[str, list[Any]] = {
+    ONE: HUBS, TWO: JOINTS, SPATIAL: [{"joint0": BROKEN}, {"joint1": SMOOTH, "joint2": SMOOTH}, {"joint2": BENT}],
+}  # fmt: skip
 GUIDED: dict[str, tuple[str, dict[str, Any]]] = {
     "elastica": (ONE, {}),
     "elastica, two": (TWO, {}),
@@ -144,7 +147,7 @@ GUIDED: dict[str, tuple[str, dict[str, Any]]] = {
     "modes": (ONE, {"modes": 2, "segments": 1, **FLOATING}),
     "multipliers": (ONE, {"multipliers": True, "segments": 1, **FLOATING}),
 }
-"""Three arms under motions of their own (HUBS of one link, JOINTS of two), and derivatives of them."""
+"""Three arms under motions of their own (`MOTIONS`), and derivatives of them."""
 
 DIFFERENTIATED: dict[str, tuple[str, dict[str, Any]]] = {
     "one link": (ONE, {}),
@@ -233,11 +236,11 @@ SAMPLED = (
 """What is kept of a trajectory."""
 
 
-def simulated(scene: Scene, method: str, **more: Any) -> Parts:
-    """A run of a scene."""
+def simulated(scene: Scene, method: str, also: tuple[str, ...] = (), **more: Any) -> Parts:
+    """A run of a scene; also: what is kept of it beside SAMPLED."""
     formulation, options = FORMULATIONS[method]
     run = simulate(scene, formulation, estimate_error=False, **options, **more)
-    return {name: getattr(run, name) for name in SAMPLED}
+    return {name: getattr(run, name) for name in (*SAMPLED, *also)}
 
 
 def shipped(name: str, method: str, **more: Any) -> Parts:
@@ -276,7 +279,7 @@ def environment(env_id: str, keywords: dict[str, Any], n: int, threads: int = 1,
 
 def guided(env_id: str, keywords: dict[str, Any]) -> Parts:
     """Three arms that follow motions, in a vector, and the first of them alone."""
-    motions = HUBS if env_id == ONE else JOINTS
+    motions = MOTIONS[env_id]
     shared = "multipliers" in keywords
     many = gym.make_vec(env_id, num_envs=3, threads=1, **keywords)
     parts = episode(many, 20, motion=motions[0] if shared else motions)
@@ -284,11 +287,11 @@ def guided(env_id: str, keywords: dict[str, Any]) -> Parts:
     return parts | {f"single, {name}": value for name, value in alone.items()}
 
 
-def derivatives(env_id: str, keywords: dict[str, Any], n: int = 9, **options: Any) -> Parts:
-    """A rollout of six periods, its tangents and cotangents, and a period's Jacobians."""
+def derivatives(env_id: str, keywords: dict[str, Any], n: int = 9, periods: int = 6, **options: Any) -> Parts:
+    """A rollout of some periods, its tangents and cotangents, and a period's Jacobians."""
     own, rng = Arms(env_id, n, threads=1, **keywords), np.random.default_rng(5)
     state = own.reset(seed=2, options=options or None)
-    run = own.rollout(state, rng.uniform(-0.7, 0.7, (6, n, own.action_size)))
+    run = own.rollout(state, rng.uniform(-0.7, 0.7, (periods, n, own.action_size)))
     by_state = np.zeros_like(state)
     by_state[:, : own.moving] = 1e-2 * rng.standard_normal((n, own.moving))
     ahead = run.jvp(by_state, rng.standard_normal(run.actions.shape))
@@ -368,7 +371,7 @@ def task(task_id: str) -> Parts:
 
 
 def cases() -> dict[str, Case]:
-    """Name and computation of every case; the first matter most."""
+    """Name and computation of every case in the plane, and of the scenes of `data`; the first matter most."""
     found: dict[str, Case] = {}
     both = [(env_id, word, keywords) for word, keywords in ENVIRONMENTS.items() for env_id in (ONE, TWO)]
 
@@ -396,7 +399,7 @@ def cases() -> dict[str, Case]:
         add(f"derivatives, {word}", derivatives, env_id, {"tolerance": 1e-10, **keywords})
     for word, (env_id, keywords) in GUIDED.items():
         if "multipliers" not in keywords:
-            motions = HUBS if env_id == ONE else JOINTS
+            motions = MOTIONS[env_id]
             more = {} if env_id == ONE else {"joint_limits": None}
             add(f"derivatives, guided, {word}", derivatives, env_id, keywords | more, 3, motion=motions)
     for env_id, word, discrete in ((ONE, {}, 0.02), (TWO, {}, 0.02), (ONE, {}, None), (ONE, EXACT, 0.02)):

@@ -191,7 +191,7 @@ def blocks(found: dict[str, Any]) -> dict[str, list[str]]:
     grows = ", ".join(f"{one:.1f}" for one in cases[FURTHER]["grows_mb"])
     return {
         "table": table(f"kind | {' | '.join(COLUMNS.values())}", rows, numbers=True),
-        "further": [f"A process that has one kind grows with each further one by {grows} MB."],
+        "further": [f"Each further kind in the same process adds {grows} MB of memory."],
     }
 
 

@@ -7,6 +7,7 @@ its controller; packets of all kinds at a served arm. Needs a C compiler and the
 """
 
 import argparse
+import hmac
 import json
 import math
 import subprocess
@@ -27,7 +28,7 @@ from benchmarks.pages import Found
 from flexarm_env import Joint, arms, control
 from flexarm_env.library import Built, write, write_controller_fmu, write_fmu
 from flexarm_env.remote import Kind, Limits, Packet, Session, pack, unpack
-from flexarm_env.remote.packet import ARM
+from flexarm_env.remote.packet import ARM, DIGEST
 from flexarm_env.validation import Array
 from tests.c_arm import Arm
 
@@ -206,19 +207,29 @@ def coupled(folder: Path) -> Found:
     }
 
 
+def met(session: Session, peer: tuple[str, int], hello: int = 5) -> Packet:
+    """The WELCOME that a peer is given: it says HELLO, and again with the cookie of the CHALLENGE that comes."""
+    found = Packet(Kind.CHALLENGE, hello, 0, 0.0, (0.0, 0.0))
+    for kind in (Kind.CHALLENGE, Kind.WELCOME):
+        content = session.receive(pack(Packet(Kind.HELLO, hello, 0, 0.0, found.numbers), session.key), peer)
+        answer = unpack(content or b"", session.key)
+        assert isinstance(answer, Packet) and answer.kind is kind, answer
+        found = answer
+    return found
+
+
 def packets(count: int, key: bytes | None = KEY) -> Found:
     """What a served arm makes of packets that are sound, cut, grown, turned over (where they are signed), replayed,
-    foreign, lost; it never gets a torque that its peer has not asked for."""
+    foreign, of another version or peer, lost; it never gets a torque that its peer has not asked for."""
     env = gym.make("FlexibleArm-v0", control_dt=0.01, duration=1e6, disable_env_checker=True)
     peer, rng = ("127.0.0.1", 1), np.random.default_rng(1)
     session = Session(env, Limits(watchdog=10**6), key, seed=0)
-    welcome = unpack(session.receive(pack(Packet(Kind.HELLO, 5, 0), key), peer) or b"", key)
-    assert isinstance(welcome, Packet)
+    welcome = met(session, peer)
     first = Packet(Kind.COMMAND, welcome.connection, 1, 0.0, (0.0,), ARM)
-    sent: Counter[str] = Counter(sound=2)
+    sent: Counter[str] = Counter({"sound": 2, "HELLO without a cookie": 1})
     session.receive(pack(first, key), peer)
     sequence, ways = 1, ["sound", "cut", "grown", "a bit turned over", "old", "of another connection", "not finite",
-                         "of another size", "noise", "lost"]  # fmt: skip
+                         "of another size", "of another version", "HELLO of another peer", "noise", "lost"]  # fmt: skip
     taken = {0.0}
     if key is None:
         ways.remove("a bit turned over")
@@ -243,15 +254,23 @@ def packets(count: int, key: bytes | None = KEY) -> Found:
             "of another connection": pack(good._replace(connection=int(rng.integers(2**63))), key),
             "not finite": pack(good._replace(numbers=(float(rng.choice([math.nan, math.inf])),)), key),
             "of another size": pack(good._replace(numbers=(0.1,) * int(rng.choice([0, 2, 7]))), key),
+            "of another version": _of_version(1 + 2 * (at % 9), content, key),
+            "HELLO of another peer": pack(Packet(Kind.HELLO, at, 0, 0.0, (float(at), 1.0)), key),
             "noise": rng.bytes(6 * at),
         }
-        session.receive(made[way], peer)
+        session.receive(made[way], ("127.0.0.1", 2) if way == "HELLO of another peer" else peer)
         if k % 500 == 0:
             session.advance()
             assert float(session.torque[0]) in taken
     session.receive(pack(first._replace(sequence=sequence + 1, flags=0), key), peer)
     sent["sound"] += 1
     return {"sent": dict(sent), "counts": dict(session.counts)}
+
+
+def _of_version(version: int, content: bytes, key: bytes | None) -> bytes:
+    """A packet with another version in its head, signed as such."""
+    body = content[:4] + version.to_bytes(2, "little") + content[6 : len(content) - (0 if key is None else DIGEST)]
+    return body if key is None else body + hmac.new(key, body, "sha256").digest()
 
 
 def measure(options: argparse.Namespace) -> Found:
@@ -311,9 +330,9 @@ def blocks(found: Found) -> pages.Blocks:
     counts = dict(sorted(found["packets"]["counts"].items()))
     told = [(key, f"{count:,}") for key, count in found["packets"]["sent"].items()]
     sent = sum(found["packets"]["sent"].values())
-    total = f"{sum(counts.values()):,} are counted of {sent:,} sent: "
-    heads = "communication step, ms | hub's largest distance from that, rad | times the one before"
-    exact = f"Over one period ({1e3 * PERIOD:g} ms) the hub is where Python's loop has it within"
+    total = f"The arm counts {sum(counts.values()):,} of {sent:,} sent packets: "
+    heads = "communication step, ms | hub's largest distance from Python's loop, rad | over the row before"
+    exact = f"With a communication step of one period ({1e3 * PERIOD:g} ms) the hub agrees with Python's loop within"
     return {
         "bits": table("arm | periods | numbers | different", bits),
         "steps": table(

@@ -87,7 +87,7 @@ def run(motion: str, formulation: str, options: dict[str, Any], periods: int, ro
         fine.work.q[:], fine.work.v[:] = q, v
         fine.t = 0.0
         fine.set_torques(batch.motion(0)[2])
-        fine.advance_to(PERIOD, books=False)
+        fine.advance_to(PERIOD, account=False)
         known = fine.observe()[0][-1, 6:8]
         errors.append(float(np.hypot(*(tip - known))) / batch.arm.total_length)
     least, steps = np.inf, 0.0
@@ -126,8 +126,8 @@ def saved(rows: list[dict[str, Any]], tolerance: float = 1e-4) -> list[str]:
             or ("step_tolerance" not in row["options"] and row["options"].get("dt") == max(enough))
         }
         pairs = [f"{cpu[motion, True]:.2g} against {cpu[motion, False]:.2g} in {motion!r}" for motion in MOTIONS]
-        lines.append(f"- `{formulation}`, {100 * tolerance:g} % of the length: fixed steps need "
-                     f"{1e3 * max(enough):.3g} ms to add no more anywhere. CPU, µs a period, fitted against fixed: "
+        lines.append(f"- `{formulation}`, at most {100 * tolerance:g} % of the length a period: fixed steps must be "
+                     f"{1e3 * max(enough):.3g} ms in all motions. CPU µs a period, fitted against fixed: "
                      f"{', '.join(pairs)}.")  # fmt: skip
     return lines
 

@@ -98,7 +98,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
     heads = "arm, torque | largest deflection, % of a link | 6 nodes, 2.5 ms | 10 nodes, 5 ms | 10 nodes, 1.25 ms"
     return {
         "orders": table("elements of order | measured order in the tip's position", mesh),
-        "mass": [f"The centre of mass is at most {found['center_of_mass']:.1e} m off its known path."],
+        "mass": [f"The center of mass is at most {found['center_of_mass']:.1e} m off its known path."],
         "rod": energy_table(found["rod_energy"]), "strips": table(heads, strips),
         "released": energy_table(found["elastica_energy"]), "left out": table("scene | estimated | measured", left_out),
         "modes": table("arm | order | error at 10 %, % of L | kept up to a deflection of, %", modes),

@@ -136,7 +136,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
         for row in found["gaps"]
     ]
     sizes = ", ".join(f"{size:.0f} (`{env_id}`)" for env_id, size in found["bytes"].items())
-    lines = {"bytes": [f"Bytes that a rollout keeps of an arm and period: {sizes}."]}
+    lines = {"bytes": [f"A rollout stores per arm and period, in bytes: {sizes}."]}
     lines["gaps"] = table("environment | tolerance | " + " | ".join(f"over {k}" for k in PERIODS), gaps_of)
     heads = (
         "algorithm | seed | solved after, steps | s | whole run, steps | s | success | settling, median, s | mean, s"

@@ -134,21 +134,22 @@ def blocks(found: pages.Found) -> pages.Blocks:
         (f"`{path}`", f"{a:.4g}", f"{x:.4g}", f"± {half:.2g}", "yes" if told_of else "no")
         for path, a, x, half, told_of in found["parameters"]
     ]
-    blind = [f"Changes of {one}, in shares of each one's size, hardly show." for one in found["blind"]]
+    head = "Combinations that hardly affect the outputs, relative to each parameter's size"
+    blind = [f"{head}: {one}." for one in found["blind"]]
     judged = [(f"`{stem}`", kind, *map(two, values)) for stem, kind, *values in found["runs"]]
     variants = [(v["label"], *(two(v[key]) for key in ("first", "rest", "other"))) for v in found["variants"]]
     own = ", ".join(f"{f:.2f} Hz (ratio {z:.3f})" for f, z in found["frequencies"])
     seen = found["seen"]
     single = ", ".join(f"{f:.2f} Hz ({z:.3f})" for f, z in found["oscillators"])
     return {
-        "fit": table("parameter | before | fitted | 95 % interval | told by the log", rows),
-        "condition": [f"Condition of the derivatives {found['condition']:.3g}.", *blind],
-        "prediction": table("run |  | fitted | before | baseline | NRMSE", judged),
-        "variants": table("what is fitted | first part | rest | `ladder_hinf_jun`", variants),
+        "fit": table("parameter | initial | fitted | 95 % interval | determined by the log", rows),
+        "condition": [f"Condition number of the derivatives: {found['condition']:.3g}.", *blind],
+        "prediction": table("run | use | fitted | vendor | baseline | NRMSE", judged),
+        "variants": table("fitted parameters | first 24 s | rest | `ladder_hinf_jun`", variants),
         "frequencies": [
-            f"Fitted arm, both motors held: {own}; read off where the joints rest: {seen['frequency']:.2f} Hz (ratio "
-            f"{seen['damping']:.3f}), medians of {seen['count']} stretches from {seen['least']:.2f} to "
-            f"{seen['most']:.2f} Hz. One oscillator: {single}."
+            f"Fitted arm with both motors held: {own}. Measured while the joints rest: {seen['frequency']:.2f} Hz "
+            f"(ratio {seen['damping']:.3f}), medians of {seen['count']} intervals, which range from "
+            f"{seen['least']:.2f} to {seen['most']:.2f} Hz. Oscillators of the baseline: {single}."
         ],
     }  # fmt: skip
 

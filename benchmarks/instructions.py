@@ -3,10 +3,13 @@
     python -m benchmarks.instructions FILE [--only WORDS ...]             counts, and adds what it finds to FILE (JSON)
     python -m benchmarks.instructions FILE --compare OTHER [--only ...]   prints FILE's counts over those of OTHER
 
-Each case of `benchmarks.cold_start` runs in a process of its own under valgrind, which counts nothing while it starts,
-compiles and takes its first steps; then its work is done ten times and counted. What is executed outside of files, the
+Each program of `PROGRAMS` runs in a process of its own under valgrind, which counts nothing while it starts, compiles
+and takes its first steps; then its work is done ten times and counted. What is executed outside of files, the
 machine code that was made in memory, is told apart from the rest, Python's interpreter for the most part. Counts are of
 one run: the same code gives the same number, to a few in a million.
+
+Counts of some programs are in the repository, benchmarks/instructions_record.json: a commit that changes them on
+purpose counts those programs anew.
 
 Valgrind shows programs a Haswell, without AVX-512: code of that kind is made beforehand, outside of valgrind, and kept
 in a folder that goes again (or --cache).
@@ -22,10 +25,26 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.cold_start import CASES
+from benchmarks.cold_start import CASES, FLOATING, MODES, Work, derivatives, environment, scene
+
+SPATIAL = "SpatialFlexArm-v0"
+IN_SPACE: dict[str, dict[str, Any]] = {
+    "floating frame": FLOATING, "modes": MODES, "loaded": {"arm": "three_dof_loaded", "info_level": "full"},
+}  # fmt: skip
+"""Kinds of arms in space beside "in space", the exact beam, that `cold_start` has."""
+PROGRAMS: dict[str, Callable[[], Work]] = dict(CASES)
+"""The cases of `benchmarks.cold_start`, and the same work of all formulations in space."""
+for _word, _keywords in IN_SPACE.items():
+    for _n, _how in ((1, "single"), (64, "vector 64")):
+        PROGRAMS[f"in space, {_word}, {_how}"] = partial(environment, _n, SPATIAL, _keywords)
+    for _back, _how in ((False, "Jacobians"), (True, "cotangents")):
+        PROGRAMS[f"{_how}, in space, {_word}"] = partial(derivatives, _back, SPATIAL, _keywords)
+for _formulation in ("elastica", "geometrically_exact", "floating_frame"):
+    PROGRAMS[f"scene in space, {_formulation}"] = partial(scene, "three_dof_slew", _formulation)
 
 TIMES = 10
 """How often the work is done and counted."""
@@ -52,7 +71,7 @@ def asker() -> Callable[[int], None]:
 
 def driver(name: str) -> None:
     """A program, in the process that is watched."""
-    ask, work = asker(), CASES[name]()
+    ask, work = asker(), PROGRAMS[name]()
     work()
     ask(START)
     ask(ZERO)
@@ -113,7 +132,7 @@ def main(arguments: list[str] | None = None) -> int:
     if given.run:
         driver(given.run)
         return 0
-    chosen = [name for name in CASES if any(word in name for word in given.only)]
+    chosen = [name for name in PROGRAMS if any(word in name for word in given.only)]
     found: dict[str, Any] = json.loads(given.file.read_text("utf-8")) if given.file.exists() else {}
     if given.compare:
         before = json.loads(given.compare.read_text("utf-8"))

@@ -125,7 +125,7 @@ def thrown(arm_name: str, formulation: str, options: dict[str, Any]) -> Simulati
     simulation = Simulation(standing_scene(arm, STEP, None), settings)
     assert arm.torque_limits is not None
     simulation.set_torques(np.array(arm.torque_limits))
-    simulation.advance_to(4 * STEP, books=False)
+    simulation.advance_to(4 * STEP, account=False)
     return simulation
 
 

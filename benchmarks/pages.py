@@ -124,7 +124,8 @@ def run(
     verdicts: dict[str, bool] = found.get("verdicts", {})
     lines = {"machine": [told(found["machine"])], **blocks(found)}
     if verdicts:
-        lines["verdicts"] = table("what | holds", [(what, "yes" if ok else "**no**") for what, ok in verdicts.items()])
+        rows = [(what, "yes" if passed else "**no**") for what, passed in verdicts.items()]
+        lines["verdicts"] = table("check | passed", rows)
     write_page(options.out, name, lines, page)
     print("\n".join(f"{'ok ' if holds else 'NO '} {what}" for what, holds in verdicts.items()))
     return 0 if all(verdicts.values()) else 1

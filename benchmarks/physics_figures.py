@@ -205,7 +205,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
         lines[name] = [
             f"{name}, {row['segments']} segments a link, energy {row['energy']:.3f} J:", "",
             *table("step, s | centre of mass: largest error, m | energy: rms wobble, J", rows), "",
-            f"Eight times as long ({length}), wobble in each eighth: {eighths} J.",
+            f"Wobble in each eighth of a run eight times as long ({length}): {eighths} J.",
         ]  # fmt: skip
     return lines
 

@@ -214,7 +214,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
             parts = (*(row[part] for part in PARTS), carried, row["learning"])
             shares.append((name, *(f"{part / row['iteration']:.0%}" for part in parts)))
     heads = "runners | steps an iteration | steps/s | while sampling | iteration, ms | sampling, ms | learning, ms"
-    parts_of = "environments | policy | episodes made | carried to the training process | learning"
+    parts_of = "environments | policy | building episodes | transfer to the training process | learning"
     return {
         "load": [f"Load average at the start: {found['load_average']:.1f}."], "rates": table(heads, rows, True),
         "cost": _cost(found["found"], found["bare_us"]), "shares": table(f"| {parts_of}", shares, True),
@@ -229,11 +229,11 @@ def _cost(found: dict[str, Row], bare_us: float) -> list[str]:
     times = [found[f"rllib, {name}"]["sampling"] / row["sampling"] for name, row in zip(names, ours, strict=True)]
     share = [1.0 - without / (row["iteration"] / row["steps"] * 1e6) for row in ours]
     return [
-        f"On one core, with nothing sent anywhere, a step takes {without:.0f} µs without RLlib and {alone:.0f} with",
-        f"it: {1.0 - without / alone:.0%} of the time is RLlib's. An iteration with one runner takes longer than the",
-        f"plain loop's on one core by {share[0]:.0%} of itself, with two runners by {share[1]:.0%}. RLlib's own runner",
-        f"takes {times[0]:.1f} (1 runner) and {times[1]:.1f} times (2 runners) as long to sample as the native one.",
-        f"The environments alone take {bare_us:.2f} µs a step.",
+        f"In one process on one core a step takes {without:.0f} µs without RLlib and {alone:.0f} µs with it: RLlib",
+        f"takes {1.0 - without / alone:.0%} of the time. Compared with the plain loop, Ray and RLlib take",
+        f"{share[0]:.0%} of an iteration with one runner and {share[1]:.0%} with two. RLlib's own runner samples",
+        f"{times[0]:.1f} (1 runner) and {times[1]:.1f} times (2 runners) as long as the native one. The environments",
+        f"alone take {bare_us:.2f} µs a step.",
     ]
 
 

@@ -1,4 +1,4 @@
-"""How soon controllers settle `SpatialFlexArm-v0`, on 100 reaches: docs/environments/spatial.md."""
+"""How soon controllers settle `SpatialFlexArm-v0`, on 100 reaches: docs/environments/spatial_results.md."""
 
 import argparse
 import sys
@@ -65,4 +65,4 @@ def blocks(found: pages.Found) -> pages.Blocks:
 
 
 if __name__ == "__main__":
-    sys.exit(pages.run("space_control", __doc__, measure, blocks, page="environments/spatial", episodes=100))
+    sys.exit(pages.run("space_control", __doc__, measure, blocks, page="environments/spatial_results", episodes=100))

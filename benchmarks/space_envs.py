@@ -1,4 +1,4 @@
-"""How exact `SpatialFlexArm-v0` is under random torques and under PD, and how fast: docs/environments/spatial.md."""
+"""Accuracy and speed of `SpatialFlexArm-v0`, random torques and PD: docs/environments/spatial_results.md."""
 
 import argparse
 import dataclasses
@@ -154,4 +154,5 @@ def blocks(found: pages.Found) -> pages.Blocks:
 
 if __name__ == "__main__":
     only = {"only": {"nargs": "+", "choices": ("accuracy", "books", "rates"), "help": "only these parts anew"}}
-    sys.exit(pages.run("space_envs", __doc__, measure, blocks, page="environments/spatial", more=only, episodes=32))
+    page = "environments/spatial_results"
+    sys.exit(pages.run("space_envs", __doc__, measure, blocks, page=page, more=only, episodes=32))

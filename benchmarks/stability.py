@@ -252,11 +252,11 @@ def table_of_cases(found: pages.Found) -> list[str]:
     counted = [[key, *(counts.get(name, 0) for name in OUTCOMES)] for key, counts in found["outcomes"].items()]
     return [
         f"{found['cases']} cases, {found['case_seconds']:.0f} s in all, the longest {found['longest_case']:.1f} s. "
-        f"Energy (i) was asked of the {found['energy_checked']} that ended with status `ok`; the tip (ii) of "
-        f"{found['tip_checked']} of those. The tips of the other ones are not known to be right ({reasons}).",
+        f"The energy (criterion i) was checked for all {found['energy_checked']} with status `ok`, the tip (criterion "
+        f"ii) for {found['tip_checked']} of them. The other tips are unchecked ({reasons}).",
         "", *table(" | ".join(["", *OUTCOMES]), counted), "",
-        f"Estimate over true error, percentiles over the cases with an error above 0.1 % of L: {ratios}. "
-        f"{found['needlessly_inaccurate']} runs were called inaccurate although their tip was within 1 % of L.",
+        f"Percentiles of estimate over true error, for cases with an error above 0.1 % of L: {ratios}. "
+        f"{found['needlessly_inaccurate']} runs were `inaccurate` although their tip was within 1 % of L.",
         "", f"Statuses: {', '.join(f'{k} {v}' for k, v in sorted(found['statuses'].items()))}.",
     ]  # fmt: skip
 
@@ -271,7 +271,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
     ]  # fmt: skip
     lines = {
         "cases": table_of_cases(found),
-        "long steps": table("program | runs | failed | ended wrong by more than 5 % of L without a word",
+        "long steps": table("program | runs | failed | more than 5 % of L off without a message",
                             [[program, *counts.values()] for program, counts in found["hard_steps"].items()]),
         "hardest": table("program | method | status | error, % of L | estimate, % of L", hard),
     }  # fmt: skip

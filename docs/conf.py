@@ -121,7 +121,7 @@ class PlayerFrame(SphinxDirective):
         path.write_text(page(text, title), encoding="utf-8")
         there = "../" * self.env.docname.count("/") + f"players/{name}.html"
         link = f'<p><a href="{there}">The player alone</a>, in a larger window</p>'
-        text = frame(f'src="{there}"', title) + link
+        text = f'<div class="player-frame">{frame(f"""src="{there}" """.strip(), title)}</div>{link}'
         if "folded" in self.options:
             text = f'<details class="player"><summary>{title}</summary>{text}</details>'
         return [nodes.raw("", text, format="html")]

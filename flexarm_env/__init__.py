@@ -50,6 +50,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used, so that `import flexarm_env` stays light (PEP 562)."""
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(import_module(f".{_HOME[name]}", __name__), name)
@@ -80,4 +81,4 @@ if "RemoteArm-v0" not in registry:
 for _id in _ENVIRONMENTS:
     _register(_id, _id, {})
 for _task in _tasks(earlier=True):
-    _register(_task.registered, _task.environment, _task.keywords)
+    _register(_task.registered, _task.environment, _task.arguments)

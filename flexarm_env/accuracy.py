@@ -1,18 +1,20 @@
-"""How far a run's tip may be off: estimated from a run of twice the step and one of another mesh (theory, section 8).
+"""Estimate of a run's tip error, from a run of twice the step and one on another mesh (theory, section 8).
 
 The error has these parts, each a fraction of the arm's length:
 
-    time_step   half the distance of the tip from a companion run of twice the step (a third is what a method of second
-                order leaves; the rest is for safety); all of that from an eighth of the step where the step does not
-                resolve the slowest vibration, or its decay
-    mesh        half the distance between that companion and another of twice the step and half the mesh; all of it
-                where the other mesh is the finer one; at least the distance from frames that are clamped at their
-                roots, where links are so stubby that chords keep an error on any mesh (theory, section 3)
-    energy      five times the energy that appeared from nowhere, or half of what the scheme dissipated, as a share of
-                the energy turned over (`Trajectory.turned_over`)
-    others      what the formulation knows of itself before the run: System.notes
+    time_step   half the distance of the tip from a companion run of twice the step (a third is the error of a method of
+                second order; the rest is a safety margin); the whole distance from a run of an eighth of the step if
+                the step does not resolve the slowest vibration, or its decay; in space up to 1.5 times the distance, if
+                that between the companion and a run of four times the step shows no second order
+    mesh        half the distance between that companion and another one of twice the step on half the mesh; all of it
+                if the other mesh is the finer one; at least the distance from frames that are clamped at their roots,
+                in space from an exact beam, if links are so stubby that chords have an error on any mesh, or under such
+                tension that they bend within less than an element (theory, section 8; `accuracy_space`)
+    energy      five times the energy that the scheme created, or half of the energy that it dissipated, as a fraction
+                of the energy turned over (`Trajectory.turned_over`)
+    others      errors of the formulation known before the run: System.notes
 
-Time step, mesh and notes add up; the estimate is that sum, or the energy's part where that is larger.
+Time step, mesh and notes are added; the estimate is that sum, or the energy's part if that is larger.
 """
 
 import math
@@ -23,27 +25,30 @@ from functools import reduce
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .parameters import Arm, Link
-from .scene import Scene
+from .accuracy_space import LITTLE, STUBBY, mesh_factor, softest, step_factor, witness
+from .parameters import Arm
+from .rigid import inertia_beyond
+from .scene import Scene, default_mesh, divided, halved_mesh, resolving_step
 from .settings import MOST_ELEMENTS, Settings, steps_in
 from .validation import Array
 
 _SAME_TIME = 1e-9
-"""Instants this close (s, and relative to the last one) are the same."""
+"""Instants that differ by less (s, and relative to the last one) are the same."""
 
 INACCURATE = "inaccurate"
-"""Status of a run that came to its end, its estimated error above the limit."""
+"""Status of a run that reached its end with an estimated error above the limit."""
 
 FOUND, TAKEN = 5.0, 0.5
-"""Error for each share of the energy turned over that appeared from nowhere, or that the scheme dissipated. A small
-relative error of an energy is twice that of the amplitude, hence a half; energy that appears is a sign of instability
-and counts ten times as much."""
+"""Error per fraction of the energy turned over that the scheme created (FOUND) or dissipated (TAKEN). A small relative
+error of an energy is twice that of the amplitude, hence a half; created energy indicates instability and counts ten
+times as much."""
 
 
 @dataclass(frozen=True)
 class Probe:
-    """A companion run: instants t (n,) s, tips (n, 2) m, in space places and axes as long as a fifth of the arm,
-    (n, 4, 3) m, and whether it came to its end."""
+    """A companion run: instants t (n,) s; tips (n, 2) m, or in space the tip and the ends of its axes, of a fifth of
+    the arm's length, (n, 4, 3) m; good: whether the run reached its end.
+    """
 
     t: Array
     tip: Array
@@ -52,17 +57,15 @@ class Probe:
 
 @dataclass(frozen=True)
 class Estimate:
-    """The estimated error and its parts, fractions of L.
-
-    unknown: why the time step or the mesh could not be judged, in which case total is infinite; "" otherwise.
-    """
+    """Estimated error and its parts, fractions of L. unknown: why time step or mesh could not be estimated, and total
+    is infinite; otherwise ""."""
 
     total: float
     parts: Mapping[str, float] = field(default_factory=dict)
     unknown: str = ""
 
     def message(self, limit: float) -> str:
-        """Why a run is inaccurate, and what to do."""
+        """Return why a run is inaccurate, and the remedy."""
         if self.unknown:
             return f"the error could not be estimated: {self.unknown}; take a smaller dt or a finer mesh"
         worst = max(self.parts, key=lambda name: self.parts[name])
@@ -73,7 +76,7 @@ class Estimate:
 
 
 def missed(settings: Settings, step_error: float) -> str:
-    """Why steps fitted to a tolerance are inaccurate; "" where they kept it. step_error: the largest of a stretch."""
+    """Return why fitted steps are inaccurate, "" if the step_tolerance is met; step_error: the largest of a stretch."""
     if settings.step_tolerance is None or step_error <= settings.step_tolerance:
         return ""
     return (
@@ -92,68 +95,110 @@ REMEDY = {
 
 
 HALF = 0.5
-"""Error for each unit of distance from a run of twice the step, or on half the mesh."""
+"""Error per unit of distance from a run of twice the step, or on half the mesh."""
 
 
 def other_mesh(settings: Settings, space: bool = False) -> tuple[Settings, float]:
-    """Settings of another mesh, and the error for each unit of distance from a run on it.
+    """Return settings of another mesh, and the error per unit of distance from a run on it.
 
-    The mesh is coarser; finer where there is none coarser; the full model where the link is reduced to modes, but in
-    space, where these and finite elements are of one kind, other segments with as many modes.
+    The mesh is coarser, or finer if there is no coarser one. For links reduced to modes it is the full model; in space,
+    where modes and finite elements form one kind of mesh, other segments with as many modes.
     """
     if settings.formulation == "elastica":
         assert settings.nodes is not None
+        # the smallest mesh is compared with a finer one
         if settings.nodes == 3:
             return settings.replace(nodes=5), 1.0
         return settings.replace(nodes=max(3, settings.nodes - 2)), HALF
+    # modes in space: half the segments
     if settings.modes is not None and space:
         n = settings.segments or 1
-        return settings.replace(segments=2 if n == 1 else -(-n // 2), modes=settings.modes), 1.0 if n == 1 else HALF
+        return settings.replace(segments=2 if n == 1 else -(-n // 2), modes=settings.modes), mesh_factor(n)
     if settings.modes is not None:
         return settings.replace(segments=max(5, settings.segments or 1), elements=1), 1.0
     assert settings.elements is not None
     if settings.formulation == "geometrically_exact":
+        # exact beams: half the elements; floating frames: half the segments
         if settings.elements == 1:
             return settings.replace(elements=2), 1.0
-        return settings.replace(elements=-(-settings.elements // 2)), HALF
+        factor = mesh_factor(settings.elements) if space else HALF
+        return settings.replace(elements=-(-settings.elements // 2)), factor
     assert settings.segments is not None
     changes = {"coupling": "von_karman"}
     if settings.segments == 1:
         return settings.replace(segments=2, elements=-(-settings.elements // 2), **changes), 1.0
-    return settings.replace(segments=-(-settings.segments // 2), **changes), HALF
+    factor = mesh_factor(settings.segments) if space else HALF
+    return settings.replace(segments=-(-settings.segments // 2), **changes), factor
+
+
+def companion_mesh(scene: Scene, settings: Settings) -> tuple[Scene, Settings, float]:
+    """Return scene and settings of another mesh, and the error per unit of distance from a run on it. Where a section
+    jumps or kinks, all cells are halved: a coarser mesh may have the same cells in the critical piece, and the distance
+    would hide their error. Elsewhere the mesh is that of `other_mesh`."""
+    if divided(scene.arm):
+        if halved := halved_mesh(scene.arm, settings):
+            return replace(scene, arm=halved[0]), halved[1], 1.0
+        if settings.modes is not None and not scene.spatial:
+            usual = default_mesh(scene.arm, settings.formulation)["segments"]
+            return scene, settings.replace(segments=max(usual, settings.segments or 1), elements=1), 1.0
+    return scene, *other_mesh(settings, scene.spatial)
 
 
 COARSE, FINER = 0.5, 0.125
-"""Step times the rate of the slowest vibration above which runs of h and 2 h may be wrong alike; h then is compared
-with so much of it."""
+"""Step times the rate of the slowest vibration above which runs of h and 2 h may have the same error; h is then
+compared with a step of FINER h."""
 
 
-STUBBY = 5e-3
-"""EI / (C L^2) of a link above which frames along chords are compared with clamped ones."""
+DRIVEN = 4.0
+"""Factor on the step that must still resolve loads and motions for half the distance to suffice. Otherwise the arm's
+vibration at their frequency may be out of phase in both runs, and the whole distance counts."""
+
+
+QUARTER, SLOW, QUICK = 0.25, 0.2, 30.0
+"""Factor on the step of the run that arms on elastic gears are compared with; step times the rate of a gear's vibration
+below which the step resolves it (SLOW), and above which the gear is practically rigid (QUICK)."""
 
 
 def clamped(scene: Scene, settings: Settings) -> Settings | None:
-    """Settings of the same mesh with frames clamped at the roots, where what chords leave out of shear may count."""
+    """Return settings of the same mesh with frames clamped at the roots, for stubby links with von Karman chords, whose
+    error due to shear no mesh removes; otherwise None."""
     along = settings.formulation == "floating_frame" and settings.frame == "chord" and settings.coupling == "von_karman"
     if along and not scene.spatial and any(link.slenderness > STUBBY for link in scene.arm.links):
         return settings.replace(frame="root")
     return None
 
 
-def slowest_rate(scene: Scene) -> float:
-    """Rate (1/s) of the arm's slowest vibration or, where that is overdamped, of its faster decay; root held, straight.
+def rubs(scene: Scene) -> bool:
+    """Return whether a joint has dry friction or backlash: step errors are of first order at sticking and impact."""
+    return any(joint.friction_coulomb > 0.0 or joint.backlash > 0.0 for joint in scene.arm.joints)
 
-    From the frequency of a beam of the arm's length and least stiffness, all that it carries at its tip (Rayleigh);
-    where sections vary, in the plane, of the arm as it is.
-    """
+
+def gear_rate(scene: Scene) -> float:
+    """Return the rate (1/s) of the fastest vibration of a rotor on its elastic gear against the rigid arm beyond; 0: no
+    such gear, or an arm in space."""
+    arm, rates = scene.arm, [0.0]
+    if scene.spatial:
+        return 0.0
+    for k, joint in enumerate(arm.joints):
+        # two inertias on a spring: omega^2 = k (1 / rotor + 1 / arm)
+        if joint.elastic and joint.rotor > 0.0:
+            rates.append(math.sqrt(joint.stiffness * (1.0 / joint.rotor + 1.0 / inertia_beyond(arm, k))))
+    return max(rates)
+
+
+def slowest_rate(scene: Scene) -> float:
+    """Return the rate (1/s) of the straight arm's slowest vibration, root held, or of its faster decay if overdamped.
+    Frequency of a beam of the arm's length and smallest stiffness with all it carries at its tip (Rayleigh); in the
+    plane of varying sections that of the actual arm."""
     arm, spatial = scene.arm, scene.spatial
     bending = [link for link in arm.links if not link.rigid]
     if not bending:
         return 0.0
     uniform = all(link.uniform is not None and not link.rigid_ends for link in arm.links)
     if spatial or (uniform and not arm.payload.eccentric):
-        stiffness = min(_softest(link) if spatial else link.mean.EI for link in bending)
+        stiffness = min(softest(link) if spatial else link.mean.EI for link in bending)
         carried = arm.payload.mass + sum(arm.elbow(k).mass for k in range(1, arm.n_links))
+        # cantilever: omega^2 = 3 EI / ((m_tip + 33/140 m_beam) L^3); decay at rate tau_d omega^2
         moved = carried + 33.0 / 140.0 * sum(link.mass for link in bending)
         square = 3.0 * stiffness / (moved * arm.total_length**3)
     else:
@@ -161,17 +206,11 @@ def slowest_rate(scene: Scene) -> float:
     return max(math.sqrt(square), arm.damping[0] * square)
 
 
-def _softest(link: Link) -> float:
-    """The least stiffness to bending or torsion anywhere along a link in space, N m^2."""
-    s = np.linspace(0.0, link.length, 65)
-    across = link.across(s)
-    return float(min(link.along(s).EI.min(), across["EI_y"].min(), across["GJ"].min()))
-
-
 def _varying_rate(arm: Arm) -> float:
-    """Square of the rate of a straight, locked arm whose sections vary: Rayleigh's, of the shape under its weight."""
+    """Return omega^2 (1/s^2) of a straight, locked arm with varying sections: Rayleigh's quotient of its sag."""
     s, EI, mass, first = [], [], [], 0.0
     for k, link in enumerate(arm.links):
+        # 200 pieces per link; masses at their middles, payload and elbows at the link's last piece
         places = np.linspace(0.0, link.length, 201)
         middle, piece = 0.5 * (places[1:] + places[:-1]), link.length / 200
         s.append(first + link.root_offset + middle)
@@ -188,41 +227,41 @@ def _varying_rate(arm: Arm) -> float:
         mass.append(np.array([arm.payload.mass]))
     x, weight = np.concatenate(s), np.concatenate(mass)
     levers = np.maximum(x[:, None] - x, 0.0)  # of a weight (row) about a hinge (column)
+    # deflection under weights w: moments at hinges, their rotations, lever arms; omega^2 = w.d / w.d^2
     deflection = levers @ ((weight @ levers) / np.concatenate(EI))
     return float(weight @ deflection / (weight @ deflection**2))
 
 
 def count_steps(scene: Scene, settings: Settings, end: float, sample: float) -> int:
-    """Steps of a run that lands on every sample and kink."""
+    """Return the number of steps of a run that lands on every sample and kink."""
     lengths = _stretches(scene, end, sample)
     return int(_steps_in(lengths, _step_of(lengths, settings, sample)).sum())
 
 
 def in_steps(scene: Scene, settings: Settings, end: float, sample: float) -> Settings:
-    """Settings whose dt is the longest step of a run with this dt at most that lands on every sample and kink.
-
-    An elastica's inertia is that of one length of step (theory, 5.3): steps are then no longer than those of a tenth of
-    the time.
-    """
+    """Return settings with the longest step of at most dt of a run that lands on every sample and kink. An elastica's
+    inertia belongs to one step length (theory, 5.3): its dt is the step length at which equal and shorter steps cover a
+    tenth of the time."""
     return settings.replace(dt=_step_of(_stretches(scene, end, sample), settings, sample))
 
 
 def _stretches(scene: Scene, end: float, sample: float) -> Array:
-    """Lengths (s) between samples and kinks."""
+    """Return the intervals (s) between samples and kinks, up to `end`."""
     samples = np.minimum(np.arange(1.0, steps_in(end, sample) + 1.0) * sample, end)
     kinks = np.array([k for k in scene.kinks if k < end], np.float64)
     return np.diff(np.union1d(samples, kinks), prepend=0.0)
 
 
 def _steps_in(lengths: Array, dt: float) -> Array:
-    """In how many steps of at most dt each stretch is gone through."""
+    """Return the number of steps of at most dt (s) in each interval."""
     return np.maximum(1.0, np.ceil(lengths / dt * (1.0 - 1e-9)))
 
 
 def _step_of(lengths: Array, settings: Settings, sample: float) -> float:
-    """`in_steps` of stretches."""
+    """Return the step (s) of `in_steps` for given intervals."""
     dt = settings.dt
     assert dt is not None
+    # step in each interval; then the longest, or the elastica's tenth
     steps = lengths / _steps_in(lengths, dt)
     found = float(steps.max())
     if settings.formulation == "elastica":
@@ -235,8 +274,9 @@ def _step_of(lengths: Array, settings: Settings, sample: float) -> float:
 
 
 def common_instants(t: ArrayLike, other: ArrayLike) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Indices into two increasing sequences of times, t (n,) s and other (m,) s, of the instants that both have."""
+    """Return the indices of common instants in two increasing sequences of times, t (n,) s and other (m,) s."""
     first, second = np.asarray(t, dtype=float), np.asarray(other, dtype=float)
+    # nearest instant of the other sequence: the one behind or before
     nearest = np.clip(np.searchsorted(second, first), 0, second.size - 1)
     before = np.maximum(nearest - 1, 0)
     nearest = np.where(np.abs(second[before] - first) < np.abs(second[nearest] - first), before, nearest)
@@ -245,8 +285,7 @@ def common_instants(t: ArrayLike, other: ArrayLike) -> tuple[NDArray[np.intp], N
 
 
 def distance(one: Probe, other: Probe) -> float:
-    """Largest distance of two tips, or of their axes' ends, m, over the instants that both have; infinite where either
-    failed."""
+    """Return the largest distance of two tips, or of their axes' ends, m, over common instants; inf if a run failed."""
     if not (one.good and other.good):
         return math.inf
     mine, theirs = common_instants(one.t, other.t)
@@ -262,46 +301,87 @@ def estimate(
     run: Callable[..., Probe],
     levels: Sequence[int] = (),
 ) -> tuple[dict[str, float], str]:
-    """The parts of time step and mesh, as fractions of L, and why one of them is infinite.
+    """Return the parts "time_step" and "mesh" of the error, fractions of L, and why one of them is infinite.
 
-    mine: the run itself, sampled each `sample` s. run: a companion, from a scene, settings, a sampling interval and,
-    where steps are fitted to a tolerance, the halvings of dt in each stretch (`Trajectory.step_levels`). levels: those
-    of the run. Drag (`Arm.mass_damping`) belongs to one mesh: meshes are then compared without it.
+    mine: the run itself, sampled every `sample` s. run: function that makes a companion run, of a scene, settings, a
+    sampling interval and, for fitted steps, the halvings of dt in each stretch (`Trajectory.step_levels`). levels:
+    those of the run. Drag (`Arm.mass_damping`) depends on the mesh: meshes are then compared without it.
     """
     dt = settings.dt
     assert dt is not None
+    # share of the distance that counts; the companion is sampled half as often
     length, wide = scene.arm.total_length, min(2.0 * sample, end)
+    share = HALF
+    if rubs(scene) or resolving_step(scene, DRIVEN * dt, end) < DRIVEN * dt:
+        share = 1.0
     steps = count_steps(scene, settings, end, sample)
     companion = Probe(mine.t, mine.tip, False)
     doubled = settings.replace(dt=2.0 * dt)
+    # meshes are compared without drag
     drag = scene.arm.mass_damping > 0.0
     bare = replace(scene, arm=replace(scene.arm, mass_damping=0.0)) if drag else scene
+    # fitted steps: each stretch with one halving less; then the other mesh with the same steps
     if settings.step_tolerance is not None:
-        other, factor = other_mesh(settings, scene.spatial)
+        there, other, factor = companion_mesh(bare, settings)
         time_step = HALF * distance(mine, run(scene, settings, sample, [level - 1 for level in levels]))
         base = run(bare, settings, sample, levels) if drag else mine
-        mesh = factor * distance(base, run(bare, other, sample, levels))
+        mesh = factor * distance(base, run(there, other, sample, levels))
         if (root := clamped(scene, settings)) is not None:
             mesh = max(mesh, distance(base, run(bare, root, sample, levels)))
         return {"time_step": time_step / length, "mesh": mesh / length}, _why(time_step, mesh)
+    # companion of twice the step
     if count_steps(scene, doubled, end, wide) <= 0.75 * steps:
         companion = run(scene, doubled, wide)
-        time_step = HALF * distance(mine, companion)
-    if not companion.good:  # kinks or samples in each step, or too long a step: look at a shorter one
+        found = distance(mine, companion)
+        time_step = share * found
+        if scene.spatial and companion.good and time_step > LITTLE * length:
+            time_step = max(share, _share_of_step(scene, doubled, end, wide, companion, found, run)) * found
+    # no longer step possible, or it failed: compare with half the step
+    if not companion.good:
         doubled, wide = settings, sample
         companion = mine
-        time_step = 2.0 * distance(mine, run(scene, settings.replace(dt=0.5 * dt), sample))
+        time_step = (1.0 + 2.0 * share) * distance(mine, run(scene, settings.replace(dt=0.5 * dt), sample))
+    # steps that miss the slowest vibration, or a gear's
     if dt * slowest_rate(scene) > COARSE:
         time_step = max(time_step, distance(mine, run(scene, settings.replace(dt=FINER * dt), sample)))
-    other, factor = other_mesh(doubled, scene.spatial)
+    if SLOW < dt * gear_rate(scene) < QUICK:
+        time_step = max(time_step, distance(mine, run(scene, settings.replace(dt=QUARTER * dt), sample)))
+    # mesh: companions of twice the step on two meshes; on failure a finer mesh and half the step
+    there, other, factor = companion_mesh(bare, doubled)
     base = run(bare, doubled, wide) if drag else companion
-    mesh = factor * distance(base, run(bare, other, wide))
+    mesh = factor * distance(base, run(there, other, wide))
     if math.isinf(mesh):
         base = run(bare, settings, sample) if drag else mine
         mesh = distance(base, run(bare, finer_mesh(settings).replace(dt=0.5 * dt), sample))
     elif (root := clamped(scene, doubled)) is not None:
         mesh = max(mesh, distance(base, run(bare, root, wide)))
+    elif settings.formulation != "elastica":
+        mesh = max(mesh, _from_exact(scene, doubled, base, wide, run))
     return {"time_step": time_step / length, "mesh": mesh / length}, _why(time_step, mesh)
+
+
+def _share_of_step(
+    scene: Scene, settings: Settings, end: float, sample: float, mine: Probe, found: float, run: Callable[..., Probe]
+) -> float:
+    """Return `step_factor` for a run in space at the distance `found` (m) from `mine`, a run of twice its step.
+    settings, sample: of `mine`. A third run, of four times the step, shows how the distance grows."""
+    again, wide = settings.replace(dt=2.0 * float(settings.dt or 0.0)), min(2.0 * sample, end)
+    if count_steps(scene, again, end, wide) > 0.75 * count_steps(scene, settings, end, sample):
+        return step_factor(1.0)
+    return step_factor(distance(mine, run(scene, again, wide)) / found)
+
+
+def _from_exact(scene: Scene, settings: Settings, mine: Probe, sample: float, run: Callable[..., Probe]) -> float:
+    """Return the distance (m) of a run in space from its `witness`, an exact beam. inf: the witness is too coarse. 0:
+    there is none, or double precision cannot resolve it."""
+    exact, fine = witness(scene, settings, mine.t, mine.tip)
+    if exact is None:
+        return 0.0
+    try:
+        found = distance(mine, run(scene, exact, sample))
+    except ValueError:
+        return 0.0
+    return found if fine else math.inf
 
 
 def followed(
@@ -313,24 +393,35 @@ def followed(
     levels: Sequence[int],
     notes: Mapping[str, float],
 ) -> dict[str, float]:
-    """The elastica's note on stretch and shear where motion is gross: a linear estimate, or how far a run whose links
-    are as much softer as stretch and shear make them (`Notes.softer`) comes out, if that is more; {} for others."""
+    """Return the elastica's error due to neglected stretch and shear, a fraction of L; {} for other formulations.
+
+    In the plane it is the larger of the linear estimate (notes) and the distance from a run whose links are softer by
+    the effect of stretch and shear (`Notes.softer`), at most 1. In space it is the distance from an exact beam or, for
+    slender links, from that softer run: both follow the loads.
+    """
     stiffness = getattr(notes, "softer", None)
     if stiffness is None:
         return {}
-    apart = distance(mine, run(scene, settings, sample, levels, stiffness)) / scene.arm.total_length
+    length = scene.arm.total_length
+    if scene.spatial and (found := _from_exact(scene, settings, mine, sample, run)) > 0.0:
+        return {"stretch_and_shear": found / length}
+    apart = distance(mine, run(scene, settings, sample, levels, stiffness)) / length
+    if scene.spatial:
+        return {"stretch_and_shear": apart}
     return {"stretch_and_shear": max(notes["stretch_and_shear"], min(1.0, apart))}
 
 
 def _why(time_step: float, mesh: float) -> str:
-    """Why an estimate is infinite."""
+    """Return the reason for an infinite estimate, or ""."""
     if math.isinf(time_step):
         return "neither a run of twice the step nor one of half of it came to its end"
-    return "no run on another mesh came to its end" if math.isinf(mesh) else ""
+    if math.isinf(mesh):
+        return "no run on another mesh came to its end, or links bend within less than any mesh resolves"
+    return ""
 
 
 def finer_mesh(settings: Settings) -> Settings:
-    """Settings of twice the mesh."""
+    """Return settings of about twice the mesh."""
     if settings.formulation == "elastica":
         assert settings.nodes is not None
         return settings.replace(nodes=min(12, settings.nodes + 2) if settings.nodes < 12 else 11)
@@ -345,12 +436,12 @@ def finer_mesh(settings: Settings) -> Settings:
 
 
 def energy_part(balance: Array, turned_over: float) -> float:
-    """The energy's part of the error from the balance (n,) J and the energy turned over, J."""
+    """Return the energy's part of the error from the balance (n,), J, and the energy turned over, J."""
     if turned_over <= 0.0:
         return 0.0
     return max(FOUND * float(balance.max()), -TAKEN * float(balance.min())) / turned_over
 
 
 def total(parts: Mapping[str, float]) -> float:
-    """The estimate from its parts."""
+    """Return the estimate from its parts: their sum without energy, or energy's part if larger."""
     return max(parts.get("energy", 0.0), sum(value for name, value in parts.items() if name != "energy"))

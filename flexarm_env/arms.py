@@ -40,7 +40,7 @@ def named(name: str) -> Arm:
 
 
 def resolve(arm: Arm | str | os.PathLike[str], directory: str | os.PathLike[str] = ".") -> Arm:
-    """An arm from an :class:`Arm`, a name, or a TOML file (found from ``directory``).
+    """Return an arm from an :class:`Arm`, a name, or a TOML file (found from ``directory``).
 
     Raises ValueError for a text that is neither a name nor a file, and for what is wrong in the file.
     """
@@ -58,7 +58,7 @@ def resolve(arm: Arm | str | os.PathLike[str], directory: str | os.PathLike[str]
 
 
 def from_toml(source: str | os.PathLike[str]) -> Arm:
-    """The arm in a TOML file or text: the keys of :class:`Arm`, at the top level or in a table ``[arm]``.
+    """Read the arm of a TOML file or text: the keys of :class:`Arm`, at the top level or in a table ``[arm]``.
 
     Raises ValueError that names the file, the key path, the value and what is allowed, OSError for no such file.
     """
@@ -71,14 +71,14 @@ def from_toml(source: str | os.PathLike[str]) -> Arm:
 
 
 def to_toml(arm: Arm) -> str:
-    """TOML text of an arm; :func:`from_toml` reads it back to an equal arm."""
+    """Return TOML text of an arm; :func:`from_toml` reads it back to an equal arm."""
     import tomli_w
 
     return tomli_w.dumps(to_table(arm))
 
 
 def from_table(table: Mapping[str, Any], default_name: str | None = None) -> Arm:
-    """An arm from the table of a TOML file; default_name: where the table has no name.
+    """Read an arm from the table of a TOML file; default_name: for a table without a name.
 
     Raises ValueError that names the key path, the value and what is allowed.
     """
@@ -100,6 +100,12 @@ def from_table(table: Mapping[str, Any], default_name: str | None = None) -> Arm
     return Arm(**values)
 
 
+def section_of(path: str, value: object) -> Section:
+    """A section from its table, as a link's `section`. Raises ValueError that names the key path, the value and the
+    rule."""
+    return _section(path, check.table_of(path, value), path)
+
+
 def base_of(value: object) -> Base:
     """A base from its table. Raises ValueError that names the key path, the value and what is allowed."""
     needed = {"mass": "must be a number, zero or positive (kg)", "inertia": "must be a positive number (kg m^2)"}
@@ -107,6 +113,7 @@ def base_of(value: object) -> Base:
 
 
 def _link(path: str, value: object) -> Link:
+    """Read a link's table: a rigid one by its mass, else a uniform section, points of a section, or a taper."""
     table = check.table_of(path, value)
     if "section" not in table and any(key in table for key in _RIGID[1:]):
         check.known_keys(path, table, _RIGID)
@@ -140,7 +147,7 @@ _SECTIONS = (
 
 
 def _point(path: str, entry: object) -> tuple[Any, Section]:
-    """One of the points between which sections vary."""
+    """Read a point of a section that varies along the link."""
     table = check.table_of(path, entry)
     s = check.needed(path, table, "s", "must be a number (m from the link's root)")
     section = _section(path, {key: value for key, value in table.items() if key != "s"}, path)
@@ -148,7 +155,7 @@ def _point(path: str, entry: object) -> tuple[Any, Section]:
 
 
 def _section(path: str, section: dict[str, Any], inside: str | None = None) -> Section:
-    """The section of a table; inside: its key path where that is not `path`.section."""
+    """Read the section of a table; inside: its key path if that is not `path`.section."""
     own = inside or f"{path}.section"
     what = f"must be a table of {', '.join(_SECTION)}, or of a rectangle's {', '.join(_RECTANGLE)}"
     keys: tuple[str, ...] = (*_SECTION, *ACROSS)
@@ -169,6 +176,7 @@ def _section(path: str, section: dict[str, Any], inside: str | None = None) -> S
 
 
 def _joint(path: str, value: object) -> Joint:
+    """Read a joint's table, with the table of its motor."""
     table = check.table_of(path, value)
     if "motor" in table:
         check.known_keys(path, table, check.names_of(Joint))
@@ -179,6 +187,7 @@ def _joint(path: str, value: object) -> Joint:
 
 
 def _link_table(link: Link, space: bool) -> dict[str, Any]:
+    """Return a link as a TOML table, without what has its default."""
     if isinstance(link, RigidLink):
         return {key: getattr(link, key) for key in _RIGID}
     plain = Link(link.length, link.section)
@@ -187,7 +196,7 @@ def _link_table(link: Link, space: bool) -> dict[str, Any]:
 
 
 def _section_table(section: Section | Taper | Points, space: bool) -> Any:
-    """What `_link` reads back."""
+    """Return a section as a table that `_link` reads back."""
     if isinstance(section, tuple):
         return [{"s": s, **_section_table(at, space)} for s, at in section]
     if isinstance(section, Taper):
@@ -197,10 +206,7 @@ def _section_table(section: Section | Taper | Points, space: bool) -> Any:
 
 
 def to_table(arm: Arm, space: bool = True) -> dict[str, Any]:
-    """The TOML table of an arm; what is at its default is left out.
-
-    space: with what sections have across the plane of motion, which :func:`from_table` needs for an equal arm.
-    """
+    """Return an arm as a TOML table without fields at their defaults."""
     table: dict[str, Any] = {"name": arm.name}
     if arm.source:
         table["source"] = arm.source
@@ -235,7 +241,7 @@ def _elbow_table(elbow: Elbow) -> dict[str, Any]:
 
 
 def _joint_table(joint: Joint) -> dict[str, Any]:
-    """The fields of a joint that are not as usual; of its motor, those that are given."""
+    """Return the fields of a joint that differ from their defaults; of its motor, those that are given."""
     table = check.changed(joint)
     if joint.motor is not None:
         table["motor"] = {key: value for key, value in vars(joint.motor).items() if value is not None}

@@ -1,20 +1,22 @@
 """Many arms of one kind, advanced together by one compiled call per control period; a single arm is a batch of one.
 
-The arms share a Model and a task; payload, stiffness, damping and torque constant are each arm's own. Arms stand in
-lane groups; groups are divided among threads. What an arm does depends on nothing but itself: the same bits in any
-batch, on any number of threads.
+The arms share a Model and a task; payload, stiffness, damping and torque constant are each arm's own. Arms are stored
+in lane groups, which threads divide among themselves. An arm's bits do not depend on the batch or the threads.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from . import physics  # noqa: F401  (registers the formulations)
-from .compiler import SINGLE, WIDEST, Crew, OneAtATime, Placed, entry, holders, native, one_at_a_time, uncompiled
+from .compiler import SINGLE, WIDEST, Beside, Placed, entry, native, uncompiled
+from .compiler.crew import CROWDED, OneAtATime, one_at_a_time
+from .compiler.pace import Team, default_threads
+from .compiler.sheets import Sheet
 from .parameters import Arm
 from .physics import assembly, precision
 from .physics.gauges import Spot, curvature_rows
@@ -26,13 +28,17 @@ from .physics.obstacles import KeepOut, packed
 from .physics.space.reading import read
 from .runtime import episode as environment
 from .runtime import starts
+from .runtime.energy_balance import FLOOR, inertia_per_rate, is_unbalanced
 from .runtime.keep_out import with_room
 from .runtime.laws import LAW_SIZE, law_of, room_of
 from .runtime.layout import aligned, layout_of, readings_size, record_sizes
 from .runtime.sampling import observe_arm
+from .runtime.told import View, info_places
 from .scene import standing_scene
 from .settings import Settings
 from .simulation import fitted_systems
+from .tasks.attainable import Attainable, attainable, draw_attainable, first_unattainable
+from .tasks.own_terms import TERM_ARGUMENTS, with_terms
 from .tasks.program import (
     ACTION_NOT_FINITE,
     CHANNEL,
@@ -77,36 +83,15 @@ from .trajectory import joint_angles
 from .validation import Array
 
 LANES_FROM = 3
-"""Batches of at least this many arms stand in lanes of eight; the others are advanced one by one."""
+"""Smallest batch that is stored in lanes of eight arms; in smaller batches arms are advanced one by one."""
 
-UNSEEN = holders([np.zeros(1)], 0)
-"""Holders of an array that only its list knows."""
-
-
-def info_places(task: Task) -> Any:
-    """Where each field of a task's `INFO` begins."""
-    return INFO.offsets(0, len(task.links), len(task.targets), len(task.terms), len(task.further))
+ALONE_AFTER = 20
+"""Steps of a batch after which the program of a single arm is compiled in the background, for arms whose Newton
+iteration fails in their lane: the first start does not wait for it, and a short run does without."""
 
 
-@dataclass(frozen=True)
-class View:
-    """One arm at an instant: points (n, 2) root to tip, m; poses (N, 12) as `physics.protocol.link_poses`; time, s;
-    target, m or rad; torques (N,), N m; deflection (N,), over L; q, the coordinates of the state. In space points
-    (n, 3), poses (N, 23) as `task_poses`, deflection (2 N,): along y, then along z."""
-
-    points: Array
-    poses: Array
-    time: float
-    target: Array
-    torques: Array
-    deflection: Array
-    q: Array
-
-
-def gauge_table(
-    arm: Arm, settings: Settings, gravity: tuple[float, ...] | None, places: Sequence[Spot]
-) -> Array:
-    """(G, n): `curvature_rows` of a link at a place (0 root, 1 tip), for the arm of a batch."""
+def gauge_table(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None, places: Sequence[Spot]) -> Array:
+    """Return rows (G, n) whose product with q is the curvature (1/m) at each place (link, 0 root to 1 tip)."""
     assert settings.dt is not None
     scene = standing_scene(arm, settings.dt, gravity)
     return curvature_rows(scene, settings, assembly.assemble(scene, settings), places)
@@ -116,25 +101,29 @@ class Batch:
     """n arms with a task, in lane groups.
 
     Args:
-        arm, settings (with dt), gravity: what moves. n: how many.
-        task: a record of a task. starts: what fresh starts are drawn from.
-        period: control period, s, a whole number of settings.dt. books: keep energies. threads: at most so many.
+        arm, settings (with dt), gravity: the mechanical system; gravity in m/s^2. n: number of arms.
+        task: record of a task. starts: ranges from which starts are drawn.
+        period: control period, s, a whole number of settings.dt. account: record energies, work and dissipation.
+        threads: maximum number; None: as many as make steps fastest, by the clock (`compiler.pace`).
         extras: controllers, motors, sensors, moving targets.
+        left: error of the tip due to mesh and step, over the arm's length; inf: unknown.
     Attributes:
-        action (n, A) float32: to be filled before `step`. observation (n, O) float32, reward (n,), terminated,
-        truncated (n,): of the last step or start. table: entries of info, a row each, a column an arm (and some to
-        spare). info_at: where each of `INFO` is in it. request: a `REQUEST`, NaN: to be drawn. address: what
-        the compiled functions take.
+        action (n, A) float32: input of `step`. observation (n, O) float32, reward (n,), terminated, truncated (n,): of
+            the last step or start. table: entries of info, one row each, one column per arm (and spare ones). sheet:
+            the table with its views. info_at: row of each entry of `INFO`. request: a `REQUEST`, NaN: drawn at random.
+            address: of the program's memory, argument of the compiled functions.
     """
 
     def __init__(
         self, arm: Arm, settings: Settings, n: int, task: Task, starts: Starts, *,
-        period: float, gravity: tuple[float, ...] | None = None, books: bool = False, threads: int = 1,
-        extras: Extras | None = None,
+        period: float, gravity: tuple[float, ...] | None = None, account: bool = False, threads: int | None = 1,
+        extras: Extras | None = None, left: float = math.inf,
     ) -> None:  # fmt: skip
+        """Assemble the arm, choose lanes and threads, and compile or load the programs."""
         assert settings.dt is not None
+        self.left = left
         self.arm, self.settings, self.n, self.task, self.starts = arm, settings, n, task, starts
-        self.period, self.gravity, self.books, self.extras = period, gravity, books, extras or Extras()
+        self.period, self.gravity, self.account, self.extras = period, gravity, account, extras or Extras()
         drawn = starts.drawn
         self.tolerance = precision.of_torques(arm, settings, precision.largest(drawn), drawn["damping"][1])
         pushed = self.extras.pushes is not None
@@ -143,11 +132,13 @@ class Batch:
         self.system: System = self.systems[-1]
         self.lane = SINGLE if n < LANES_FROM or settings.multipliers else WIDEST
         self.groups = -(-n // len(self.lane))
-        self.threads = max(1, min(threads, self.groups))
+        self.paced = threads is None
+        self.threads = max(1, min(default_threads(n) if threads is None else threads, self.groups))
         self.pose = None if arm.spatial else assembly.pose_table(arm, settings, gravity)
         self._build()
 
     def _build(self) -> None:
+        """Allocate the memory of all arms and compile or load the programs."""
         lanes, model, task, settings = len(self.lane), self.system.model, self.task, self.settings
         assert settings.dt is not None
         gauges = 0 if self.extras.sensors is None else len(self.extras.sensors.gauges) // len(self.system.q0)
@@ -155,6 +146,7 @@ class Batch:
         read = 0 if self.extras.instruments is None else self.extras.instruments.entries
         self.entries = len(task.entries) + ahead + read + gauges
         fitted = settings.step_tolerance is not None
+        # layout of one lane group; _work: numbers per arm of the integrator, without its counters
         self.layout = layout_of(lanes, model, task, self.entries, self.extras, fitted)
         self._work = int(uncompiled(work_size)(1, model, 0)) - COUNTS.places.end  # these are apart
         count, links = self.n, self.arm.n_links
@@ -165,13 +157,14 @@ class Batch:
         width = self.entries if chosen is None else len(chosen.chosen) * chosen.frames
         self.observation = np.zeros((count, width), np.float32)
         size = (self.layout.saved - self.layout.info) // lanes
-        self._tables = [np.zeros((size, self.groups * lanes)) for _ in range(2)]
-        self.table = self._tables[0]
+        self._sheets = [Sheet(np.zeros((size, self.groups * lanes))) for _ in range(2)]
+        self.sheet, self.table = self._sheets[0], self._sheets[0].array
         self.queue = np.zeros(count, np.int64)
         self.reward = np.zeros(count)
         self.terminated, self.truncated = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
         self.stream = np.zeros(count, np.uint64)
         self.request = np.full(REQUEST.offsets(0, links, links * self.arm.spatial).end, np.nan)
+        # the program: a record of all arrays and constants that compiled code reads
         n_steps = round(self.period / settings.dt)
         room = np.zeros((assembly.room_for_points(settings, links), 3 if self.arm.spatial else 2))
         shapes = with_room(self.extras.keep_out, model, self.system.q0, room, self.groups, self.arm.total_length)
@@ -181,7 +174,7 @@ class Batch:
             allowed=(settings.step_tolerance or 0.0) * self.arm.total_length,
             ranges=self.starts.ranges(self.pose, self.system.par), layout=self.layout,
             **(vars(self.extras) | {"keep_out": shapes}),
-            entries=self.entries, books=(0,) if self.books else None, estimate=self.estimate,
+            entries=self.entries, books=(0,) if self.account else None, watched=self._inertia(), estimate=self.estimate,
             period=self.period, h=self.period / n_steps, n_steps=n_steps, n=count,
             block=self.block.reshape(-1), action=self.action.reshape(-1), queue=self.queue,
             observation=self.observation.reshape(-1), table=self.table.reshape(-1), reward=self.reward,
@@ -193,24 +186,37 @@ class Batch:
         self.compiled_step = entry(environment.step, self._placed, 0, 0)
         self._start = entry(starts.start_episodes, self._placed, 0, 0)
         self._finish_guided: Any = None
-        self._native = native(environment.step, self._placed, 0, 0) if self.threads > 1 else 0
-        self._crew = Crew(self.threads - 1)
-        self._alone: Batch | None = None
+        self._team = Team(self.groups, None if self.paced else self.threads)
+        self._native = native(environment.step, self._placed, 0, 0) if self._team.most > 1 else 0
+        self._alone, self.repeats = self._beside(), 0  # repeats: periods of arms that were repeated alone
+        # default parameters, in the spare lanes as well; every episode is over until its start
         for i in range(self.groups * lanes):
             self._par(i)[...] = self.system.par
         for i in range(count):
             self.record(i)[MODE] = OVER
 
+    def _inertia(self) -> float:
+        """Return `runtime.energy_balance.inertia_per_rate` of an elastica, kg m^2; 0 for other formulations, which do
+        not need it; inf without absolute angles, as in space: the energy is then evaluated in every period."""
+        model, q, v = self.system.model, self.system.q0, np.zeros(len(self.system.q0))
+        if model.newton.resolved is None:
+            return 0.0
+        if not len(self.system.absolute):
+            return math.inf
+        v[list(self.system.absolute)] = 1.0
+        return float(uncompiled(inertia_per_rate)(SINGLE, model, self.system.par, q.copy(), v))
+
     @property
     def estimate(self) -> float:
-        """What leaving out stretch and shear costs the elastica, over the arm's length, by a linear estimate that
-        links that whip round are beyond (docs: theory, section 5); infinite for others: not known. (Not nan, which no
-        checker of an environment's determinism takes to be equal to itself.)"""
-        return self.system.notes.get("stretch_and_shear", float("inf"))
+        """Estimated error of the tip over the arm's length: mesh, step, and the elastica's neglect of stretch and
+        shear. The latter is a linear estimate, which links that whip round exceed (theory, section 5). inf: unknown;
+        not nan, which a checker of determinism does not find equal to itself."""
+        return self.left + self.system.notes.get("stretch_and_shear", 0.0)
 
     # --- one arm's entries -----------------------------------------------------------------------
     def _mine(self, first: int, last: int, i: int) -> Array:
-        """Entries [first, last) of the block that are arm i's, a view."""
+        """Return arm i's entries of [first, last) of the block, a view."""
+        # a block row is a lane group: entry k of all its lanes is contiguous
         lanes = len(self.lane)
         return self.block[i // lanes, first:last].reshape(-1, lanes)[:, i % lanes]
 
@@ -218,30 +224,30 @@ class Batch:
         return self._mine(self.layout.par, self.layout.poses, i)
 
     def record(self, i: int) -> Array:
-        """Arm i's record (see `tasks.program.RECORD`), a view."""
+        """Return arm i's record (`tasks.program.RECORD`), a view."""
         return self._mine(self.layout.record, self.layout.action, i)
 
     def poses(self, i: int) -> Array:
-        """Poses (N, 12) of arm i's links as its last period, or its start, left them (see `View`), a copy."""
+        """Return the poses (N, 12) of arm i's links after its last period or start (`View`), a copy."""
         end = self.layout.record - len(self.task.base) * len(self.lane)
         return self._mine(self.layout.poses, end, i).reshape(self.arm.n_links, -1).copy()
 
     def joints(self, i: int) -> tuple[Array, Array]:
-        """Angles (N,), rad, and rates (N,), rad/s, of arm i's joints; of a floating base the hub's from the x axis."""
+        """Return joint angles (N,), rad, and rates (N,), rad/s, of arm i; a floating base's hub from the x axis."""
         poses = self.poses(i)
         return (poses[:, SPACE_POSE.angle], poses[:, SPACE_POSE.rate]) if self.arm.spatial else joint_angles(poses)
 
     # --- motion ----------------------------------------------------------------------------------
     def parameters(self, i: int) -> Array:
-        """What is arm i's own (see `physics.model.PAYLOAD_MASS`), a copy."""
+        """Return arm i's own parameters (`physics.model.PAYLOAD_MASS`, ...), a copy."""
         return self._par(i).copy()
 
     def motion(self, i: int) -> tuple[Array, Array, Array]:
-        """State q, v (n,) and joint torques (N,) of arm i, copies."""
+        """Return q, v (rows,) and joint torques (N,), N m, of arm i, copies."""
         return tuple(rows[i].copy() for rows in self.motions()[:3])
 
     def motions(self) -> tuple[Array, Array, Array, Array]:
-        """Of all arms: coordinates and rates (n, rows), joint torques (n, N), parameters as `parameters`, copies."""
+        """Return coordinates and rates (n, rows), joint torques (n, N), N m, and parameters of all arms, copies."""
         work = uncompiled(unpack)(self.lane, self.system.model, np.arange(self.layout.par, dtype=np.float64), 0)
         rows, lanes = len(self.system.q0), len(self.lane)
 
@@ -251,34 +257,45 @@ class Batch:
 
         par = mine(self.layout.par, len(self.system.par))
         torques = work.u[0]
-        if self.extras.actuator is not None:  # what motors have come to; u is what they did in the last step
+        if self.extras.actuator is not None:  # the motors' present torque; u is that of the last step
             at = RECORD.offsets(0, *record_sizes(self.task, self.entries, self.extras)).torque
             torques = self.layout.record + at * lanes
         return mine(work.q[0], rows), mine(work.v[0], rows), mine(torques, self.arm.n_links), par
 
-    def ask(self, angles: Array, target: Array, vibration: Array) -> None:
-        """What the next start is to be like: joint angles (N,), target (2,), vibration (1,) or (3,); NaN: drawn.
+    def set_starts(self, starts: Starts) -> None:
+        """Draw the starts of later episodes from these ranges; running episodes continue. A variant of the program that
+        was not needed before is compiled now."""
+        anew = (starts.attainable is None) != (self.starts.attainable is None)
+        self.starts, self._alone = starts, self._beside()
+        if anew:
+            self._team.close()
+            self.__setstate__(self.__getstate__())
+            return
+        ranges = starts.ranges(self.pose, self.system.par)
+        for name in ("start", "target", "straight"):
+            getattr(self.program.ranges, name)[...] = getattr(ranges, name)
 
-        In space the target is given by joint angles (N,) that reach it.
-        """
+    def ask(self, angles: Array, target: Array, vibration: Array) -> None:
+        """Set the next start: joint angles (N,), rad, target (2,) and vibration (1,) or (3,); NaN: drawn. In space the
+        target is given by joint angles (N,) that reach it."""
         asked = {"angles": angles, "target": target, "vibration": np.resize(vibration, 3), "goals": np.zeros(0)}
         if self.arm.spatial:
             asked |= {"target": np.full(2, np.nan), "goals": target}
         self.request[:] = REQUEST.pack({"joints": self.arm.n_links, "goals": len(asked["goals"])}, **asked)
 
     def start(self, arms: Sequence[int], keys: Sequence[int], *, limit: int, mode: int = RUNNING) -> None:
-        """Start episodes; keys: 64 random bits for each arm that its draws and noise follow from."""
+        """Start episodes of `arms`; keys: 64 random bits per arm for its draws and noise; limit: periods allowed."""
         lanes, at = len(self.lane), self.layout.record + PERIODS_ALLOWED * len(self.lane)
-        for k, i in enumerate(arms):
-            self.queue[k], self.stream[i], self.block[i // lanes, at + i % lanes] = i, keys[k], limit
+        chosen = np.asarray(arms, np.int64)
+        self.queue[: len(chosen)] = chosen
+        self.stream[chosen] = np.asarray(keys, np.uint64)
+        self.block[chosen // lanes, at + chosen % lanes] = limit
         self._start(self.address, mode, len(arms))
 
     def take_report(self, i: int, code: int, action: Array, report: Mapping[str, Array]) -> None:
-        """The outcome of a period of arm i, which is guided: moved elsewhere.
-
+        """Write the outcome of a period of the guided arm i, which another simulation has advanced.
         code: status, or -1 for the start of its episode. action (N,). report: poses (N, 12), torque (N,), N m, energies
-        (5,), J (`tasks.program.ENERGIES`), gauges (G,), scaled, motors (N,): their angles over the ratio, rad.
-        """
+        (5,), J (`tasks.program.ENERGIES`), gauges (G,), scaled, motors (N,): motor angles over the gear ratio, rad."""
         at, layout, instruments = self.info_at, self.layout, self.extras.instruments
         info, record = self._mine(layout.info, layout.saved, i), self.record(i)
         if code <= OK:
@@ -298,49 +315,56 @@ class Batch:
         self.table[:, i] = info
 
     def step(self) -> int:
-        """One control period of all arms with `action`; returns how many want attention (ended, or guided)."""
-        if self.threads == 1 or not self._native:
-            count = self.compiled_step(self.address, 0, self.groups)
+        """Advance all arms by a control period with `action`; return the number of arms that ended or are guided."""
+        # several threads share the groups; lanes whose Newton iteration failed are repeated
+        if self._native:
+            count = self._team.run(self.compiled_step, self._native, self.address, self.groups)
         else:
-            count = self._crew.run(self._native, self.address, self.groups)
+            count = self.compiled_step(self.address, 0, self.groups)
         if count and len(self.lane) > 1:
             self._repeat_alone()
+        self._alone.count(self._one)
         return int(count)
 
     def renew(self, keep: bool = True) -> None:
-        """Write what comes into another table, which is no longer looked at; the present one stays as it is.
-
-        keep: begin with a copy of the present one; without, all of it is to be written, which a step does.
-        """
-        if holders(self._tables, 1) > UNSEEN:
-            self._tables[1] = np.empty_like(self.table)
-        self._tables.reverse()
-        old, self.table = self.table, self._tables[0]
+        """Direct later steps to another table, which nobody views, and leave the present one unchanged. keep: copy the
+        present entries into it first; otherwise a step must write all of them."""
+        sheets = self._sheets
+        if not sheets[1].is_free():
+            sheets[1] = Sheet(np.empty_like(self.table))
+        sheets.reverse()
+        old, self.sheet, self.table = self.table, sheets[0], sheets[0].array
         if keep:
             self.table[...] = old
-        self._placed.replace("table", self.table)
+        self._placed.replace("table", self.table, sheets[0].address)
         self.address = self._placed.address
 
     def _repeat_alone(self) -> None:
-        """Arms whose Newton iteration failed in their lane go through the period again, where steps are halved."""
+        """Repeat the period of arms whose Newton iteration failed in their lane, one by one, with halved steps."""
         for i in np.flatnonzero(self.table[self.info_at.reason, : self.n] == RETRY).tolist():
-            alone = self.alone()
+            alone, self.repeats = self.alone(), self.repeats + 1
             alone.set_state(0, self.get_state(i))
             alone.action[0] = self.action[i]
             alone.compiled_step(alone.address, 0, 1)
             self.set_state(i, alone.get_state(0))
 
     def alone(self) -> Batch:
-        """A batch of one like this one."""
-        if self._alone is None:
-            self._alone = Batch(
-                self.arm, self.settings, 1, self.task, self.starts,
-                period=self.period, gravity=self.gravity, books=self.books, extras=self.extras,
-            )  # fmt: skip
-        return self._alone
+        """Return a batch of one arm like this batch's."""
+        return self._alone.get(self._one)
+
+    def _beside(self) -> Beside[Batch]:
+        """Return the batch of one arm, to be compiled while this batch steps."""
+        return Beside(ALONE_AFTER if len(self.lane) > 1 else 0)
+
+    def _one(self) -> Batch:
+        """Create a batch of one arm like this batch's."""
+        return Batch(
+            self.arm, self.settings, 1, self.task, self.starts,
+            period=self.period, gravity=self.gravity, account=self.account, extras=self.extras, left=self.left,
+        )  # fmt: skip
 
     def get_state(self, i: int) -> dict[str, Any]:
-        """Everything about arm i, copied."""
+        """Return a copy of arm i's complete state."""
         return {
             "block": np.concatenate(self._parts(i)),
             "stream": int(self.stream[i]),
@@ -351,7 +375,7 @@ class Batch:
         }
 
     def set_state(self, i: int, state: dict[str, Any]) -> None:
-        """Make arm i what `get_state` of a like batch returned."""
+        """Set arm i to a state that `get_state` of an equal batch returned."""
         work, rest = self._parts(i)
         work[...], rest[...] = state["block"][: self._work], state["block"][self._work :]
         self.stream[i] = state["stream"]
@@ -362,7 +386,7 @@ class Batch:
 
     @property
     def counts(self) -> Array:
-        """(groups, 4): Newton iterations, factorisations, halvings and steps of each lane group up to now."""
+        """Newton iterations, factorizations, halvings and steps of each lane group since its creation, (groups, 4)."""
         return self.block[:, self._work * len(self.lane) :][:, :4].copy()
 
     @property
@@ -372,11 +396,11 @@ class Batch:
         return bool((self.block[:, at : at + len(self.lane)].ravel()[: self.n] > 0.0).all())
 
     def _parts(self, i: int) -> tuple[Array, Array]:
-        """All that the block holds of arm i, views: the integrator's work, and the other sections."""
+        """Return all entries of arm i in the block as views: the integrator's memory, and the other sections."""
         return self._mine(0, self._work * len(self.lane), i), self._mine(self.layout.par, self.layout.end, i)
 
     def view(self, i: int) -> View:
-        """Where arm i is."""
+        """Return the shape, poses, target, torques (N m) and time (s) of arm i, for rendering."""
         links, (q, v) = self.arm.n_links, (rows[i] for rows in self.motions()[:2])
         if self.arm.spatial:
             points = read(self.arm, self.settings, q[None], v[None])["shapes"][0]
@@ -399,14 +423,13 @@ class Batch:
         )
 
     def close(self) -> None:
-        """Let the threads go."""
-        self._crew.close()
+        """Stop the threads."""
+        self._team.close()
 
     def __getstate__(self) -> dict[str, Any]:
         skipped = (
-            "program", "_placed", "address", "compiled_step", "_start", "_finish_guided", "info_at", "_crew", "_alone",
-            "_native",
-        )  # fmt: skip
+            "program", "_placed", "address", "compiled_step", "_start", "_finish_guided", "info_at", "_team", "_alone",
+            "_native", "_sheets", "sheet")  # fmt: skip
         return {k: v for k, v in vars(self).items() if k not in skipped}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -417,9 +440,11 @@ class Batch:
 
 
 __all__ = [
-    "ACTION_NOT_FINITE", "ALWAYS", "Actuator", "Amplifier", "Batch", "CLIP", "Chain", "Controller", "Cost", "Extras",
-    "FACTOR_NAMES", "FRESH", "FURTHER", "GOAL", "GUIDED", "INFO", "Instruments", "KeepOut", "LAW_SIZE", "MODE", "OVER",
-    "OneAtATime", "PERIODS", "PERIODS_ALLOWED", "PayloadChange", "Pushes", "REASONS", "RUNNING", "Reach", "Reference",
-    "STATUS_WORDS", "SUCCESS", "Selection", "Sensors", "Slew", "SpaceReach", "Starts", "TARGET", "Task", "View",
-    "gauge_table", "info_places", "law_of", "one_at_a_time", "packed", "room_of", "curvature_rows", "standing_scene",
+    "ACTION_NOT_FINITE", "ALWAYS", "Actuator", "Amplifier", "Attainable", "Batch", "CLIP", "CROWDED", "Chain",
+    "Controller", "Cost", "Extras", "FACTOR_NAMES", "FLOOR", "FRESH", "FURTHER", "GOAL", "GUIDED", "INFO",
+    "Instruments", "KeepOut", "LAW_SIZE", "MODE", "OVER", "OneAtATime", "PERIODS", "PERIODS_ALLOWED", "PayloadChange",
+    "Pushes", "REASONS", "RUNNING", "Reach", "Reference", "STATUS_WORDS", "SUCCESS", "Selection", "Sensors", "Sheet",
+    "Slew", "SpaceReach", "Starts", "TARGET", "TERM_ARGUMENTS", "Task", "View", "attainable", "gauge_table",
+    "info_places", "is_unbalanced", "law_of", "one_at_a_time", "packed", "room_of", "curvature_rows", "standing_scene",
+    "with_terms", "draw_attainable", "first_unattainable",
 ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""What arms in space have beside those in the plane: axes and mounts of joints, tensors of inertia, rigid links."""
+"""Parameters of arms in space: joint axes, mounts, inertia tensors and rigid links."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,50 +13,56 @@ from flexarm_env.validation import Array
 Vector = tuple[float, float, float]
 Matrix = tuple[Vector, Vector, Vector]
 Inertia = Any
-"""A number (kg m^2), or a `Matrix`: a tensor."""
+"""Moment of inertia about any axis (kg m^2), or a `Matrix`: an inertia tensor."""
 
 Z: Vector = (0.0, 0.0, 1.0)
-"""The axis of an arm in the plane."""
+"""Joint axis of an arm in the plane."""
 
 
 def vector(path: str, value: object, unit: str = "") -> Vector:
-    """Three finite numbers."""
+    """Validate three finite numbers."""
     x, y, z = check.numbers(path, value, f"three numbers{f' ({unit})' if unit else ''}", 3, unit)
     return x, y, z
 
 
 def unit_vector(path: str, value: object) -> Vector:
-    """Three numbers, scaled to a length of 1."""
+    """Validate a direction of three numbers and return it with length 1."""
     given = np.array(vector(path, value))
     largest = float(np.abs(given).max())
+    # the norm's squares must neither overflow nor underflow
     if not 1e-150 < largest < 1e150:
         raise check.InvalidValue(path, value, "must be a direction: three numbers of ordinary size, not all 0")
+    # a length of 1 up to round-off is left as it is
     length = float(np.linalg.norm(given))
     x, y, z = (given / length).tolist() if abs(length - 1.0) > 1e-15 else given.tolist()
     return x, y, z
 
 
 def rows(path: str, value: object, unit: str = "") -> Matrix:
-    """A 3 x 3 matrix as tuples."""
+    """Validate a 3 x 3 matrix and return it as tuples."""
     given = value.tolist() if isinstance(value, np.ndarray) else value
     a, b, c = (vector(f"{path}[{i}]", row, unit) for i, row in enumerate(check.sequence(path, given, "three rows", 3)))
     return a, b, c
 
 
 def mount(path: str, value: Any) -> Matrix | None:
-    """A rotation: a matrix, or an axis and an angle (rad) about it; None where there is none.
+    """Validate a rotation, given as a matrix or as an axis with an angle (rad); return a matrix, None for no rotation.
 
     Raises:
-        ValueError: neither, or a matrix that is not orthogonal, right-handed, to 1e-6; nearer ones are made so.
+        ValueError: neither form, or a matrix that is not orthogonal and right-handed to 1e-6; within that it is made
+            orthogonal.
     """
     if value is None:
         return None
     what = "must be a rotation matrix of three rows, or (axis, angle) with an axis of three numbers and rad"
     if isinstance(value, list | tuple) and len(value) == 2:
+        # rotation by the vector angle axis
         axis, angle = np.array(unit_vector(f"{path}[0]", value[0])), check.number(f"{path}[1]", value[1], "rad")
         R = matrices(angle * axis)
     elif isinstance(value, list | tuple | np.ndarray) and len(value) == 3:
+        # tolerance 1e-6 for rounded input, then made orthogonal to round-off
         R = np.array(rows(path, value))
+        # nearest orthogonal matrix: u v of the singular value decomposition
         u, _, v = np.linalg.svd(R)
         if not (np.abs(u @ v - R).max() < 1e-6 and np.linalg.det(R) > 0.0):
             raise check.InvalidValue(path, value, what + "; its rows are to be unit vectors, each square to the others")
@@ -67,14 +73,18 @@ def mount(path: str, value: Any) -> Matrix | None:
 
 
 def inertia(path: str, value: object) -> Inertia:
-    """A number, or a tensor of inertia about a centre of mass, kg m^2: symmetric, with principal values that a body may
-    have (none negative, none above the sum of the others)."""
+    """Validate a moment of inertia or an inertia tensor about a center of mass, kg m^2.
+
+    A tensor must be symmetric, with principal values that a body can have: none negative, none above the sum of the
+    others.
+    """
     if not isinstance(value, list | tuple | np.ndarray):
         return check.number(path, value, "kg m^2", minimum=0.0)
     given = np.array(rows(path, value, "kg m^2"))
     size = float(np.abs(given).max())
     if np.abs(given - given.T).max() > 1e-9 * size:
         raise check.InvalidValue(path, value, "must be symmetric")
+    # principal moments: none negative, triangle inequality up to round-off
     own = np.linalg.eigvalsh(0.5 * (given + given.T))
     if own[0] < -1e-9 * size or own[2] > (own[0] + own[1]) * (1.0 + 1e-6) + 1e-12 * size:
         what = "must be that of a body: principal values of at least 0, none above the sum of the other two (kg m^2); "
@@ -83,32 +93,35 @@ def inertia(path: str, value: object) -> Inertia:
 
 
 def tensor(value: Inertia) -> Array:
-    """The 3 x 3 tensor; a number is that about any axis."""
+    """Return the 3 x 3 inertia tensor; a number becomes that number times the identity."""
     return np.array(value) if isinstance(value, tuple) else value * np.eye(3)
 
 
 def about_z(value: Inertia) -> float:
-    """What of it turns about z."""
+    """Return the moment of inertia about z."""
     return float(value[2][2]) if isinstance(value, tuple) else value
 
 
 def about(I: Array, mass: float, arm: Array) -> Array:
-    """The tensor about a point that is `arm` from the centre (Steiner)."""
+    """Return the inertia tensor about a point at `arm` (m) from the center of mass (parallel axis theorem).
+
+    I + mass (arm^T arm E - arm arm^T), kg m^2, with the identity E.
+    """
     return np.asarray(I + mass * (float(arm @ arm) * np.eye(3) - np.outer(arm, arm)))
 
 
 _STIFF = Section(EI=1.0, EA=1.0, C=1.0, m=1.0)
-"""Stands where a rigid link has no section."""
+"""Placeholder for the section of a rigid link."""
 
 
 @dataclass(frozen=True)
 class RigidLink(Link):
-    """A link that does not bend: a pillar, a gearbox, a satellite. An arm with one is computed in space.
+    """A rigid link: a pillar, a gearbox, a satellite. An arm with a rigid link is computed in space.
 
     Args:
-        length: m, from the joint at its root to the next one (or to the arm's tip) along its x axis.
-        mass: kg. centre: of mass, m, three numbers in the link's axes, from its root.
-        inertia: kg m^2 about the centre, a tensor of three rows in the link's axes; a number: about any axis.
+        length: m, from the joint at its root to the next joint or the arm's tip, along its x axis.
+        mass: kg. centre: center of mass, m, three numbers in the link's axes, from its root.
+        inertia: kg m^2 about the center of mass, a tensor of three rows in the link's axes; a number: about any axis.
     """
 
     length: float
@@ -126,6 +139,7 @@ class RigidLink(Link):
     curvature: float = field(init=False, default=0.0, repr=False)
 
     def __post_init__(self) -> None:
+        """Validate the fields and convert them to plain numbers; `InvalidValue` names the field."""
         check.store(
             self,
             length=check.number("length", self.length, "m", minimum=0.0),
@@ -141,14 +155,15 @@ class RigidLink(Link):
 
     @property
     def uniform(self) -> None:
-        """It has no section."""
+        """None: the link has no section."""
         return None
 
     def moment(self, power: int) -> float:
-        """int m s^power ds from the root for powers 0 to 2, kg m^power."""
+        """Return the mass moment int s^power dm about the root for powers 0 to 2, kg m^power."""
+        # Steiner's term plus the inertia about z
         return self.mass * self.centre[0] ** power + (float(tensor(self.inertia)[2, 2]) if power == 2 else 0.0)
 
     @property
     def rotary(self) -> float:
-        """None beside `moment`."""
+        """0: `moment` contains the whole inertia."""
         return 0.0

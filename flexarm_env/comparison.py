@@ -36,7 +36,7 @@ class TipError:
 def tip_error(
     t: ArrayLike, tip: ArrayLike, reference: Mapping[str, NDArray[np.float64]], start: ArrayLike | None = None
 ) -> TipError:
-    """Errors of a tip path against a reference table.
+    """Compute the errors of a tip path against a reference table.
 
     Args:
         t: (n,) s, increasing. tip: (n, 3): x, y in m and angle in rad.

@@ -1,4 +1,4 @@
-"""Curvature that a link has by itself: one number, or linear between points along it."""
+"""Curvature of a stress-free link: one number, or linear between points along the link."""
 
 from itertools import pairwise
 from typing import Any
@@ -10,14 +10,18 @@ from flexarm_env import validation as check
 from flexarm_env.validation import Array
 
 Curvature = float | tuple[tuple[float, float], ...]
-"""1/m, positive to the left; or (s, curvature) with s in m from the root, two points of one s a jump."""
+"""1/m, positive to the left; or pairs (s, curvature), s in m from the root; two points with the same s are a jump."""
 
 GAUSS = np.polynomial.legendre.leggauss(12)
-"""Of each stretch that turns by less than half a radian."""
+"""Gauss points and weights on [-1, 1] for each stretch that turns by less than half a radian."""
 
 
 def checked(value: object, length: float) -> Curvature:
-    """A curvature as it is kept: a number where it is one everywhere."""
+    """Validate a curvature and return it; points with one common value become a number.
+
+    Raises:
+        ValueError: no numbers (1/m), or points that do not run from 0 to `length` (m) in order.
+    """
     if not isinstance(value, list | tuple):
         return check.number("curvature", value, "1/m")
     what = "a number (1/m) or two or more pairs, s (m) and a curvature (1/m)"
@@ -34,13 +38,14 @@ def checked(value: object, length: float) -> Curvature:
 
 
 def check_places(key: str, places: list[float], length: float) -> float:
-    """Places along a link, m, from its root to its tip, two alike a jump; returns the last, which is the length.
+    """Check places along a link (m): ascending from 0 to the length, two equal ones are a jump; return the length.
 
-    key: what a wrong one is called in the ValueError, with {} for its number.
+    The last place is set to the exact length. key: name for the ValueError, with {} for the index.
     """
     if places[0] != 0.0:
         raise check.InvalidValue(key.format(0), places[0], "must be 0, the link's root")
     last = len(places) - 1
+    # the last point may differ from the length by round-off
     if abs(places[last] - length) > 1e-9 * length:
         raise check.InvalidValue(key.format(last), places[last], f"must be the link's length, {length:g} m")
     places[last] = length
@@ -53,24 +58,26 @@ def check_places(key: str, places: list[float], length: float) -> float:
 
 
 def between(places: Array, s: Array, before: bool) -> tuple[NDArray[np.int64], Array]:
-    """Which of the points lies last before each of the places s, and the share of the way to the next; at a jump that
-    behind it, or `before` it."""
+    """Return the index of the last point at or before each place s, and the fraction of the way to the next point.
+
+    At a jump the interval behind it counts, or the one in front if `before`.
+    """
     i = np.clip(np.searchsorted(places, s, side="left" if before else "right") - 1, 0, len(places) - 2)
     return i, np.clip((s - places[i]) / (places[i + 1] - places[i]), 0.0, 1.0)
 
 
 def points(curve: Curvature) -> tuple[float, ...]:
-    """Where it kinks or jumps within a link, m from the root."""
+    """Return the places where the curvature kinks or jumps within a link, m from the root."""
     return () if isinstance(curve, float) else tuple(s for s, _ in curve[1:-1])
 
 
 def jumps(curve: Curvature) -> tuple[float, ...]:
-    """Where it jumps."""
+    """Return the places where the curvature jumps, m from the root."""
     return () if isinstance(curve, float) else tuple(s for (s, _), (after, _) in pairwise(curve) if s == after)
 
 
 def along(curve: Curvature, s: Any, before: bool = False) -> Array:
-    """The curvature at places s; at a jump that behind it, or `before` it."""
+    """Return the curvature (1/m) at places s (m); at a jump the value behind it, or in front of it if `before`."""
     s = np.asarray(s, np.float64)
     if isinstance(curve, float):
         return np.full(s.shape, curve)
@@ -80,11 +87,12 @@ def along(curve: Curvature, s: Any, before: bool = False) -> Array:
 
 
 def angle(curve: Curvature, s: Any) -> Array:
-    """Angle of the tangent at places s from that at the root, rad."""
+    """Return the tangent angle at places s (m) relative to that at the root, rad: the integral of the curvature."""
     s = np.asarray(s, np.float64)
     if isinstance(curve, float):
         return np.asarray(curve * s)
     total = np.zeros(s.shape)
+    # linear pieces: int (one + (other - one) x / (b - a)) dx
     for (a, one), (b, other) in pairwise(curve):
         if b > a:
             x = np.clip(s, a, b) - a
@@ -93,14 +101,19 @@ def angle(curve: Curvature, s: Any) -> Array:
 
 
 def place(curve: Curvature, s: Any) -> NDArray[np.complex128]:
-    """Places s along it as complex numbers, m, from the root and its tangent: int_0^s exp(i angle)."""
+    """Return the points at arc lengths s (m) as complex numbers x + iy, m, in the axes of the root's tangent.
+
+    x + iy = int_0^s exp(i angle) ds, by Gauss quadrature on pieces that turn by less than half a radian.
+    """
     s = np.asarray(s, np.float64)
     if isinstance(curve, float) and curve == 0.0:
         return np.asarray(s, np.complex128)
+    # mesh: all places s, kinks, and pieces of at most 1 / (2 max|curvature|)
     ends = np.unique(np.concatenate([[0.0], points(curve), s.ravel()]))
     strongest = abs(curve) if isinstance(curve, float) else max(abs(kappa) for _, kappa in curve)
     pieces = [np.linspace(a, b, 1 + max(1, int(np.ceil(2.0 * strongest * (b - a))))) for a, b in pairwise(ends)]
     mesh = np.unique(np.concatenate([[0.0], *pieces]))
+    # Gauss quadrature per piece, then cumulative sums
     half = 0.5 * np.diff(mesh)[:, None]
     inner = np.exp(1j * angle(curve, mesh[:-1, None] + half * (1.0 + GAUSS[0]))) @ GAUSS[1] * half[:, 0]
     sums = np.concatenate([[0.0], np.cumsum(inner)])
@@ -108,7 +121,7 @@ def place(curve: Curvature, s: Any) -> NDArray[np.complex128]:
 
 
 def part(curve: Curvature, first: float, last: float) -> Curvature:
-    """That of the stretch between two places."""
+    """Return the curvature of the stretch between two places (m), with s measured from the first."""
     if isinstance(curve, float):
         return curve
     inner = [(s - first, kappa) for s, kappa in curve if first < s < last]

@@ -1,15 +1,17 @@
-"""Files that users give and get: TOML, JSON, CSV, archives of arrays (NPZ); read whole and refused in a sentence.
+"""Read and write the users' files: TOML, JSON, CSV and NPZ archives of arrays.
 
-Nothing in a file is run. Whatever is wrong with one is a ValueError that names it; one that the system does not give is
-an OSError with its name.
+A file is read as a whole, and nothing in it is executed. Invalid content raises a ValueError that names the file; a
+file that the system cannot open raises an OSError with its name.
 """
 
 import csv
 import gzip
+import importlib
 import io
 import json
 import os
 import re
+import sys
 import tomllib
 import zipfile
 import zlib
@@ -24,16 +26,20 @@ from numpy.typing import NDArray
 from flexarm_env import validation as check
 from flexarm_env.validation import Array
 
+MOST_CODE = 0x10FFFF
+"""Largest code point of Unicode."""
 DEEPEST = 64
-"""Tables and lists in each other, of TOML and JSON."""
+"""Largest nesting depth of tables and lists in TOML and JSON."""
 
 
 # ------------------------------------------------------------------ TOML and JSON
 def read_toml(source: str | os.PathLike[str]) -> tuple[dict[str, Any], Path | None]:
-    """The table of a TOML file, or of a text, and the file's path (None for a text).
+    """Return the table of a TOML file or text, and the file's path (None for a text).
 
-    A string with a line break is a text, and so is one with an equals sign that does not end in ``.toml``.
-    Raises OSError for a file that cannot be read and ValueError for what is no TOML.
+    A string is a text if it has a line break, or an equals sign without ending in ``.toml``; otherwise it is a path.
+
+    Raises:
+        OSError: the file cannot be read. ValueError: the content is no TOML.
     """
     path = None
     try:
@@ -42,14 +48,16 @@ def read_toml(source: str | os.PathLike[str]) -> tuple[dict[str, Any], Path | No
         else:
             path = Path(source)
             content = path.read_text(encoding="utf-8")
-        table = tomllib.loads(content.removeprefix("\ufeff"))  # some editors put a byte order mark before a text
+        # some editors write a byte order mark
+        table = tomllib.loads(content.removeprefix("\ufeff"))
         return _shallow(table), path
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path or 'text'}: not a TOML file: {_why(error)}") from None
+        why = f"not a TOML file: {_why(error)}"
+        raise (check.Unreadable("", why) if path is None else ValueError(f"{path}: {why}")) from None
 
 
 def from_json(text: str, path: str) -> Any:
-    """What a JSON text holds. ValueError with a sentence that begins with `path` for what is none."""
+    """Return the value of a JSON text. Raises ValueError, whose message begins with `path`, for an invalid text."""
     try:
         return _shallow(json.loads(text))
     except (ValueError, RecursionError) as error:
@@ -57,7 +65,7 @@ def from_json(text: str, path: str) -> Any:
 
 
 def read_json(path: str | os.PathLike[str]) -> Any:
-    """What a JSON file holds. Raises ValueError that names the file where it cannot be read, or is none."""
+    """Return the value of a JSON file. Raises ValueError that names the file if it cannot be read or is invalid."""
     try:
         return _shallow(json.loads(Path(path).read_text("utf-8")))
     except OSError as error:
@@ -67,7 +75,7 @@ def read_json(path: str | os.PathLike[str]) -> Any:
 
 
 def _shallow(value: Any) -> Any:
-    """The value; ValueError where it is nested deeper than what reads it may go."""
+    """Return the value; raise ValueError if it is nested deeper than `DEEPEST`."""
     level = [value]
     for _ in range(DEEPEST):
         level = [inner for one in level for inner in _inside(one)]
@@ -77,19 +85,23 @@ def _shallow(value: Any) -> Any:
 
 
 def _inside(value: Any) -> Iterable[Any]:
+    """Return the values inside a dict or list, () for anything else."""
     return value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
 
 
 def _why(error: BaseException) -> str:
+    """Return the reason of a parser's error as a phrase."""
     return f"nested more than {DEEPEST} deep" if isinstance(error, RecursionError) else str(error)
 
 
 # ------------------------------------------------------------------ CSV
 def csv_lines(path: str | os.PathLike[str]) -> tuple[tuple[str, ...], list[list[str]]]:
-    """Names in the first line of a CSV file, and the cells of the others; empty lines are left out.
+    """Return a CSV file's column names (first line) and the cells of its other lines; empty lines are skipped.
 
-    Files that end in .gz are unpacked. Raises OSError where the file cannot be read, ValueError that names it where it
-    is no text.
+    Files that end in .gz are unpacked.
+
+    Raises:
+        OSError: the file cannot be read. ValueError: it is no CSV text; the message names the file.
     """
     try:
         opened = gzip.open if os.fspath(path).endswith(".gz") else open
@@ -100,14 +112,31 @@ def csv_lines(path: str | os.PathLike[str]) -> tuple[tuple[str, ...], list[list[
     return (tuple(name.strip() for name in lines[0]), lines[1:]) if lines else ((), [])
 
 
+def unit_of(column: str) -> str:
+    """Return the unit of a trajectory's column, such as "m" of tip_x; "" for shares and quaternions."""
+    name = column.rstrip("0123456789")
+    if name in ("t", "energy"):
+        return {"t": "s", "energy": "J"}[name]
+    if name.endswith("_rate"):
+        return "rad/s"
+    if name in ("joint", "motor", "twist") or name.endswith("_angle"):
+        return "rad"
+    return "m" if name.endswith(("_x", "_y", "_z")) and not name.startswith("deflection") else ""
+
+
+def without_units(header: tuple[str, ...]) -> tuple[str, ...]:
+    """Return column names without units in brackets: "tip_x" for "tip_x (m)"."""
+    return tuple(re.sub(r" \([^()]*\)$", "", name) for name in header)
+
+
 def listed(header: tuple[str, ...]) -> str:
-    """The names of columns in a sentence, as many as fit."""
+    """Return column names as one phrase of at most 300 characters, "none" if there are none."""
     text = ", ".join(header) or "none"
     return text if len(text) <= 300 else text[:297] + "..."
 
 
 def numbers(k: int, name: str, lines: list[list[str]], columns: int) -> Array:
-    """The numbers of column k, (n,). Raises ValueError that names row and column."""
+    """Return the numbers of column k as (n,). Raises ValueError that names row and column."""
     values = []
     for i, line in enumerate(lines):
         if len(line) != columns:
@@ -124,20 +153,24 @@ _HEADER = re.compile(
     r"\{'descr': '(?P<type>[<>|=]?(?:f[248]|[iu][1248]|b1|U\d{1,9}))', 'fortran_order': (?P<columns>True|False), "
     r"'shape': \((?P<shape>(?:\d{1,18}, ?)*(?:\d{1,18})?)\), \} *\n"
 )
-"""What NumPy writes before numbers, bools and texts; matched, not evaluated: a header may hold any expression."""
+"""Pattern of NumPy's header for numbers, bools and texts; matched, not evaluated: a header may hold any expression."""
 
 
 def npz_names(path: str | os.PathLike[str], what: str) -> tuple[str, ...]:
-    """Names of the arrays in an .npz file. what, errors: as of :func:`read_npz`."""
+    """Return the names of the arrays in an .npz file. Argument `what` and errors are those of :func:`read_npz`."""
     with _archive(path, what) as archive:
         return tuple(name.removesuffix(".npy") for name in archive.namelist())
 
 
 def read_npz(path: str | os.PathLike[str], what: str, most: int | None = None) -> dict[str, Any]:
-    """The arrays of an .npz file by name: numbers, bools or texts, each as long as its header says.
+    """Return the arrays of an .npz file by name: numbers, bools or texts.
 
-    what: the file is to be, in a sentence: "trajectory". most: bytes that it may unpack to. Raises OSError where the
-    file cannot be read, ValueError that names it for all else.
+    Each array's size is checked against its header before memory is allocated.
+
+    Args:
+        what: noun for messages, such as "trajectory". most: largest unpacked size in bytes, or None.
+    Raises:
+        OSError: the file cannot be read. ValueError: invalid content; the message names the file.
     """
     with _archive(path, what) as archive:
         size = sum(info.file_size for info in archive.infolist())
@@ -148,25 +181,29 @@ def read_npz(path: str | os.PathLike[str], what: str, most: int | None = None) -
 
 @contextmanager
 def _archive(path: str | os.PathLike[str], what: str) -> Iterator[zipfile.ZipFile]:
+    """Open a zip archive for a `with` block; errors of damaged content become a ValueError that names the file."""
     try:
         with zipfile.ZipFile(path) as archive:
             yield archive
-    except Exception as error:  # damage shows itself in as many kinds as zipfile and zlib have
+    except Exception as error:
+        # zipfile and zlib raise many kinds of errors for damage
         if isinstance(error, OSError) and error.filename is not None:
             raise
-        why = str(error) or type(error).__name__
+        why = (str(error) or type(error).__name__)[:200]  # zipfile quotes the directory that it cannot read
         raise ValueError(f"{os.fspath(path)}: damaged, or no {what} of this package ({why})") from None
 
 
 def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
-    """An array of an archive. Its header is held against the room that it takes there before any is made for it."""
+    """Read one array of an archive. Its declared size must equal the bytes present, before memory is allocated."""
     with archive.open(info) as file:
+        # header: magic, version (2 or 4 bytes of length), dictionary
         start = file.read(8)
         size = {b"\x93NUMPY\x01": 2, b"\x93NUMPY\x02": 4, b"\x93NUMPY\x03": 4}.get(start[:7], 0)
         header = file.read(int.from_bytes(file.read(size), "little")) if size else b""
         found = _HEADER.fullmatch(header.decode("latin-1"))
         if found is None:
             raise ValueError(f"{info.filename} is no array of numbers or text")
+        # the product of shape and item size must be exactly the bytes left
         shape = tuple(int(n) for n in found["shape"].split(",") if n.strip())
         dtype, count = np.dtype(found["type"]), 1
         for length in shape:
@@ -179,14 +216,24 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
     if dtype.kind == "b":
         data = np.frombuffer(data, np.uint8).astype(np.bool_).tobytes()  # a bool is 0 or 1
     values = np.frombuffer(data, dtype).reshape(shape, order="F" if found["columns"] == "True" else "C")
+    # reject code points above Unicode's range, and surrogates, which cannot be encoded
     if dtype.kind == "U":
-        "".join(values.ravel().tolist()).encode()  # texts that can be written again
+        if (np.frombuffer(data, f"{dtype.byteorder}u4") > MOST_CODE).any():
+            raise ValueError(f"{info.filename} holds what is no character")  # Python would make a broken text of it
+        # raises for surrogates
+        "".join(values.ravel().tolist()).encode()
     return values.astype(dtype.newbyteorder("="))
 
 
 # ------------------------------------------------------------------ writing
 def to_file(flag: str, path: str | os.PathLike[str], endings: tuple[str, ...] = ()) -> Path:
-    """The path of an output, its folder made: what cannot be written is told before a long run."""
+    """Return the path of an output file and create its folder, so that an invalid path fails before a long run.
+
+    Args:
+        flag: argument's name in the message. endings: permitted suffixes; () for any.
+    Raises:
+        ValueError: another suffix, or the path is a folder.
+    """
     file = Path(path)
     if endings and file.suffix.lower() not in endings:
         raise check.InvalidValue(flag, os.fspath(path), f"must end in {' or '.join(endings)}")
@@ -197,7 +244,7 @@ def to_file(flag: str, path: str | os.PathLike[str], endings: tuple[str, ...] = 
 
 
 def to_folder(flag: str, path: str | os.PathLike[str]) -> Path:
-    """The same of a folder, which is made."""
+    """Create an output folder and return its path. Raises ValueError, which names `flag`, if the path is a file."""
     folder = Path(path)
     if folder.is_file():
         raise check.InvalidValue(flag, os.fspath(path), "must be a folder, and this is a file")
@@ -206,9 +253,13 @@ def to_folder(flag: str, path: str | os.PathLike[str]) -> Path:
 
 
 def write_whole(path: Path, content: bytes | Callable[[Path], Any]) -> None:
-    """Write `content`, or what it makes of a file of the same suffix, to `path`, completely or not at all.
+    """Write `content` to `path` completely or not at all, through a temporary file in the same folder.
 
-    The folder is made. A device or a pipe is written to as it is. OSError with the path where that cannot be done.
+    content: bytes, or a function that writes a file of the same suffix. The folder is created. Devices and pipes are
+    written directly.
+
+    Raises:
+        OSError: with the path, if writing fails.
     """
     apart = path.is_dir() or path.is_file() or not path.exists()
     part = path.with_name(f".part-{os.getpid()}-{path.name}") if apart else path  # of this process alone
@@ -227,23 +278,49 @@ def write_whole(path: Path, content: bytes | Callable[[Path], Any]) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """The same of a text."""
+    """Write a text in UTF-8 to `path`, completely or not at all."""
     write_whole(path, text.encode())
 
 
 def write_json(path: Path, content: Any) -> None:
-    """The same of JSON."""
+    """Write JSON with an indent of 2 to `path`, completely or not at all."""
     write_text(path, json.dumps(content, indent=2) + "\n")
 
 
 def table(columns: str, rows: Iterable[Iterable[object]] = (), numbers: bool = False) -> list[str]:
-    """Lines of a Markdown table; columns: their heads between bars; numbers: all but the first to the right."""
+    """Return the lines of a Markdown table.
+
+    Args:
+        columns: heads, separated by " | ". rows: cells. numbers: align all columns but the first to the right.
+    """
     rule = "|---|" + ("---:|" if numbers else "---|") * columns.count(" | ")
     return [f"| {columns} |", rule, *("| " + " | ".join(map(str, row)) + " |" for row in rows)]
 
 
 def write_npz(path: Path, arrays: Mapping[str, Any]) -> None:
-    """Write arrays as an .npz file, whole or not at all. Raises OSError."""
+    """Write arrays as a compressed .npz file, completely or not at all. Raises OSError."""
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)
     write_whole(path, buffer.getvalue())
+
+
+def imported(path: str, word: str) -> Any:
+    """Import the object that `word`, "module:name", names, from the current folder too.
+
+    ValueError, beginning with `path`: it cannot be imported.
+    """
+    module, _, name = word.partition(":")
+    if os.getcwd() not in sys.path:
+        sys.path.insert(0, os.getcwd())
+    try:
+        found: Any = importlib.import_module(module)
+        for part in name.split("."):
+            found = getattr(found, part)
+    except (Exception, SystemExit) as error:
+        raise ValueError(f"{path} {word}: cannot be imported ({in_words(error)})") from None
+    return found
+
+
+def in_words(error: BaseException) -> str:
+    """Return an error in one line, its message cut at 200 characters."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())[:200]}".removesuffix(": ")

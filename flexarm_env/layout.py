@@ -62,6 +62,11 @@ class Layout:
     """
 
     def __init__(self, name: str, sizes: str, *fields: Field) -> None:
+        """Generate the functions that compute offsets, views and shapes for given sizes.
+
+        name: of the layout. sizes: its symbolic sizes, such as "rows, lanes". Raises ValueError for a field that is
+        there twice.
+        """
         self.name, self.fields = name, fields
         self.sizes = tuple(word.strip() for word in sizes.split(",") if word.strip())
         names = [field.name for field in fields]
@@ -80,6 +85,9 @@ class Layout:
             "Offsets": namedtuple(name, [*names, "end"]),
             "Views": namedtuple(name, names),
         }
+        # kernels see the fields of lanes as lane arrays
+        lanes = {field.name: "Lanes" for field in fields if field.shape and field.shape[-1] == "lanes"}
+        scope["Views"].__annotations__ = {name: lanes.get(name, "np.ndarray") for name in names}
         self.offsets = _function(f"{name}_offsets", arguments, lines, f"Offsets({begins})", scope)
         self.views = _function(f"{name}_views", ["_flat", *arguments], lines, f"Views({slices})", scope)
         self._unpacking = f"{name}_fields", ["_flat", *arguments], lines, f"{{{parts}}}"
@@ -88,7 +96,7 @@ class Layout:
         self.shapes = _function(f"{name}_shapes", [*self.sizes], [], f"[{', '.join(shapes)}]", scope)
 
     def pack(self, sizes: Mapping[str, int], /, **values: Any) -> NDArray[np.float64]:
-        """The flat array of all fields' values.
+        """Pack the values of all fields into a flat array.
 
         Raises:
             ValueError: a field that is missing or not known, or whose value has another number of entries.
@@ -116,14 +124,14 @@ class Layout:
         return found
 
     def __str__(self) -> str:
-        """A line a field: name, shape, unit, meaning."""
+        """Describe each field in a line: name, shape, unit, meaning."""
         rows = [(f.name, f"({', '.join(map(str, f.shape))})", f.unit, f.meaning) for f in self.fields]
         widths = [max(len(row[k]) for row in rows) for k in range(3)]
         return "\n".join("  ".join([*(row[k].ljust(widths[k]) for k in range(3)), row[3]]) for row in rows)
 
 
 def _part(k: int, field: Field) -> str:
-    """The view of field k in its shape, as an expression."""
+    """Return field k's view in its shape, as the text of an expression."""
     if len(field.shape) < 2:
         return f"_flat[..., _{k} : _{k + 1}]" if field.shape else f"_flat[..., _{k}]"
     shape = ", ".join(f"int({part})" for part in field.shape)
@@ -131,7 +139,7 @@ def _part(k: int, field: Field) -> str:
 
 
 def _function(name: str, arguments: list[str], lines: list[str], result: str, scope: dict[str, Any]) -> Any:
-    """A function from its lines, in a shape that a kernel can be made of."""
+    """Make a function from its lines, in a form that a kernel can be made of."""
     body = "".join(f"    {line}\n" for line in [*lines, f"return {result}"])
     text, file = f"def {name}({', '.join(arguments)}):\n{body}", f"<layout {name} {len(linecache.cache)}>"
     linecache.cache[file] = len(text), None, text.splitlines(keepends=True), file  # where a kernel's text is looked for

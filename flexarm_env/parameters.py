@@ -1,10 +1,9 @@
-"""What an arm is made of: frozen, validated, in SI units.
+"""Parameters of an arm: frozen, validated dataclasses in SI units.
 
 An :class:`Arm` is a chain of :class:`Link` objects. Link ``k`` starts at joint ``k``: joint 0 is the hub
 (the root of the arm), joint ``k >= 1`` the elbow between the tip of link ``k-1`` and the root of link ``k``.
-Every class is immutable and hashable; sequences are kept as tuples; ``dataclasses.replace`` makes a variant
-and checks it again. A value that is not allowed raises a ``ValueError`` which names the key path, the value
-and what is allowed.
+Every class is immutable and hashable; sequences are stored as tuples; ``dataclasses.replace`` makes a variant
+and validates it. An invalid value raises a ``ValueError`` that names the key path, the value and what is allowed.
 """
 
 from __future__ import annotations
@@ -30,14 +29,15 @@ JointRange = tuple[float, float]
 
 @dataclass(frozen=True)
 class Elbow:
-    """What sits at the joint between two links, and how it turns.
+    """Masses and axis of the joint between two links.
 
-    ``mass`` (kg) and ``inertia_left`` (kg m^2) belong to the tip of the link before it, ``inertia_right``
-    (kg m^2) to the root of the link after it. All zero or positive; inertias may be tensors (three rows), in the axes
-    of the link that they belong to, and a number is that about any axis.
+    ``mass`` (kg) and ``inertia_left`` (kg m^2) belong to the tip of the link before the joint, ``inertia_right`` (kg
+    m^2) to the root of the link behind it. All are zero or positive. Inertias may be tensors (three rows) in the axes
+    of their link; a number holds about any axis.
 
-    In space the root of the link after it has the axes R_tip mount exp(angle axis), R_tip being those of the tip before
-    it: ``axis``, a unit vector in the link's own axes, and ``mount``, a rotation: a matrix, or (axis, angle), or None.
+    In space the link behind the joint has the root axes R_tip mount exp(angle axis), with R_tip the axes of the tip
+    before it. ``axis`` is a unit vector in the axes of the link behind; ``mount`` is a rotation matrix, (axis, angle in
+    rad) or None.
     """
 
     mass: float = 0.0
@@ -47,6 +47,7 @@ class Elbow:
     mount: Any = None
 
     def __post_init__(self) -> None:
+        """Validate the fields and convert them to plain numbers; `InvalidValue` names the field."""
         _store(
             self,
             mass=check.number("mass", self.mass, "kg", minimum=0.0),
@@ -58,18 +59,18 @@ class Elbow:
 
     @property
     def spatial(self) -> bool:
-        """Whether it takes a link out of the plane of the one before it, or has tensors."""
+        """Whether the elbow turns a link out of the plane of the one before, or has inertia tensors."""
         tensors = isinstance(self.inertia_left, tuple) or isinstance(self.inertia_right, tuple)
         return self.axis != bodies.Z or self.mount is not None or tensors
 
 
 @dataclass(frozen=True)
 class Payload:
-    """A body fixed to the tip of the last link.
+    """A rigid body fixed to the tip of the last link.
 
-    ``mass`` in kg and ``inertia`` in kg m^2, about its centre of mass, zero or positive; ``offset``: from the tip to
-    that centre, m, (along the tip's tangent, across it to the left). In space the inertia may be a tensor (three rows,
-    in the tip's axes; a number is that about any axis), the offset have a third component.
+    ``mass`` in kg and ``inertia`` in kg m^2 about the center of mass, zero or positive; ``offset``: from the tip to
+    that center, m (along the tip's tangent, across it to the left). In space the inertia may be a tensor (three rows,
+    in the tip's axes; a number holds about any axis), and the offset may have a third component.
     """
 
     mass: float = 0.0
@@ -77,11 +78,13 @@ class Payload:
     offset: tuple[float, ...] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
+        """Validate the fields and convert them to plain numbers; `InvalidValue` names the field."""
         _store(
             self,
             mass=check.number("payload.mass", self.mass, "kg", minimum=0.0),
             inertia=bodies.inertia("payload.inertia", self.inertia),
         )
+        # a third component that is 0 is dropped: the payload is then planar
         what = "two numbers (m), along the tip's tangent and across it"
         count = 3 if isinstance(self.offset, list | tuple) and len(self.offset) == 3 else 2
         offset = check.numbers("payload.offset", self.offset, what, count, "m")
@@ -89,30 +92,31 @@ class Payload:
 
     @property
     def spatial(self) -> bool:
-        """Whether it takes an arm out of its plane, or has a tensor."""
+        """Whether the payload is out of the arm's plane, or has an inertia tensor."""
         return len(self.offset) > 2 or isinstance(self.inertia, tuple)
 
     @property
     def eccentric(self) -> bool:
-        """Whether there is a mass whose centre is not at the tip."""
+        """Whether the payload has a mass with its center off the tip."""
         return self.mass > 0.0 and any(self.offset)
 
     @property
     def lever(self) -> complex:
-        """The offset as a complex number, m."""
+        """Offset along and across the tip's tangent as a complex number, m."""
         return complex(*self.offset[:2])
 
 
 @dataclass(frozen=True)
 class Motor:
-    """An electric motor: its torque is torque_constant times its current, its voltage resistance times that plus
-    back_emf times its rate; both are those of the shaft, before the gear.
+    """An electric motor: torque = torque_constant i, voltage = resistance i + back_emf rate, with i the current in A.
+
+    Torque (N m) and rate (rad/s) are those of the shaft before the gear.
 
     Args:
         torque_constant: N m/A, positive.
-        resistance: of the winding, ohm, positive; None: not known, and no voltage can be given.
-        back_emf: V s/rad, zero or positive; None: the torque constant, which it is in SI units.
-        current_limit: A, positive, or None. voltage_limit: V, positive, or None; it needs a resistance.
+        resistance: of the winding, ohm, positive; None: unknown, and voltages are not available.
+        back_emf: V s/rad, zero or positive; None: equal to the torque constant, as in SI units.
+        current_limit: A, positive, or None. voltage_limit: V, positive, or None; requires a resistance.
     """
 
     torque_constant: float
@@ -122,10 +126,13 @@ class Motor:
     voltage_limit: float | None = None
 
     def __post_init__(self) -> None:
+        """Validate the fields and convert them to plain numbers; `InvalidValue` names the field."""
+        # the limits and the resistance may be None
         positive = {"resistance": "ohm", "current_limit": "A", "voltage_limit": "V"}
         for name, unit in positive.items():
             value = getattr(self, name)
             _store(self, **{name: None if value is None else check.number(f"motor.{name}", value, unit, above=0.0)})
+        # back_emf None stands for the torque constant
         constant = check.number("motor.torque_constant", self.torque_constant, "N m/A", above=0.0)
         emf = self.back_emf
         _store(self, torque_constant=constant)
@@ -139,25 +146,26 @@ FRICTION_SIDES = ("motor", "link")
 
 @dataclass(frozen=True)
 class Joint:
-    """What turns a joint: a motor with its rotor, a gear, friction. Angles, rates and torques are after the ratio.
+    """Drive of a joint: rotor, gear and friction. Angles, rates and torques are on the gear's output side.
 
-    The torque of the joint (`JointTorque`, an action) acts on the motor's side. An elastic gear gives the arm one more
-    coordinate, the motor's angle over the ratio, relative to the link before, as the joint's own is: "motor0" beside
-    "joint0", which is the angle of the link's root. Between the two act spring and damper.
+    The torque of the joint (`JointTorque`, an action) acts on the motor's side. An elastic gear adds a coordinate to
+    the arm: the motor's angle divided by the gear ratio, measured like the joint's from the link before. "motor0"
+    stands beside "joint0", the angle of the link's root. Spring and damper act between the two.
 
     Args:
-        stiffness: of the gear, N m/rad, positive; inf: it does not give, and there is no such coordinate.
-        damping: of the gear, N m s/rad, beside the spring; 0 where the stiffness is infinite.
+        stiffness: of the gear, N m/rad, positive; inf: rigid, without that coordinate.
+        damping: of the gear, N m s/rad, in parallel with the spring; 0 for infinite stiffness.
         motor_inertia: of the rotor about its own axis, kg m^2: its energy is 1/2 motor_inertia (gear_ratio rate)^2,
-            rate being that of the motor's angle relative to the link before. An elastic gear needs one, unless a
-            motion prescribes the motor's angle. In space its momentum along an axis that turns asks for a moment.
-        gear_ratio: turns of the rotor for one of the joint, positive, at most 1e9.
-        friction_viscous: N m s/rad. friction_coulomb: N m: the torque that the joint withstands before it moves, and
-            that brakes it while it does.
-        friction_side: "motor" or "link": which side of an elastic gear the friction acts on.
-        backlash: play of an elastic gear after the ratio, rad: the link's side turns so far between its flanks before
-            the spring, half of it to either side, takes hold. The damping acts in the gap as well.
-        motor: what makes the torque; None: it is given.
+            with the rate of the motor's angle relative to the link before. An elastic gear needs one, unless a motion
+            prescribes the motor's angle. In space the rotor's angular momentum causes a gyroscopic moment when its axis
+            turns.
+        gear_ratio: turns of the rotor per turn of the joint, positive, at most 1e9.
+        friction_viscous: N m s/rad. friction_coulomb: N m: torque that holds the joint at rest, and that brakes it in
+            motion.
+        friction_side: "motor" or "link": side of an elastic gear that the friction acts on.
+        backlash: total play of an elastic gear at its output, rad: the spring engages after half of it to either side.
+            The damping acts in the gap as well.
+        motor: source of the torque; None: the torque is applied directly.
     """
 
     stiffness: float = math.inf
@@ -171,6 +179,8 @@ class Joint:
     friction_side: str = "motor"
 
     def __post_init__(self) -> None:
+        """Validate the fields and their combinations: a rigid gear has neither damping nor backlash."""
+        # infinite stiffness is no number of the unit, but permitted
         if not (isinstance(self.stiffness, float) and self.stiffness == math.inf):
             try:
                 stiffness = check.number("stiffness", self.stiffness, "N m/rad", above=0.0)
@@ -188,6 +198,7 @@ class Joint:
             backlash=check.number("backlash", self.backlash, "rad", minimum=0.0),
         )
         check.choice("friction_side", self.friction_side, FRICTION_SIDES)
+        # a rigid gear has neither damping nor backlash
         if self.damping > 0.0 and not self.elastic:
             what = "must be 0 where the stiffness is infinite: the gear's two sides turn as one"
             raise check.InvalidValue("damping", self.damping, what)
@@ -199,33 +210,35 @@ class Joint:
 
     @property
     def elastic(self) -> bool:
-        """Whether the gear gives, so that the motor has a coordinate of its own."""
+        """Whether the gear is elastic, so that the motor has a coordinate of its own."""
         return self.stiffness < math.inf
 
     @property
     def rotor(self) -> float:
-        """The rotor's inertia after the ratio, kg m^2."""
+        """Rotor inertia at the gear's output, motor_inertia gear_ratio^2, kg m^2."""
         return self.motor_inertia * self.gear_ratio**2
 
     @property
     def moves(self) -> bool:
-        """Whether the joint is anything that an equation of motion knows of."""
+        """Whether the joint differs from an ideal one in the equations of motion."""
         return self.elastic or self.rotor > 0.0 or self.friction_viscous > 0.0 or self.friction_coulomb > 0.0
 
 
 @dataclass(frozen=True)
 class Base:
-    """What carries an arm where its root floats freely (`Scene`, root="free"): a rigid body whose centre of mass is at
-    the hub. The first joint turns link 0 against it, and its torque's reaction turns it.
+    """Rigid body that carries a freely floating arm (`Scene`, root="free"); its center of mass is at the hub.
+
+    The first joint turns link 0 relative to the base, and the reaction torque turns the base.
 
     Args:
-        mass: kg, zero or positive. inertia: about its centre, kg m^2, positive.
+        mass: kg, zero or positive. inertia: about its center, kg m^2, positive.
     """
 
     mass: float
     inertia: float
 
     def __post_init__(self) -> None:
+        """Validate the fields and convert them to plain numbers; `InvalidValue` names the field."""
         _store(
             self,
             mass=check.number("mass", self.mass, "kg", minimum=0.0),
@@ -241,23 +254,23 @@ class Arm:
         name: a short word.
         links: N >= 1 links, root to tip.
         hub_inertia: at the root of link 0, kg m^2; in space also a tensor, in that link's axes.
-        hub_axis, hub_mount: as `Elbow.axis`, `Elbow.mount` of the joint at the root, the ground in place of the link
-            before: link 0's root has the axes hub_mount exp(angle hub_axis).
+        hub_axis, hub_mount: axis and mount of the root joint, as `Elbow.axis` and `Elbow.mount` relative to the ground:
+            link 0's root has the axes hub_mount exp(angle hub_axis).
         elbows: N-1 elbows, or () for massless ones.
-        joints: N of :class:`Joint`, what turns them, or () for ideal ones.
+        joints: N drives (:class:`Joint`), or () for ideal joints.
         payload: at the tip of the last link.
-        tau_d: Kelvin-Voigt time constant, s: stress = D (strain + tau_d strain rate), so zeta_k = tau_d omega_k / 2; of
-            the links that have none of their own.
-        mass_damping: 1/s, drag on what a link, its elbow's mass and the payload move relative to the link's floating
-            frame, eq. [65]: zeta_k gains mass_damping / (2 omega_k). Only one frame a link (formulation
-            "floating_frame" with segments=1 or modes alone) has it; elsewhere an error.
+        tau_d: Kelvin-Voigt time constant, s, of the links without their own: stress = D (strain + tau_d strain rate),
+            so that zeta_k = tau_d omega_k / 2.
+        mass_damping: 1/s, drag on the motion of a link, its elbow's mass and the payload relative to the link's
+            floating frame, eq. [65]: zeta_k gains mass_damping / (2 omega_k). Only for one frame per link (formulation
+            "floating_frame" with segments=1 or modes alone); an error elsewhere.
         torque_limits: N positive numbers, N m, or None (no limit).
         joint_limits: N entries, each None or (low, high) in rad (joint 0: the root angle; joint k: the angle of
             link k's root from link k-1's tip), or None (no limits at all).
-        source: where the numbers come from.
-        sensors: what `observation="measured"` and `Trajectory.measured` read; None: ideal ones.
-        base: what carries the arm where its root is free, in the plane; None: nothing does. Where the root is held it
-            is, too.
+        source: origin of the numbers.
+        sensors: sensors of `observation="measured"` and `Trajectory.measured`; None: ideal ones.
+        base: body that carries the arm if its root is free, in the plane; None: no body. If the root is held, so is the
+            base.
     """
 
     name: str
@@ -277,14 +290,17 @@ class Arm:
     base: Base | None = None
 
     def __post_init__(self) -> None:
+        """Validate the fields and the number of elbows, joints and limits; `InvalidValue` names the field."""
         check.text("name", self.name, empty=False)
         links = check.instances("links", self.links, Link, "at least one Link")
         if not links:
             raise check.InvalidValue("links", links, "must be a sequence of at least one Link")
         n = len(links)
+        # one elbow between two links, one joint per link
         elbows = check.instances("elbows", self.elbows, Elbow)
         if elbows and len(elbows) != n - 1:
             raise check.InvalidValue("elbows", elbows, f"must be empty or hold {n - 1} (one less than the links)")
+        # one drive per joint
         joints = check.instances("joints", self.joints, Joint)
         if joints and len(joints) != n:
             raise check.InvalidValue("joints", joints, f"must be empty or hold {n} (one for each link)")
@@ -292,6 +308,7 @@ class Arm:
         check.text("source", self.source)
         if self.base is not None:
             check.instance("base", self.base, Base)
+        # sensors must fit the links
         if self.sensors is not None:
             check.instance("sensors", self.sensors, Sensors)
             with check.under("sensors"):
@@ -312,13 +329,14 @@ class Arm:
 
     @property
     def spatial(self) -> bool:
-        """Whether its links turn out of the x-y plane, or one of them is rigid: it is then computed in space."""
+        """Whether the links turn out of the x-y plane or one is rigid, so that the arm is computed in space."""
+        # the root joint's axis, mount or tensor
         hub = self.hub_axis != bodies.Z or self.hub_mount is not None or isinstance(self.hub_inertia, tuple)
         parts: tuple[Elbow | Payload, ...] = (*self.elbows, self.payload)
         return hub or any(part.spatial for part in parts) or any(link.rigid for link in self.links)
 
     def check_planar(self) -> None:
-        """Raise ValueError where the arm leaves the plane, or a link is rigid."""
+        """Raise ValueError if the arm leaves the plane or has a rigid link."""
         if self.spatial:
             what = "must move in the x-y plane here; SpatialFlexArm-v0, simulate and modes compute arms in space"
             raise check.InvalidValue("arm", self.name, what)
@@ -330,18 +348,20 @@ class Arm:
 
     @property
     def total_length(self) -> float:
-        """Sum of the links' lengths, rigid ends among them, m."""
+        """Sum of the links' lengths with their rigid ends, m."""
         return sum(link.span for link in self.links)
 
     @property
     def mass(self) -> float:
         """Mass of links, elbows and payload, kg."""
+        # masses on the links' rigid ends
         ends = sum(k.root_mass + k.tip_mass for k in self.links)
         return sum(k.mass for k in self.links) + ends + sum(e.mass for e in self.elbows) + self.payload.mass
 
     @property
     def damping(self) -> tuple[float, tuple[float, ...] | None]:
-        """The largest tau_d of the links, s, and each link's share of it; None where they are alike."""
+        """Largest tau_d of the links, s, and each link's ratio to it; None instead of the ratios if all are equal."""
+        # a link's own tau_d takes precedence over the arm's
         own = [self.tau_d if link.tau_d is None else link.tau_d for link in self.links]
         largest = max(own)
         return largest, None if min(own) == largest else tuple(tau / largest for tau in own)
@@ -349,11 +369,12 @@ class Arm:
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the N joints: "hub"; "elbow", or where there are several "elbow_1", "elbow_2", ..."""
+        # a single elbow has no number
         count = self.n_links - 1
         return ("hub", *(("elbow",) if count == 1 else tuple(f"elbow_{k + 1}" for k in range(count))))
 
     def by_link(self, name: str) -> tuple[str, ...]:
-        """A name for each of the N links: itself for a single one, otherwise with _1, _2, ... behind it."""
+        """Return one name per link: `name` for a single link, otherwise `name` with _1, _2, ... appended."""
         return (name,) if self.n_links == 1 else tuple(f"{name}_{k + 1}" for k in range(self.n_links))
 
     @property
@@ -363,31 +384,34 @@ class Arm:
 
     @property
     def taut(self) -> Arm:
-        """The arm without the play of its gears: in the play a link turns freely, and no linear model has a spring."""
+        """The arm without backlash, for linear models: within the gap there is no spring to linearize."""
         return replace(self, joints=tuple(replace(joint, backlash=0.0) for joint in self.joints))
 
     def joint(self, k: int) -> Joint:
-        """What turns joint k (an ideal one where none is given)."""
+        """Return the drive of joint k; an ideal one if none is given."""
         return self.joints[k] if self.joints else Joint()
 
     def elbow(self, joint: int) -> Elbow:
-        """The elbow at joint 1 ... N-1 (a massless one where none is given)."""
+        """Return the elbow at joint 1 ... N-1; a massless one if none is given."""
         if not 1 <= joint < self.n_links:
             raise check.InvalidValue("joint", joint, f"must be from 1 to {self.n_links - 1} for this arm")
         return self.elbows[joint - 1] if self.elbows else Elbow()
 
 
 def _torque_limits(value: object, n: int) -> tuple[float, ...] | None:
+    """Validate N positive torque limits, N m, or None."""
     if value is None:
         return None
     return check.numbers("torque_limits", value, f"{n} positive numbers (N m), one a joint", n, "N m", above=0.0)
 
 
 def _joint_limits(value: object, n: int) -> tuple[JointRange | None, ...] | None:
+    """Validate N joint ranges (low, high), rad; None or an empty entry means no limit at that joint."""
     if value is None:
         return None
     ranges: list[JointRange | None] = []
     for i, entry in enumerate(check.sequence("joint_limits", value, f"{n} entries, one a joint", n)):
+        # TOML has no null: an empty list means no limit
         if entry is None or (isinstance(entry, list | tuple) and not entry):
             ranges.append(None)
             continue

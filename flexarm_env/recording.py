@@ -1,13 +1,13 @@
-"""Episodes kept: recorded as they are played, written to one file, replayed to the last bit, given to Minari.
+"""Record episodes while they are played, save them to one file, replay them bit for bit, export them to Minari.
 
     from flexarm_env.recording import EpisodeRecorder, load_episodes, replay, save_episodes, to_minari
     env = EpisodeRecorder(gymnasium.make("FlexibleArm-v0"))
-    ...                                             # reset and step as ever
+    ...                                             # reset and step as usual
     save_episodes("episodes.npz", env.episodes)
     again = replay(load_episodes("episodes.npz")[0])
 
-A file holds `meta` (JSON: format, version and what each episode was made with) and arrays over all episodes, one after
-the other: `lengths` (n,), `observations` (sum(T + 1), O), `actions` (sum(T), N), `rewards`, `terminations` and
+A file holds `meta` (JSON: format, version, and each episode's environment and start) and arrays of all n episodes, one
+after the other: `lengths` (n,), `observations` (sum(T + 1), O), `actions` (sum(T), N), `rewards`, `terminations` and
 `truncations` (sum(T),), and `info_<name>` (sum(T + 1), ...).
 """
 
@@ -52,14 +52,14 @@ TRANSPARENT = (PassiveEnvChecker, OrderEnforcing, TimeLimit)
 
 @dataclass(frozen=True, repr=False)
 class Episode:
-    """T steps of one environment, and what it takes to play them again.
+    """T steps of one environment, with the data to play them again.
 
     Attributes:
-        env_id: of the registry. env_kwargs: its keywords. max_episode_steps: as given to make, or None.
-        seed: of the reset, or None; then `generator` is the state of the environment's generator before it.
+        env_id: id in the registry. env_kwargs: its keywords. max_episode_steps: as given to make, or None.
+        seed: of the reset, or None; `generator` is then the state of the environment's generator before the reset.
         options: of the reset, or None.
         observations (T + 1, O), actions (T, N): float32. rewards (T,): float64. terminations, truncations (T,): bool.
-        infos: by name, T + 1 rows each.
+        infos: arrays by name, T + 1 rows each.
     """
 
     env_id: str
@@ -83,24 +83,22 @@ class Episode:
 
     @property
     def complete(self) -> bool:
-        """Whether it was played to its end."""
+        """Whether the episode was played to its end."""
         return len(self) > 0 and bool(self.terminations[-1] or self.truncations[-1])
 
     def equals(self, other: Episode) -> bool:
-        """Whether the other's observations, actions, rewards and ends are the same, to the last bit."""
+        """Return whether two episodes have the same observations, actions, rewards and ends, bit for bit."""
         names = ("observations", *STEPS)
         return all(np.array_equal(getattr(self, name), getattr(other, name), equal_nan=True) for name in names)
 
     def clip(self, label: str | None = None, env_id: str | None = None) -> Clip | SpaceClip:
-        """What a player shows of the episode, which is played again for it.
-
-        Args:
-            label: what it is called beside others; default the environment's id. env_id: as `replay` takes it.
-        """
-        with closing(_made(self, env_id, info_level="full")) as env:
+        """Replay the episode and return the clip that a player shows. label: name beside other clips; default the
+        environment's id. env_id: as in `replay`."""
+        with closing(_make_env(self, env_id, info_level="full")) as env:
             played = [(observation, info, env.unwrapped.snapshot()) for observation, info in _played(env, self)]
             plan, guide = env.unwrapped.plan, env.unwrapped.guide
         seen, infos, views = zip(*played, strict=True)
+        # curves of the player: reward terms, energies and work (J), and the last instant of each observed entry
         rows = {
             name: np.array([math.nan] + [float(info[name]) for info in infos[1:]])
             for name in infos[0] if name.startswith(("reward_", "energy_")) or name == "work"
@@ -113,11 +111,8 @@ class Episode:
         return of_episode(plan, views, rows, self.rewards, self.env_id if label is None else label, rate)
 
     def view(self, *others: Episode, labels: Sequence[str] | None = None, env_id: str | None = None) -> Player:
-        """A page that plays the episode, and others over it or beside it: `.save("episode.html")`, or in a notebook.
-
-        Args:
-            labels: of all of them; default the environments' ids. env_id: as `replay` takes it.
-        """
+        """Return a page that plays the episode and others beside it: `.save("episode.html")`, or shown in a notebook.
+        labels: of all episodes; default the environments' ids. env_id: as in `replay`."""
         return Player.of((self, *others), labels, env_id)
 
     def _repr_html_(self) -> str:
@@ -125,16 +120,17 @@ class Episode:
 
 
 class EpisodeRecorder(gym.Wrapper[Array32, Array32, Array32, Array32]):
-    """A single environment of this package whose episodes are kept in `episodes`, oldest first.
+    """Wrapper of a single environment of this package that stores its episodes in `episodes`, oldest first.
 
-    An episode is kept when it ends, and one that is broken off by `reset` or `close` as far as it was played. Wrappers
-    that change observations or actions go around this one.
+    An episode is stored when it ends; one that `reset` or `close` interrupts is stored as far as it was played.
+    Wrappers that change observations or actions belong around this one.
 
     Raises:
-        ValueError: another environment, one that `gymnasium.make` has not made, or keywords that no file can hold.
+        ValueError: another environment, one not made by `gymnasium.make`, or keywords that a file cannot hold.
     """
 
     def __init__(self, env: gym.Env[Array32, Array32]) -> None:
+        """Check that env is a single environment of this package, and store its keywords."""
         super().__init__(env)
         if env.spec is None or not hasattr(env.unwrapped, "plan"):
             raise ValueError(f"env = {env}: must be a single environment of flexarm_env that gymnasium.make has made")
@@ -145,7 +141,8 @@ class EpisodeRecorder(gym.Wrapper[Array32, Array32, Array32, Array32]):
             inner = inner.env
         kwargs = {k: v for k, v in env.spec.kwargs.items() if k != "render_mode"}
         if kwargs.get("arm") is not None and kwargs["arm"] not in arms.names():
-            kwargs["arm"] = env.unwrapped.plan.arm  # a file may not be there next time
+            # store the arm itself: its file may be missing later
+            kwargs["arm"] = env.unwrapped.plan.arm
         self.episodes: list[Episode] = []
         self._env_kwargs: dict[str, Any] = _plain("env", kwargs)
         self._start: dict[str, Any] = {}
@@ -154,9 +151,10 @@ class EpisodeRecorder(gym.Wrapper[Array32, Array32, Array32, Array32]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array32, dict[str, Any]]:
-        """Start an episode, with seed and options as the environment's; a ValueError for options no file can hold."""
+        """Start an episode with a seed and options. Raises ValueError for options that a file cannot hold."""
         self._keep()
         kept = None if options is None else _plain("options", options)
+        # without a seed the generator's state determines the start
         generator = None if seed is not None else _plain("generator", self.np_random.bit_generator.state)
         observation, info = self.env.reset(seed=seed, options=options)
         self._start = {"seed": _plain("seed", seed), "generator": generator, "options": kept}
@@ -164,10 +162,11 @@ class EpisodeRecorder(gym.Wrapper[Array32, Array32, Array32, Array32]):
         return observation, info
 
     def step(self, action: Array32) -> tuple[Array32, Any, bool, bool, dict[str, Any]]:
-        """One control period, as the environment's."""
+        """Step the environment by one control period and store the outcome."""
         if not self._rows:
             raise ResetNeeded("The episode has ended (or none has begun): call reset() first")
-        if getattr(action, "dtype", None) != np.float32:  # what the environment makes of it is what is kept
+        # store the float32 action that the environment uses
+        if getattr(action, "dtype", None) != np.float32:
             action = checked_action(action, self.env.unwrapped.action_space.shape or ())
         outcome = self.env.step(action)
         observation, reward, terminated, truncated, info = outcome
@@ -181,11 +180,12 @@ class EpisodeRecorder(gym.Wrapper[Array32, Array32, Array32, Array32]):
         return outcome
 
     def close(self) -> None:
-        """Keep what was played, and close the environment."""
+        """Store the current episode and close the environment."""
         self._keep()
         super().close()
 
     def _keep(self) -> None:
+        """Append the current episode to `episodes`, unless it has no step."""
         rows, self._rows = self._rows, {}
         if not rows or not rows["rewards"]:
             return
@@ -205,18 +205,18 @@ class EpisodeRecorder(gym.Wrapper[Array32, Array32, Array32, Array32]):
 
 # --------------------------------------------------------------------- again
 def replay(episode: Episode, env_id: str | None = None) -> Episode:
-    """Play an episode again in a new environment, with the same start and actions; the outcome.
+    """Play an episode again in a new environment, with the same start and actions, and return the new episode.
 
-    With the version and the processor that it was recorded with, `replay(e).equals(e)`.
+    On the same version and processor as the recording, `replay(e).equals(e)`.
 
     Args:
-        env_id: the episode's, to be named where it is none of this package's environments: a file does not choose what
-            is imported.
+        env_id: the episode's id, required for an environment of another package: a file must not choose what is
+            imported.
     Raises:
-        ValueError: an episode of another environment that is not named, without steps, or that ends before its actions.
+        ValueError: another environment's episode without env_id, no steps, or an end before the last action.
     """
     _alike([episode])
-    env = EpisodeRecorder(_made(episode, env_id))
+    env = EpisodeRecorder(_make_env(episode, env_id))
     for _ in _played(env, episode):
         pass
     env.close()
@@ -224,23 +224,22 @@ def replay(episode: Episode, env_id: str | None = None) -> Episode:
 
 
 def frames(episode: Episode, env_id: str | None = None) -> Iterator[NDArray[np.uint8]]:
-    """The pictures (height, width, 3) of an episode, T + 1 of them; for `flexarm_env.envs.video.write_film`.
-
-    env_id: as `replay` takes it.
-    """
-    with closing(_made(episode, env_id, render_mode="rgb_array")) as env:
+    """Yield the T + 1 pictures (height, width, 3) of an episode, for `envs.video.write_film`; env_id as in `replay`."""
+    with closing(_make_env(episode, env_id, render_mode="rgb_array")) as env:
         for _ in _played(env, episode):
             yield np.asarray(env.render())
 
 
-def _made(episode: Episode, named: str | None, **more: Any) -> Any:
+def _make_env(episode: Episode, named: str | None, **more: Any) -> Any:
+    """Create the environment of an episode, with keywords `more` added."""
     env_id, keywords = permitted("episode", episode.env_id, episode.env_kwargs, named)
-    return gym.make(env_id, **{"max_episode_steps": episode.max_episode_steps, **_given(keywords), **more})
+    return gym.make(env_id, **{"max_episode_steps": episode.max_episode_steps, **_restored(keywords), **more})
 
 
 def _played(env: Any, episode: Episode) -> Iterator[tuple[Array32, dict[str, Any]]]:
-    """Observation and info at the start of an episode that is played again, and after each of its steps."""
-    options = _given(episode.options)
+    """Play an episode again; yield (observation, info) at the start and after each step."""
+    options = _restored(episode.options)
+    # restore the generator that drew the start
     if episode.generator is not None:
         env.unwrapped.np_random.bit_generator.state = dict(episode.generator)
     yield env.reset(seed=episode.seed, options=options)
@@ -255,37 +254,41 @@ def _played(env: Any, episode: Episode) -> Iterator[tuple[Array32, dict[str, Any
 
 # --------------------------------------------------------------------- files
 def save_episodes(path: str | os.PathLike[str], episodes: Sequence[Episode]) -> Path:
-    """Write episodes of one environment to an .npz file, whole or not at all; the path.
+    """Write episodes of one environment to an .npz file, completely or not at all, and return its path.
 
     Args:
-        path: of the file; its folder is made. episodes: at least one, with observations and infos of the same shapes.
+        path: of the file; its folder is created. episodes: at least one, with observations and infos of the same
+            shapes.
     Raises:
-        ValueError: no episode, episodes whose observations or infos differ in shape, or that `load_episodes` refuses.
+        ValueError: no episode, different shapes of observations or infos, or an episode that `load_episodes` rejects.
     """
     episodes = _alike(episodes)
     meta: dict[str, Any] = {
         "format": FORMAT,
-        "flexarm_env": check.installed("flexarm_env") or "unknown",  # a checkout that is not installed
+        "flexarm_env": check.installed("flexarm_env") or "unknown",  # a checkout without installation
         "episodes": [_plain(f"episodes[{k}]", {key: getattr(e, key) for key in ABOUT}) for k, e in enumerate(episodes)],
     }
     arrays: dict[str, Any] = {"meta": json.dumps(meta), "lengths": np.array([len(e) for e in episodes])}
+    # concatenate the episodes' arrays
     for name in ("observations", *STEPS):
         arrays[name] = np.concatenate([getattr(e, name) for e in episodes])
     for name in episodes[0].infos:
         arrays[f"info_{name}"] = np.concatenate([e.infos[name] for e in episodes])
-    list(_cut(arrays, meta["episodes"]))  # nothing is written that cannot be read
+    # validate by the reader before writing
+    list(_cut(arrays, meta["episodes"]))
     write_npz(Path(path), arrays)
     return Path(path)
 
 
 def _alike(episodes: object) -> tuple[Episode, ...]:
-    """Episodes that one file can hold: at least one, each of a step or more, entries and infos of the same shapes."""
+    """Validate episodes of one file: at least one, each with a step or more, entries and infos of the same shapes."""
     found = check.sequence("episodes", episodes, "Episodes")
     if not found:
         raise ValueError("episodes = []: must hold at least one")
     for k, episode in enumerate(found):
         if not len(check.instance(f"episodes[{k}]", episode, Episode)):
             raise check.InvalidValue(f"episodes[{k}]", episode, "must have at least one step")
+        # shapes without the axis of time must be those of the first episode
         shapes, first = (
             {n: v.shape[1:] for n, v in {"observations": e.observations, "actions": e.actions, **e.infos}.items()}
             for e in (episode, found[0])
@@ -297,7 +300,7 @@ def _alike(episodes: object) -> tuple[Episode, ...]:
 
 
 def load_episodes(path: str | os.PathLike[str]) -> list[Episode]:
-    """The episodes in a file that `save_episodes` has written. ValueError for a file that is none, or damaged."""
+    """Return the episodes in a file by `save_episodes`. Raises ValueError for another or damaged file."""
     arrays = read_npz(path, "episodes")
     with check.in_file(path):
         for name in ("meta", "lengths", "observations", *STEPS):
@@ -312,7 +315,7 @@ def load_episodes(path: str | os.PathLike[str]) -> list[Episode]:
 
 
 def _about(path: str, entry: object) -> dict[str, Any]:
-    """What a file says an episode was made with, checked; its environment's arguments are, when it is made."""
+    """Validate the metadata of an episode; its environment's keywords are validated when the environment is made."""
     table = check.table_of(path, entry)
     check.known_keys(path, table, ABOUT)
     for name, read in ABOUT.items():
@@ -323,7 +326,7 @@ def _about(path: str, entry: object) -> dict[str, Any]:
 
 
 def _state(path: str, value: object) -> None:
-    """InvalidValue for what is no state of a generator."""
+    """Raise InvalidValue unless the value is a state of a PCG64 generator."""
     generator: Any = np.random.PCG64()
     try:
         generator.state = check.table_of(path, value)
@@ -335,14 +338,16 @@ ABOUT: Mapping[str, Callable[[str, Any], Any]] = {
     "env_id": check.text, "env_kwargs": check.table_of, "max_episode_steps": partial(check.integer, minimum=1),
     "seed": partial(check.integer, minimum=0), "generator": _state, "options": check.table_of,
 }  # fmt: skip
-"""Of an episode, what a file says beside its arrays, and how it is read."""
+"""Metadata of an episode in a file, each with its validation."""
 
 
 def _cut(arrays: Mapping[str, Any], about: Sequence[Mapping[str, Any]]) -> Iterator[Episode]:
+    """Validate the arrays of a file and yield its episodes."""
     sizes = {"episodes": len(about)}
     lengths = check.arrays(arrays, {"lengths": ("whole", ("episodes",))}, sizes)["lengths"].tolist()
     for k, length in enumerate(lengths):
         check.integer(f"lengths[{k}]", length, minimum=1)
+    # T rows of actions and rewards per episode, T + 1 of observations and infos
     sizes |= {"sum of lengths": sum(lengths), "instants": sum(lengths) + len(lengths)}
     infos = {name: ("any", ("instants", "...")) for name in arrays if name.startswith("info_")}
     known = check.arrays(arrays, {**SERIES, **infos}, sizes)
@@ -358,30 +363,30 @@ def _cut(arrays: Mapping[str, Any], about: Sequence[Mapping[str, Any]]) -> Itera
 
 SERIES: Mapping[str, tuple[str, check.Shape]] = {
     "observations": ("finite", ("instants", "entries")),
-    "actions": ("number", ("sum of lengths", "joints")),  # one that is not finite is an action too: it ends an episode
+    "actions": ("number", ("sum of lengths", "joints")),  # nan is permitted: it ends an episode
     "rewards": ("finite", ("sum of lengths",)),
     **dict.fromkeys(("terminations", "truncations"), ("flag", ("sum of lengths",))),
 }
 
 
 def to_minari(episodes: Sequence[Episode], dataset_id: str, env_id: str | None = None, **about: Any) -> Any:
-    """A Minari data set of episodes of one environment, in Minari's folder (MINARI_DATASETS_PATH). `data` extra.
+    """Return a Minari data set of episodes, stored in Minari's folder (MINARI_DATASETS_PATH).
 
-    Needs no JAX; Minari's own `DataCollector` does (`pip install "minari[create]"`).
+    Requires the `data` extra, but no JAX; Minari's own `DataCollector` needs it (`pip install "minari[create]"`).
 
     Args:
-        episodes: of one environment. dataset_id: for example "flexarm/slew/pd-v0". env_id: as `replay` takes it.
+        episodes: of one environment. dataset_id: for example "flexarm/slew/pd-v0". env_id: as in `replay`.
         about: keywords of `minari.create_dataset_from_buffers`: algorithm_name, author, description, ...
     Returns:
-        The `minari.MinariDataset`; an episode that was broken off ends as truncated there.
+        The `minari.MinariDataset`; an interrupted episode ends as truncated there.
     Raises:
-        ValueError: no episode, episodes of several environments, or an id that is none. ImportError: there is no
-            Minari.
+        ValueError: no episode, episodes of several environments, or an invalid id. ImportError: Minari is missing.
     """
     with check.needs("a Minari data set", "minari h5py", "data"):
         import minari
         from minari.data_collector import EpisodeBuffer
-    if not re.fullmatch(r"([-\w]+/)*[-\w]+-v\d+", check.text("dataset_id", dataset_id)):  # nor a path elsewhere
+    # the pattern also excludes paths
+    if not re.fullmatch(r"([-\w]+/)*[-\w]+-v\d+", check.text("dataset_id", dataset_id)):
         raise check.InvalidValue("dataset_id", dataset_id, 'must be like "name-v0" or "space/name-v0"')
     first, *_ = episodes = _alike(episodes)
     made = [(e.env_id, e.env_kwargs, e.max_episode_steps) for e in episodes]
@@ -400,13 +405,13 @@ def to_minari(episodes: Sequence[Episode], dataset_id: str, env_id: str | None =
                 infos={name: value for name, value in episode.infos.items() if value.dtype.kind in "fiub"},
             )
         )  # fmt: skip
-    with closing(_made(first, env_id)) as env:
+    with closing(_make_env(first, env_id)) as env:
         return minari.create_dataset_from_buffers(dataset_id, buffers, env=env, **about)
 
 
 # ------------------------------------------------------ what JSON can hold
 def _plain(path: str, value: Any) -> Any:
-    """A value as JSON holds it; arms and scenes as the text of their TOML files."""
+    """Return a value in JSON types; arms and scenes become the text of their TOML files."""
     if isinstance(value, Arm):
         return {"arm.toml": arms.to_toml(value)}
     if isinstance(value, Scene):
@@ -430,12 +435,16 @@ def _plain(path: str, value: Any) -> Any:
     raise check.InvalidValue(path, value, "must be numbers, texts, tables, an Arm or a Scene to be recorded")
 
 
-def _given(value: Any) -> Any:
-    """What `_plain` was given."""
+def _restored(value: Any) -> Any:
+    """Return the value that `_plain` has converted."""
     if isinstance(value, Mapping):
         if set(value) == {"arm.toml"}:
-            return arms.from_toml(check.text("arm.toml", value["arm.toml"]) + "\n")  # a text, not a file's name
+            text = check.text("arm.toml", value["arm.toml"]) + "\n"  # a text, not a file's name
+            with check.under("arm.toml"):
+                return arms.from_toml(text)
         if set(value) == {"scene.toml"}:
-            return Scene.from_toml(check.text("scene.toml", value["scene.toml"]) + "\n")
-        return {k: _given(v) for k, v in value.items()}
-    return [_given(v) for v in value] if isinstance(value, list) else value
+            text = check.text("scene.toml", value["scene.toml"]) + "\n"
+            with check.under("scene.toml"):
+                return Scene.from_toml(text)
+        return {k: _restored(v) for k, v in value.items()}
+    return [_restored(v) for v in value] if isinstance(value, list) else value

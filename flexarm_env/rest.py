@@ -1,7 +1,7 @@
-"""Scenes that start at rest under their loads: the equilibrium, by pseudo-transient continuation.
+"""Static equilibrium of scenes that start at rest under their loads, by pseudo-transient continuation.
 
-Each step of the integrator begins without velocity, M c (q - q_before) + f(q) = 0, where c falls as the step grows:
-first short steps downhill, at last long ones, which are Newton's iteration for f = 0.
+Each integrator step begins without velocity, M c (q - q_before) + f(q) = 0, where c falls as the step grows. Short
+steps at first go downhill; long steps at last are Newton's iteration for f = 0.
 """
 
 from dataclasses import replace
@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from .compiler import SINGLE, uncompiled
-from .physics.protocol import difference
+from .physics.model import OK, OUT_OF_RANGE
+from .physics.protocol import local_difference
 from .scene import JointTorque, Load, Motion, PointLoad, Scene
 from .scene.drives import FORCES
 from .settings import Settings
@@ -18,13 +19,13 @@ from .time_functions import TimeFunction, constant
 from .validation import Array
 
 AT_REST = 1e-12
-"""Move of a long step, rad or lengths of the arm, below which the arm rests."""
+"""Change by a long step, rad or arm lengths, below which the arm is at rest."""
 
 LONG = 1e4
 """Length of a long step, s."""
 
 MOST = 300
-"""Steps tried."""
+"""Largest number of steps."""
 
 
 class NoEquilibrium(RuntimeError):
@@ -32,11 +33,15 @@ class NoEquilibrium(RuntimeError):
 
 
 def resting(scene: Scene) -> Scene:
-    """The scene as it is before t = 0: its loads as they are at 0, its motions where they begin; joints held where
-    start="held", behind an elastic gear its motor."""
+    """Return the scene as it is before t = 0: loads constant at their value for t = 0, motions constant at their start.
+
+    With start="held" all joints are held as well; behind an elastic gear the motor is held instead. Torques on joints
+    that are held are dropped.
+    """
     names = [motion.coordinate for motion in scene.motions]
     held = []
     if scene.start == "held":
+        # joints to hold: neither rigid, nor prescribed, nor the free root
         for k in range(scene.arm.n_links):
             pair = {f"joint{k}", f"motor{k}"} & set(names)
             if k not in scene.rigid_joints and not pair and not (k == 0 and scene.root == "free"):
@@ -49,7 +54,7 @@ def resting(scene: Scene) -> Scene:
 
 
 def _at_start(load: Load) -> Load:
-    """The load as it is at t = 0."""
+    """Return the load with constant functions of time, at their values for t = 0."""
 
     def value(f: TimeFunction) -> TimeFunction:
         return constant(float(f(0.0)))
@@ -61,8 +66,11 @@ def _at_start(load: Load) -> Load:
 
 
 def resting_settings(settings: Settings, space: bool) -> Settings:
-    """The settings with steps of one size and an uncorrected period. An elastica in space has such inertia, of its
-    stiffness, as steps of a second give it: all its strains then go to rest alike."""
+    """Return the settings for `relax`: steps of one size, and no correction of the period.
+
+    An elastica in space gets the inertia of steps of 1 s, which is proportional to its stiffness: all its strains then
+    come to rest alike.
+    """
     plain: dict[str, Any] = {"step_tolerance": None}
     if space and settings.formulation == "elastica":
         plain["dt"] = 1.0
@@ -72,48 +80,68 @@ def resting_settings(settings: Settings, space: bool) -> Settings:
 
 
 def relax(simulation: Any) -> Array:
-    """Coordinates of rest of a `Simulation` of a `resting` scene, which is advanced to it.
+    """Advance a `Simulation` of a `resting` scene to its equilibrium and return the coordinates there (m, rad).
 
-    Raises NoEquilibrium where steps do not come to an end.
+    Raises NoEquilibrium where no step length leads to rest.
     """
     work, weight = simulation.work, simulation.model.weight
     rates, algebraic = (work.v, work.a, work.b), simulation.model.algebraic
     h, before, change = simulation.dt, np.empty_like(work.q), np.empty_like(work.q)
+    # multipliers do not count as moves
     rows = np.ones(len(work.q), bool)
     if algebraic is not None:
         rows[algebraic] = False
     for rate in rates:
         rate[:] = 0.0
+    last = float(OK)
     for _ in range(MOST):
         before[:] = work.q
         simulation.dt = h
         simulation.t = 0.0
         good = simulation.advance_to(h)
-        uncompiled(difference)(SINGLE, simulation.model, before, work.q, change)
+        uncompiled(local_difference)(SINGLE, simulation.model, before, work.q, change)
+        # largest change of a coordinate in rad or arm lengths; infinite where the step failed
         move = float(np.abs(change * weight)[rows].max(initial=0.0)) if good else np.inf
-        if not move < 0.5:  # it failed, or went too far
+        # failed or too far (nan included): go back and take a quarter of the step
+        if not move < 0.5:
             work.q[:] = before
-            work.flag[0] = 0.0
+            last, work.flag[0] = float(work.flag[0]), 0.0
             h *= 0.25
             if h < 1e-9 * simulation.settings.dt:
                 break
         else:
+            # at rest after a long step; otherwise longer steps, the faster the smaller the move
             if move < AT_REST and h >= LONG:
                 return np.array(work.q)
             h = min(h * (4.0 if move < 0.1 else 1.5), LONG)
         for rate in rates:
             rate[:] = 0.0
-    raise NoEquilibrium(
-        "no rest was found for the scene to start from: its loads may be too large, turn it on and on, or be just "
-        "below what it buckles under, where floating frames in space find none (geometrically_exact does); "
-        'start="held" holds its joints, start="unloaded" lets it begin without stress'
-    )
+    raise NoEquilibrium(f"no rest was found for the scene to start from: {_reason(simulation, last)}")
+
+
+def _reason(simulation: Any, last: float) -> str:
+    """Return why no rest was found. last: status of the last failed step."""
+    if last == OUT_OF_RANGE:
+        return f"{out_of_range(simulation.model)}; start=\"unloaded\" lets it begin without stress"
+    buckles = ""
+    if simulation.scene.spatial and simulation.settings.formulation == "floating_frame":
+        buckles = ", or be just below what it buckles under, where floating frames find none (geometrically_exact does)"
+    held = 'start="held" holds its joints, start="unloaded" lets it begin without stress'
+    return f"its loads may be too large, or turn it on and on{buckles}; {held}"
+
+
+def out_of_range(model: Any, share: str = "") -> str:
+    """That an arm at rest is out of its formulation's range. share: from which share of its loads on."""
+    bound = float(getattr(model, "bound", 0.0))
+    why = "beyond the range of the reduction to modes" if bound else "larger than a floating body can have"
+    instead = "take more segments (no modes), or formulation='geometrically_exact'"
+    return f"the arm would deflect {why} at rest{share}; {instead}"
 
 
 def rested(system: Any, scene: Scene, settings: Settings, kind: Any) -> Any:
-    """The scene's System with the coordinates that the scene starts at. kind: the class Simulation.
+    """Return the scene's System with initial coordinates q0 at equilibrium, or unchanged for start="unloaded".
 
-    A row that the resting scene has not, a multiplier, begins at 0.
+    kind: the class Simulation. Rows that the resting scene lacks, such as multipliers, start at 0.
     """
     if scene.start == "unloaded":
         return system

@@ -1,6 +1,11 @@
-"""The arm with rigid links: reach, inertia, the torques that its rates ask for, and the scales that follow."""
+"""The arm with rigid links in the plane: reach, inertia, Coriolis torques, and scales derived from them.
+
+Angles alpha_k are absolute, of each link's tangent at its root, rad. Positions are complex numbers x + i y: a link that
+spans a from joint to joint contributes a exp(i alpha_k).
+"""
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -14,56 +19,93 @@ ComplexOrReal = NDArray[Any]
 
 
 def reach(arm: Arm) -> tuple[float, float]:
-    """Smallest and largest distance of the tip from the root, m."""
+    """Return the smallest and largest distance of the tip from the root, m."""
     lengths = [link.span for link in arm.links]
     return max(0.0, 2.0 * max(lengths) - sum(lengths)), sum(lengths)
 
 
 def link_inertia(arm: Arm) -> ComplexOrReal:
-    """The (N, N) matrix C, kg m^2, with M_jk = Re C_jk exp(-i (alpha_j - alpha_k)) in the links' absolute angles alpha.
+    """Return the constants C (N, N), kg m^2, of the inertia matrix in the links' absolute angles alpha.
 
-    Each body (link, motor, payload) at a_j exp(i alpha_j), summed over the links j on the way to it, adds m a_j* a_k,
-    and its own inertia to the link that it turns with. C is real where all lies on straight lines from joint to joint.
+    It is M_jk = Re C_jk exp(-i (alpha_j - alpha_k)). A body (link, elbow, motor or payload) at sum_j a_j exp(i
+    alpha_j), summed over the links on the way to it, adds m conj(a_j) a_k, and its own inertia to the link that it
+    turns with. C is real where all bodies lie on straight lines from joint to joint.
     """
-    n = arm.n_links
-    bent = any(link.curved for link in arm.links)
-    kind: Any = np.complex128 if arm.payload.eccentric or bent else np.float64
-    lengths = np.array([link.far for link in arm.links], kind)
-    total = np.zeros((n, n), kind)
-
-    def add(mass: float, last: int, along: complex, inertia: float) -> None:
-        levers = np.where(np.arange(n) < last, lengths, 0.0)
-        levers[last] = along
+    ends = _link_ends(arm)
+    total = np.zeros((arm.n_links, arm.n_links), ends.dtype)
+    for mass, last, along, inertia in _bodies(arm, ends):
+        levers = _levers(ends, last, along)
         total[:, :] += mass * np.outer(levers.conj(), levers)
         total[last, last] += inertia
+    return total
 
+
+def mass_moments(arm: Arm) -> ComplexOrReal:
+    """Return the (N,) vector S, kg m: the sum of the bodies' mass times position is sum_k S_k exp(i alpha_k)."""
+    ends = _link_ends(arm)
+    total = np.zeros(arm.n_links, ends.dtype)
+    for mass, last, along, _ in _bodies(arm, ends):
+        total += mass * _levers(ends, last, along)
+    return total
+
+
+def _link_ends(arm: Arm) -> ComplexOrReal:
+    """Return the position of each link's far joint in the axes of its root, (N,) m.
+
+    Complex numbers x + i y, or real ones where all bodies lie on straight lines from joint to joint.
+    """
+    bent = any(link.curved for link in arm.links)
+    kind: Any = np.complex128 if arm.payload.eccentric or bent else np.float64
+    return np.array([link.far for link in arm.links], kind)
+
+
+def _levers(ends: ComplexOrReal, last: int, along: complex) -> ComplexOrReal:
+    """Return the levers a_j, (N,) m, of a body at `along` (m) in the axes of link `last`.
+
+    Its position is sum a_j exp(i alpha_j), with the absolute angles alpha of the links.
+    """
+    levers = np.where(np.arange(len(ends)) < last, ends, 0.0)
+    levers[last] = along
+    return levers
+
+
+def _bodies(arm: Arm, lengths: ComplexOrReal) -> Iterator[tuple[float, int, complex, float]]:
+    """Yield each body's mass (kg), index of the link that it turns with, position in its axes (m), own inertia (kg
+    m^2).
+
+    lengths: far joint of each link in the axes of its root, m. Rotors of motors are left out.
+    """
     for k, link in enumerate(arm.links):
+        # hub, or elbow: mass and left inertia belong to the link before, the right inertia to this one
         if k == 0:
-            add(0.0, 0, 0.0, about_z(arm.hub_inertia))
+            yield 0.0, 0, 0.0, about_z(arm.hub_inertia)
         else:
             elbow = arm.elbow(k)
-            add(elbow.mass, k - 1, lengths[k - 1], about_z(elbow.inertia_left))
-            add(0.0, k, 0.0, about_z(elbow.inertia_right))
+            yield elbow.mass, k - 1, lengths[k - 1], about_z(elbow.inertia_left)
+            yield 0.0, k, 0.0, about_z(elbow.inertia_right)
+        # rigid ends
         if link.rigid_ends:
             for mass, along, inertia in link.ends:
-                add(mass, k, complex(link.place(along - link.root_offset)) if link.curved else along, inertia)
+                yield mass, k, complex(link.place(along - link.root_offset)) if link.curved else along, inertia
+        # the flexible part: uniform, curved, or varying along a straight line
         if link.uniform is not None and not link.rigid_ends:
-            add(link.mass, k, 0.5 * link.length, link.mass * link.length**2 / 12.0 + link.rotary)
+            yield link.mass, k, 0.5 * link.length, link.mass * link.length**2 / 12.0 + link.rotary
         elif link.curved:
             s, weights = link.quadrature()
             masses, z = weights * link.along(s).m, link.place(s)
             centre = complex(masses @ z / masses.sum())
-            add(link.mass, k, centre, float(masses @ abs(z - centre) ** 2) + link.rotary)
+            yield link.mass, k, centre, float(masses @ abs(z - centre) ** 2) + link.rotary
         else:
-            centre = link.moment(1) / link.mass if link.mass else 0.0
-            add(link.mass, k, link.root_offset + centre, link.moment(2) - link.mass * centre**2 + link.rotary)
+            middle = link.moment(1) / link.mass if link.mass else 0.0
+            inertia = link.moment(2) - link.mass * middle**2 + link.rotary
+            yield link.mass, k, link.root_offset + middle, inertia
+    # payload, off the tip where it is eccentric
     tip = lengths[-1] + arm.payload.lever * np.exp(1j * arm.links[-1].turn) if arm.payload.eccentric else lengths[-1]
-    add(arm.payload.mass, n - 1, tip, about_z(arm.payload.inertia))
-    return total
+    yield arm.payload.mass, arm.n_links - 1, tip, about_z(arm.payload.inertia)
 
 
 def _differences(arm: Arm, elbows: Array) -> Array:
-    """alpha_j - alpha_k (n, N, N) from elbow angles (n, N - 1), a link's being that of its tangent at its root."""
+    """Return alpha_j - alpha_k, (n, N, N) rad, from elbow angles (n, N - 1) rad; curved links add their own turn."""
     elbows = np.asarray(elbows, np.float64)
     if any(link.curved for link in arm.links):
         elbows = elbows + [link.turn for link in arm.links[:-1]]
@@ -72,19 +114,23 @@ def _differences(arm: Arm, elbows: Array) -> Array:
 
 
 def _of_joints(values: Array, axis: int) -> Array:
-    """Sums over links k ... N - 1 along an axis: what acts on link k and beyond acts at joint k."""
+    """Return sums over links k ... N - 1 along an axis: forces on link k and beyond act at joint k."""
     return np.flip(np.cumsum(np.flip(values, axis), axis), axis)
 
 
 def rigid_inertia(arm: Arm, elbows: Array) -> Array:
-    """Inertia (n, N, N) in kg m^2 about the joints, rotors included, at elbow angles (n, N - 1) in rad."""
+    """Return the inertia matrix in joint angles, (n, N, N) kg m^2, rotors included, at elbow angles (n, N - 1) rad."""
     rotors = np.diag([arm.joint(k).rotor for k in range(arm.n_links)])
     C, turned = link_inertia(arm), _differences(arm, elbows)
     return _of_joints(_of_joints(C.real * np.cos(turned) + C.imag * np.sin(turned), 1), 2) + rotors
 
 
 def coriolis(arm: Arm, elbows: Array, rates: Array) -> Array:
-    """Torques (n, N) in N m that joint rates (n, N) in rad/s ask for, beside inertia times acceleration."""
+    """Return the Coriolis and centrifugal torques (n, N), N m, at joint rates (n, N), rad/s.
+
+    They are joint torques less inertia times acceleration. elbows: elbow angles (n, N - 1), rad.
+    """
+    # rates of the absolute angles, squared
     squares = np.cumsum(rates, axis=1) ** 2
     C, turned = link_inertia(arm), _differences(arm, elbows)
     pulls = C.real * np.sin(turned) - C.imag * np.cos(turned)
@@ -92,25 +138,30 @@ def coriolis(arm: Arm, elbows: Array, rates: Array) -> Array:
 
 
 def inertia_beyond(arm: Arm, joint: int) -> float:
-    """Inertia (kg m^2) about a joint of the straight arm from that joint to the tip."""
+    """Return the inertia (kg m^2) about a joint of the straight arm from that joint to the tip, rotor included."""
     return float(rigid_inertia(arm, np.zeros((1, arm.n_links - 1)))[0, joint, joint])
 
 
 def rate_scale(arm: Arm, joint: int) -> float:
-    """sqrt(tau pi/2 / I), rad/s: top rate of a rigid quarter turn, rest to rest at full torque, reached midway."""
+    """Return the top rate sqrt(tau pi/2 / I), rad/s, of a rigid quarter turn from rest to rest at full torque.
+
+    It is reached midway. tau: torque limit of the joint. I: inertia of the straight arm about the joint.
+    """
     limits = arm.torque_limits
     assert limits is not None
     return math.sqrt(limits[joint] * (math.pi / 2) / inertia_beyond(arm, joint))
 
 
 def centre_shift(arm: Arm) -> float:
-    """How far the centre of mass of arm and base is from the hub at most, m; 0 without a base.
+    """Return the largest distance of the hub from the center of mass of arm and floating base, m; 0 without a base.
 
-    A free arm's hub is so far from a point that stays, and its tip within the arm's length less that.
+    With the base free, the hub stays within this distance of a fixed point, and the tip within the arm's length less
+    it.
     """
     if arm.base is None:
         return 0.0
     along, moment = 0.0, 0.0
+    # first moments of the straight arm about the hub, kg m
     for k, link in enumerate(arm.links):
         if k > 0:
             moment += arm.elbow(k).mass * along

@@ -1,6 +1,7 @@
 """Rotations in NumPy: rotation vectors, matrices and quaternions, many at once along the leading axes.
 
-A matrix turns body axes to those that stand still. exp(psi^) is the matrix of the rotation vector psi.
+A rotation matrix maps components in body axes to components in inertial axes. exp(psi^) is the matrix of the rotation
+vector psi (rad), with psi^ b = psi x b.
 """
 
 from typing import Any
@@ -11,7 +12,7 @@ from flexarm_env.validation import Array
 
 
 def skew(a: Any) -> Array:
-    """a^, the matrix of b -> a x b, (..., 3, 3) of (..., 3)."""
+    """Return a^, the matrix of b -> a x b: (..., 3, 3) of a (..., 3)."""
     x, y, z = np.moveaxis(np.asarray(a, np.float64), -1, 0)
     zero = np.zeros_like(x)
     rows = ((zero, -z, y), (z, zero, -x), (-y, x, zero))
@@ -19,24 +20,29 @@ def skew(a: Any) -> Array:
 
 
 def matrices(psi: Any) -> Array:
-    """exp(psi^), (..., 3, 3) of (..., 3) rad."""
+    """Return the rotation matrices exp(psi^), (..., 3, 3), of rotation vectors psi (..., 3), rad."""
     psi = np.asarray(psi, np.float64)
     angle = np.sqrt((psi**2).sum(axis=-1))[..., None, None]
     hat = skew(psi)
+    # 1 + sin(a)/a psi^ + (1 - cos a)/a^2 psi^^2, with 1 - cos a = 2 sin^2(a/2)
     half = np.sinc(angle / (2.0 * np.pi))  # sin(a/2) / (a/2)
     return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * hat + 0.5 * half**2 * hat @ hat)
 
 
 def slope(psi: Array) -> Array:
-    """T (..., 3, 3) of rotation vectors (..., 3) rad: exp(psi^ + d psi^) is exp(psi^) exp((T d psi)^)."""
+    """Return the tangent map T (..., 3, 3) of rotation vectors psi (..., 3), rad.
+
+    It maps changes of psi to rotations in body axes: exp(psi^ + d psi^) = exp(psi^) exp((T d psi)^).
+    """
     angle, hat = np.sqrt((psi**2).sum(axis=-1))[..., None, None], skew(psi)
+    # T = 1 - (1 - cos a)/a^2 psi^ + (a - sin a)/a^3 psi^^2, by its series below a = 0.01
     half, far = np.sinc(angle / (2.0 * np.pi)), np.maximum(angle, 1e-2)
     third = np.where(angle > 1e-2, (far - np.sin(far)) / far**3, (1.0 - angle**2 / 20.0) / 6.0)
     return np.asarray(np.eye(3) - 0.5 * half**2 * hat + third * hat @ hat)
 
 
 def quaternions(A: Any) -> Array:
-    """(..., 4): w >= 0 first, of matrices (..., 3, 3)."""
+    """Return the quaternions (..., 4), w >= 0 first, of rotation matrices (..., 3, 3)."""
     A = np.asarray(A, np.float64)
     trace = A[..., 0, 0] + A[..., 1, 1] + A[..., 2, 2]
     # four times the products of the quaternion's entries; the row of its largest entry has no round-off
@@ -54,23 +60,24 @@ def quaternions(A: Any) -> Array:
 
 
 def vectors(A: Any) -> Array:
-    """Rotation vectors of at most pi, (..., 3) rad, of matrices (..., 3, 3)."""
+    """Return the rotation vectors (..., 3), rad, of length at most pi, of rotation matrices (..., 3, 3)."""
     return of_quaternions(quaternions(A))
 
 
 def of_quaternions(p: Array) -> Array:
-    """The same of quaternions (..., 4), w >= 0 first."""
+    """Return the rotation vectors (..., 3), rad, of length at most pi, of quaternions (..., 4), w >= 0 first."""
     sine = np.sqrt((p[..., 1:] ** 2).sum(axis=-1))
     angle = 2.0 * np.arctan2(sine, p[..., 0])
+    # angle over sine of half of it; 2 in the limit of small angles
     share = np.where(sine > 1e-12, angle / np.where(sine > 1e-12, sine, 1.0), 2.0)
     return np.asarray(p[..., 1:] * share[..., None])
 
 
 def turned(A: Array, b: Any) -> Array:
-    """A b, along the leading axes of both."""
+    """Return A b, vectors (..., 3) mapped from body to inertial axes by matrices (..., 3, 3)."""
     return np.asarray((A @ np.asarray(b, np.float64)[..., None])[..., 0])
 
 
 def back(A: Array, b: Any) -> Array:
-    """The transpose of A times b."""
+    """Return A^T b, vectors (..., 3) mapped from inertial to body axes by matrices (..., 3, 3)."""
     return turned(np.swapaxes(A, -1, -2), b)

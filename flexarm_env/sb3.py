@@ -7,7 +7,7 @@ PPO("MlpPolicy", env).learn(1_000_000)
 
 import inspect
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -16,7 +16,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
 from flexarm_env import validation as check
-from flexarm_env.envs.spec import same
+from flexarm_env.envs.lengths import LengthsVectorEnv
+from flexarm_env.envs.options import ARGUMENTS
+from flexarm_env.envs.spec import CHANGEABLE, same
 from flexarm_env.envs.vector import SINGLE_NAMES
 
 with check.needs("flexarm_env.sb3", "stable-baselines3", "train"):
@@ -36,9 +38,11 @@ def make_sb3_vec(
     normalize: bool | Mapping[str, Any] = False,
     info_keys: Sequence[str] = (),
     vectorization_mode: str = "vector_entry_point",
+    wrappers: Sequence[Callable[[gym.Env[Any, Any]], gym.Env[Any, Any]]] = (),
+    lengths: Sequence[float | Sequence[float]] = (),
     **kwargs: Any,
 ) -> VecEnv:
-    """A Stable-Baselines3 VecEnv of n_envs environments that are stepped together.
+    """Make a Stable-Baselines3 VecEnv of n_envs environments that are stepped together.
 
     Args:
         env_id: a registered id, such as "FlexibleArm-v0". n_envs: how many.
@@ -48,6 +52,9 @@ def make_sb3_vec(
         info_keys: entries of the environment's info that every step shall bring; without them only the infos of
             episodes that end are filled, which is all that Stable-Baselines3 reads.
         vectorization_mode: "vector_entry_point" (the native one), or "sync" or "async" for n_envs single ones.
+        wrappers: functions or classes that each single environment is wrapped in, the first one innermost. The native
+            vector environment has no single ones: with wrappers, "vector_entry_point" is "sync".
+        lengths: factors on the links' lengths, among which the environments are divided (`envs.lengths`).
         kwargs: keywords of the environment.
     Returns:
         VecNormalize(VecMonitor(GymnasiumVecEnv)), less what was not asked for.
@@ -59,12 +66,20 @@ def make_sb3_vec(
     seed = seed if seed is None else check.integer("seed", seed, minimum=0)
     keywords = normalize if isinstance(normalize, Mapping) else {} if check.flag("normalize", normalize) else None
     mode: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}
-    if vectorization_mode == "vector_entry_point":
-        kwargs = mode | kwargs
-    else:
-        kwargs = {"vector_kwargs": mode} | kwargs
+    if wrappers:
+        around = check.sequence("wrappers", wrappers, "functions of an environment")
+        vectorization_mode = "sync" if vectorization_mode == "vector_entry_point" else vectorization_mode
+        kwargs = {"wrappers": around} | kwargs
+    if len(lengths) and vectorization_mode != "vector_entry_point":
+        what = "must be left out with wrappers or another vectorization_mode than 'vector_entry_point'"
+        raise check.InvalidValue("lengths", lengths, what)
+    kwargs = mode | kwargs if vectorization_mode == "vector_entry_point" else {"vector_kwargs": mode} | kwargs
+    native: VectorEnv[Any, Any, Any]
     try:
-        native = gym.make_vec(env_id, num_envs=n_envs, vectorization_mode=vectorization_mode, **kwargs)
+        if len(lengths):
+            native = LengthsVectorEnv(env_id, n_envs, lengths, **kwargs)
+        else:
+            native = gym.make_vec(env_id, num_envs=n_envs, vectorization_mode=vectorization_mode, **kwargs)
     except TypeError as error:
         if "'autoreset_mode'" not in str(error):
             raise
@@ -95,6 +110,7 @@ class GymnasiumVecEnv(VecEnv):
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any], info_keys: Sequence[str] = ()) -> None:
+        """Store the environment; ValueError unless its autoreset mode is same-step."""
         mode = env.metadata.get("autoreset_mode")
         if mode != AutoresetMode.SAME_STEP:
             raise ValueError(f"metadata['autoreset_mode'] = {mode}: must be {AutoresetMode.SAME_STEP}")
@@ -124,7 +140,7 @@ class GymnasiumVecEnv(VecEnv):
         return observations
 
     def _reset_some(self, indices: Sequence[int], seed: Any, options: Mapping[str, Any]) -> tuple[Any, Infos]:
-        """Reset these environments: observations of all, infos of these."""
+        """Reset these environments; return the observations of all and the infos of these."""
         mask = np.zeros(self.num_envs, dtype=np.bool_)
         mask[list(indices)] = True
         observations, infos = self.env.reset(seed=seed, options={**options, "reset_mask": mask})
@@ -134,7 +150,7 @@ class GymnasiumVecEnv(VecEnv):
         return observations, some
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Take note of the actions (n_envs, ...)."""
+        """Store the actions (n_envs, ...) for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[Any, NDArray[np.float32], NDArray[np.bool_], Infos]:
@@ -160,7 +176,7 @@ class GymnasiumVecEnv(VecEnv):
 
     # --------------------------------------------------------------- images
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
-        """A picture (height, width, 3) of each environment, where they were made with render_mode="rgb_array"."""
+        """Return a picture (height, width, 3) of each environment; they need render_mode="rgb_array"."""
         if self.render_mode != "rgb_array":
             warnings.warn(f"render_mode = {self.render_mode!r}: pictures need 'rgb_array'", stacklevel=2)
             return [None] * self.num_envs
@@ -168,7 +184,7 @@ class GymnasiumVecEnv(VecEnv):
 
     # ----------------------------------------- attributes, methods, wrappers
     def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
-        """An attribute of these environments.
+        """Return an attribute of each of these environments.
 
         Where the vector environment has one value for all, that value; of an array with one row an environment
         (or a list or tuple as long), the rows.
@@ -183,12 +199,17 @@ class GymnasiumVecEnv(VecEnv):
         return [values[i] for i in self._indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:
-        """Set an attribute of these environments to one value.
+        """Set an attribute of these environments to one value. `starts`, the ranges that starts and targets are drawn
+        from, is one of this package's environments.
 
         Raises:
-            ValueError: some of the environments are named, but the attribute is one of all together.
+            ValueError: some of the environments are named, but the attribute is one of all together; a keyword of the
+                environment that holds from when it is made on.
         """
         chosen = self._indices(indices)
+        if attr_name in ARGUMENTS and attr_name not in CHANGEABLE:
+            what = f"must be given when the environment is made; what can be set later: {', '.join(CHANGEABLE)}"
+            raise check.InvalidValue("attr_name", attr_name, what)
         if hasattr(self.env, "set_attr"):
             values = [value] * self.num_envs if len(set(chosen)) == self.num_envs else self.get_attr(attr_name)
             for i in chosen:
@@ -263,7 +284,7 @@ def _calls_some(env: Any) -> bool:
 
 # ---------------------------------------------------------------------- infos
 def _info_of(infos: Mapping[str, Any], i: int) -> dict[str, Any]:
-    """The info of environment i, out of Gymnasium's arrays and their masks."""
+    """Return the info of environment i from Gymnasium's arrays and their masks."""
     info: dict[str, Any] = {}
     for key, values in infos.items():
         if key.startswith("_") and key[1:] in infos:
@@ -275,14 +296,14 @@ def _info_of(infos: Mapping[str, Any], i: int) -> dict[str, Any]:
 
 
 def _scalar(value: Any) -> Any:
-    """Python numbers and copies, so that nothing refers to an array of all environments."""
+    """Return numbers of Python, and copies of arrays, so that no reference to shared arrays remains."""
     if isinstance(value, np.generic):
         return value.item()
     return value.copy() if isinstance(value, np.ndarray) else value
 
 
 def _item(values: Any, i: int) -> Any:
-    """Entry i of an observation of all, which may be a dict or tuple of arrays, or an array of single ones."""
+    """Return entry i of a batched observation: a dict or tuple of arrays, an array, or a sequence."""
     if isinstance(values, Mapping):
         return {key: _item(value, i) for key, value in values.items()}
     if isinstance(values, tuple):
@@ -291,7 +312,7 @@ def _item(values: Any, i: int) -> Any:
 
 
 def _spread(values: Any, n: int) -> Any:
-    """One value an environment: the rows of what has n of them, else the value n times."""
+    """Return one value per environment: the rows of a value with n of them, else the value n times."""
     if isinstance(values, list | tuple) and len(values) == n:
         return values
     if isinstance(values, np.ndarray) and values.shape[:1] == (n,):

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from flexarm_env import validation as check
-from flexarm_env.files import csv_lines, numbers, read_toml
+from flexarm_env.files import csv_lines, numbers, read_toml, without_units
 from flexarm_env.scene import Scene, toml
 
 ORDER = (
@@ -34,8 +34,10 @@ def _text(name: str) -> str:
 
 @cache
 def names(parameter_sets: bool = False, space: bool = False) -> tuple[str, ...]:
-    """Names of the scenes that come with the package; with ``parameter_sets`` also those of form NAME@SET, with
-    ``space`` also those in space."""
+    """Return the names of the package's scenes.
+
+    parameter_sets: also those of the form NAME@SET. space: also those in space.
+    """
     chosen = (*ORDER, *SPATIAL) if space else ORDER
     if not parameter_sets:
         return chosen
@@ -44,7 +46,7 @@ def names(parameter_sets: bool = False, space: bool = False) -> tuple[str, ...]:
 
 @cache
 def named(name: str) -> Scene:
-    """A named scene, or a parameter set of it as ``NAME@as_printed``. Raises ValueError for a name there is not."""
+    """Return a named scene, or its parameter set, as ``NAME@as_printed``. Raises ValueError for an unknown name."""
     known = names(parameter_sets=True, space=True)
     if name not in known:
         raise check.UnknownKey(str(name), known, "scene")
@@ -53,7 +55,7 @@ def named(name: str) -> Scene:
 
 
 def resolve(scene: Scene | str | os.PathLike[str]) -> Scene:
-    """A scene from a :class:`Scene`, a name (NAME or NAME@SET), or a TOML file (FILE.toml or FILE.toml@SET).
+    """Return a scene from a :class:`Scene`, a name (NAME or NAME@SET), or a TOML file (FILE.toml or FILE.toml@SET).
 
     Raises ValueError for a text that is neither, and for what is wrong in the file.
     """
@@ -104,7 +106,7 @@ def reference_names() -> tuple[str, ...]:
 
 @cache
 def reference(name: str) -> Reference:
-    """The reference trajectory of a named scene. Raises ValueError for a scene that has none."""
+    """Return the reference trajectory of a named scene. Raises ValueError if it has none."""
     if name not in reference_names():
         raise check.UnknownKey(str(name), reference_names(), "scene with a reference")
     entry = _references()[name]
@@ -129,11 +131,12 @@ def spot_values(name: str) -> dict[str, Any]:
 
 
 def read_trajectory(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
-    """Columns of a trajectory's CSV file by name; the first line must begin with :data:`COLUMNS`.
+    """Read a trajectory's CSV file: columns by name; its first line must begin with :data:`COLUMNS`.
 
     Raises ValueError that names the file and the row for what is no such table, FileNotFoundError for no file.
     """
     header, lines = csv_lines(path)
+    header = without_units(header)
     with check.in_file(path):
         if header[: len(COLUMNS)] != COLUMNS:
             raise check.InvalidValue("columns", header, f"must begin with {','.join(COLUMNS)}")
@@ -146,6 +149,7 @@ def read_reference(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, np
     The columns may stand in any order, among others. ValueError and FileNotFoundError as :func:`read_trajectory`.
     """
     header, lines = csv_lines(path)
+    header = without_units(header)
     with check.in_file(path):
         if "t" not in header or len(set(header)) < len(header) or not any(set(g) <= set(header) for g in COMPARED):
             groups = " or ".join(" and ".join(group) for group in COMPARED)
@@ -154,7 +158,7 @@ def read_reference(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, np
 
 
 def _columns(header: tuple[str, ...], lines: list[list[str]]) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
-    """The numbers in a file's lines, by column; times increase."""
+    """Return the numbers of a file's lines by column; times must increase."""
     if not lines:
         raise check.InvalidValue("rows", 0, "must be at least one")
     found = {name: numbers(k, name, lines, len(header)) for k, name in enumerate(header)}

@@ -1,13 +1,13 @@
-"""Sensors of an arm as they are described: encoders, strain gauges, an accelerometer and a camera; frozen, validated.
+"""Sensors of an arm: encoders, strain gauges, accelerometer, gyroscope, camera; frozen, validated dataclasses.
 
-Every sensor reads one or two quantities u(t) by the same law (`runtime.laws.read` is its one definition):
+Every sensor reads one or more quantities u(t) by the same law (defined in `runtime.laws.read`):
 
     reading = round_to_quantum(gain F u(t - delay) + bias + noise)
 
 F is a low-pass of order 1 or 2 with gain 1 at rest; gain and bias are constant or drawn anew for each episode; noise is
-a normal number of its own for each reading. Between the instants at which a sensor is read (control instants, or the
-samples of a trajectory) u is taken to run straight, for which filter and delay are exact. At the start of an episode
-the quantity is taken to have been what it is for ever.
+an independent normal number for each reading. Between the instants at which a sensor is read (control instants, or the
+samples of a trajectory) u is linear, for which filter and delay are exact. Before the start of an episode u is
+constant.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ UNITS = ("curvature", "strain")
 MEASURES = ("xy", "xz", "torsion")
 SIDES = ("link", "motor")
 RATE_FREQUENCY = 20.0
-"""Hz, of the first-order low-pass on an encoder's differences, where nothing is said."""
+"""Default frequency of the first-order low-pass on an encoder's differences, Hz."""
 LARGEST, FINEST = 1e15, 1e-12
-"""Of gains, biases, noise, quanta and a filter's damping: angles and multiples beyond are lost to rounding."""
+"""Largest gain, bias, noise, quantum or filter damping; smallest quantum: beyond, rounding spoils the readings."""
 
 
 @dataclass(frozen=True)
 class LowPass:
-    """A filter w^2 / (s^2 + 2 damping w s + w^2), or of order 1 w / (s + w), with w = 2 pi frequency.
+    """Low-pass filter w / (s + w) of order 1, or w^2 / (s^2 + 2 damping w s + w^2) of order 2; w = 2 pi frequency.
 
     Args:
-        frequency: Hz, positive. order: 1 or 2. damping: ratio, positive; of order 2 alone.
+        frequency: Hz, positive. order: 1 or 2. damping: damping ratio, positive; for order 2 only.
     """
 
     frequency: float
@@ -44,6 +44,7 @@ class LowPass:
     damping: float = math.sqrt(0.5)
 
     def __post_init__(self) -> None:
+        """Validate the fields and convert them to plain numbers; `InvalidValue` names the field."""
         check.store(
             self,
             frequency=check.number("low_pass.frequency", self.frequency, "Hz", above=0.0),
@@ -54,15 +55,15 @@ class LowPass:
 
 @dataclass(frozen=True, kw_only=True)
 class Law:
-    """What every sensor may have, in the unit of its reading.
+    """Parameters common to all sensors, in the unit of the reading.
 
     Args:
         gain: a number, or (low, high): drawn uniformly for each episode.
         bias: a number b: drawn uniformly from -b to b for each episode; or drawn from (low, high), which may be equal.
         noise: standard deviation of each reading.
         low_pass: a filter before the sensor is read, or None.
-        quantum: readings are whole multiples of it; 0: none.
-        delay: s; any number, not only of whole periods.
+        quantum: resolution: readings are whole multiples of it; 0: none.
+        delay: s; any number, not only whole periods.
     """
 
     gain: float | Range = 1.0
@@ -73,6 +74,7 @@ class Law:
     delay: float = 0.0
 
     def __post_init__(self) -> None:
+        """Validate the fields and convert them to plain numbers; `InvalidValue` names the field."""
         check.store(
             self,
             **{name: _constant_or_range(name, getattr(self, name)) for name in ("gain", "bias")},
@@ -80,6 +82,7 @@ class Law:
             quantum=check.number("quantum", self.quantum, minimum=0.0, maximum=LARGEST),
             delay=check.number("delay", self.delay, "s", minimum=0.0),
         )
+        # a finer quantum is lost to rounding
         if 0.0 < self.quantum < FINEST:
             raise check.InvalidValue("quantum", self.quantum, f"must be 0, or at least {FINEST:g}")
         if self.low_pass is not None:
@@ -87,42 +90,42 @@ class Law:
 
     @property
     def gains(self) -> Range:
-        """What the gain is drawn from."""
+        """Range (low, high) of the gain."""
         return self.gain if isinstance(self.gain, tuple) else (self.gain, self.gain)
 
     @property
     def biases(self) -> Range:
-        """What the bias is drawn from."""
+        """Range (low, high) of the bias."""
         return self.bias if isinstance(self.bias, tuple) else (-abs(self.bias), abs(self.bias))
 
     @property
     def is_ideal(self) -> bool:
-        """Whether the reading is the quantity itself."""
+        """Whether the reading equals the quantity."""
         return all(getattr(self, f.name) == f.default for f in fields(Law))
 
     @property
     def step(self) -> float:
-        """What readings are whole multiples of; 0: anything."""
+        """Resolution of the readings, in their unit; 0: not rounded."""
         return self.quantum
 
     @property
     def interval(self) -> float:
-        """Time from one reading to the next, s; 0: at every instant."""
+        """Time from one reading to the next, s; 0: every instant."""
         return 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Encoder(Law):
-    """The angle of a joint, rad, and its rate.
+    """Encoder of a joint: its angle, rad, and its rate, rad/s.
 
-    The rate is the difference of two readings over the time between them, through a low-pass of order 1:
+    The rate is the difference of two readings over the time T between them, through a low-pass of order 1:
     rate_k = a rate_(k-1) + (1 - a) (reading_k - reading_(k-1)) / T with a = exp(-2 pi rate_frequency T).
 
     Args:
-        counts: of a turn of what it sits on; readings are multiples of 2 pi / counts, on the motor of that over the
-            gear's ratio. None: as fine as you like, or as `quantum` says.
-        side: "link": the angle of the link's root from the tip before it. "motor": the motor's angle over the ratio,
-            which is the same where the gear does not give (`Joint`).
+        counts: per turn of the encoder's shaft; readings are multiples of 2 pi / counts, with side "motor" of that
+            over the gear ratio. None: no rounding, or that of `quantum`.
+        side: "link": angle of the link's root from the tip before it. "motor": the motor's angle over the gear ratio,
+            which is the same for a rigid gear (`Joint`).
         rate_frequency: Hz.
     """
 
@@ -131,37 +134,40 @@ class Encoder(Law):
     rate_frequency: float = RATE_FREQUENCY
 
     def __post_init__(self) -> None:
+        """Validate the fields; counts and quantum exclude each other."""
         super().__post_init__()
         check.choice("side", self.side, SIDES)
         check.store(self, rate_frequency=check.number("rate_frequency", self.rate_frequency, "Hz", above=0.0))
+        # counts and quantum both set the resolution: only one is permitted
         if self.counts is not None:
             check.store(self, counts=check.integer("counts", self.counts, minimum=1, maximum=10**9))
             if self.quantum > 0.0:
                 raise check.InvalidValue("quantum", self.quantum, "must not be given together with counts")
 
     def behind(self, ratio: float) -> Encoder:
-        """As it reads after a gear of this ratio."""
+        """Return the encoder with its resolution at the output of a gear of this ratio."""
+        # on the motor's side an angle of the joint is ratio times finer
         if self.side == "link" or self.counts is None:
             return self
         return replace(self, counts=None, quantum=self.step / ratio)
 
     @property
     def step(self) -> float:
-        """rad"""
+        """Resolution of the angle, rad; 0: not rounded."""
         return self.quantum if self.counts is None else 2.0 * math.pi / self.counts
 
 
 @dataclass(frozen=True, kw_only=True)
 class StrainGauge(Law):
-    """Bending of a link at a place; in space also that out of the x-y plane, and torsion.
+    """Strain gauge: bending of a link at a place; in space also bending out of the x-y plane, and torsion.
 
     Args:
         link: 0 is the first. place: along it, from 0 (root) to 1 (tip).
         unit: "curvature", 1/m, or "strain": curvature times the distance.
         distance: m, of the gauge from the neutral axis. None: half the thickness of the rectangle that has the
-            section's m and J, sqrt(3 J / m), or J_y for bending in x-z; of torsion it must be given for a strain.
+            section's m and J, sqrt(3 J / m), or J_y for bending in x-z; required for the shear strain of torsion.
         measures: "xy": curvature in the x-y plane, positive where the link bends towards y; "xz": in the x-z plane,
-            towards z; "torsion": twist over length, positive about x. In the plane there is "xy" alone.
+            towards z; "torsion": twist over length, positive about x. In the plane only "xy".
     """
 
     link: int = 0
@@ -171,6 +177,7 @@ class StrainGauge(Law):
     measures: str = "xy"
 
     def __post_init__(self) -> None:
+        """Validate the fields; a shear strain needs its distance from the axis."""
         super().__post_init__()
         check.store(
             self,
@@ -179,6 +186,7 @@ class StrainGauge(Law):
         )
         check.choice("unit", self.unit, UNITS)
         check.choice("measures", self.measures, MEASURES)
+        # bending strains have a default distance, shear strains of torsion have none
         if self.distance is not None:
             check.store(self, distance=check.number("distance", self.distance, "m", above=0.0))
         elif self.unit == "strain" and self.measures == "torsion":
@@ -186,53 +194,59 @@ class StrainGauge(Law):
 
     @property
     def spot(self) -> tuple[int, float, str]:
-        """Where it is and what it measures."""
+        """Link, place and measured component: (link, place, measures)."""
         return self.link, self.place, self.measures
 
     def per_curvature(self, m: float, J: float) -> float:
-        """The quantity over the curvature, for a link of mass m (kg/m) and rotary inertia J (kg m) per length there."""
+        """Return reading / curvature for a section of mass m (kg/m) and rotary inertia J (kg m) per length.
+
+        1 for a curvature, the distance from the neutral axis (m) for a strain.
+        """
         if self.unit == "curvature":
             return 1.0
         return surface(m, J) if self.distance is None else self.distance
 
     def per_curvature_of(self, link: Any) -> float:
-        """The same for a `Link`."""
+        """Return the ratio reading / curvature (1 or m) at the gauge's place on a `Link`."""
         s = self.place * link.length
+        # section at the gauge; J_y for bending in x-z
         there, across = link.along(s), self.measures == "xz"
         return self.per_curvature(float(there.m), float(link.across(np.array(s))["J_y"] if across else there.J))
 
 
 def surface(m: float, J: float) -> float:
-    """Distance of the surface from the neutral axis, m, of a rectangle with these m (kg/m) and J (kg m)."""
+    """Return half the thickness, m, of a rectangle with mass m (kg/m) and rotary inertia J (kg m) per length."""
     if J <= 0.0:
         raise check.InvalidValue("distance", None, "must be given (m) where the section's J = 0 tells no thickness")
+    # J = m h^2 / 12, hence h / 2 = sqrt(3 J / m)
     return math.sqrt(3.0 * J / m)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Accelerometer(Law):
-    """Specific force of the arm's tip, m/s^2: its acceleration less gravity along its tangent (x) and across it (y); in
-    space along the three axes of the tip.
+    """Accelerometer at the arm's tip: specific force, m/s^2, along the tip's tangent (x) and across it (y).
 
-    u is the mean over the time since the last instant of what it is in the tip's own axes at each of these times. In a
-    steady spin it is -w^2 r along the tangent and 0 across, in free fall 0, however long that time. The first has no
-    time before it: it is that of a tip whose velocity in its own axes stays as it is, at rest -g.
+    Specific force is acceleration less gravity; in space it has three components along the tip's axes. u is the mean,
+    since the last instant, of the specific force in the tip's own, turning axes. In a steady spin u is -w^2 r along the
+    tangent and 0 across, in free fall 0, for any interval. The first reading, without an interval before it, is that of
+    a tip with constant velocity in its own axes; at rest it is -g.
     """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Gyroscope(Law):
-    """Angular velocity of the arm's tip about its own axes x, y, z, rad/s; of arms in space."""
+    """Gyroscope at the arm's tip: angular velocity about the tip's axes x, y, z, rad/s; for arms in space."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Camera(Law):
-    """Position of the tip, m, along fixed axes; in space also two angles of the tip's x axis, rad: by which it rises
-    out of the x-z plane, towards y, and out of the x-y plane, towards z, -pi/2 to pi/2 each.
+    """Camera: position of the tip, m, along fixed axes; in space also two angles of the tip's x axis, rad.
+
+    The angles are the rise out of the x-z plane, towards y, and out of the x-y plane, towards z, -pi/2 to pi/2 each.
 
     Args:
-        period: s from one picture to the next, a whole number of control periods (or samples); None: at each. The
-            picture that arrives at t, the first at 0, shows the tip at t - delay, and stands until the next.
+        period: s from one picture to the next, a whole number of control periods (or samples); None: one at each. The
+            picture that arrives at t, the first at 0, shows the tip at t - delay, and is held until the next.
     """
 
     period: float | None = None
@@ -244,12 +258,12 @@ class Camera(Law):
 
     @property
     def interval(self) -> float:
-        """s"""
+        """Time between pictures, s; 0: one at every instant."""
         return self.period or 0.0
 
 
 SINGLES: dict[str, type[Law]] = {"accelerometer": Accelerometer, "camera": Camera, "gyroscope": Gyroscope}
-"""Those that an arm has one of, by their keys."""
+"""Sensors of which an arm has at most one, by key."""
 
 OF_THE_TIP: dict[bool, dict[str, tuple[str, ...]]] = {
     False: {
@@ -262,7 +276,7 @@ OF_THE_TIP: dict[bool, dict[str, tuple[str, ...]]] = {
         "camera": ("camera_x", "camera_y", "camera_z", "camera_rise_y", "camera_rise_z"),
     },
 }
-"""What they read, in the plane and in space, in the order in which it stands."""
+"""Names of the readings of these sensors, in the plane (False) and in space (True), in the order of an observation."""
 
 
 @dataclass(frozen=True)
@@ -270,7 +284,7 @@ class Sensors:
     """The sensors of an arm.
 
     Args:
-        encoders: one for each joint; one: for all alike; (): none.
+        encoders: one per joint; a single one for all joints; (): none.
         strain_gauges: named strain_gauge_1, strain_gauge_2, ... in this order.
         accelerometer, camera, gyroscope: or None.
     """
@@ -282,21 +296,27 @@ class Sensors:
     gyroscope: Gyroscope | None = None
 
     def __post_init__(self) -> None:
+        """Validate the sensors' types."""
         for name, kind in (("encoders", Encoder), ("strain_gauges", StrainGauge)):
             check.store(self, **{name: check.instances(name, getattr(self, name), kind)})
+        # at most one of each kind
         for name, single in SINGLES.items():
             if getattr(self, name) is not None:
                 check.instance(name, getattr(self, name), single)
 
     def encoder(self, joint: int) -> Encoder:
-        """The encoder of a joint."""
+        """Return the encoder of a joint."""
         return self.encoders[joint if len(self.encoders) > 1 else 0]
 
     def readings(self, arm: Any, space: bool = False) -> dict[str, tuple[str, Law]]:
-        """What they read on an arm, in order, as `Trajectory.measured` names it: of each reading the key path of its
-        sensor below "sensors", and the sensor, an encoder as it reads behind the joint's gear. space: in space."""
+        """Return the readings on an arm in order: names as in `Trajectory.measured`, each with key path and sensor.
+
+        Key paths are those below "sensors"; encoders have their resolution at the gear's output.
+        """
         found: dict[str, tuple[str, Law]] = {}
+        # encoders, then sensors of the tip, then gauges
         for k, joint in enumerate(arm.joint_names if self.encoders else ()):
+            # an encoder gives two readings, angle and rate
             own = self.encoder(k).behind(arm.joint(k).gear_ratio)
             found |= {f"{joint}_{of}": (f"encoders[{k}]", own) for of in ("angle", "rate")}
         for place, names in OF_THE_TIP[space].items():
@@ -306,10 +326,11 @@ class Sensors:
         return found | {f"strain_gauge_{i + 1}": (f"strain_gauges[{i}]", gauge) for i, gauge in gauges}
 
     def check_for(self, links: Sequence[Any], space: bool = True) -> None:
-        """ValueError unless an arm of these links can carry them; space: whether it is one in space."""
+        """Raise ValueError unless an arm with these links can carry the sensors; space: whether it is in space."""
         if not space and self.gyroscope is not None:
             what = "must be left out: there are gyroscopes in space alone"
             raise check.InvalidValue("gyroscope", self.gyroscope, what)
+        # none, one for all joints, or one per joint
         if len(self.encoders) not in (0, 1, len(links)):
             raise check.InvalidValue("encoders", f"{len(self.encoders)} encoders", f"must be one, or {len(links)}")
         for i, gauge in enumerate(self.strain_gauges):
@@ -322,19 +343,20 @@ class Sensors:
 
     @classmethod
     def ideal(cls, links: Sequence[Any]) -> Sensors:
-        """Those of an arm that names none: encoders without counts and a gauge at the root of each link that bends."""
+        """Return the default sensors of an arm: ideal encoders, and a gauge at the root of each link that bends."""
         return cls((Encoder(),), tuple(StrainGauge(link=k) for k, link in enumerate(links) if not link.rigid))
 
 
 def from_table(table: Mapping[str, Any]) -> Sensors:
-    """Sensors from a table: a TOML file's, or what an environment is given. ValueError names the key path.
+    """Create sensors from a table of a TOML file or an environment's argument. A ValueError names the key path.
 
-    encoders: a table for all joints, or a list of one each; {} are ideal ones. strain_gauges: a list of places (of link
-    0), of pairs link and place, and of tables. accelerometer, camera, gyroscope: a table each. Keys are the classes'
-    arguments.
+    encoders: a table for all joints, or a list with one per joint; {} is an ideal one. strain_gauges: a list of places
+    (of link 0), of pairs (link, place), and of tables. accelerometer, camera, gyroscope: a table each. Keys are the
+    arguments of the classes.
     """
     check.known_keys("sensors", table, KEYS)
     values: dict[str, Any] = {}
+    # one table stands for all joints
     encoders = table.get("encoders", ())
     if not isinstance(encoders, Mapping):
         encoders = check.sequence("sensors.encoders", encoders, "a table for each joint, or one table for all")
@@ -351,7 +373,7 @@ def from_table(table: Mapping[str, Any]) -> Sensors:
 
 
 def to_table(sensors: Sensors) -> dict[str, Any]:
-    """The table that `from_table` reads back; what is at its default is left out."""
+    """Return the table that `from_table` reads back, without defaults."""
     table: dict[str, Any] = {}
     for name, own in vars(sensors).items():
         if isinstance(own, tuple) and own:
@@ -368,6 +390,7 @@ S = TypeVar("S", bound=Law)
 
 
 def _constant_or_range(path: str, value: Any) -> float | Range:
+    """Validate a number, or a range (low, high)."""
     if not isinstance(value, list | tuple):
         return check.number(path, value, minimum=-LARGEST, maximum=LARGEST)
     both = check.sequence(path, value, "a number, or two: (low, high)", 2)
@@ -375,17 +398,21 @@ def _constant_or_range(path: str, value: Any) -> float | Range:
 
 
 def _gauge(path: str, entry: Any) -> StrainGauge:
+    """Create a strain gauge from a place, a pair (link, place) or a table."""
     if isinstance(entry, Mapping | StrainGauge):
         return _read(path, StrainGauge, entry)
+    # a single number is a place on link 0
     link, place = check.sequence(path, entry, "a link and a place", 2) if check.several(entry) else (0, entry)
     link = check.integer(f"{path}[0]", link, minimum=0)
     return StrainGauge(link=link, place=check.number(path, place, minimum=0.0, maximum=1.0))
 
 
 def _read(path: str, kind: type[S], entry: Any) -> S:
+    """Create a sensor of class `kind` from a table; `low_pass` may be a nested table."""
     if isinstance(entry, kind):
         return entry
     table = check.table_of(path, entry)
+    # nested table of the filter
     if isinstance(table.get("low_pass"), Mapping):
         with check.under(path):
             check.known_keys("", table, check.names_of(kind))
@@ -395,5 +422,5 @@ def _read(path: str, kind: type[S], entry: Any) -> S:
 
 
 def _changed(part: Law) -> dict[str, Any]:
-    """A sensor's fields that are not at their defaults, as a file has them."""
+    """Return the fields of a sensor that differ from their defaults, as values of a file."""
     return {name: asdict(value) if name == "low_pass" else value for name, value in check.changed(part).items()}

@@ -1,14 +1,14 @@
-"""How an arm is computed: the formulation and its flat options, one spelling everywhere.
+"""Solver settings: the formulation and its options, with the same names in Python, TOML and the command line.
 
-``Settings.make("floating_frame", segments=8)`` fills in the defaults, which live here and nowhere else.
-An option that the formulation lacks is an error that names it and lists those the formulation takes.
+``Settings.make("floating_frame", segments=8)`` adds the defaults, all of which are defined here. An option that the
+formulation lacks raises an error that names it and lists the formulation's options.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -43,41 +43,62 @@ _DEFAULTS: dict[str, dict[str, Any]] = {
     "geometrically_exact": {"elements": 5, "order": 2, "period_correction": False, **_COMMON, "rho_inf": 0.7},
     "elastica": {"nodes": 6, **_COMMON, "rho_inf": 1.0},
 }
+PRESETS: dict[str, tuple[str, dict[str, Any]]] = {
+    "paper": ("floating_frame", {"coupling": "paper", "multipliers": True, "newmark": (0.25, 0.5)}),
+}
+"""Names for a formulation with some options. "paper" is the solver of Meek & Liu (1995): frames at the roots of the
+segments, the paper's geometric stiffness [45], Lagrange multipliers, Newmark with beta = 1/4 and gamma = 1/2.
+"""
+
 MODAL_BOUND = 0.25
-"""Tip deflection over length beyond which a link reduced to modes is out of its range (theory, section 4)."""
+"""Tip deflection over length beyond which a link reduced to modes is out of range (theory, section 4)."""
 MOST_ELEMENTS = 1000
-"""Elements of a link: its dense or banded matrices are then as large as a step can do with."""
+"""Maximum number of elements per link; a step's dense or banded matrices would be too large beyond."""
+
+MOST_NODES = 48
+"""Maximum number of nodes per link of the elastica, whose matrices are full; 12 per smooth piece
+(`physics.elastica.chain`).
+"""
 
 MOST_STEPS = 10**5
-"""Steps of a period that is differentiated."""
+"""Maximum number of steps in a period that is differentiated."""
 
 MOST_IN_SEGMENT = 32
-"""Elements of a segment of the floating frame, whose matrices are full."""
+"""Maximum number of elements per segment of the floating frame, whose matrices are full."""
 
 _MESH = ("segments", "elements", "coupling")
-"""Options of the floating frame that modes drop where they are given alone."""
+"""Options of the floating frame that `modes` given alone removes."""
 
 _REPLACED = ("elements", "coupling")
-"""Those that have no meaning beside modes."""
+"""Options without meaning together with `modes`."""
+
+
+def expand_preset(formulation: str, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Return a preset's formulation and its options overridden by ``options``; formulations are returned as given."""
+    check.choice("formulation", formulation, (*FORMULATIONS, *PRESETS))
+    formulation, preset = PRESETS.get(formulation, (formulation, {}))
+    check_options(formulation, options)
+    return formulation, merged(preset, dict(options))
 
 
 def options_of(formulation: str) -> tuple[str, ...]:
-    """Names of the options that a formulation takes."""
+    """Return the names of a formulation's options."""
     check.choice("formulation", formulation, FORMULATIONS)
     return tuple(_DEFAULTS[formulation])
 
 
 def default_options(formulation: str) -> dict[str, Any]:
-    """The options of a formulation with their defaults (a fresh dict)."""
+    """Return a formulation's options with their defaults, as a new dict."""
     check.choice("formulation", formulation, FORMULATIONS)
     return dict(_DEFAULTS[formulation])
 
 
 def check_options(formulation: str, names: Iterable[str]) -> None:
-    """Every name is an option of the formulation, or a ValueError that says what the formulation takes."""
+    """Raise ValueError for a name that is no option of the formulation; the message lists the formulation's options."""
     taken = options_of(formulation)
     for name in names:
         if name not in taken:
+            # hint: formulations that have this option
             others = [other for other, options in _DEFAULTS.items() if name in options]
             hint = f"it belongs to {' and '.join(others)}" if others else ""
             raise check.UnknownKey(str(name), taken, f"option of {formulation}", hint)
@@ -85,36 +106,37 @@ def check_options(formulation: str, names: Iterable[str]) -> None:
 
 @dataclass(frozen=True)
 class Settings:
-    """A formulation with all its options; make it with :meth:`make`. None where the formulation has no such option.
+    """A formulation with all its options; create it by :meth:`make`. An option that the formulation lacks is None.
 
     Args:
         formulation: "floating_frame", "geometrically_exact" or "elastica".
         segments: floating frames per link, 1 to 1000 (floating_frame, default 5; with modes 1).
         elements: beam elements per segment (floating_frame, default 1) or per link (geometrically_exact, default 5);
-            at most 1000 a link in all.
-        coupling: "von_karman" (default), "paper" or "linear" axial-bending coupling (floating_frame).
+            at most 1000 per link in all.
+        coupling: axial-bending coupling (floating_frame), "von_karman" (default), "paper" or "linear".
         modes: bending modes per segment, 1 to 8, in place of elements and coupling (floating_frame).
-        frame: where a segment's frame floats (floating_frame): through both of its ends ("chord", default), or clamped
-            to its root section ("root", the paper's, and the default with multipliers). Where shear strains are large
-            (EI / (C L^2) = 0.025) segments in chords stay 4e-5 of the length off the exact beam.
-        multipliers: join segments and links by Lagrange multipliers, the paper's own form, in place of coordinates that
-            need none; slower, for comparison (floating_frame, default False; frame "root").
+        frame: axes of a segment's floating frame (floating_frame): through both of its ends ("chord", default), or
+            clamped to its root section ("root", the paper's, and the default with multipliers). Where shear strains are
+            large (EI / (C L^2) = 0.025) segments in chords stay 4e-5 of the length off the exact beam.
+        multipliers: join segments and links by Lagrange multipliers, the paper's form, in place of minimal coordinates;
+            slower, for comparison (floating_frame, default False; frame "root").
         order: polynomial order of the elements, 1 to 3 (geometrically_exact, default 2).
-        period_correction: take the integrator's error of the period out of each step (geometrically_exact, default
-            False; the elastica always does). A step whose correction would be more than 3 % of the arm's length, or in
-            which no Newton increment is below 1 % of it and the root of the tolerance, is left as it is.
-        nodes: tangent angles per link, 3 to 12 (elastica, default 6).
-        dt: step, s; None takes the scene's.
+        period_correction: correct the integrator's period error in each step (geometrically_exact, default False; the
+            elastica always does). A step is left uncorrected if its correction would exceed 3 % of the arm's length, or
+            if no Newton increment in it is below 1 % of that length and the root of the tolerance.
+        nodes: tangent angles per link, 3 to 12, or to 48 where the section jumps or kinks (elastica, default 6).
+        dt: step, s; None: the scene's.
         rho_inf: spectral radius of generalized-alpha at infinite frequency, 0 to 1 (defaults 0.9, 0.7 and 1.0).
         newmark: (beta, gamma) of plain Newmark, in place of rho_inf.
         tolerance: of the Newton iteration, default 1e-10.
         newton: "full" (default) or "modified".
-        max_iterations: of Newton in one step, at most 10,000, default 20.
-        max_halvings: of a step whose Newton fails, default 8.
-        step_tolerance: error of the tip, a fraction of the arm's length, that a control period of an environment, or of
-            a scene the time between two samples or kinks, may add: dt is then the longest step, and is halved, up to
-            five times, where the motion asks for it; where that does not suffice, `Trajectory.step_error` and info say
-            so. At least `tolerance`. None (default): steps of dt.
+        max_iterations: Newton iterations per step, at most 10,000, default 20.
+        max_halvings: halvings of a step whose Newton iteration fails, default 8.
+        step_tolerance: permitted error of the tip, a fraction of the arm's length, per control period of an environment
+            or per interval between two samples or kinks of a scene. dt is then the longest step and is halved up to
+            five times where the motion requires it; `Trajectory.step_error` and info report where that does not
+            suffice. It compares the tips of links in steps of h and h/2, and does not see motors behind elastic gears,
+            Coulomb friction that both reverse late, or the mesh. At least `tolerance`. None (default): constant dt.
     """
 
     formulation: str
@@ -137,8 +159,10 @@ class Settings:
     step_tolerance: float | None = None
 
     def __post_init__(self) -> None:
+        """Validate the options against the formulation; `InvalidValue` names the option."""
         check.choice("formulation", self.formulation, FORMULATIONS)
         taken = _DEFAULTS[self.formulation]
+        # options of other formulations must be None; modes and the mesh that it replaces may be None
         for name in _CHECKS:
             value = getattr(self, name)
             if name not in taken:
@@ -152,11 +176,13 @@ class Settings:
                 raise check.InvalidValue(name, value, "must not be given together with modes, which replaces it")
         if self.formulation == "floating_frame":
             self._check_frame()
+        # limits of the whole link
         if (self.segments or 1) * (self.elements or 1) > MOST_ELEMENTS:
             what = f"must be at most {MOST_ELEMENTS} elements a link: take fewer segments or elements"
             raise check.InvalidValue("segments * elements", f"{self.segments} * {self.elements}", what)
         if self.dt is not None:
             check.store(self, dt=check.number("dt", self.dt, "s", above=0.0))
+        # Newton's tolerance must not exceed the permitted error
         if self.step_tolerance is not None:
             allowed = check.number("step_tolerance", self.step_tolerance, above=0.0, maximum=1.0)
             if allowed < self.tolerance:
@@ -166,6 +192,8 @@ class Settings:
         self._check_integrator()
 
     def _check_frame(self) -> None:
+        """Check the combinations of the floating frame: chord with multipliers, elements per segment."""
+        # the multiplier form has frames at the roots only
         if self.frame == "chord" and self.multipliers:
             raise check.InvalidValue("frame", self.frame, "must be 'root' with multipliers, as the paper has it")
         if (self.elements or 1) > MOST_IN_SEGMENT:
@@ -173,6 +201,7 @@ class Settings:
             raise check.InvalidValue("elements", self.elements, what)
 
     def _check_integrator(self) -> None:
+        """Check rho_inf or newmark, of which exactly one is given."""
         if self.newmark is None:
             check.store(self, rho_inf=check.number("rho_inf", self.rho_inf, minimum=0.0, maximum=1.0))
             return
@@ -183,25 +212,28 @@ class Settings:
 
     @classmethod
     def make(cls, formulation: str = "floating_frame", **options: Any) -> Settings:
-        """Settings of a formulation, its defaults overridden by ``options``.
+        """Create the settings of a formulation or preset ("paper"), its defaults overridden by ``options``.
 
-        An option given as None takes its default. Raises ValueError for an option the formulation lacks, a value
-        out of range, ``modes`` together with ``elements`` or ``coupling``, ``newmark`` with ``rho_inf``.
+        An option given as None takes its default. Raises ValueError for an option that the formulation lacks, a value
+        out of range, ``modes`` together with ``elements`` or ``coupling``, and ``newmark`` together with ``rho_inf``.
         """
-        check_options(formulation, options)
+        formulation, options = expand_preset(formulation, options)
         values = merged(default_options(formulation), options)
+        # multipliers need frames at the roots
         if values.get("multipliers"):
             values.setdefault("frame", "root")
         return cls(formulation=formulation, **values)
 
     @property
     def deflection_bound(self) -> float:
-        """Tip deflection over a link's length beyond which the formulation stops; infinite but for links in modes."""
+        """Tip deflection over a link's length at which the formulation stops; inf unless whole links have modes."""
         return MODAL_BOUND if self.modes is not None and self.segments in (None, 1) else math.inf
 
     @property
     def period_error(self) -> float:
-        """kappa: the integrator makes a period longer by the share kappa (omega h)^2 (docs: theory, section 6)."""
+        """kappa: the integrator lengthens a period by the relative amount kappa (omega h)^2 (theory, section 6)."""
+        # Newmark, e = gamma - 1/2: kappa = beta/2 - 1/24 - e/4 + e^2/8, at least 0
+        # generalized-alpha: kappa = 1/12 + 3/8 ((1 - rho_inf)/(1 + rho_inf))^2
         if self.newmark is not None:
             beta, excess = self.newmark[0], self.newmark[1] - 0.5
             return max(0.0, 0.5 * beta - 1.0 / 24.0 - excess * (0.25 - 0.125 * excess))
@@ -209,38 +241,43 @@ class Settings:
         return 1.0 / 12.0 + 0.375 * ((1.0 - self.rho_inf) / (1.0 + self.rho_inf)) ** 2
 
     def options(self) -> dict[str, Any]:
-        """The options that :meth:`make` takes to make these settings again (those that are None left out)."""
+        """Return the options from which :meth:`make` creates these settings again, without those that are None."""
         names = _DEFAULTS[self.formulation]
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
     def replace(self, **options: Any) -> Settings:
-        """These settings with some options changed; what a new option excludes is dropped."""
+        """Return settings with some options changed; options that a new one excludes are removed."""
         return Settings.make(self.formulation, **merged(self.options(), options))
 
     def dividing(self, period: float | None) -> Settings:
-        """These settings with the longest step of at most dt that divides a period, s (None: as they are)."""
+        """Return settings with the longest step of at most dt that divides a period, s; None: unchanged."""
         if period is None:
             return self
         assert self.dt is not None
         if check.number("discrete", period, "s", above=0.0) / self.dt > MOST_STEPS:
             raise check.InvalidValue("discrete", period, f"must be at most {MOST_STEPS} steps of dt = {self.dt:g} s")
+        # unchanged if dt divides the period up to round-off
         dt = period / steps_in(period, self.dt)
         return self if abs(dt - self.dt) <= 1e-9 * dt else dataclasses.replace(self, dt=dt)
 
     def with_dt(self, dt: float) -> Settings:
-        """These settings with the step ``dt`` where none was given."""
+        """Return settings with the step ``dt`` (s) if none was given."""
         return self if self.dt is not None else dataclasses.replace(self, dt=dt)
 
 
 def steps_in(time: float, dt: float) -> int:
-    """In how many steps of at most dt (s) a time (s) is gone through."""
+    """Return the number of steps of at most dt (s) in a time (s); round-off of 1e-9 does not add a step."""
     return max(1, math.ceil(time / dt * (1.0 - 1e-9)))
 
 
 def merged(base: dict[str, Any], options: dict[str, Any]) -> dict[str, Any]:
-    """``base`` overridden by ``options``: modes drops the mesh of ``base`` (and a mesh option drops its modes),
-    multipliers its frame, newmark drops rho_inf and the other way about. None overrides nothing."""
+    """Return ``base`` overridden by the ``options`` that are not None, without entries that these exclude.
+
+    modes excludes the mesh, a mesh option excludes modes, multipliers excludes frame; newmark and rho_inf exclude each
+    other.
+    """
     given = {name: value for name, value in options.items() if value is not None}
+    # options of `base` that the given ones exclude
     dropped = {"frame"} if given.get("multipliers") else set()
     if "modes" in given:
         dropped.update(_MESH)
@@ -260,7 +297,7 @@ _CHECKS: dict[str, Any] = {
     "multipliers": check.flag,
     "order": partial(_count, maximum=3),
     "period_correction": check.flag,
-    "nodes": partial(check.integer, minimum=3, maximum=12),
+    "nodes": partial(check.integer, minimum=3, maximum=MOST_NODES),
     "tolerance": partial(check.number, above=0.0, maximum=1.0),
     "newton": partial(check.choice, allowed=("full", "modified")),
     "max_iterations": partial(_count, maximum=10_000),

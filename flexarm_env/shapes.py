@@ -20,7 +20,7 @@ Point = tuple[float, ...]
 
 
 def _point(path: str, value: object, unit: str = "m") -> Point:
-    """Two or three finite numbers."""
+    """Validate two or three finite numbers."""
     given = check.sequence(path, value, f"two numbers (x, y) or three (x, y, z){f', {unit}' if unit else ''}")
     if len(given) not in (2, 3):
         raise check.InvalidValue(path, value, "must be two numbers (x, y), in the plane, or three, in space")
@@ -94,6 +94,7 @@ class HalfSpace(Shape):
     name: ClassVar[str] = "half_space"
 
     def __post_init__(self) -> None:
+        """Validate the fields and normalize the normal vector."""
         point, normal = _point("point", self.point), _point("normal", self.normal, "")
         if len(point) != len(normal):
             raise check.InvalidValue("normal", self.normal, f"must have {len(point)} numbers, as point has")
@@ -153,6 +154,7 @@ class Box(Shape):
     name: ClassVar[str] = "box"
 
     def __post_init__(self) -> None:
+        """Validate the fields; turn: an angle in the plane, rad, a rotation in space."""
         center, sides = _point("center", self.center), _point("sides", self.sides)
         if len(center) != len(sides):
             raise check.InvalidValue("sides", self.sides, f"must have {len(center)} numbers, as center has")
@@ -221,6 +223,7 @@ class Cylinder(Shape):
         return self.radius, 0.5 * math.dist(self.start, self.end)
 
     def _local(self, y: Array) -> tuple[Array, Array]:
+        """Return signed distance (m) of points y (..., 3), in the cylinder's axes, and its gradient (..., 3)."""
         radius, half = self.sizes
         out, way = _unit(y[..., :2])
         distance, slope = _corner(np.stack([out - radius, np.abs(y[..., 2]) - half], axis=-1))
@@ -229,14 +232,14 @@ class Cylinder(Shape):
 
 
 def _unit(y: Array) -> tuple[Array, Array]:
-    """Lengths and directions; of 0 the first axis."""
+    """Return lengths and directions of vectors; the direction of a zero vector is the first axis."""
     length = np.linalg.norm(y, axis=-1)
     first = np.eye(y.shape[-1])[0]
     return length, np.where(length[..., None] > 0.0, y / np.where(length > 0.0, length, 1.0)[..., None], first)
 
 
 def _corner(q: Array) -> tuple[Array, Array]:
-    """Distance and slope by coordinates, from a corner: all below 0 is inside."""
+    """Return signed distance and gradient in the coordinates of a corner, inside which all are negative."""
     outside, inside = np.maximum(q, 0.0), q.max(axis=-1)
     length, slope = _unit(outside)
     nearest = np.eye(q.shape[-1])[np.argmax(q, axis=-1)]
@@ -247,19 +250,20 @@ SHAPES: tuple[type[Shape], ...] = (HalfSpace, Sphere, Box, Cylinder)
 
 
 def shape_of(path: str, value: Any, dimension: int) -> Shape:
-    """A shape, or the one that a table describes: `shape` ("half_space", "sphere", "box", "cylinder") and its fields.
+    """Return a shape, or make it of a table: `shape` ("half_space", "sphere", "box", "cylinder") and its fields.
 
     Raises:
         ValueError: neither, or one that is not of these dimensions.
     """
-    shape = value if isinstance(value, Shape) else _made(path, value)
+    shape = value if isinstance(value, Shape) else _from_table(path, value)
     if shape.dimension != dimension:
         where = "the plane: points of two numbers" if dimension == 2 else "space: points of three numbers"
         raise check.InvalidValue(path, shape.to_dict(), f"must be in {where}")
     return shape
 
 
-def _made(path: str, value: Any) -> Shape:
+def _from_table(path: str, value: Any) -> Shape:
+    """Return the shape of a table, whose `shape` names its class."""
     table = check.table_of(path, value)
     kinds: Mapping[str, Any] = {kind.name: kind for kind in SHAPES}
     words = tuple(kinds)

@@ -1,4 +1,4 @@
-"""A scene in motion: one arm, advanced exactly from kink to kink, and its recorded Trajectory."""
+"""Simulation of a scene: one arm, advanced from kink to kink, and the recorded Trajectory."""
 
 import dataclasses
 import math
@@ -13,7 +13,7 @@ import numpy as np
 
 from . import accuracy, physics  # noqa: F401  (importing physics registers the formulations)
 from . import validation as check
-from .compiler import SINGLE, uncompiled
+from .compiler import SINGLE, compiling, uncompiled
 from .physics import assembly, precision
 from .physics.integrator.start import restart
 from .physics.integrator.work import Work, unpack, work_size
@@ -22,34 +22,34 @@ from .physics.model import EI_Y_FACTOR, MESSAGE, OK, STATUS, STIFFNESS_FACTOR, T
 from .physics.space.reading import read
 from .rest import rested
 from .runtime.fitted import APART, FITS, close_fit, end_run, open_fit, start_run
-from .runtime.keeping import keep
+from .runtime.keeping import save_lanes
 from .runtime.layout import fit_rooms
-from .runtime.sampling import ANEW, AT_KINK, GOES_ON, NEAR, SAMPLE, STRETCH, gained, observe_arm, sample_rows
-from .scene import Scene, computed
+from .runtime.sampling import ANEW, AT_KINK, GOES_ON, NEAR, SAMPLE, STRETCH, has_gained_energy, observe_arm, sample_rows
+from .scene import Scene, computed, resolving_step
 from .settings import Settings, steps_in
 from .spatial import placed
 from .trajectory import Trajectory, check_work, recorded, tips_of
 from .validation import Array
 
 Start = tuple[float, float, bool]
-"""Time, s, and gross work, J, that a stretch begins with, and whether it begins with a fresh restart."""
+"""State at the start of a stretch: time (s), gross work (J), and whether a fresh restart follows."""
 
 _NO_POINTS = np.zeros((0, 2))
 _NOTHING = np.zeros(0), np.zeros((0, 1)), np.zeros((0, 1, 2))
-"""Instants, a table and points of no samples."""
+"""Instants, table and points of an empty list of samples."""
 _AT = STRETCH.places
 CHUNK = 500
-"""Steps between two looks at the work done."""
+"""Steps between two checks of the work done."""
 CHUNKS = 4
-"""So many times as many between two returns from compiled code, where the clock is looked at and Ctrl-C heard."""
+"""Chunks between two returns from compiled code, where the time limit and Ctrl-C are checked."""
 CHEAP = 250
-"""Unknowns up to which CHUNKS of CHUNK steps take less than a second."""
+"""Number of unknowns up to which CHUNKS times CHUNK steps take less than a second."""
 ENERGY_LIMIT = 1e3
-"""A run has diverged where its energy exceeds this many times what can account for it (`Simulation.gained`)."""
+"""Ratio of a run's energy to the energy accounted for, above which the run has diverged (`Simulation.gained`)."""
 
 
 def fitted_systems(scene: Scene, settings: Settings) -> list[System]:
-    """The scene assembled for steps of dt; where steps are fitted to a tolerance, for dt, dt/2, ... dt/32."""
+    """Return the scene assembled for steps of dt (s); with a step_tolerance for dt, dt/2, ... dt/32."""
     assert settings.dt is not None
     steps = [settings.dt * 0.5**k for k in range(1 if settings.step_tolerance is None else FITS)]
     with check.solvable(scene.arm.name):
@@ -60,17 +60,17 @@ class Simulation:
     """One arm of a scene: assembled, started consistently, advanced step by step.
 
     Args:
-        scene: what moves. settings: formulation and options; its dt must be given. moves: False where it is only made
-            linear, which in space takes less of a program.
+        scene, settings: settings with a dt. moves: False if the arm is only linearized: a smaller program in space.
     Attributes:
-        t: time reached, s. status: a code of `flexarm_env.physics.model`. work: views of the state (`Work`).
-        gross: work of the drives, J, what they gave and what they took both counted as positive.
-        levels: with a step_tolerance, the halvings of dt in each stretch up to now. step_error: see `Trajectory`.
-        follow: halvings to take instead of those that the tolerance asks for.
-        deadline: `time.perf_counter()` beyond which `advance_to` gives up with status "timed_out"; None: never.
+        t: time reached, s. status: code of `flexarm_env.physics.model`. work: views of the state (`Work`).
+        gross: work of the drives, J, in both directions counted as positive.
+        levels: with a step_tolerance, the halvings of dt in each past stretch. step_error: see `Trajectory`.
+        follow: prescribed halvings per stretch, in place of those that the tolerance requires.
+        deadline: `time.perf_counter()` at which `advance_to` stops with status "timed_out"; None: never.
     """
 
     def __init__(self, scene: Scene, settings: Settings, moves: bool = True) -> None:
+        """Assemble the scene for steps of settings.dt, s, and start it at t = 0."""
         assert settings.dt is not None
         self.scene, self.settings, self.dt = scene, settings, settings.dt
         self._systems = fitted_systems(scene, settings)
@@ -79,13 +79,14 @@ class Simulation:
         self.drive, self.n_motions = assembly.drive(scene, self.system), len(scene.motions)
         self.scheme = assembly.scheme_of(settings, precision.of_scene(scene, settings))
         self.model, self.par = self.system.model, self.system.par.copy()
+        # _flat holds the whole state; work gives views of it
         self._flat = np.zeros(int(uncompiled(work_size)(1, self.model, self.n_motions)))
         self.work: Work = uncompiled(unpack)(SINGLE, self.model, self._flat, self.n_motions)
         self.deadline: float | None = None
         self._restarted: tuple[Array, Array, float] | None
         self._chunk = max(1, int(CHUNK * min(1.0, CHEAP / len(self.system.q0)) ** 3))
         self._kinks = np.array(scene.kinks, dtype=np.float64)
-        self._whole = bool(self._kinks.size) or (moves and scene.spatial)
+        self._whole = bool(self._kinks.size) or (moves and scene.spatial)  # whether `sample_rows` restarts by itself
         self._points: int | None = None
         self._sizes = {"rows": len(self.work.q), "links": scene.arm.n_links, "motions": self.n_motions}
         self._sample = SAMPLE.offsets(0, *self._sizes.values()).end
@@ -93,7 +94,7 @@ class Simulation:
         self.reset()
 
     def reset(self) -> None:
-        """Back to t = 0, consistent at 0+."""
+        """Return to t = 0, with consistent accelerations at 0+."""
         self._flat[:] = 0.0
         self.work.q[:], self.work.v[:] = self.system.q0, self.system.v0
         self.t = self.gross = self.step_error = 0.0
@@ -108,39 +109,36 @@ class Simulation:
 
     @property
     def message(self) -> str:
-        """The status in a sentence."""
+        """Sentence for the status."""
         bound = float(getattr(self.model, "bound", 0.0))
         return MESSAGE[self.status].format(t=self.t, h=self.dt, halvings=self.scheme.max_halvings, bound=bound)
 
     def set_torques(self, torques: Array, fresh: bool = True) -> None:
-        """Joint torques (N m, one a joint) that hold from now on: accelerations afresh, or as at a kink on the way."""
+        """Set the joint torques (N m, one per joint); fresh False: the integrator keeps its filter, as at a kink."""
         self.work.u0[:] = self.work.u
         self.work.u[: len(torques)] = torques
         self._restart(fresh)
 
-    def advance_to(self, t_end: float, books: bool = True) -> bool:
-        """Advance to t_end in equal steps of at most dt, landing on every kink; False where the arm has failed.
-
-        books: keep account of work and dissipation (their place is `work.books`).
-        """
+    def advance_to(self, t_end: float, account: bool = True) -> bool:
+        """Advance to t_end (s) in equal steps of at most dt, landing on every kink; return False if the arm has failed.
+        account: integrate work and dissipation (stored in `work.books`)."""
         if self.t < t_end - NEAR * max(1.0, t_end):
-            self._go(self._stretch(), np.array([t_end]), np.empty((1, self._sample)), np.empty((1, 0, 2)), books)
+            self._go(self._stretch(), np.array([t_end]), np.empty((1, self._sample)), np.empty((1, 0, 2)), account)
         return self.status == OK
 
     def _fit(self, period: float, run: Callable[[], Array]) -> None:
-        """A stretch of `period` (s) in steps as short as the tolerance asks for (`runtime.fitted`).
-
-        run: makes the stretch; poses of the links at its end, flat, of no meaning where the arm has failed.
-        """
+        """Advance a stretch of `period` (s) with steps halved as the step_tolerance requires (`runtime.fitted`). run:
+        advances the stretch and returns the links' poses at its end, flat, undefined after a failure."""
         links, w, start = self.scene.arm.n_links, self.work, self._start()
         level, nothing = np.array([float(self._level)]), np.zeros(0)
+        # prescribed number of halvings, or compare runs of dt, dt/2, ... until they agree
         if len(self.levels) < len(self.follow):
             level[0] = k = self.follow[len(self.levels)]
             self._halved(k, start, run)
         else:
             saved, scratch = fit_rooms(len(w.q), len(w.u), self.n_motions, links)
             allowed = (self.settings.step_tolerance or 0.0) * self.scene.arm.total_length
-            keep(w, nothing, saved)
+            save_lanes(w, nothing, saved)
             open_fit(SINGLE, links, level, nothing, saved, scratch, w)
             for k in range(FITS):
                 if start_run(SINGLE, k, saved, scratch, nothing, w):
@@ -157,14 +155,14 @@ class Simulation:
         self.model, self.dt = self.system.model, float(self.settings.dt or 0.0)
 
     def _start(self) -> Start:
-        """Where a stretch begins; back before a fresh restart, which each step size makes anew, as in environments."""
+        """Return the start of a stretch, before its fresh restart, which each step size repeats as in environments."""
         if self._restarted is None or not np.array_equal(self._flat, self._restarted[1]):
             return self.t, self.gross, False
         self._flat[:], _, gross = self._restarted
         return self.t, gross, True
 
     def _halved(self, k: int, start: Start, run: Callable[[], Array]) -> Array:
-        """What `run` gives with dt halved k times."""
+        """Run a stretch from its start with dt halved k times and return the poses of `run`."""
         self.t, self.gross, fresh = start
         self.model, self.dt = self._systems[k].model, float(self.settings.dt or 0.0) * 0.5**k
         if fresh:
@@ -172,7 +170,7 @@ class Simulation:
         return run()
 
     def _stops(self, instant: float) -> list[float]:
-        """The kinks between the time reached and an instant, and the instant itself, or the kink that it meets."""
+        """Return the kinks (s) up to an instant, then the instant itself, unless it coincides with a kink."""
         near = NEAR * max(1.0, instant)
         ahead = self._kinks[bisect_right(self._kinks, self.t) : bisect_right(self._kinks, instant + near)].tolist()
         stops = [k for k in ahead if k > self.t + NEAR * max(1.0, k)]
@@ -181,66 +179,67 @@ class Simulation:
     def record(
         self, end: float, interval: float, progress: Callable[[float], None] | None = None
     ) -> tuple[dict[str, Array], Array]:
-        """Advance to `end`, recording the start and every `interval`, landing on every kink; ends where the arm fails.
-
-        What is recorded at a kink is the state just before it. progress: called with the share done. Returns the fields
-        of m samples (`runtime.sampling.SAMPLE`), an instant a row, and points along the chain (m, P, 2).
-        """
+        """Advance to `end` (s), recording the start and every `interval` (s), landing on every kink; stop if the arm
+        fails. At a kink the state just before it is recorded. progress: called with the fraction done. Returns the
+        fields of m samples (`runtime.sampling.SAMPLE`), one instant per row, and points along the chain (m, P, 2)."""
         count = steps_in(end, interval)
         instants = np.arange(count + 1.0) * interval
         instants[0], instants[-1] = self.t, min(count * interval, end)
         return self._samples(self._stretch(ENERGY_LIMIT), instants, progress)
 
     def sample(self) -> tuple[dict[str, Array], Array]:
-        """What `record` makes of the present state: m = 1."""
+        """Return the fields and points of `record` for the present state: m = 1."""
         return self._samples(self._stretch(), np.array([self.t]), None)
 
     def _samples(
         self, stretch: Array, instants: Array, progress: Callable[[float], None] | None
     ) -> tuple[dict[str, Array], Array]:
-        """Fields and points of samples at instants, as far as the arm gets."""
+        """Return fields and points of the samples at instants (s), as far as the arm advances."""
         m, split, points = len(instants), len(instants) * self._sample, self._count()
+        # one allocation for rows of numbers and chain points
         room = np.empty(split + m * points * 2)
         table, shapes = room[:split].reshape(m, self._sample), room[split:].reshape(m, points, 2)
         made = self._go(stretch, instants, table, shapes, True, progress)
         return SAMPLE.unpack(table[:made], **self._sizes), shapes[:made]
 
     def _stretch(self, gain: float = math.inf, starts: float = GOES_ON) -> Array:
-        """The `STRETCH` of a run that begins here; gain, starts: see there."""
+        """Return a `STRETCH` record for a run that begins now; gain, starts: fields of that record."""
         stretch = np.zeros(_AT.end)
         stretch[_AT.time], stretch[_AT.longest], stretch[_AT.gross] = self.t, self.dt, self.gross
         stretch[_AT.gain], stretch[_AT.starts] = gain, starts
         return stretch
 
     def _go(
-        self, stretch: Array, instants: Array, table: Array, shapes: Array, books: bool,
+        self, stretch: Array, instants: Array, table: Array, shapes: Array, account: bool,
         progress: Callable[[float], None] | None = None,
     ) -> int:  # fmt: skip
-        """Advance to instants, landing on every kink between them; a row of `table` and of `shapes` each. Returns how
-        many are made: fewer where the arm fails."""
+        """Advance to each instant (s) via all kinks, fill one row of `table` and `shapes` per instant; return the
+        number of rows filled, which is smaller after a failure."""
+        # constant dt: compiled code fills all rows; fitted steps: stretch by stretch
         if self.settings.step_tolerance is None:
-            return self._rows(stretch, instants, table, shapes, books, progress)
+            return self._rows(stretch, instants, table, shapes, account, progress)
+        # one stretch per kink; at each the state is made consistent before the next stretch
         moved = False
         for i, instant in enumerate(instants.tolist()):
             for stop in self._stops(instant):
                 if moved:
                     self.restart_at_kink()
                 moved = stop > self.t
-                made = self._fitted(stretch, stop, table[i : i + 1], shapes[i : i + 1], books)
+                made = self._fitted(stretch, stop, table[i : i + 1], shapes[i : i + 1], account)
                 if self.status != OK:
                     return i + made
             if progress is not None:
                 progress((i + 1) / len(instants))
         return len(instants)
 
-    def _fitted(self, stretch: Array, stop: float, table: Array, shapes: Array, books: bool) -> int:
-        """A smooth stretch in fitted steps, and the row at its end; whether that is made."""
+    def _fitted(self, stretch: Array, stop: float, table: Array, shapes: Array, account: bool) -> int:
+        """Advance a stretch without kinks in fitted steps, fill the row at its end; return 1, or 0 after a failure."""
         row, made = SAMPLE.unpack(table[0], **self._sizes), 0
 
         def run() -> Array:
             nonlocal made
             stretch[_AT.time], stretch[_AT.longest], stretch[_AT.gross] = self.t, self.dt, self.gross
-            made = self._rows(stretch, np.array([stop]), table, shapes, books)
+            made = self._rows(stretch, np.array([stop]), table, shapes, account)
             return row["poses"].reshape(-1)
 
         if stop > self.t:
@@ -253,13 +252,13 @@ class Simulation:
         return made
 
     def _rows(
-        self, stretch: Array, instants: Array, table: Array, shapes: Array, books: bool,
+        self, stretch: Array, instants: Array, table: Array, shapes: Array, account: bool,
         progress: Callable[[float], None] | None = None,
     ) -> int:  # fmt: skip
-        """Calls of `runtime.sampling.sample_rows` until all rows are made, or the arm has failed; how many are made."""
+        """Call `runtime.sampling.sample_rows` until all rows are filled or the arm fails; return their number."""
         made = 0
         while True:
-            made += self._call(stretch, instants[made:], table[made:], shapes[made:], books)
+            made += self._call(stretch, instants[made:], table[made:], shapes[made:], account)
             if progress is not None:
                 progress(made / len(instants))
             if self.status == OK and self.deadline is not None and time.perf_counter() > self.deadline:
@@ -269,19 +268,20 @@ class Simulation:
         stretch[_AT.done] = 0.0
         return made
 
-    def _call(self, stretch: Array, instants: Array, table: Array, shapes: Array, books: bool = True) -> int:
-        """A call of `runtime.sampling.sample_rows`."""
+    def _call(self, stretch: Array, instants: Array, table: Array, shapes: Array, account: bool = True) -> int:
+        """Call `runtime.sampling.sample_rows` once; return the number of rows that it has filled."""
         made = sample_rows(
             SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, self.scene.arm.n_links, stretch,
             instants, self._kinks if self._whole else None, self._chunk, CHUNKS * self._chunk, self.scheme,
-            (0,) if books else None, table, shapes,
+            (0,) if account else None, table, shapes,
         )  # fmt: skip
         self.t, self.gross = float(stretch[_AT.time]), float(stretch[_AT.gross])
         return int(made)
 
     def compile(self) -> None:
-        """Compile what `record` needs (or load it), without moving."""
-        self._count()
+        """Compile or load the programs of `record` without moving the arm."""
+        with compiling(f"scene {self.scene.name}"):
+            self._count()
         if self.settings.step_tolerance is not None:
             flat, numbers, restarted = self._flat.copy(), (self.gross, self._level, self.step_error), self._restarted
             self._fit(1.0, lambda: self._poses)
@@ -289,19 +289,19 @@ class Simulation:
             self._flat[:], (self.gross, self._level, self.step_error), self._restarted = flat, numbers, restarted
 
     def _restart(self, fresh: bool = True) -> None:
-        """Consistent at t+: a fresh start, or a kink within a run, where the integrator keeps what it has filtered."""
+        """Make the state consistent at t+: a fresh start, or a kink, at which the integrator's filter is kept."""
         kept, gross = self._flat.copy(), self.gross
         self._make_consistent(fresh)
         self._restarted = (kept, self._flat.copy(), gross) if fresh else None
 
     def make_consistent(self, model: Any, drive: Drive, flat: Array) -> None:
-        """Make another work array consistent at t+ by a model and a drive: a fresh start."""
+        """Make another memory array consistent at t+ with a model and drive, as a fresh start."""
         other = copy(self)
         other.model, other.drive, other._flat = model, drive, flat
         other._make_consistent(fresh=True)
 
     def _make_consistent(self, fresh: bool) -> None:
-        """`restart`: within `sample_rows`, which in space takes no longer to compile for it, or by itself."""
+        """Call `restart`: within `sample_rows`, which in space saves a second compilation, or alone."""
         if self._whole:
             self._call(self._stretch(starts=ANEW if fresh else AT_KINK), *_NOTHING)
         else:
@@ -310,13 +310,13 @@ class Simulation:
             self.gross += abs(float(books[WORK_DONE]) - before)
 
     def restart_at_kink(self) -> None:
-        """Solve for the state at t+ where the time reached is a kink."""
+        """Solve for the state at t+ if the time reached is a kink."""
         near = bisect_right(self._kinks, self.t)
         if any(abs(k - self.t) <= NEAR * max(1.0, k) for k in self._kinks[max(0, near - 1) : near + 1]):
             self._restart(fresh=False)
 
     def observe(self) -> tuple[Array, Array]:
-        """Poses of the links (n_links, 12; `physics.layout`; 0 in space) and energies (kinetic, strain, gravity), J."""
+        """Return link poses (n_links, 12; `physics.layout`; 0 in space) and energies (kinetic, strain, gravity), J."""
         self._observe(_NO_POINTS)
         return self._poses.reshape(-1, POSE.end).copy(), self._energies.copy()
 
@@ -324,20 +324,21 @@ class Simulation:
         observe_arm(SINGLE, self.model, self.par, self.work.q, self.work.v, self._poses, self._energies, points)
 
     def gained(self, start: float) -> bool:
-        """Whether there is ENERGY_LIMIT times the energy that start, gross work (J), losses and gravity account for."""
+        """Return whether the energy exceeds ENERGY_LIMIT times that of start, gross work (J), losses and gravity."""
         lost = float(self.work.books[DISSIPATED])
-        return bool(uncompiled(gained)(*self.observe()[1].tolist(), start, self.gross, lost, ENERGY_LIMIT))
+        return bool(uncompiled(has_gained_energy)(*self.observe()[1].tolist(), start, self.gross, lost, ENERGY_LIMIT))
 
     def joint_torques(self) -> Array:
-        """Torque of each joint, N m (n_links,): applied, or the one that enforces its prescribed angle."""
+        """Return joint torques (n_links,), N m: the applied ones, or the reactions of prescribed angles."""
         torques: Array = self.work.u[: self.scene.arm.n_links].copy()
+        # prescribed joints: the reaction replaces the applied torque
         for i, motion in enumerate(self.scene.motions):
             if motion.joint is not None:
                 torques[motion.joint] = self.work.reaction[i]
         return torques
 
     def _count(self) -> int:
-        """How many points there are along the chain."""
+        """Return the number of points along the chain."""
         if self._points is None:
             stretch, room = self._stretch(), assembly.room_for_points(self.settings, self.scene.arm.n_links)
             self._call(stretch, np.array([self.t]), np.empty((1, self._sample)), np.empty((1, room, 2)))
@@ -345,7 +346,7 @@ class Simulation:
         return self._points
 
     def shape_points(self) -> Array:
-        """Positions along the chain, root to tip, (n_points, 2) m; in space (n_points, 3)."""
+        """Return positions along the chain from root to tip, (n_points, 2) m; in space (n_points, 3)."""
         if self.scene.spatial:
             return np.asarray(read(self.scene.arm, self.settings, self.work.q[None], self.work.v[None])["shapes"][0])
         points = np.empty((self._count(), 2))
@@ -365,23 +366,24 @@ def simulate(
     estimate_error: bool = True,
     **options: Any,
 ) -> Trajectory:
-    """Run a scene and record it.
+    """Run a scene and return its trajectory.
 
     Args:
         scene: a `Scene` (see `flexarm_env.scenes.named`).
-        formulation: "floating_frame", "geometrically_exact" or "elastica"; None takes the scene's.
-        duration, sample: s; None takes the scene's. progress: called with the share done, 0 to 1.
+        formulation: "floating_frame", "geometrically_exact", "elastica" or "paper"; None: the scene's.
+        duration, sample: s; None: the scene's. progress: called with the fraction done, 0 to 1.
         error_limit: largest `error_estimate` (fraction of the arm's length) of a run whose status is "ok".
-        time_limit: s by the wall clock, compilation left out; a run that takes longer fails with status "timed_out".
-            The runs behind the estimate, usually two of half the steps, may each take as long again.
-        estimate_error: False leaves those out: `error_estimate` is nan, energy and notes alone judge (`error_parts`).
-        options: flat keywords of the formulation (`flexarm_env.settings.Settings`), e.g. segments=8, dt=0.01.
+        time_limit: wall-clock time, s, without compilation; a longer run fails with status "timed_out". The runs behind
+            the estimate, usually two with half as many steps, may each take as long again.
+        estimate_error: False skips those: `error_estimate` is nan, only energy and notes count (`error_parts`).
+        options: options of the formulation (`flexarm_env.settings.Settings`), e.g. segments=8, dt=0.01. Where a motion
+            or load is faster than dt, steps are shorter: a sixteenth of a sine's period at most.
     Returns:
-        The Trajectory; of a scene in space a `SpatialTrajectory`, by the plane's kernels where it stays in one plane.
-            Its status is "ok"; "inaccurate" where the estimated error is above error_limit or the step_tolerance is not
-            kept; or names a failure that ended the run early. `message` says it in a sentence.
+        The Trajectory; of a scene in space a `SpatialTrajectory`, computed in the plane if the arm stays in one plane.
+            Status "ok"; "inaccurate" if the estimated error exceeds error_limit or the step_tolerance is missed; or the
+            failure that ended the run early. `message` is a sentence.
     Raises:
-        ValueError: an option the formulation lacks, what is not allowed, or more than MOST_STEPS or MOST_SAMPLES.
+        ValueError: an option that the formulation lacks, an invalid value, more than MOST_STEPS or MOST_SAMPLES.
     """
     if not isinstance(scene, Scene):
         raise check.InvalidValue("scene", scene, "must be a Scene, such as flexarm_env.named(NAME) gives")
@@ -394,7 +396,9 @@ def simulate(
     check_work(end, interval, settings.dt)
     if end > scene.duration:
         scene = dataclasses.replace(scene, duration=end)  # its kinks up to there count
+    # in its plane if there is one; the step resolves the fastest motion or load and divides samples and kinks
     there = computed(scene)
+    settings = dataclasses.replace(settings, dt=resolving_step(there, settings, end))
     simulation = Simulation(there, accuracy.in_steps(there, settings, end, interval))
     simulation.compile()
     clock = time.thread_time()
@@ -408,14 +412,13 @@ def judge(
     trajectory: Trajectory, interval: float, error_limit: float = 0.05, time_limit: float | None = None,
     companions: bool = True,
 ) -> Trajectory:  # fmt: skip
-    """The trajectory with its estimated error, "inaccurate" where that is above the limit; failures as they are.
-
-    interval: of the samples, s. companions: run those behind the estimate.
-    """
+    """Return the trajectory with its estimated error, "inaccurate" if that exceeds the limit; failures are unchanged.
+    interval: of the samples, s. companions: make the runs behind the estimate."""
     if trajectory.status != STATUS[OK]:
         return trajectory
     scene, settings, t, levels = trajectory.scene, trajectory.settings, trajectory.t, trajectory.step_levels
     parts, why = {"energy": accuracy.energy_part(trajectory.balance, trajectory.turned_over), **trajectory.notes}, ""
+    # runs of other steps and meshes; then the elastica's neglect of stretch and shear
     if companions:
         companion = partial(_probe, end=float(t[-1]), allowed=time_limit)
         tips = tips_of(scene, settings, {"q": trajectory.q}) if scene.spatial else trajectory.tip[:, :2]
@@ -434,7 +437,7 @@ def _probe(
     scene: Scene, settings: Settings, interval: float, levels: Sequence[int] = (), stiffness: float = 1.0, *,
     end: float, allowed: float | None,
 ) -> accuracy.Probe:  # fmt: skip
-    """A companion run: its tips alone. stiffness: times EI."""
+    """Make a companion run and return its tips. stiffness: factor on EI; end: s; allowed: wall-clock s, or None."""
     simulation = Simulation(scene, accuracy.in_steps(scene, settings, end, interval))
     simulation.follow = levels
     simulation.par[[STIFFNESS_FACTOR, EI_Y_FACTOR][: 1 + simulation.scene.spatial]] *= stiffness

@@ -31,6 +31,9 @@ class SpatialTrajectory(Trajectory):
         twist (n, N): rad, rotation of each link's tip against its root, its part about the root's x axis.
         link_rotations (n, N, 2, 4): quaternions of each link's root and tip.
         shapes (n, points, 3): points along the chain from root to tip, m.
+        unresolved_damping (n,): J, since the start, the work of damping forces beyond `dissipated`. Strain rates at the
+            ends of steps differ in second order of the step from those in between; in stiff links with damping the
+            strain energy takes this work up and gives it back, and it is part of the balance.
         q, v (n, rows): places, rotation vectors and joint angles; of rotations v holds angular velocities in the
             section's own axes, rad/s. Of a scene that stays in a plane the rows of the plane (`scene.plane.in_plane`).
     """
@@ -38,6 +41,17 @@ class SpatialTrajectory(Trajectory):
     tip_rotation: Array = field(default_factory=lambda: np.zeros((0, 4)))
     twist: Array = field(default_factory=lambda: np.zeros((0, 0)))
     link_rotations: Array = field(default_factory=lambda: np.zeros((0, 0, 2, 4)))
+    unresolved_damping: Array = field(default_factory=lambda: np.zeros(0))
+
+    def __post_init__(self) -> None:
+        """A run that is made without unresolved damping has none at any instant."""
+        if not np.size(self.unresolved_damping):
+            self.unresolved_damping = np.zeros(np.size(self.t))
+
+    @property
+    def balance(self) -> Array:
+        """Energy that appeared from nowhere, J (n,): change of energy + dissipated + unresolved damping - work."""
+        return np.asarray(super().balance + self.unresolved_damping - self.unresolved_damping[0])
 
     def columns(self) -> dict[str, Array]:
         """The table that `to_csv` writes: t, energy, places, the tip's quaternion, angles, deflections, twist."""
@@ -56,6 +70,7 @@ class SpatialTrajectory(Trajectory):
         raise check.InvalidValue("scene", self.scene.name, f"must be in the plane for {what}; it is in space")
 
     def _curvature(self, places: Sequence[Spot]) -> Array:
+        """Return curvatures (samples, places), 1/m; of an arm that moves in a plane from its planar scene."""
         flat = in_plane(self.scene)
         if flat is None:
             return super()._curvature(places)
@@ -63,26 +78,27 @@ class SpatialTrajectory(Trajectory):
         shares = [(*flat.frames[spot[0]][1, 1:], 0.0)[MEASURES.index((*spot, "xy")[2])] for spot in places]
         return np.asarray(found * np.array(shares))
 
-    def _tip_inputs(self, own: Sensors) -> list[Array]:
+    def _tip_inputs(self, sensors: Sensors) -> list[Array]:
+        """Return the tip's position, rotation and rates that accelerometer, gyroscope and camera read."""
         turn = rotations.of_quaternions(self.tip_rotation)
         A = rotations.matrices(turn)
         spin, inputs = rotations.back(A, self.tip_velocity[:, 3:]), []
-        if own.accelerometer is not None:
+        if sensors.accelerometer is not None:
             inputs += [self.tip, turn, self.tip_velocity[:, :3], spin]
-        inputs += [spin] if own.gyroscope is not None else []
-        return inputs + ([self.tip, np.arcsin(np.clip(A[:, 1:, 0], -1.0, 1.0))] if own.camera is not None else [])
+        inputs += [spin] if sensors.gyroscope is not None else []
+        return inputs + ([self.tip, np.arcsin(np.clip(A[:, 1:, 0], -1.0, 1.0))] if sensors.camera is not None else [])
 
 
 SpatialTrajectory.arrays = {
     **{name: shape for name, shape in ARRAYS.items() if name != "link_angles"},
     "tip_velocity": ("n", 6), "hinges": ("n", "joints - 1", 3), "tip_deflection": ("n", "links", 2),
     "shapes": ("n", "points", 3), "tip_rotation": ("n", 4), "twist": ("n", "links"),
-    "link_rotations": ("n", "links", 2, 4),
+    "link_rotations": ("n", "links", 2, 4), "unresolved_damping": ("n",),
 }  # fmt: skip
 
 
 def placed(run: Trajectory, scene: Scene) -> Trajectory:
-    """The run of a scene (`scene.computed`) as it is in space, where that is one of the scene's plane."""
+    """Return the run in space of a scene that was computed in its plane (`scene.computed`); other runs unchanged."""
     flat = in_plane(scene)
     if flat is None:
         return run
@@ -107,6 +123,6 @@ def placed(run: Trajectory, scene: Scene) -> Trajectory:
     known |= {
         "scene": scene, "tip_velocity": np.hstack([run.tip_velocity[:, :2] @ inside, spin]),
         "tip_deflection": run.tip_deflection[..., None] * flat.frames[:, 1, 1:], "twist": np.zeros((n, N)),
-        "link_rotations": links, "tip_rotation": links[:, -1, 1].copy(),
+        "link_rotations": links, "tip_rotation": links[:, -1, 1].copy(), "unresolved_damping": np.zeros(n),
     }  # fmt: skip
     return SpatialTrajectory(**known)

@@ -1,8 +1,7 @@
-"""Prescribed functions of time: motions and loads, exact with their first two derivatives.
+"""Prescribed functions of time for motions and loads, exact with their first two derivatives.
 
-A :class:`TimeFunction` is a list of pieces, each a cubic plus one sine, so that compiled code can evaluate it
-from one float64 array. Between pieces the value or a derivative may jump; the instants where it does are its
-``kinks``, on which a time step must end (docs/theory.md, integration).
+A :class:`TimeFunction` is a list of pieces, each a cubic plus one sine, in one float64 array for compiled code. Between
+pieces the value or a derivative may jump; on these ``kinks`` a time step must end (docs/theory.md, integration).
 """
 
 from __future__ import annotations
@@ -24,22 +23,21 @@ Array = npt.NDArray[np.float64]
 Side = Literal["right", "left"]
 
 KINK_TOLERANCE = 1e-9
-"""A jump counts when it exceeds this fraction of the function's (or its derivative's) size."""
-
+"""Smallest jump that counts, as a fraction of the size of the function or of its derivative."""
 T0, C0, C1, C2, C3, AMPLITUDE, OMEGA, PHASE, PIECE = range(9)
-"""Columns of ``TimeFunction.pieces``, and last how many there are."""
+"""Columns of ``TimeFunction.pieces``: start (s), cubic, amplitude, frequency (rad/s), phase; PIECE: count."""
 
 
 @dataclass(frozen=True, eq=False)
 class TimeFunction:
-    """A function of time made of pieces; immutable, hashable, picklable.
+    """Piecewise function of time; immutable, hashable, picklable.
 
     ``pieces`` is float64 (n, 8), rows ``[t0, c0, c1, c2, c3, A, w, p]`` in order of ``t0`` (s):
 
         value(t) = c0 + c1 s + c2 s^2 + c3 s^3 + A sin(w s + p),   s = t - t0,   for t0 <= t < next t0
 
-    Before the first ``t0`` the first piece holds, and the last piece extends to infinity. ``kind`` and ``parameters``
-    say how it was made (they are what a TOML file holds); two functions are equal when their pieces are.
+    The first piece also holds before its ``t0``, and the last one extends to infinity. ``kind`` and ``parameters``
+    record how the function was made, as in a TOML file; two functions are equal if their pieces are.
     """
 
     pieces: Array
@@ -47,6 +45,7 @@ class TimeFunction:
     parameters: tuple[tuple[str, Any], ...] = ()
 
     def __post_init__(self) -> None:
+        """Validate the pieces and make them read-only; `InvalidValue` names the piece."""
         try:
             pieces = np.array(self.pieces, dtype=np.float64, order="C")
         except (TypeError, ValueError, OverflowError):
@@ -57,7 +56,7 @@ class TimeFunction:
             if not np.all(np.isfinite(row)):
                 raise check.InvalidValue(f"pieces[{i}]", row, f"must hold finite numbers, in row {i}")
         _increasing("pieces", pieces[:, T0])
-        pieces += 0.0  # no negative zeros: equal functions have equal bytes
+        pieces += 0.0  # no -0.0: equal functions have equal bytes
         pieces.flags.writeable = False
         object.__setattr__(self, "pieces", pieces)
         if self.kind == "pieces":
@@ -79,7 +78,7 @@ class TimeFunction:
     @overload
     def __call__(self, t: npt.ArrayLike, derivative: int = 0, side: Side = "right") -> Array: ...
     def __call__(self, t: Any, derivative: int = 0, side: Side = "right") -> Any:
-        """Value (or derivative, 0 to 3) at ``t`` in s, a number or an array; at a kink the limit from ``side``."""
+        """Return the value, or derivative 1 to 3, at ``t``, s, a number or an array; at a kink the ``side`` limit."""
         times = np.asarray(t, dtype=np.float64)
         check.choice("side", side, ("right", "left"))
         row = np.searchsorted(self.pieces[:, T0], times, side=side) - 1
@@ -93,30 +92,31 @@ class TimeFunction:
 
     @property
     def end(self) -> float:
-        """Instant (s) at which the last piece begins, which holds from there on."""
+        """Start (s) of the last piece."""
         return float(self.pieces[-1, T0])
 
     @cached_property
     def jumps(self) -> tuple[float, ...]:
-        """Instants (s) where the value itself jumps."""
+        """Instants (s) where the value jumps."""
         return self.kinks_up_to(0)
 
     @cached_property
     def load_kinks(self) -> tuple[float, ...]:
-        """Instants (s) where the value or its slope jumps: where a load's kinks are."""
+        """Kinks of a load: instants (s) where the value or its slope jumps."""
         return self.kinks_up_to(1)
 
     @cached_property
     def kinks(self) -> tuple[float, ...]:
-        """Instants (s) where the value, the first or the second derivative jumps: where a motion's kinks are."""
+        """Kinks of a motion: instants (s) where the value, its first or its second derivative jumps."""
         return self.kinks_up_to(2)
 
     def kinks_up_to(self, order: int) -> tuple[float, ...]:
-        """Instants (s) where a derivative of order 0 ... ``order`` (at most 3) jumps."""
+        """Return the instants (s) where a derivative of order 0 ... ``order`` (at most 3) jumps."""
         before, after, at = self.pieces[:-1], self.pieces[1:], self.pieces[1:, T0]
         check.integer("order", order, minimum=0, maximum=3)
         if not len(at):
             return ()
+        # compare both neighbors at each boundary, relative to the size of the derivative
         jumping = np.zeros(len(at), dtype=bool)
         for k in range(order + 1):
             jump = np.abs(_evaluate(after, at, k) - _evaluate(before, at, k))
@@ -124,11 +124,12 @@ class TimeFunction:
         return tuple(at[jumping].tolist())
 
     def _size(self, order: int) -> float:
-        """Largest size that the terms of a derivative reach, at least the value's over the pieces' span of time."""
+        """Return the largest magnitude of a derivative's terms, at least the value's over a power of the span."""
         p, size = self.pieces, 0.0
         lengths = np.append(np.diff(p[:, T0]), 0.0)
         span = float(p[-1, T0] - p[0, T0])
         for k in (order, 0):
+            # sum of magnitudes: |A| w^k and the k-th derivative of each power at the piece's end
             terms = np.abs(p[:, AMPLITUDE]) * np.abs(p[:, OMEGA]) ** k
             for j in range(k, 4):
                 terms = terms + np.abs(p[:, C0 + j]) * math.perm(j, k) * lengths ** (j - k)
@@ -136,19 +137,19 @@ class TimeFunction:
         return size
 
     def plus(self, value: float) -> TimeFunction:
-        """This function with a constant added."""
+        """Return the function with a constant added."""
         pieces = self.pieces.copy()
         pieces[:, C0] += check.number("value", value)
         return TimeFunction(pieces)
 
     def with_times(self, times: Mapping[float, float]) -> TimeFunction:
-        """This function with the pieces that begin at the keys beginning at the values (s) instead."""
+        """Return the function with pieces that begin at the keys of ``times`` moved to begin at its values (s)."""
         pieces = self.pieces.copy()
         pieces[:, T0] = [times.get(t, t) for t in pieces[:, T0].tolist()]
         return TimeFunction(pieces, self.kind, self.parameters)
 
     def check_no_jump(self) -> None:
-        """Raise ValueError, naming the row of ``pieces``, where the value jumps."""
+        """Raise ValueError, naming the row of ``pieces``, if the value jumps."""
         for t in self.jumps:
             row = int(np.searchsorted(self.pieces[:, T0], t))
             change = f"from {self(t, side='left'):g} to {self(t):g}"
@@ -156,19 +157,20 @@ class TimeFunction:
 
 
 def cubic(c0: Any, c1: Any, c2: Any, c3: Any, s: Any) -> tuple[Any, Any, Any, Any]:
-    """c0 + c1 s + c2 s^2 + c3 s^3 and its three derivatives; of numbers (the integrator's, compiled) or arrays."""
+    """Return c0 + c1 s + c2 s^2 + c3 s^3 and its three derivatives; numbers (compiled, in the integrator) or arrays."""
     return c0 + s * (c1 + s * (c2 + s * c3)), c1 + s * (2.0 * c2 + 3.0 * s * c3), 2.0 * c2 + 6.0 * s * c3, 6.0 * c3
 
 
 def wave(amplitude: Any, omega: Any, sine: Any, cosine: Any) -> tuple[Any, Any, Any, Any]:
-    """amplitude sin(w s + p) and its three derivatives from that sine and cosine; of numbers or arrays."""
+    """Return amplitude sin(w s + p) and its three derivatives from that sine and cosine; numbers or arrays."""
     rate = amplitude * omega
     return amplitude * sine, rate * cosine, -(rate * omega * sine), -(rate * omega * omega * cosine)
 
 
 def _evaluate(rows: Array, t: Array, order: int) -> Array:
-    """Derivative ``order`` of each row at its own time."""
+    """Return the derivative of order ``order`` of each row of pieces at its time t (s), broadcast."""
     check.integer("derivative", order, minimum=0, maximum=3)
+    # local time s and sine argument w s + p
     s = t - rows[..., T0]
     angle = rows[..., OMEGA] * s + rows[..., PHASE]
     smooth = cubic(rows[..., C0], rows[..., C1], rows[..., C2], rows[..., C3], s)[order]
@@ -176,80 +178,84 @@ def _evaluate(rows: Array, t: Array, order: int) -> Array:
 
 
 def _increasing(path: str, t: Array) -> None:
+    """Raise InvalidValue at the first time that is not later than the one before."""
     for i in range(1, len(t)):
         if not t[i] > t[i - 1]:
             raise check.InvalidValue(f"{path}[{i}]", t[i], f"must be later than {t[i - 1]:g}, the time of row {i - 1}")
 
 
 def _row(t0: float, c0: float = 0.0, c1: float = 0.0, c2: float = 0.0, c3: float = 0.0, *sine: float) -> list[float]:
+    """Return a row of pieces; sine: amplitude, rate, phase, or nothing for none."""
     return [t0, c0, c1, c2, c3, *(sine or (0.0, 0.0, 0.0))]
 
 
-def _made(kind: str, rows: Any, **parameters: Any) -> TimeFunction:
+def _of_pieces(kind: str, rows: Any, **parameters: Any) -> TimeFunction:
+    """Create a function from rows of pieces, recording its kind and those parameters that are not None."""
     kept = tuple((k, tuple(v.tolist()) if isinstance(v, np.ndarray) else v) for k, v in parameters.items())
     return TimeFunction(np.array(rows, dtype=np.float64), kind, tuple((k, v) for k, v in kept if v is not None))
 
 
 # ---------------------------------------------------------------------------- closed forms
-
-
 def constant(value: float) -> TimeFunction:
-    """The same ``value`` at all times."""
+    """Return the constant function ``value``."""
     value = check.number("value", value)
-    return _made("constant", [_row(0.0, value)], value=value)
+    return _of_pieces("constant", [_row(0.0, value)], value=value)
 
 
 def pulse(value: float, t_end: float, t_start: float = 0.0) -> TimeFunction:
-    """``value`` from ``t_start`` to ``t_end`` (s), else 0. For loads: the value jumps."""
+    """Return ``value`` from ``t_start`` to ``t_end`` (s), else 0. For loads only: the value jumps."""
     value = check.number("value", value)
     t_start = check.number("t_start", t_start, "s", minimum=0.0)
     t_end = check.number("t_end", t_end, "s", above=t_start)
+    # a leading zero piece if the pulse starts later than 0
     rows = [_row(t_start, value), _row(t_end)]
-    return _made("pulse", [_row(0.0), *rows] if t_start > 0.0 else rows, value=value, t_end=t_end, t_start=t_start)
+    return _of_pieces("pulse", [_row(0.0), *rows] if t_start > 0.0 else rows, value=value, t_end=t_end, t_start=t_start)
 
 
 def ramp(rise: float, duration: float, offset: float = 0.0) -> TimeFunction:
-    """``offset`` to ``offset + rise`` at constant rate in ``duration`` (s), then holds; the rate jumps at both ends."""
+    """Return a ramp from ``offset`` to ``offset + rise`` in ``duration`` (s), then held; the rate jumps at the ends."""
     rise, duration, offset = _motion(rise, duration, offset)
     rows = [_row(0.0, offset, rise / duration), _row(duration, offset + rise)]
-    return _made("ramp", rows, rise=rise, duration=duration, offset=offset)
+    return _of_pieces("ramp", rows, rise=rise, duration=duration, offset=offset)
 
 
 def cycloid(rise: float, duration: float, offset: float = 0.0) -> TimeFunction:
-    """offset + rise (t/T - sin(2 pi t/T)/(2 pi)) for T = ``duration`` (s), then holds; no kink."""
+    """Return offset + rise (t/T - sin(2 pi t/T)/(2 pi)) for T = ``duration`` (s), held afterwards; no kink."""
     rise, duration, offset = _motion(rise, duration, offset)
+    # line and sine of opposite rate: at rest at both ends
     first = _row(0.0, offset, rise / duration, 0.0, 0.0, -rise / (2 * math.pi), 2 * math.pi / duration, 0.0)
-    return _made("cycloid", [first, _row(duration, offset + rise)], rise=rise, duration=duration, offset=offset)
+    return _of_pieces("cycloid", [first, _row(duration, offset + rise)], rise=rise, duration=duration, offset=offset)
 
 
 def spin_up(rate: float, duration: float, offset: float = 0.0) -> TimeFunction:
-    """From rest smoothly to the ``rate`` (rad/s) in T = ``duration`` (s), then on at that rate; no kink.
+    """Return a spin-up to ``rate`` (rad/s) in T = ``duration`` (s), then held; no kink (Kane, Ryan & Banerjee 1987).
 
-    psi = offset + (rate/T) (t^2/2 + (T/2 pi)^2 (cos(2 pi t/T) - 1)) to T, then offset + rate (t - T/2)
-    (Kane, Ryan & Banerjee 1987).
+    psi = offset + (rate/T) (t^2/2 + (T/2 pi)^2 (cos(2 pi t/T) - 1)) to T, then offset + rate (t - T/2).
     """
     rate = check.number("rate", rate, "rad/s")
     _, duration, offset = _motion(0.0, duration, offset)
+    # the cosine is a sine of phase pi/2 with amplitude A
     A = rate * duration / (2 * math.pi) ** 2
     first = _row(0.0, offset - A, 0.0, rate / (2 * duration), 0.0, A, 2 * math.pi / duration, math.pi / 2)
     rows = [first, _row(duration, offset + rate * duration / 2, rate)]
-    return _made("spin_up", rows, rate=rate, duration=duration, offset=offset)
+    return _of_pieces("spin_up", rows, rate=rate, duration=duration, offset=offset)
 
 
 def sine(
     amplitude: float, omega: float, phase: float = 0.0, t_end: float | None = None, offset: float = 0.0
 ) -> TimeFunction:
-    """offset + amplitude sin(omega t + phase), omega in rad/s; from ``t_end`` (s), where given, just ``offset``."""
+    """Return offset + amplitude sin(omega t + phase), omega in rad/s; just ``offset`` from ``t_end`` (s) on."""
     amplitude, phase = check.number("amplitude", amplitude), check.number("phase", phase, "rad")
     omega, offset = check.number("omega", omega, "rad/s", above=0.0), check.number("offset", offset)
     rows = [_row(0.0, offset, 0.0, 0.0, 0.0, amplitude, omega, phase)]
     if t_end is not None:
         t_end = check.number("t_end", t_end, "s", above=0.0)
         rows.append(_row(t_end, offset))
-    return _made("sine", rows, amplitude=amplitude, omega=omega, phase=phase, t_end=t_end, offset=offset)
+    return _of_pieces("sine", rows, amplitude=amplitude, omega=omega, phase=phase, t_end=t_end, offset=offset)
 
 
 def _motion(rise: object, duration: object, offset: object) -> tuple[float, float, float]:
+    """Validate rise, duration (s) and offset of a motion."""
     T = check.number("duration", duration, "s", above=0.0)
     if not 1.0 / check.LARGEST <= T <= check.LARGEST:
         raise check.InvalidValue("duration", T, f"must be from {1.0 / check.LARGEST:g} to {check.LARGEST:g} s")
@@ -257,10 +263,8 @@ def _motion(rise: object, duration: object, offset: object) -> tuple[float, floa
 
 
 # -------------------------------------------------------------------------------- tables
-
-
 def _columns(t: object, least: int, **values: object) -> tuple[Array, ...]:
-    """Checked columns of one table, the times first: at least ``least`` rows, times from 0 on and increasing."""
+    """Validate the columns of a table, times first: at least ``least`` rows, times from 0 on, increasing."""
     times = check.column("t", t, "s")
     if len(times) < least:
         raise check.InvalidValue("t", times, f"must hold at least {least} rows")
@@ -269,6 +273,7 @@ def _columns(t: object, least: int, **values: object) -> tuple[Array, ...]:
     _increasing("t", times)
     if len(times) > 1 and np.diff(times).min() < 1.0 / check.LARGEST:
         raise check.InvalidValue("t", times, f"must be at least {1.0 / check.LARGEST:g} s apart")
+    # values: as many as times; magnitudes: within `LARGEST`
     columns = [times]
     for name, value in values.items():
         columns.append(check.column(name, value))
@@ -281,43 +286,39 @@ def _columns(t: object, least: int, **values: object) -> tuple[Array, ...]:
     return tuple(columns)
 
 
-def _held(t: Array, y: Array, rows: list[list[float]]) -> list[list[float]]:
-    """Pieces of a table, its first value held before it and its last value after it."""
+def _with_ends_held(t: Array, y: Array, rows: list[list[float]]) -> list[list[float]]:
+    """Return the pieces of a table, with its first value held before and its last value held after it."""
     before = [_row(0.0, y[0])] if t[0] > 0.0 else []
     return [*before, *rows, _row(t[-1], y[-1])]
 
 
 def linear_table(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunction:
-    """Straight lines between the rows t (n,) s and y (n,), n >= 2; the last value is held. The rate jumps at every row.
-
-    Raises ValueError for fewer rows, and one that names the row for times that do not rise or numbers not finite.
-    """
+    """Return straight lines between the rows t (n,) s and y (n,), n >= 2; the last value is held; each row is a kink.
+    Raises ValueError for fewer rows, and one that names the row for times that do not increase or values not finite."""
     time, value = _columns(t, 2, y=y)
     slopes = np.diff(value) / np.diff(time)
     rows = [_row(*row) for row in zip(time[:-1], value[:-1], slopes, strict=True)]
-    return _made("linear_table", _held(time, value, rows), t=time, y=value)
+    return _of_pieces("linear_table", _with_ends_held(time, value, rows), t=time, y=value)
 
 
 def steps(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunction:
-    """The value y (n,) from each row's time t (n,) s to the next; 0 before the first. For loads: the value jumps.
-
-    Raises ValueError for no row, and one that names the row for times that do not rise or numbers not finite.
-    """
+    """Return the value y (n,) from each time t (n,) s to the next; 0 before the first. For loads only: the value jumps.
+    Raises ValueError for no row, and one that names the row for times that do not increase or values not finite."""
     time, value = _columns(t, 1, y=y)
     rows = [_row(*row) for row in zip(time, value, strict=True)]
-    return _made("steps", [_row(0.0), *rows] if time[0] > 0.0 else rows, t=time, y=value)
+    return _of_pieces("steps", [_row(0.0), *rows] if time[0] > 0.0 else rows, t=time, y=value)
 
 
 def spline_table(
     t: Sequence[float] | Array, psi: Sequence[float] | Array, boundary: str = "not-a-knot"
 ) -> TimeFunction:
-    """The C2 cubic spline through the rows, the last value held.
+    """Return the C2 cubic spline through the rows, with the last value held.
 
     Args:
-        t (n,): s, rising. psi (n,): rad or m.
+        t (n,): s, increasing. psi (n,): rad or m.
         boundary: "not-a-knot" (default), "natural" (no curvature at the ends) or "clamped" (at rest at the ends).
     Raises:
-        ValueError: names the row and what is wrong there, or the boundary.
+        ValueError: names the invalid row, or the boundary.
     """
     from scipy.interpolate import CubicSpline
 
@@ -327,12 +328,13 @@ def spline_table(
     if steps.max() > 1e9 * steps.min():
         raise check.InvalidValue("t", t, "must have no distance above 1e9 times the least, for a spline")
     spline = CubicSpline(time, value, bc_type=boundary)
+    # SciPy's coefficients are ordered from the cubic term down
     rows = [_row(t0, *c[::-1]) for t0, c in zip(time[:-1], spline.c.T, strict=True)]
-    return _made("spline_table", _held(time, value, rows), t=time, psi=value, boundary=boundary)
+    return _of_pieces("spline_table", _with_ends_held(time, value, rows), t=time, psi=value, boundary=boundary)
 
 
 _THIRDS = np.array([[1.0, 1.0, 1.0], [2.5, 1.5, 0.5], [19 / 6, 7 / 6, 1 / 6]])
-"""What the third derivatives of three equal sub-intervals add to acceleration, rate and value at their end."""
+"""Effect of the third derivatives of three equal sub-intervals on acceleration, rate and value at the end."""
 
 
 def hermite_table(
@@ -341,28 +343,31 @@ def hermite_table(
     psi_dot: Sequence[float] | Array,
     psi_ddot: Sequence[float] | Array | None = None,
 ) -> TimeFunction:
-    """Values and rates of the rows, met by cubics (C1); accelerations too, by three cubics (C2) each.
+    """Return cubics that meet the rows' values and rates (C1); with accelerations three cubics per interval (C2).
 
     Args:
-        t (n,): s, rising. psi (n,): rad or m. psi_dot (n,): 1/s. psi_ddot (n,): 1/s^2, or None.
-    The last value is held: a rate that is not zero there is a kink. Raises ValueError that names the row.
+        t (n,): s, increasing. psi (n,): rad or m. psi_dot (n,): 1/s. psi_ddot (n,): 1/s^2, or None.
+    The last value is held: a rate other than zero there is a kink. Raises ValueError that names the row.
     """
     if psi_ddot is None:
         time, y, v = _columns(t, 2, psi=psi, psi_dot=psi_dot)
+        # Hermite cubic of values y and rates v on an interval h
         h, mean = np.diff(time), np.diff(y) / np.diff(time)
         c2, c3 = (3 * mean - 2 * v[:-1] - v[1:]) / h, (v[:-1] + v[1:] - 2 * mean) / h**2
         rows = [_row(*row) for row in zip(time[:-1], y[:-1], v[:-1], c2, c3, strict=True)]
-        return _made("hermite_table", _held(time, y, rows), t=time, psi=y, psi_dot=v)
+        return _of_pieces("hermite_table", _with_ends_held(time, y, rows), t=time, psi=y, psi_dot=v)
     time, y, v, a = _columns(t, 2, psi=psi, psi_dot=psi_dot, psi_ddot=psi_ddot)
     rows = []
     for i, h in enumerate(np.diff(time)):
+        # remainders that three third derivatives (jerks) must add to acceleration, rate and value
         d, x, (y0, v0, a0) = h / 3, time[i], (y[i], v[i], a[i])
         missing = [a[i + 1] - a0, v[i + 1] - v0 - a0 * h, y[i + 1] - y0 - v0 * h - a0 * h**2 / 2]
         for jerk in np.linalg.solve(_THIRDS, np.array(missing) / [d, d**2, d**3]):
             rows.append(_row(x, y0, v0, a0 / 2, jerk / 6))
+            # state at the end of the sub-interval
             x, y0 = x + d, y0 + v0 * d + a0 * d**2 / 2 + jerk * d**3 / 6
             v0, a0 = v0 + a0 * d + jerk * d**2 / 2, a0 + jerk * d
-    return _made("hermite_table", _held(time, y, rows), t=time, psi=y, psi_dot=v, psi_ddot=a)
+    return _of_pieces("hermite_table", _with_ends_held(time, y, rows), t=time, psi=y, psi_dot=v, psi_ddot=a)
 
 
 def table(
@@ -372,11 +377,9 @@ def table(
     psi_ddot: Sequence[float] | Array | None = None,
     interpolation: str | None = None,
 ) -> TimeFunction:
-    """A user's table: t (s), psi (rad or m)[, psi_dot[, psi_ddot]].
-
-    With psi alone ``interpolation`` is "spline" (default, C2) or "linear" (each row a kink); with rates the rows'
-    values and rates are met and no interpolation may be chosen.
-    """
+    """Return a function through a table: t (s), psi (rad or m)[, psi_dot[, psi_ddot]]. With psi alone ``interpolation``
+    is "spline" (default, C2) or "linear" (each row a kink). With rates the rows' values and rates are met, and
+    ``interpolation`` must be None."""
     if psi_dot is None:
         if psi_ddot is not None:
             raise check.MissingKey("psi_dot", "psi_ddot needs it too")
@@ -391,10 +394,8 @@ COLUMNS = ("t", "psi", "psi_dot", "psi_ddot")
 
 
 def from_array(data: npt.ArrayLike, interpolation: str | None = None) -> TimeFunction:
-    """:func:`table` of `data` (n, 2 ... 4) with the columns t, psi[, psi_dot[, psi_ddot]]; interpolation as there.
-
-    Raises ValueError for another shape, and as :func:`table` does.
-    """
+    """Return :func:`table` of `data` (n, 2 ... 4) with the columns t, psi[, psi_dot[, psi_ddot]]. Raises ValueError for
+    another shape, and as :func:`table` does."""
     rows = np.asarray(data)
     if rows.ndim != 2 or not 2 <= rows.shape[1] <= 4 or rows.dtype.kind not in "fiu":
         what = f"{rows.dtype} of shape {rows.shape}"
@@ -413,14 +414,14 @@ def from_csv(
     acceleration: str | None = None,
     scale: float = 1.0,
 ) -> TimeFunction:
-    """:func:`table` of a CSV file whose first line names its columns.
+    """Return :func:`table` of a CSV file whose first line names its columns.
 
     Args:
-        path: the file. interpolation: as for `table`.
-        column: the one that holds the values (rad, m, N, N m), so that one file can serve several motions and loads;
-            None: the file is this table alone, of columns t, psi[, psi_dot[, psi_ddot]]. Others are not looked at.
-        time: the column of the instants, s. rate, acceleration: columns of the values' rates, where there are such.
-        scale: factor on values and rates (units, gears).
+        path: the file. interpolation: as in :func:`table`.
+        column: name of the column of values (rad, m, N, N m), so that one file can serve several motions and loads;
+            None: the file has the columns t, psi[, psi_dot[, psi_ddot]] only. Other columns are ignored.
+        time: column of the instants, s. rate, acceleration: columns of the values' derivatives, if present.
+        scale: factor on values and derivatives (units, gears).
     Raises:
         ValueError: names the file, the column and the row. OSError: the file cannot be read.
     """

@@ -47,10 +47,10 @@ class DifferentiableArms:
     def __init__(self, id: str, n: int, **keywords: Any) -> None:
         self.arms = Arms(id, n, **keywords)
         self.n = self.arms.n
-        self._left()
+        self._store_flags()
         self.observation_space, self.action_space = self.arms.observation_space, self.arms.action_space
 
-    def _left(self) -> None:
+    def _store_flags(self) -> None:
         """Note what became of the arms: going back through steps says so of others."""
         self.failed, self.past = torch.tensor(self.arms.failed), torch.tensor(self.arms.past)
 
@@ -66,7 +66,7 @@ class DifferentiableArms:
     def step(self, state: Tensor, action: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """State (n, S), observation (n, O) and reward (n,) a control period later, under an action (n, A)."""
         after, seen, paid = _Step.apply(self.arms, state, action)
-        self._left()
+        self._store_flags()
         return after, seen, paid
 
     def close(self) -> None:
@@ -75,7 +75,7 @@ class DifferentiableArms:
 
 
 def _numbers(name: str, value: Tensor) -> NDArray[np.float64]:
-    """A tensor's numbers, where they are if they are float64."""
+    """Return a tensor's numbers as float64, without a copy if they are."""
     if not isinstance(value, Tensor) or value.is_complex():
         raise check.InvalidValue(name, value, "must be a tensor of real numbers")
     if value.device.type != "cpu":

@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from . import validation as check
-from .files import from_json, read_npz, write_npz, write_text
+from .files import from_json, read_npz, unit_of, write_npz, write_text
 from .physics.assembly import assemble
 from .physics.gauges import Spot, curvatures
 from .physics.layout import FACTORISATIONS, HALVINGS, ITERATIONS, POSE, ROOT, STEPS, TIP, TIP_RATES
@@ -35,7 +35,7 @@ MOST_STEPS, MOST_SAMPLES = 10**9, 10**6
 
 
 def link_deflection(poses: Array) -> Array:
-    """Tip deflection of each link over its root's tangent, m: the component of tip - root normal to it.
+    """Return each link's tip deflection, m: the component of tip - root normal to its root's tangent.
 
     poses (..., n_links, 12), see `physics.layout`; result (..., n_links).
     """
@@ -45,7 +45,7 @@ def link_deflection(poses: Array) -> Array:
 
 
 def joint_angles(poses: Array) -> tuple[Array, Array]:
-    """Angles and rates of the joints, rad and rad/s: joint 0 from the x axis, joint k from the tip of link k - 1.
+    """Return joint angles (rad) and rates (rad/s): joint 0 from the x axis, joint k from the tip of link k - 1.
 
     poses (..., n_links, 12), see `physics.layout`; results (..., n_links).
     """
@@ -56,10 +56,7 @@ def joint_angles(poses: Array) -> tuple[Array, Array]:
 
 
 def placed(coordinates: Mapping[str, int], poses: Array, q: Array, v: Array) -> dict[str, Any]:
-    """Fields of a `Trajectory` that say where tip, joints and motors are, of poses (n, N, 12) and states (n, rows).
-
-    coordinates: rows of the state by name (`physics.model.System`).
-    """
+    """Return a `Trajectory`'s fields of tip, joints and motors from poses (n, N, 12) and states (n, rows)."""
     angles, rates = joint_angles(poses)
     base = coordinates.get("base")
     if base is not None:
@@ -181,7 +178,7 @@ class Trajectory:
         return self.gross_work + float(self.kinetic[0] + self.strain_energy[0] + np.ptp(self.gravity))
 
     def strain(self, link: int, place: float, distance: float | None = None) -> Array:
-        """Bending strain of a link at a place over time, (n,): curvature times the distance from the neutral axis.
+        """Return a link's bending strain at a place over time, (n,): curvature times distance from the neutral axis.
 
         Args:
             link: 0 is the first. place: along it, from 0 (root) to 1 (tip).
@@ -202,7 +199,7 @@ class Trajectory:
 
     # --- to be looked at ---------------------------------------------------------------------------
     def clip(self, label: str | None = None) -> Clip | SpaceClip:
-        """What a player shows of the run; label: what it is called beside others, default the scene's name.
+        """Return the clip that a player shows of the run; label: its name beside others, default the scene's.
 
         ValueError for a run of no instant, or whose arrays do not fit together.
         """
@@ -212,7 +209,7 @@ class Trajectory:
         return of_trajectory(self, label, self._curvature)
 
     def view(self, *others: Trajectory, labels: Sequence[str] | None = None) -> Player:
-        """A page that plays the run, and others over it or beside it: `.save("arm.html")`, or shown by a notebook.
+        """Return a page that plays the run, with others if given: `.save("arm.html")`, or shown by a notebook.
 
         labels: of all of them; default the scenes' names.
         """
@@ -222,7 +219,7 @@ class Trajectory:
         return self.view()._repr_html_()
 
     def measured(self, sensors: Sensors | Mapping[str, Any] | None = None, seed: int = 0) -> dict[str, Array]:
-        """What sensors read at the recorded instants, by the laws that environments have (`flexarm_env.sensors`).
+        """Return the readings of sensors at the recorded instants, by the environments' laws (`flexarm_env.sensors`).
 
         Args:
             sensors: or their table; None takes the arm's own, or where it has none ideal ones.
@@ -249,24 +246,25 @@ class Trajectory:
             raise ValueError(f"t: {len(self.t)} samples {what}")
         return self._read(own, float(self.t[-1] - self.t[0]) / len(steps), seed)
 
-    def _read(self, own: Sensors, period: float, seed: int) -> dict[str, Array]:
+    def _read(self, sensors: Sensors, period: float, seed: int) -> dict[str, Array]:
+        """Return the readings of sensors at the samples, by name; period: s, between samples; seed: of the noise."""
         from .runtime.laws import law_of, memory_of, room_of
         from .runtime.readings import read_rows
 
         arm, space = self.scene.arm, self.scene.spatial
-        readings = own.readings(arm, space)
+        readings = sensors.readings(arm, space)
         if not readings:
             return {}
-        joints = range(arm.n_links if own.encoders else 0)
-        at_motor = [own.encoder(k).side == "motor" for k in joints]
+        joints = range(arm.n_links if sensors.encoders else 0)
+        at_motor = [sensors.encoder(k).side == "motor" for k in joints]
         inputs = [np.where(at_motor, self.motor_angles, self.joint_angles)] if joints else []
-        inputs += self._tip_inputs(own)
-        inputs += [self._bending(own.strain_gauges)] if own.strain_gauges else []
+        inputs += self._tip_inputs(sensors)
+        inputs += [self._bending(sensors.strain_gauges)] if sensors.strain_gauges else []
         channels = [place for name, place in readings.items() if not name.endswith("_rate")]  # made of the angle
         laws = np.array([law_of(law, 1.0, period, f"sensors.{place}") for place, law in channels])
         room, out = room_of(laws), np.empty((len(self.t), len(readings)))
         gravity = np.array((*(self.scene.gravity or ()), 0.0, 0.0, 0.0)[:3])
-        shaken = None if own.accelerometer is None else (0,) * (2 + space)
+        shaken = None if sensors.accelerometer is None else (0,) * (2 + space)
         stream = np.array(np.random.SeedSequence(seed).generate_state(1, np.uint64))
         read_rows(
             laws.ravel(), room, memory_of(len(laws), room), stream, period, gravity, len(joints), shaken,
@@ -274,13 +272,13 @@ class Trajectory:
         )  # fmt: skip
         return dict(zip(readings, out.T.copy(), strict=True))
 
-    def _tip_inputs(self, own: Sensors) -> list[Array]:
+    def _tip_inputs(self, sensors: Sensors) -> list[Array]:
         """What sensors on the tip read, in the order of `sensors.OF_THE_TIP`."""
-        inputs = [self.tip, self.tip_velocity] if own.accelerometer is not None else []
-        return inputs + ([self.tip[:, :2]] if own.camera is not None else [])
+        inputs = [self.tip, self.tip_velocity] if sensors.accelerometer is not None else []
+        return inputs + ([self.tip[:, :2]] if sensors.camera is not None else [])
 
     def columns(self) -> dict[str, Array]:
-        """The table that `to_csv` writes."""
+        """Return the table that `to_csv` writes."""
         table = dict(zip(COLUMNS, (self.t, self.energy, *self.start.T, *self.tip.T), strict=True))
         for k in range(self.hinges.shape[1]):
             mark = "" if self.hinges.shape[1] == 1 else str(k + 1)
@@ -290,10 +288,13 @@ class Trajectory:
                 table[f"motor{k}"], table[f"motor{k}_rate"] = self.motor_angles[:, k], self.motor_rates[:, k]
         return table
 
-    def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write t, energy, start, tip, hinges, elastic gears' motors with all digits, whole or not. Raises OSError."""
+    def to_csv(self, path: str | os.PathLike[str], units: bool = False) -> None:
+        """Write `columns` as CSV with all digits, in s, J, m, rad and rad/s. Raises OSError, and then writes nothing.
+
+        units: add them to the header, as in "t (s)"; readers of this package take both.
+        """
         table = self.columns()
-        text = [",".join(table)]
+        text = [",".join(f"{name} ({unit_of(name)})" if units and unit_of(name) else name for name in table)]
         text += [",".join(repr(float(x)) for x in row) for row in zip(*table.values(), strict=True)]
         write_text(Path(path), "\n".join(text) + "\n")
 
@@ -317,7 +318,7 @@ class Trajectory:
 
     @classmethod
     def from_npz(cls, path: str | os.PathLike[str]) -> Trajectory:
-        """The run that `to_npz` has written. ValueError for a file that is none, damaged, or of version 0.1."""
+        """Read the run that `to_npz` wrote. ValueError for another, a damaged, or a version 0.1 file."""
         known = read_npz(path, "trajectory")
         with check.in_file(path):
             for name in SINGLE:
@@ -328,6 +329,7 @@ class Trajectory:
             with check.under("scene"):
                 scene = Scene.from_toml(single.pop("scene") + "\n")
             kind = kind_of(scene)
+            known.setdefault("unresolved_damping", np.zeros(0))  # files of early runs lack it
             for name in kind.arrays:
                 check.needed("", known, name, _NO_TRAJECTORY)
             options = check.table_of("options", from_json(single.pop("options"), "options"))
@@ -344,7 +346,7 @@ _NO_TRAJECTORY = "this is no trajectory, or one of a version before 0.2"
 
 
 def kind_of(scene: Scene) -> type[Trajectory]:
-    """What a run of the scene leaves behind."""
+    """Return the class of a scene's trajectory."""
     if scene.spatial:
         found: type[Trajectory] = importlib.import_module(".spatial", __package__).SpatialTrajectory
         return found
@@ -414,7 +416,7 @@ def check_work(end: float, interval: float, dt: float | None) -> None:
 
 
 def recorded(simulation: Any, fields: Mapping[str, Array], shapes: Array, cpu_seconds: float) -> Trajectory:
-    """The Trajectory of what `Simulation.record` returns, in the same memory."""
+    """Return the Trajectory of what `Simulation.record` returned, in the same memory."""
     poses, energies, torque = fields["poses"], fields["energies"], fields["torque"]
     scene, system, counts = simulation.scene, simulation.system, simulation.work.counts
     for i, motion in enumerate(scene.motions):
@@ -432,6 +434,7 @@ def recorded(simulation: Any, fields: Mapping[str, Array], shapes: Array, cpu_se
         "deflection_bound": math.inf if scene.spatial else simulation.settings.deflection_bound,
     }  # fmt: skip
     if scene.spatial:
+        common["unresolved_damping"] = fields["beyond"]
         return kind_of(scene)(**common, **read_in_space(scene.arm, simulation.settings, fields["q"], fields["v"]))
     links = scene.arm.links
     lengths = np.array([link.span for link in links])

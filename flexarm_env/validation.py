@@ -1,4 +1,4 @@
-"""Checks of values that come from users, and the one shape of their error messages.
+"""Validate values that come from users, with one form of error message.
 
 Every message reads ``key.path = value: what is allowed``, e.g.
 ``links[0].section.EI = -1.0: must be a positive number (N m^2)``.
@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 
 T = TypeVar("T")
 Array = NDArray[np.float64]
-"""Numbers of double precision, in any shape; Array32: of single precision, as observations and actions are."""
+"""Float64 array of any shape; Array32: float32, the type of observations and actions."""
 Array32 = NDArray[np.float32]
 
 
 class BadKey(ValueError):
-    """Something wrong at a key path, ``path``; an outer reader may put its own key in front with :func:`under`."""
+    """Error at a key path, ``path``; an outer reader may prefix its own key by :func:`under`."""
 
     def __init__(self, path: str, *more: object) -> None:
         super().__init__(path, *more)
@@ -33,7 +33,7 @@ class BadKey(ValueError):
 
 
 class InvalidValue(BadKey):
-    """A value that is not allowed: ``path`` (key path), ``value``, ``allowed`` (a sentence)."""
+    """Invalid value: ``path`` (key path), ``value``, ``allowed`` (a sentence with the rule)."""
 
     def __init__(self, path: str, value: object, allowed: str) -> None:
         super().__init__(path, value, allowed)
@@ -44,14 +44,16 @@ class InvalidValue(BadKey):
 
 
 class UnknownKey(BadKey):
-    """A key that does not exist: ``path`` (its key path) and ``allowed`` (the keys that do)."""
+    """Unknown key: ``path`` (its key path), ``allowed`` (the existing keys), ``what`` (noun), ``hint``."""
 
     def __init__(self, path: str, allowed: Iterable[str], what: str = "key", hint: str = "") -> None:
         self.allowed, self.what, self.hint = tuple(allowed), what, hint
         super().__init__(path, self.allowed, what, hint)
 
     def __str__(self) -> str:
+        """Return the message: path, the closest permitted key, and all that are permitted."""
         last = self.path.rsplit(": ", 1)[-1].rsplit(".", 1)[-1]
+        # suggest the closest key, and shorten long paths
         near = difflib.get_close_matches(last, self.allowed, n=1, cutoff=0.7)
         hint = self.hint or (f"did you mean {near[0]}?" if near else "")
         hint = hint and f" ({hint})"
@@ -60,10 +62,8 @@ class UnknownKey(BadKey):
 
 
 class UnknownArgument(UnknownKey, TypeError):
-    """A keyword argument that does not exist; a TypeError too, in the words that Python itself has for it.
-
-    `gymnasium.make` raises it again with a text alone.
-    """
+    """Unknown keyword argument; also a TypeError, with the words that Python itself uses for it. `gymnasium.make`
+    raises the error again from its text alone: ``path`` is then the whole message."""
 
     def __init__(self, path: str, allowed: Iterable[str] = (), what: str = "argument", hint: str = "") -> None:
         super().__init__(path, allowed, what, hint)
@@ -73,7 +73,7 @@ class UnknownArgument(UnknownKey, TypeError):
 
 
 class MissingKey(BadKey):
-    """A key that must be given: ``path`` (its key path) and ``allowed`` (what belongs there)."""
+    """Missing key: ``path`` (its key path) and ``allowed`` (a phrase for the value required there)."""
 
     def __init__(self, path: str, allowed: str) -> None:
         super().__init__(path, allowed)
@@ -83,14 +83,26 @@ class MissingKey(BadKey):
         return f"{self.path}: missing; {self.allowed}"
 
 
+class Unreadable(BadKey):
+    """Unreadable text: ``path`` (its key path, empty for a text of its own) and ``why``."""
+
+    def __init__(self, path: str, why: str) -> None:
+        super().__init__(path, why)
+        self.why = why
+
+    def __str__(self) -> str:
+        return f"{self.path or 'text'}: {self.why}"
+
+
 def lacking(what: str, package: str, extra: str) -> str:
-    """What to install where a package is missing; its own name, since not everybody has this one from an index."""
+    """Return a sentence that names a missing package, the pip command and the extra that installs it. The package comes
+    first, because not every user has flexarm_env from an index."""
     return f'{what} needs {package}: pip install {package} (the extra "{extra}" of flexarm_env brings all of its kind)'
 
 
 @contextmanager
 def needs(what: str, package: str, extra: str, error: type[Exception] = ImportError) -> Iterator[None]:
-    """Around imports of a package that only some have: where it is missing, an `error` that says what to install."""
+    """Guard imports of an optional package: if it is missing, raise `error` with the command that installs it."""
     try:
         yield
     except ImportError as missing:
@@ -98,7 +110,7 @@ def needs(what: str, package: str, extra: str, error: type[Exception] = ImportEr
 
 
 def installed(package: str) -> str | None:
-    """Version of a package that is installed."""
+    """Return the version of an installed package, or None."""
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
@@ -106,20 +118,23 @@ def installed(package: str) -> str | None:
 
 
 def shown(value: object) -> str:
-    """A short text of a value for a message."""
+    """Return a short text of a value for messages, at most 100 characters."""
+    # NumPy scalars and arrays as Python's
     if isinstance(value, np.generic):
         value = value.item()
-    if isinstance(value, np.ndarray) and value.ndim:  # one without axes is no number, and not to be taken for one
+    # an array without axes keeps its repr, since it is no number
+    if isinstance(value, np.ndarray) and value.ndim:
         value = value.tolist()
     try:
         text = repr(value)
-    except ValueError:  # Python writes no number of more than some thousand digits
+    except ValueError:
+        # Python refuses to print integers of several thousand digits
         text = f"a {type(value).__name__} of too many digits"
     return text if len(text) <= 100 else text[:97] + "..."
 
 
 def joined(path: str, key: str) -> str:
-    """Key path of ``key`` below ``path`` (either may be empty; no dot before ``[3]`` or after a colon)."""
+    """Return the key path of ``key`` below ``path``; either may be empty; no dot before ``[3]`` or after a colon."""
     if not path or not key:
         return path or key
     return path + key if key.startswith("[") or path.endswith(": ") else f"{path}.{key}"
@@ -127,21 +142,22 @@ def joined(path: str, key: str) -> str:
 
 @contextlib.contextmanager
 def under(prefix: str) -> Iterator[None]:
-    """Put ``prefix`` in front of the key path of an error raised inside the block."""
+    """Prefix the key path of an error raised inside the ``with`` block by ``prefix``."""
     try:
         yield
     except BadKey as error:
+        # same error type, with a longer path
         raise type(error)(joined(prefix, error.path), *error.args[1:]) from None
 
 
 def in_file(path: str | os.PathLike[str] | None) -> contextlib.AbstractContextManager[None]:
-    """Say which file it is about, as ``file: key.path``, in an error raised inside the block; None: no file."""
+    """Prefix errors raised inside the ``with`` block by the file's path, ``file: key.path``; None: no file."""
     return under("" if path is None else f"{os.fspath(path)}: ")
 
 
 @contextmanager
 def solvable(arm: str) -> Iterator[None]:
-    """Around linear algebra with the matrices of an arm of this name: InvalidValue where rounding has undone them."""
+    """Turn a singular matrix inside the ``with`` block into InvalidValue: the arm's data span too many magnitudes."""
     try:
         yield
     except np.linalg.LinAlgError:
@@ -150,7 +166,7 @@ def solvable(arm: str) -> Iterator[None]:
 
 
 def store(item: object, **values: object) -> None:
-    """Set fields of a frozen dataclass from within its ``__post_init__``."""
+    """Set fields of a frozen dataclass from its ``__post_init__``."""
     for name, value in values.items():
         object.__setattr__(item, name, value)
 
@@ -164,10 +180,11 @@ def number(
     above: float | None = None,
     maximum: float | None = None,
 ) -> float:
-    """``value`` as a finite float. A bool, a string, NaN or infinity is none.
+    """Validate a finite number and return it as a float; a bool, a string, NaN or infinity is rejected.
 
-    ``minimum`` and ``maximum`` are inclusive, ``above`` is exclusive.
+    ``minimum`` and ``maximum`` are inclusive, ``above`` is exclusive. A number with a unit is also limited by `SIZES`.
     """
+    # sentence with the rule
     if maximum is None and above == 0.0:
         allowed = "must be a positive number"
     elif maximum is None and minimum == 0.0:
@@ -182,11 +199,13 @@ def number(
         allowed = "must be a finite number" + (f", {limits}" if limits else "")
     if unit:
         allowed += f" ({unit})"
+    # type, then bounds
     if isinstance(value, bool | np.bool_) or not isinstance(value, Real):
         raise InvalidValue(path, value, allowed)
     try:
         result = float(value)
-    except OverflowError:  # a whole number may be larger than any float
+    except OverflowError:
+        # an int may exceed every float
         result = math.inf
     if (
         not math.isfinite(result)
@@ -195,6 +214,7 @@ def number(
         or (maximum is not None and result > maximum)
     ):
         raise InvalidValue(path, value, allowed)
+    # magnitude: powers of quantities with a unit must not overflow
     small, large = SIZES.get(unit, (1.0 / LARGEST, LARGEST))
     if unit and (abs(result) > large or (above == 0.0 and result < small)):
         least = f"at least {small:g} and " if above == 0.0 < small else ""
@@ -203,23 +223,27 @@ def number(
 
 
 LARGEST = 1e30
-"""Of numbers that have a unit, and of those in files, in size; one over it: the least of those that must be positive.
-Beyond, products of a few of them are no floats any more, nor they float32."""
+"""Largest magnitude of numbers with a unit and of numbers in files; 1 / LARGEST is the smallest of those that must be
+positive. Products of a few larger numbers overflow, and the numbers themselves overflow as float32.
+"""
 SIZES = {"m": (1e-9, 1e9), "s": (0.0, LARGEST)}
-"""The same, least and largest: high powers are taken of lengths; how short a time may be is told by a run's steps."""
+"""Smallest and largest magnitude by unit, default (1 / LARGEST, LARGEST). High powers are taken of lengths; a time may
+be short, since a run's number of steps limits it.
+"""
 
 
 def limits(path: str, value: object, unit: str = "", **bounds: float) -> tuple[float, float]:
-    """``value`` as two numbers (low, high), low at most high; bounds as in :func:`number`."""
+    """Validate two numbers (low, high) with low <= high; bounds as in :func:`number`."""
     what = f"two numbers{f' ({unit})' if unit else ''}, (low, high)"
     low, high = numbers(path, value, what, 2, unit, **bounds)
+    # order of the bounds
     if low > high:
         raise InvalidValue(path, (low, high), "must be (low, high) with low at most high")
     return low, high
 
 
 def integer(path: str, value: object, *, minimum: int, maximum: int | None = None) -> int:
-    """``value`` as an int within inclusive limits. A bool, a float or a string is none."""
+    """Validate a whole number within inclusive limits and return it as an int; a bool, float or string is rejected."""
     limits = f"at least {minimum}" if maximum is None else f"from {minimum} to {maximum}"
     allowed = f"must be a whole number, {limits}"
     if isinstance(value, bool | np.bool_) or not isinstance(value, Integral):
@@ -231,30 +255,31 @@ def integer(path: str, value: object, *, minimum: int, maximum: int | None = Non
 
 
 def flag(path: str, value: object) -> bool:
-    """``value`` as a bool."""
+    """Validate a bool."""
     if not isinstance(value, bool | np.bool_):
         raise InvalidValue(path, value, "must be True or False")
     return bool(value)
 
 
 def text(path: str, value: object, *, empty: bool = True) -> str:
-    """``value`` as a string."""
+    """Validate a string; ``empty`` False: not only white space."""
     if not isinstance(value, str) or (not empty and not value.strip()):
         raise InvalidValue(path, value, "must be a text" if empty else "must be a text that is not empty")
     return value
 
 
 def choice(path: str, value: object, allowed: Sequence[str]) -> str:
-    """``value`` as one of the given words."""
+    """Validate one of the words in ``allowed``."""
     if not isinstance(value, str) or value not in allowed:
         raise InvalidValue(path, value, "must be one of " + ", ".join(f'"{a}"' for a in allowed))
     return value
 
 
 def sequence(path: str, value: object, what: str, length: int | None = None) -> tuple[Any, ...]:
-    """``value`` (list, tuple or one-dimensional array) as a tuple; ``what`` says what belongs in it."""
+    """Validate a list, tuple or 1-D array and return a tuple; ``what`` names the elements in the message."""
     if isinstance(value, np.ndarray) and value.ndim == 1:
         value = value.tolist()
+    # texts and iterators are rejected
     if not isinstance(value, list | tuple) or (length is not None and len(value) != length):
         raise InvalidValue(path, value, f"must be a sequence of {what}")
     return tuple(value)
@@ -263,19 +288,19 @@ def sequence(path: str, value: object, what: str, length: int | None = None) -> 
 def numbers(
     path: str, value: object, what: str, length: int | None = None, unit: str = "", **bounds: float
 ) -> tuple[float, ...]:
-    """``value`` as a tuple of numbers: see :func:`sequence` and :func:`number`."""
+    """Validate a sequence of numbers and return a tuple; arguments as in :func:`sequence` and :func:`number`."""
     given = sequence(path, value, what, length)
     return tuple(number(f"{path}[{i}]", one, unit, **bounds) for i, one in enumerate(given))
 
 
 def several(value: object) -> bool:
-    """Whether this is a sequence, of whatever, and not one value."""
+    """Return whether a value is a sequence or array, not a single value; texts and bytes are single."""
     row = isinstance(value, Sequence) and not isinstance(value, str | bytes)
     return row or (isinstance(value, np.ndarray) and value.ndim > 0)
 
 
 def instance(path: str, value: object, kind: type[T]) -> T:
-    """``value`` as an object of the class ``kind``."""
+    """Validate an object of the class ``kind``."""
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIO" else "a"
         raise InvalidValue(path, value, f"must be {article} {kind.__name__}")
@@ -283,19 +308,20 @@ def instance(path: str, value: object, kind: type[T]) -> T:
 
 
 def instances(path: str, value: object, kind: type[T], what: str = "") -> tuple[T, ...]:
-    """``value`` as a tuple of objects of the class ``kind``; ``what`` says so in other words than the class's name."""
+    """Validate a sequence of objects of the class ``kind`` and return a tuple; ``what`` names them in the message."""
     parts = sequence(path, value, what or kind.__name__)
     return tuple(instance(f"{path}[{i}]", part, kind) for i, part in enumerate(parts))
 
 
 def column(path: str, values: object, unit: str = "") -> np.ndarray[Any, np.dtype[np.float64]]:
-    """One column of a table as a float64 array (n,); the first row that is no finite number is named."""
+    """Validate a table's column and return a float64 array (n,); the message names the first row that is invalid."""
     if isinstance(values, np.ndarray):
         if values.ndim != 1:
             raise InvalidValue(path, values, f"must be one-dimensional, not of shape {values.shape}")
         values = values.tolist()
     if not isinstance(values, list | tuple) or not values:
         raise InvalidValue(path, values, "must be a list of numbers that is not empty")
+    # row by row, so that the message names the row
     for i, value in enumerate(values):
         try:
             number(f"{path}[{i}]", value, unit)
@@ -305,12 +331,13 @@ def column(path: str, values: object, unit: str = "") -> np.ndarray[Any, np.dtyp
 
 
 Shape = tuple[int | str, ...]
-"""Lengths; a word: any from 1 on, the same wherever the word stands."""
+"""Lengths of the axes; a word stands for any length from 1 on, the same for each occurrence of the word."""
 
 
 def floats(path: str, values: Any, what: str = "numbers") -> Array:
-    """``values`` as float64, finite or not, of any shape."""
+    """Return values of any shape as float64, finite or not. Raises InvalidValue for anything but real numbers."""
     try:
+        # NumPy would drop imaginary parts with a warning only
         if np.iscomplexobj(values):
             raise TypeError
         return np.asarray(values, np.float64)
@@ -319,24 +346,26 @@ def floats(path: str, values: Any, what: str = "numbers") -> Array:
 
 
 def array(path: str, values: object, shape: Shape, what: str = "") -> np.ndarray[Any, np.dtype[np.float64]]:
-    """``values`` as a float64 array of finite numbers; a word in ``shape``: any length from 1 on."""
+    """Validate finite numbers of a shape and return a float64 array; a word in ``shape``: any length from 1 on."""
     result = floats(path, values, f"numbers of shape {_words(shape, {})}{what and ', '}{what}")
     _fits(path, result, "finite", shape, {}, what)
     return result
 
 
 KINDS = {"finite": "fiu", "number": "fiu", "whole": "iu", "flag": "b", "text": "U", "any": "fiubU"}
-"""What an array holds, by NumPy's kinds of dtype."""
+"""Kinds of array content, each with NumPy's permitted kinds of dtype."""
 
 
 def arrays(
     given: Mapping[str, np.ndarray[Any, Any]], table: Mapping[str, tuple[str, Shape]], sizes: dict[str, int]
 ) -> dict[str, Any]:
-    """The arrays that a table declares, each held against the others: ValueError for the first that does not fit.
+    """Validate the arrays that a table declares, with common lengths, and return them by name.
 
     Args:
-        given: by name. table: of each the word of :data:`KINDS` and the shape; a shape that ends in "...": any further.
-        sizes: lengths by the words in shapes, as far as they are known; those found are added.
+        given: arrays by name. table: for each name a key of :data:`KINDS` and a shape; a shape that ends in "..."
+            permits further axes. sizes: known lengths by the words in shapes; lengths found are added.
+    Raises:
+        ValueError: the first array that is missing or does not fit.
     """
     for name, (kind, shape) in table.items():
         _fits(name, needed("", given, name, f"must be an array of shape {_words(shape, sizes)}"), kind, shape, sizes)
@@ -344,6 +373,7 @@ def arrays(
 
 
 def _words(shape: Shape, sizes: Mapping[str, int]) -> str:
+    """Return a shape as text, with the known lengths in place of words."""
     return f"({', '.join(str(sizes.get(str(k), k)) for k in shape)}{',' * (len(shape) == 1)})"
 
 
@@ -351,17 +381,21 @@ def _fits(
     path: str, values: np.ndarray[Any, Any], kind: str, shape: Shape, sizes: dict[str, int],
     what: str = "to fit the other arrays",
 ) -> None:  # fmt: skip
-    """InvalidValue for an array of another kind or shape, or with an entry that is not finite."""
+    """Raise InvalidValue for an array of another kind or shape, or with an entry that is not finite; add new lengths to
+    ``sizes``."""
     if values.dtype.kind not in KINDS[kind]:
         raise InvalidValue(f"dtype of {path}", str(values.dtype), f"must be that of {_HELD.get(kind, 'numbers')}")
+    # axes behind "..." take the array's own lengths; unknown words accept any length from 1 on
     wanted = (*shape[:-1], *values.shape[len(shape) - 1 :]) if shape[-1:] == ("...",) else shape
     bound = tuple(sizes.get(k, 0) if isinstance(k, str) else k for k in wanted)
     known = tuple(not isinstance(k, str) or k in sizes for k in wanted)
+    # each axis: equal to a known length, or not empty
     if values.ndim != len(bound) or not all(
         one == length if fixed else one > 0 for one, length, fixed in zip(values.shape, bound, known, strict=True)
     ):
         raise InvalidValue(f"shape of {path}", values.shape, f"must be {_words(shape, sizes)}{what and ', '}{what}")
     sizes.update((k, n) for k, n in zip(wanted, values.shape, strict=True) if isinstance(k, str))
+    # nan and infinities fail this comparison too
     if kind == "finite" and not (fine := np.abs(np.asarray(values, np.float64)) <= LARGEST).all():
         at = tuple(int(k) for k in np.argwhere(~fine)[0])
         size = f", at most {LARGEST:g} in size" if np.isfinite(values[at]) else ""
@@ -372,14 +406,14 @@ _HELD = {"whole": "whole numbers", "flag": "bools", "text": "texts", "any": "num
 
 
 def table_of(path: str, value: object) -> dict[str, Any]:
-    """``value`` as a TOML table."""
+    """Validate a table (mapping) and return it as a new dict."""
     if not isinstance(value, Mapping):
         raise InvalidValue(path, value, "must be a table")
     return dict(value)
 
 
 def known_keys(path: str, table: Mapping[str, Any], allowed: Iterable[str], what: str = "key") -> None:
-    """Every key of ``table`` is allowed, or an error that names the first that is not."""
+    """Raise UnknownKey for the first key of ``table`` that is not in ``allowed``."""
     allowed = tuple(allowed)
     for key in table:
         if key not in allowed:
@@ -387,17 +421,15 @@ def known_keys(path: str, table: Mapping[str, Any], allowed: Iterable[str], what
 
 
 def needed(path: str, table: Mapping[str, Any], key: str, allowed: str) -> Any:
-    """``table[key]``, or an error that says what belongs there."""
+    """Return ``table[key]``; raise MissingKey, with the phrase ``allowed``, if it is missing."""
     if key not in table:
         raise MissingKey(joined(path, key), allowed)
     return table[key]
 
 
 def made(path: str, kind: type[T], value: object, *, prefix: str | None = None, **must: str) -> T:
-    """A dataclass of the class ``kind`` from a table of its fields.
-
-    prefix: of what the class itself refuses, ``path`` unless given. must: what belongs in fields that must be given.
-    """
+    """Create an object of the dataclass ``kind`` from a table of its fields. prefix: key path of errors raised by the
+    class, default ``path``. must: phrases for the required fields."""
     table = table_of(path, value)
     known_keys(path, table, names_of(kind))
     for key, allowed in must.items():
@@ -407,11 +439,11 @@ def made(path: str, kind: type[T], value: object, *, prefix: str | None = None, 
 
 
 def names_of(kind: Any) -> tuple[str, ...]:
-    """Names of a dataclass's fields."""
+    """Return the names of a dataclass's fields."""
     return tuple(field.name for field in dataclasses.fields(kind))
 
 
 def changed(item: Any) -> dict[str, Any]:
-    """The fields of a dataclass that are not at their defaults, by name."""
+    """Return the fields of a dataclass that differ from their defaults, by name."""
     own = {field.name: (getattr(item, field.name), field.default) for field in dataclasses.fields(item)}
     return {name: value for name, (value, default) in own.items() if value != default}

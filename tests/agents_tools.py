@@ -7,7 +7,9 @@ SMALL = {
     "n_envs": 8, "n_timesteps": 2048, "policy": "MlpPolicy", "n_steps": 64, "batch_size": 256, "n_epochs": 2,
     "gamma": 0.98, "learning_rate": "lin_1e-3", "policy_kwargs": "dict(net_arch=[16, 16], activation_fn=nn.ReLU)",
 }  # fmt: skip
-RUN_FILES = {"model.zip", "policy.npz", "config.yml", "run.json", "learning_curve.csv", "learning_curve.png"}
+RUN_FILES = {
+    "checkpoints", "model.zip", "policy.npz", "config.yml", "run.json", "learning_curve.csv", "learning_curve.png",
+}  # fmt: skip
 
 
 def file_of(folder: Path, text: dict, env: str = ENV, **more) -> Path:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexarm_env.compiler import apart, kernel, superword
+from flexarm_env.compiler import noinline, kernel, superword
 
 
 class Pair(NamedTuple):
@@ -54,7 +54,7 @@ def added(x, c=None):
     return x + c
 
 
-@apart
+@noinline
 def fresh(a, a0, m, m0, g, g0):
     for k in range(len(a)):
         a[k] = a0[k]
@@ -64,7 +64,7 @@ def fresh(a, a0, m, m0, g, g0):
             g[k, h] = g0[k, h]
 
 
-@apart
+@noinline
 def kept(a, m, g, w, floats, wholes):
     for k in range(len(a)):
         floats[1 + k] = a[k]
@@ -149,7 +149,7 @@ class Draw:
         self.block(1, self.random.randint(2, 5), False)
         self.say(1, "return {F2}")
         body = "\n".join(self.lines)
-        word = "superword" if number % 2 else "apart"
+        word = "superword" if number % 2 else "noinline"
         return f"\n\n@{word}\ndef drawn{number}(x, y, i, j, a, m, g, w):\n{body}\n"
 
     def one(self, *choices: str) -> str:

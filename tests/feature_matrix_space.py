@@ -365,7 +365,7 @@ def in_batch(features: tuple[str, ...], method: str, n: int = 9, dt: float = 5e-
     starts = Starts(start=[(x, x) for x in scene.angles], target=[(0.0, 0.0)] * count)
     when = round(change[0] / SAMPLE)
     extras = Extras(payload_change=PayloadChange(np.array([when, when]), np.array([change[1]] * 2), (0,)))
-    batch = Batch(arm, settings, n, task, starts, period=SAMPLE, gravity=scene.gravity, books=True, extras=extras)
+    batch = Batch(arm, settings, n, task, starts, period=SAMPLE, gravity=scene.gravity, account=True, extras=extras)
     batch.start(range(n), range(n), limit=len(times()))
     rows = [(*batch.motion(0)[:2], batch.table[:, 0].copy())]
     for share in shares()[:, :count]:

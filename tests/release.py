@@ -43,18 +43,18 @@ SECONDS = 60.0
 PAGE = ROOT / "docs" / "results" / "releases.md"
 HEAD = """# What was tried where
 
-Where the package is known to work: wheel and source distribution, each installed alone into an empty environment, under
-the oldest and the newest releases of what it asks for. From an empty folder `flexarm doctor` checks itself, `flexarm
-view two_link_motion` and `flexarm view two_link pd` make players, which headless Chromium shows where it is.
-Times are those of the processor, without compilation. Written by `python -m tests.release --page` (`make release-check`
-without the page)."""
-REST = "Not tried, for want of such machines: macOS, Windows, ARM; other browsers, touch screens and screen readers."
+Wheel and source distribution install and work under the oldest and the newest supported releases of their requirements.
+Each was installed alone into an empty environment. From an empty folder, `flexarm doctor` ran its checks, and `flexarm
+view two_link_motion` and `flexarm view two_link pd` made players, which headless Chromium (if installed) displayed.
+Times are processor times without compilation. Written by `python -m tests.release --page` (`make release-check` checks
+without writing the page)."""
+REST = "Untested, for lack of such machines: macOS, Windows, ARM; other browsers, touch screens and screen readers."
 WITH_TRAIN = (
-    "with the extra `train`, likewise alone: policies trained for a moment by PPO and by gradients, judged, a "
-    "controller's gains tuned, a policy exported to C, an arm as a C library and as a mock-up unit, an arm served and "
-    "the policy driving it"
+    "with the extra `train`, installed alone: policies trained briefly by PPO and by gradients and evaluated, "
+    "controller gains tuned, a policy exported to C, an arm exported as a C library and as a mock-up unit, an arm "
+    "served and driven by the policy"
 )
-UNSEEN = f"not opened in a browser, for none of {', '.join(NAMES)} is here; FLEXARM_BROWSER names one elsewhere"
+UNSEEN = f"not opened, since none of the browsers {', '.join(NAMES)} is installed; FLEXARM_BROWSER can name another one"
 VIEWS = {"scene": ("two_link_motion",), "policy": ("two_link", "pd")}
 
 

@@ -38,7 +38,7 @@ def factored(lane, model, par, state, u, weights, r, S):  # type: ignore[no-unty
     """The same, and Newton's matrix in S."""
     protocol.assemble(lane, model, par, state, u, weights, r, S)
     for i in range(model.fixed.shape[0]):
-        protocol.pin(lane, model, S, model.fixed[i])
+        protocol.add_stiffness(lane, model, S, model.fixed[i], None)
     protocol.factor(lane, model, S)
 
 

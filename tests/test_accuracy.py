@@ -8,8 +8,19 @@ import pytest
 
 from benchmarks.converged import tip_error
 from flexarm_env import arms
-from flexarm_env.accuracy import Probe, count_steps, distance, energy_part, finer_mesh, other_mesh
-from flexarm_env.parameters import Arm, Link, Payload, Section
+from flexarm_env.accuracy import (
+    Probe,
+    count_steps,
+    distance,
+    energy_part,
+    estimate,
+    finer_mesh,
+    gear_rate,
+    other_mesh,
+    rubs,
+)
+from flexarm_env.parameters import Arm, Joint, Link, Payload, Section
+from flexarm_env.rigid import inertia_beyond
 from flexarm_env.scene import JointTorque, Motion, Scene
 from flexarm_env.scenes import named
 from flexarm_env.settings import Settings
@@ -170,3 +181,42 @@ def test_steps_that_resolve_nothing_do_not_pass_for_exact(formulation: str, zeta
     error = tips_apart(run, fine)
     assert error > 0.03
     assert error / 3.0 < run.error_estimate < 3.0 * error
+
+
+GEARED = Arm(
+    "geared", (Link(0.8, Section.rectangle(0.03, 0.003, 7e10, 2700.0, 2.6e10)),), hub_inertia=0.02,
+    payload=Payload(0.1, 1e-4), tau_d=1e-3, joints=(Joint(stiffness=40.0, damping=0.05, motor_inertia=0.03),),
+)  # fmt: skip
+
+
+def test_a_gear_that_the_step_does_not_resolve_is_seen() -> None:
+    """A rotor that swings at 10 Hz in steps of 15 ms is out of phase in runs of one step and of twice that alike."""
+    rate = np.sqrt(40.0 * (1.0 / 0.03 + 1.0 / inertia_beyond(GEARED, 0)))
+    assert gear_rate(Scene("s", GEARED, duration=1.0, dt=0.01)) == pytest.approx(rate)
+    torque = JointTorque(0, stairs([0.0, 0.07, 0.19, 0.31, 0.52], [2.0, -1.5, 2.0, -2.0, 1.0]))
+    scene = everything(Scene("s", GEARED, duration=0.8, dt=0.015, sample=0.02, loads=(torque,)))
+    fine = simulate(scene, "geometrically_exact", dt=5e-4, elements=8, estimate_error=False)
+    for formulation in ("floating_frame", "elastica"):
+        run = simulate(scene, formulation)
+        assert tips_apart(run, fine) < 1.5 * run.error_estimate
+
+
+def test_steps_count_whole_where_joints_stick_or_play() -> None:
+    """The error is of first order there: the distance from a run of twice the step is all of it."""
+    ideal = Scene("s", ARM_OF_LINK, duration=1.0, dt=0.01, loads=(JointTorque(0, cycloid(1.0, 1.0)),))
+    rubbing = replace(ideal, arm=replace(ARM_OF_LINK, joints=(Joint(friction_coulomb=0.1),)))
+    assert rubs(rubbing) and not rubs(ideal)
+
+    def run(scene: Scene, settings: Settings, *_: Any) -> Probe:
+        off = np.zeros((3, 2))
+        off[:, 0] = settings.dt
+        return Probe(np.arange(3.0), off, True)
+
+    settings = Settings.make("geometrically_exact", dt=0.01)
+    parts = [
+        estimate(scene, settings, run(scene, settings), 1.0, 1.0, run)[0]["time_step"] for scene in (ideal, rubbing)
+    ]
+    assert parts == pytest.approx([0.005, 0.01])
+
+
+ARM_OF_LINK = Arm("a", (Link(1.0, Section(5.0, 1e3, 1e3, 0.4, 0.01)),))

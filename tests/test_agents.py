@@ -4,12 +4,12 @@ import csv
 import json
 import pickle
 import shutil
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from gymnasium.spaces import Box
 
 pytest.importorskip("stable_baselines3")
 
@@ -95,7 +95,7 @@ def test_a_resumed_run_ends_as_one_that_was_never_stopped(tmp_path: Path, run: P
     train_ppo.train(train_ppo.Arguments(out=folder, resume=True, progress=False))
     assert [row["steps"] for row in curve(folder)] == ["0", "1024", "2048"]
     assert curve(folder) == curve(run)
-    assert not (folder / "checkpoints").exists()
+    assert len(checkpoints(folder)) == 1, "from which it can be extended"
 
 
 def test_a_resumed_run_keeps_what_its_observations_were_normalised_by(tmp_path: Path):
@@ -130,6 +130,63 @@ def test_a_run_broken_off_before_its_first_checkpoint_begins_anew(tmp_path: Path
     assert curve(tmp_path / "run") == curve(run)
 
 
+def test_a_run_is_extended_and_never_trained_otherwise_than_it_was(tmp_path: Path, run: Path, capsys):
+    """`--resume --n-timesteps N` ran to the old number of steps without a message, and passed over other flags."""
+    folder = tmp_path / "run"
+    shutil.copytree(run, folder)
+    again = partial(train_ppo.Arguments, out=folder, resume=True, progress=False)
+    refuses("finished; there is nothing to resume, but --n-timesteps N", lambda: train_ppo.train(again()))
+    refuses("--n-timesteps 1024: must be more than the 2048", lambda: train_ppo.train(again(n_timesteps=1024)))
+    refuses("--seed = 3: must be 0 with --resume", lambda: train_ppo.train(again(n_timesteps=3072, seed=3)))
+    refuses("--set: must be left out", lambda: train_ppo.train(again(n_timesteps=3072, set=("gamma=0.9",))))
+    capsys.readouterr()
+    train_ppo.train(again(n_timesteps=3072))
+    assert "resuming at 2048 of 3072 steps" in capsys.readouterr().err
+    assert [row["steps"] for row in curve(folder)] == ["0", "1024", "2048", "3072"]
+    assert curve(folder)[:3] == curve(run)
+    assert config.load(folder / "config.yml", "ppo", ENV).n_timesteps == 3072 and read_run(folder)["steps"] == 3072
+
+
+def test_all_that_is_missing_is_named(tmp_path: Path, monkeypatch, capsys):
+    """It named pyyaml alone where nothing of the extra was installed."""
+    monkeypatch.setattr(train_ppo, "find_spec", lambda module: None)
+    assert train_ppo.main("flexarm train", ["--out", str(tmp_path / "none")]) == 2
+    told = capsys.readouterr().err
+    assert "pip install torch stable-baselines3 pyyaml tqdm" in told and 'extra "train"' in told and "CPU build" in told
+
+
+def test_hyper_parameters_are_set_without_a_file(tmp_path: Path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    words = ["--env", ENV, "--set", "learning_rate=lin_5e-4", "--set", "n_envs=4", "--set", "n_steps=64"]
+    words += ["--set", "policy_kwargs=dict(net_arch=[8])", "--n-timesteps", "256", "--eval-episodes", "2"]
+    words += ["--out", "own", "--no-progress"]
+    assert train_ppo.main("flexarm train", [*words, "--no-tensorboard"]) == 0
+    kept = config.load(Path("own/config.yml"), "ppo", ENV)
+    usual = config.load(None, "ppo", ENV)
+    given = {"learning_rate": "lin_5e-4", "n_envs": 4, "n_steps": 64, "policy_kwargs": "dict(net_arch=[8])"}
+    assert kept.text == {**usual.text, **given, "n_timesteps": 256}
+    assert control.load_policy("own").weights[0][0].shape == (6, 8)
+    assert "next: flexarm evaluate --policy own,pd,lqr" in capsys.readouterr().out
+    for word, sentence in (
+        ("learning_rat=1", "--set: FlexibleArm-v0.learning_rat: unknown key of ppo (did you mean learning_rate?)"),
+        ("gamma", "--set = 'gamma': must be KEY=VALUE"), ("gamma=2", "gamma = 2: must be"),
+    ):  # fmt: skip
+        assert train_ppo.main("flexarm train", ["--set", word, "--out", "other"]) == 2
+        assert sentence in capsys.readouterr().err
+
+
+def test_arms_of_several_lengths_are_trained_on(tmp_path: Path):
+    """Validation episodes have the nominal arm; a training by gradients, whose arms are alike, refuses lengths."""
+    config_file = file_of(tmp_path, SMALL | {"n_timesteps": 512})
+    lengths = {"lengths": [0.9, 1.1], "duration": 2.0}
+    train_ppo.train(arguments(tmp_path, config=config_file, env_kwargs=lengths, evaluate_every=512))
+    record = read_run(tmp_path / "run")
+    assert record["finished"] and record["env_kwargs"]["lengths"] == [0.9, 1.1]
+    assert "lengths" not in record["validation"]
+    wrong = arguments(tmp_path, config=None, algo="gradient", env_kwargs=lengths, out=tmp_path / "other")
+    refuses("env_kwargs.lengths .* must be left out with --algo gradient", lambda: train_ppo.train(wrong))
+
+
 def test_a_damaged_checkpoint_is_passed_over(tmp_path: Path):
     interrupted(arguments(tmp_path), 1024)
     found = checkpoints(tmp_path / "run")
@@ -141,7 +198,7 @@ def test_a_damaged_checkpoint_is_passed_over(tmp_path: Path):
 
 def test_a_run_is_never_overwritten(run: Path, tmp_path: Path):
     before = (run / "model.zip").read_bytes()
-    refuses("holds a run already", lambda: train_ppo.train(arguments(tmp_path, out=run)))
+    refuses("contains a run already", lambda: train_ppo.train(arguments(tmp_path, out=run)))
     refuses("finished", lambda: train_ppo.train(train_ppo.Arguments(out=run, resume=True)))
     assert (run / "model.zip").read_bytes() == before
 
@@ -235,7 +292,7 @@ def test_evaluate_prints_json(run: Path, tmp_path: Path):
 @pytest.mark.parametrize(
     ("program", "words", "sentence"),
     [
-        (judging, "--policy nothing-there", "no such run folder or file"),
+        (judging, "--policy nothing-there", "must be a run folder"),
         (judging, "--policy pd,,lqr", "--policy: must name at least one"),
         (judging, "--policy pd --video", "--video: needs --out"),
         (judging, "--policy pd --episodes 0", "must be at least 1"),
@@ -259,15 +316,16 @@ def test_mistakes_are_told_in_a_sentence(program, words, sentence, monkeypatch, 
 
 
 def test_files_that_cannot_be_used_are_named(run: Path, tmp_path: Path):
-    refuses("not a run folder", lambda: policies.choose(str(tmp_path), ENV))
+    refuses("must hold a policy.npz or a model.zip", lambda: policies.choose(str(tmp_path), ENV))
     with pytest.raises(ValueError, match="trained on FlexibleArm-v0, not on TwoLinkFlexArm-v0"):
         policies.choose(str(run), "TwoLinkFlexArm-v0")
     copy = tmp_path / "copy"
     shutil.copytree(run, copy)
     (copy / "policy.npz").unlink()
     sound, model = (copy / "model.zip").read_bytes(), load_model(copy, "ppo")[0]
-    for size, sentence in ((6, "damaged"), (14, r"vecnormalize\.pkl: of observations of shape \(14,\)")):
-        statistics = SimpleNamespace(observation_space=Box(-1.0, 1.0, (size,)))
+    for size, sentence in ((6, "no statistics of VecNormalize"), (14, r"shape of mean = \(14,\): must be \(6,\)")):
+        moments = SimpleNamespace(mean=np.zeros(size), var=np.ones(size))
+        statistics = SimpleNamespace(norm_obs=True, obs_rms=moments, clip_obs=10.0, epsilon=1e-8)
         (copy / "vecnormalize.pkl").write_bytes(pickle.dumps(statistics if size > 6 else {}))
         refuses(sentence, lambda: policies.choose(str(copy), ENV))
     (copy / "vecnormalize.pkl").unlink()
@@ -276,11 +334,22 @@ def test_files_that_cannot_be_used_are_named(run: Path, tmp_path: Path):
     refuses(r"model\.zip: log_std holds numbers that are not finite", lambda: export_policy.export(copy))
     (copy / "model.zip").write_bytes(sound)
     (copy / "model.zip").write_bytes(b"torn")
-    refuses(r"model\.zip: damaged", lambda: policies.choose(str(copy), ENV))
-    (copy / "model.zip").unlink()
-    refuses("no such file", lambda: policies.choose(str(copy), ENV))
+    refuses(r"model\.zip: no model of Stable-Baselines3 that can be read", lambda: policies.choose(str(copy), ENV))
+    (copy / "model.zip").write_bytes(sound)
     (copy / "run.json").write_text("{")
     refuses("damaged, not JSON", lambda: policies.choose(str(copy), ENV))
+    (copy / "model.zip").unlink()
+    refuses("must hold a policy.npz or a model.zip", lambda: policies.choose(str(copy), ENV))
+
+
+def test_tuning_says_how_far_it_is(capsys, monkeypatch):
+    """It said nothing for half a minute and more."""
+    monkeypatch.setattr(tune.SearchProgress, "EVERY", (0.0, 0.0))
+    words = ["--env", ENV, "--controllers", "pd", "--samples", "2", "--refinements", "2", "--episodes", "2", "--dry"]
+    assert tune.main("flexarm tune", words) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "tuning pd: 5 gains at most"
+    assert lines[1].startswith("pd: 1 of 5, ") and lines[1].endswith(" s")
 
 
 def test_controllers_take_gains_from_a_file(tmp_path: Path):

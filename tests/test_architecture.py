@@ -11,32 +11,35 @@ import re
 import subprocess
 from collections.abc import Iterator
 from importlib.util import resolve_name
+from inspect import signature
 from pathlib import Path
 
 import pytest
 
+from flexarm_env.physics import contributions, protocol
 from tests.processes import ROOT, python
 
 PACKAGE = "flexarm_env"
 
 # ------------------------------------------------------------------ the table
 _BASICS = {
-    "validation", "curves", "rotations", "sections", "bodies", "parameters", "sensors", "rigid", "settings", "files",
-    "time_functions",
+    "validation", "curves", "meshing", "rotations", "sections", "bodies", "parameters", "sensors", "rigid", "settings",
+    "files", "time_functions",
 }  # fmt: skip
 _DESCRIPTION = {*_BASICS, "arms", "scene", "scenes", "shapes"}
 _COMPILED = {"compiler", "physics", "runtime", "tasks"}
-_PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
+_PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "accuracy_space", "simulation", "batch", "linear"}
 _PUBLIC = {
-    *_PHYSICS - {"physics"}, "comparison", "control", "derivatives", "envs", "identification", "library", "plotting",
-    "recording", "remote", "sb3", "suite", "torch", "training", "view", "__init__",
+    *_PHYSICS - {"physics"}, "comparison", "control", "derivatives", "envs", "exchange", "identification", "library",
+    "plotting", "recording", "remote", "sb3", "suite", "torch", "training", "view", "__init__",
 }  # fmt: skip
 
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
 ROOMS: dict[str, set[str]] = {
     "validation": set(),
     "curves": {"validation"},
-    "sections": {"validation", "curves"},
+    "meshing": {"validation"},
+    "sections": {"validation", "curves", "meshing"},
     "rotations": {"validation"},
     "bodies": {"validation", "rotations", "sections"},
     "sensors": {"validation"},
@@ -47,7 +50,10 @@ ROOMS: dict[str, set[str]] = {
     "files": {"validation"},
     "time_functions": {"validation", "files"},
     "arms": {"validation", "files", "sections", "parameters", "sensors"},
-    "scene": {"validation", "files", "bodies", "sections", "parameters", "settings", "time_functions", "arms"},
+    "scene": {
+        "validation", "files", "curves", "meshing", "bodies", "sections", "parameters", "settings",
+        "time_functions", "arms",
+    },
     "scenes": {"validation", "parameters", "settings", "files", "scene", "arms"},
     "data": set(),
     "compiler": set(),
@@ -58,7 +64,8 @@ ROOMS: dict[str, set[str]] = {
     "view": {*_DESCRIPTION, "physics"},
     "trajectory": {*_DESCRIPTION, "physics", "runtime", "view"},
     "spatial": {"validation", "rotations", "sensors", "scene", "physics", "trajectory"},
-    "accuracy": {*_DESCRIPTION},
+    "accuracy": {*_DESCRIPTION, "accuracy_space"},
+    "accuracy_space": {*_DESCRIPTION},
     "rest": {"validation", "compiler", "physics", "scene", "settings", "time_functions"},
     "simulation": {*_DESCRIPTION, *_COMPILED, "trajectory", "spatial", "accuracy", "rest"},
     "batch": {*_DESCRIPTION, *_COMPILED, "layout", "trajectory", "simulation"},
@@ -66,6 +73,7 @@ ROOMS: dict[str, set[str]] = {
     "comparison": {"validation", "accuracy"},
     "derivatives": {*_COMPILED, "batch", "simulation", "trajectory", "validation"},
     "control": {*_PHYSICS, "tasks", "derivatives"},
+    "exchange": {*_DESCRIPTION, "simulation", "linear"},
     "envs": {*_PHYSICS, "compiler", "control", "view"},
     "torch": {"derivatives", "validation"},
     "plotting": {*_PHYSICS, "comparison", "view"},
@@ -92,7 +100,8 @@ EXTERNALS: dict[str, set[str]] = {
     "matplotlib": {"plotting"},
     "minari": {"recording"},
     "onnx": {"control"},
-    "onnxruntime": {"suite"},
+    "onnxruntime": {"control"},
+    "mujoco": {"exchange"},
     "ray": set(),
 }
 
@@ -298,6 +307,23 @@ def test_compiled_code_is_reproducible() -> None:
         for fault in text_faults(path.read_text(encoding="utf-8"), path, FORBIDDEN_KEYWORDS)
     ]
     assert not faults, "\n".join(faults)
+
+
+REVERSE = {
+    "solve_transposed", "vjp_residual", "multiply", "vjp_product", "vjp_poses", "note_inverse", "noted_inverse",
+}  # fmt: skip
+"""Functions of the contract that serve reverse derivatives alone."""
+
+
+def test_contracts_are_small_and_told() -> None:
+    """At most 20 functions of a formulation, and of a contribution; docstrings of the modules have their arguments."""
+    for module, family in ((protocol, protocol.FORMULATIONS), (contributions, contributions.CONTRIBUTIONS)):
+        assert len(family.names - REVERSE) <= 20
+        for name in sorted(family.names):
+            written = re.search(rf"\b{name}\((.*?)\)", module.__doc__ or "")
+            assert written, name
+            given = [word.split("=")[0].strip() for word in written[1].split(",")]
+            assert given == list(signature(getattr(module, name)).parameters), name
 
 
 def test_files_stay_readable() -> None:

@@ -15,8 +15,9 @@ import pytest
 
 from flexarm_env import suite
 from flexarm_env.cli import checkout, main, play
+from flexarm_env.control.sources import Following
 from flexarm_env.recording import EpisodeRecorder, frames, load_episodes, replay, save_episodes, to_minari
-from flexarm_env.suite.policies import Following, choose
+from flexarm_env.suite.policies import choose
 from tests.cli_tools import answer, refused
 from tests.processes import ROOT, python
 
@@ -60,11 +61,11 @@ def test_a_film_and_a_recording(capsys: pytest.CaptureFixture[str], tmp_path: Pa
 def test_a_policy_brings_its_environment(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from flexarm_env.control import NumpyPolicy
+    from flexarm_env.control import NamedPolicy
 
     meta = {"env_id": "TwoLinkFlexArm-v0", "env_kwargs": {"control_dt": 0.04, "duration": 1.0}}
-    policy = NumpyPolicy(meta, [])
-    monkeypatch.setattr(play, "load_policy", lambda word: policy)
+    found = NamedPolicy("made", meta["env_id"], meta["env_kwargs"], lambda env: None)
+    monkeypatch.setattr(play, "find_policy", lambda word, flag: found)
     player = play.choose(str(tmp_path))
     assert (player.env_id, player.env_kwargs) == ("TwoLinkFlexArm-v0", {"control_dt": 0.04})
     assert "must be TwoLinkFlexArm-v0" in refused(capsys, "play", "FlexibleArm-v0", "--policy", str(tmp_path))
@@ -136,8 +137,8 @@ def test_a_recording_does_not_choose_what_is_imported(foreign: Path, tmp_path: P
 
 def test_the_keyboard_needs_a_window(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert "there is no window" in refused(capsys, "play")
-    assert "for --video" in refused(capsys, "play", "--video", str(tmp_path / "a.gif"))
-    assert "and --headless" in refused(capsys, "play", "--headless")
+    assert "with --video" in refused(capsys, "play", "--video", str(tmp_path / "a.gif"))
+    assert "or --headless" in refused(capsys, "play", "--headless")
 
 
 def test_keys_are_torques() -> None:
@@ -172,7 +173,7 @@ def test_the_keyboard_in_a_window(monkeypatch: pytest.MonkeyPatch, capsys: pytes
 
 
 def test_wrong_words_of_play(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    assert "unknown policy" in refused(capsys, "play", "--policy", "nobody")
+    assert "--policy = 'nobody': must be a run folder" in refused(capsys, "play", "--policy", "nobody")
     assert "unknown environment; allowed: FlexibleArm-v0" in refused(capsys, "play", "Arm-v0", "--policy", "pd")
     assert "--episodes = 0" in refused(capsys, *SHORT, "--episodes", "0")
     assert "must be JSON" in refused(capsys, "play", "--policy", "pd", "--env-kwargs", "{duration: 2}")
@@ -221,7 +222,7 @@ def test_help_of_a_program_shows_its_flags(capsys: pytest.CaptureFixture[str]) -
     text = capsys.readouterr().out
     assert "usage: flexarm train " in text
     assert "  --n-timesteps " in text
-    assert "environment steps in all" in text
+    assert "total environment steps" in text
 
 
 def test_helps_say_which_files_run_code(capsys: pytest.CaptureFixture[str]) -> None:
@@ -229,7 +230,7 @@ def test_helps_say_which_files_run_code(capsys: pytest.CaptureFixture[str]) -> N
         with pytest.raises(SystemExit):
             main([command, "--help"])
         text = " ".join(capsys.readouterr().out.split())
-        assert "policy.npz holds numbers alone" in text or "pickles" in text, command
+        assert "read as numbers only" in text or "pickles" in text, command
 
 
 def test_benchmarks_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
@@ -239,7 +240,7 @@ def test_benchmarks_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert not any(line.startswith("machine") for line in lines)
     assert {"name", "what"} == set(answer(capsys, "bench")["benchmarks"][0])
     sentence = refused(capsys, "bench", "none")
-    assert "no benchmark 'none'; there are " in sentence and " throughput," in sentence
+    assert "no benchmark 'none'; available: " in sentence and " throughput," in sentence
 
 
 def test_without_a_checkout_a_sentence(

@@ -286,7 +286,7 @@ def test_a_policy_file_gives_the_same_actions(tmp_path: Path, slew):
 
 def test_policies_that_do_not_fit_are_refused(tmp_path: Path, slew, reach):
     path = tmp_path / "policy.npz"
-    refuses(r"no policy\.npz there", lambda: control.load_policy(path))
+    refuses("must be a run folder, a file", lambda: control.load_policy(path))
     path.write_bytes(b"PK nonsense")
     refuses("damaged", lambda: control.load_policy(path))
     export_policy.save(small_policy(control.Setup.of(slew), format=99), path)

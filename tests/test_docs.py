@@ -15,7 +15,10 @@ from tests.test_architecture import PACKAGE, ROOMS, ROOT, python_files
 
 DOCS = ROOT / "docs"
 TRAINING = {"tutorials/train.md", "tutorials/circle.md", "tutorials/randomisation.md", "derivatives.md"}
-PAGES = ["index.md", "getting-started.md", "linearization.md"]
+TRAINING |= {"tutorials/wrappers.md", "hyperparameters.md"}
+PAGES = ["index.md", "getting-started.md", "linearization.md", "scenes.md", "suite.md"]
+PAGES += ["environments.md", "environments/options.md", "hyperparameters.md", "identification.md"]
+PAGES += ["library.md", "remote.md", "coming_from_mujoco.md"]
 PAGES += ["derivatives.md", *sorted(f"tutorials/{path.name}" for path in (DOCS / "tutorials").glob("*.md"))]
 BLOCK = re.compile(
     r"(?:<!-- shortened in the tests: (?P<old>.*?) => (?P<new>.*?) -->\n\n)?```(?P<kind>python|sh)\n(?P<code>.*?)```",
@@ -24,8 +27,8 @@ BLOCK = re.compile(
 
 
 def script_of(text: str) -> str:
-    """A page's blocks as one Python script; commands become calls that must succeed."""
-    lines = ["import subprocess, sys"]
+    """A page's blocks as one Python script that defines no name itself; commands become calls that must succeed."""
+    lines = []
     for block in BLOCK.finditer(text):
         code = block["code"]
         if block["old"]:
@@ -37,7 +40,8 @@ def script_of(text: str) -> str:
         for command in code.strip().splitlines():
             words = shlex.split(command)
             assert words[0] == "flexarm", command
-            lines.append(f"subprocess.run([sys.executable, '-m', 'flexarm_env', *{words[1:]!r}], check=True)")
+            call = f"[__import__('sys').executable, '-m', 'flexarm_env', *{words[1:]!r}], check=True"
+            lines.append(f"__import__('subprocess').run({call})")
     return "\n".join(lines)
 
 
@@ -45,9 +49,24 @@ def script_of(text: str) -> str:
 @pytest.mark.parametrize("page", PAGES)
 def test_code_runs_as_printed(page: str, tmp_path: Path) -> None:
     text = (DOCS / page).read_text("utf-8")
+    if page == "coming_from_mujoco.md":
+        pytest.importorskip("mujoco")
     if page in TRAINING:
         pytest.importorskip("stable_baselines3")
-    python("-c", script_of(text), cwd=tmp_path, PYTHONWARNINGS="ignore")
+    (tmp_path / "page.py").write_text(script_of(text), "utf-8")
+    python("page.py", cwd=tmp_path, PYTHONWARNINGS="ignore")
+
+
+def test_every_page_defines_its_names(tmp_path: Path) -> None:
+    """No page needs a name that only a test defines; and pages that no test here runs are run by their own."""
+    pytest.importorskip("ruff")
+    pages = [path for path in sorted(DOCS.rglob("*.md")) if "_build" not in path.parts]
+    for path in pages:
+        blocks = [block["code"] for block in BLOCK.finditer(path.read_text("utf-8")) if block["kind"] == "python"]
+        name = path.relative_to(DOCS).as_posix()
+        (tmp_path / f"{name.replace('/', '_')}.py").write_text("\n".join(blocks), "utf-8")
+        assert not blocks or name in {*PAGES, "architecture.md", "doors.md", "ray.md"} or path.parent.name == "suite"
+    python("-m", "ruff", "check", "--isolated", "--select", "F821,F823", tmp_path)
 
 
 def test_every_page_has_code() -> None:
@@ -64,9 +83,29 @@ def test_every_page_begins_with_what_it_is_for() -> None:
     assert [path.relative_to(DOCS).as_posix() for path, text in own.items() if not begins.match(text)] == []
 
 
+def test_hyperparameters_are_those_of_the_files() -> None:
+    """Numbers in the tables of docs/hyperparameters.md, by environment and key."""
+    yaml = pytest.importorskip("yaml")
+    page = (DOCS / "hyperparameters.md").read_text("utf-8")
+    for algorithm in ("ppo", "gradient", "sac"):
+        file = f"configs/{algorithm}/default.yml"
+        table = re.findall(r"^\|(.*)\|$", page.partition(f"(`{file}`)")[2].partition("\n## ")[0], re.MULTILINE)
+        rows = [[cell.strip(" `") for cell in row.split("|")] for row in table]
+        settings = yaml.safe_load((ROOT / file).read_text("utf-8"))
+        compared = 0
+        for k, env_id in enumerate(rows[0][1:], 1):
+            own = settings[env_id]
+            for row in rows[2:]:
+                for key, cell in zip(re.findall(r"\w+", row[0]), row[k].split(", "), strict=False):
+                    if key in own and key != "use_sde":
+                        assert float(cell) == float(str(own[key]).removeprefix("lin_")), (file, env_id, key)
+                        compared += 1
+        assert compared > 6, file
+
+
 # ----------------------------------------------------------------- the API
 INSIDE = {"compiler", "layout", "physics", "runtime", "tasks", "batch", "curves", "rest", "rotations"}
-INSIDE |= {"cli", "data", "__main__", "__init__"}
+INSIDE |= {"cli", "data", "__main__", "__init__", "accuracy_space", "meshing"}
 """Rooms that are not for use from outside."""
 
 
@@ -79,6 +118,21 @@ def documented() -> set[str]:
 def test_every_public_room_is_in_the_api() -> None:
     rooms = {name.split(".")[1] for name in documented()}
     assert rooms == set(ROOMS) - INSIDE
+
+
+WITHOUT = """
+import importlib, sys
+for name in ("torch", "stable_baselines3", "sb3_contrib"):
+    sys.modules[name] = None
+for name in sys.argv[1:]:
+    importlib.import_module(name)
+"""
+
+
+def test_the_site_needs_no_pytorch() -> None:
+    """Sphinx has stand-ins for two modules that are PyTorch's own; the others are imported without it."""
+    own = documented() - {"flexarm_env.sb3", "flexarm_env.torch"}
+    python("-c", WITHOUT, *sorted(own))
 
 
 def shown() -> set[object]:

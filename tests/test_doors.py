@@ -71,7 +71,7 @@ def test_a_served_arm_is_driven_from_c(tmp_path: Path, one: tuple[str, int, Sess
     for _ in range(1000):  # the last packet, a farewell, may still be on its way as the program ends
         if session.peer is not None:
             time.sleep(0.01)
-    assert session.counts["accepted"] == 202 * runs and set(session.counts) == {"accepted", "missing"}
+    assert session.counts["accepted"] == 202 * runs and set(session.counts) == {"challenged", "accepted", "missing"}
     assert session.counts["missing"] == 0
 
 

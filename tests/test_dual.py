@@ -10,14 +10,13 @@ from flexarm_env.compiler import (
     EIGHT,
     SINGLE,
     absolute,
-    arms,
     dual,
     kernel,
-    largest,
+    lane_count,
     load,
+    load_lane,
+    max_over_lanes,
     maximum,
-    pick,
-    place,
     round_even,
     select_lt,
     sincos,
@@ -25,6 +24,7 @@ from flexarm_env.compiler import (
     square_root,
     stack,
     store,
+    store_lane,
 )
 from flexarm_env.physics.arithmetic import arctangent, clip, decay
 
@@ -61,7 +61,7 @@ def _all(lane, x, out):
     store(out, 22, arctangent(a, b))
     store(out, 23, clip(a, 0.6))
     store(out, 24, splat(lane, 2.0))
-    store(out, 25, splat(lane, largest(a)))
+    store(out, 25, splat(lane, max_over_lanes(a)))
     room = stack(lane, (0, 0))
     store(room, 0, a * b)
     store(room, 1, b)
@@ -72,7 +72,7 @@ def _all(lane, x, out):
     total /= b
     store(out, 26, total)
     store(out, 27, square_root(a - a))
-    store(out, 28, splat(lane, float(arms(lane))))
+    store(out, 28, splat(lane, float(lane_count(lane))))
 
 
 _VALUES: list[Callable[[Any, Any], Any]] = [
@@ -111,10 +111,10 @@ def test_every_rule_against_complex_steps(lane: tuple[int, ...], tangents: int) 
 @kernel
 def _by_arm(lane, x, out):
     """One number, arm by arm."""
-    for i in range(arms(lane)):
-        sine, _ = sincos(pick(lane, x, 0, i))
-        place(lane, out, 1, i, sine * pick(lane, x, 1, i) + 0.5)
-        place(lane, out, 2, i, 3.0)
+    for i in range(lane_count(lane)):
+        sine, _ = sincos(load_lane(lane, x, 0, i))
+        store_lane(lane, out, 1, i, sine * load_lane(lane, x, 1, i) + 0.5)
+        store_lane(lane, out, 2, i, 3.0)
 
 
 @kernel
@@ -127,7 +127,7 @@ def _by_lane(lane, x, out):
 
 @pytest.mark.parametrize("lane", [SINGLE, EIGHT, dual(SINGLE, 2), dual(EIGHT, 3)], ids=len)
 def test_an_arm_by_itself_has_the_numbers_that_it_has_among_others(lane: tuple[int, ...]) -> None:
-    """`pick` and `place` of each arm, values and tangents: the bits of `load` and `store`."""
+    """`load_lane` and `store_lane` of each arm, values and tangents: the bits of `load` and `store`."""
     x = np.random.default_rng(6).uniform(-1.5, 1.5, 2 * len(lane))
     out = np.full((2, 3 * len(lane)), 7.0)
     for function, rows in zip((_by_arm, _by_lane), out, strict=True):

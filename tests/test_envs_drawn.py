@@ -10,6 +10,8 @@ import pytest
 
 from flexarm_env import arms
 from flexarm_env.derivatives import Arms
+from flexarm_env.envs.options import plan
+from flexarm_env.envs.task import SLEW
 from flexarm_env.parameters import Joint
 from tests.env_tools import IDS, MULTI, assert_pair_same, assert_same, pair
 from tests.refusals import refuses
@@ -227,8 +229,8 @@ GEARS = Joint(stiffness=30.0, damping=0.03, motor_inertia=2e-5, gear_ratio=20.0,
     [
         (ONE, {"formulation": "geometrically_exact", "tolerance": 1e-9}, 1e-7),
         (ONE, {}, 1e-2),  # the period is corrected for the nominal arm
-        (TWO, {"formulation": "floating_frame", "tolerance": 1e-9}, 1e-6),
-        (SPACE, {"elements": 1, "tolerance": 1e-9}, 1e-6),
+        (TWO, {"formulation": "floating_frame", "segments": 2, "dt": 0.0025, "tolerance": 1e-9}, 1e-6),
+        (SPACE, {"elements": 1, "dt": 0.0025, "tolerance": 1e-9}, 1e-6),
     ],
 )
 def test_a_hub_is_drawn_behind_a_gear_that_gives(env_id: str, options: dict[str, Any], off: float) -> None:
@@ -244,3 +246,34 @@ def test_a_hub_is_drawn_behind_a_gear_that_gives(env_id: str, options: dict[str,
     drawn, made, nominal = (rows / np.abs(found[1]).max(axis=0) for rows in found)
     np.testing.assert_allclose(drawn, made, atol=off)
     assert np.abs(drawn - nominal).max() > 0.05
+
+
+@pytest.mark.parametrize("more", [{}, {"delay": (0.0, 6 * DT)}], ids=["lag", "lag and delay"])
+def test_motors_whose_lag_is_drawn(more: dict[str, Any]) -> None:
+    """The lag that info tells is at work: torques are those of a motor that lags so much, in vectors too."""
+    low, high = 0.01, 0.08
+    many = gym.make_vec(ONE, num_envs=N, actuator={"lag": (low, high), **more}, dt=DT)
+    info, outcomes, _ = run(many, share=1.0)
+    lags = info["drawn_command_lag"]
+    assert low <= lags.min() and lags.max() <= high and len(set(lags)) == N and np.std(lags) > 0.01
+    assert all((out[-1]["drawn_command_lag"] == lags).all() for out in outcomes)
+    for i in range(0, N, 4):
+        given = {"lag": float(lags[i])} | ({"delay": float(info["drawn_command_delay"][i])} if more else {})
+        _, same, _ = run(gym.make(ONE, actuator=given, dt=DT), seed=5, share=1.0)
+        for out, other in zip(outcomes, same, strict=True):
+            assert out[-1]["joint_torque"][i] == pytest.approx(other[-1]["joint_torque"], abs=1e-9)
+    alone = gym.make(ONE, actuator={"lag": (low, high), **more}, dt=DT)
+    _, same, _ = run(alone, share=1.0)
+    assert all((out[0][0] == other[0]).all() for out, other in zip(outcomes, same, strict=True))
+
+
+def test_ranges_of_lags() -> None:
+    """From 0 on, no lag at all; a range of one number is that number; what is no range is refused."""
+    none: Any = gym.make(ONE, actuator={"lag": (0.0, 1e-7)}, dt=DT)
+    ideal, same = run(none, 5)[1], run(gym.make(ONE, dt=DT), 5)[1]
+    for out, other in zip(ideal, same, strict=True):
+        assert out[-1]["hub_torque"] == pytest.approx(other[-1]["hub_torque"], abs=1e-12)
+    one, same = (plan(SLEW, actuator={"lag": lag}).extras.actuator for lag in (0.02, (0.02, 0.02)))
+    assert one == same
+    with pytest.raises(ValueError, match=r"actuator.lag = \(0.05, 0.01\): must be \(low, high\) with low at most high"):
+        plan(SLEW, actuator={"lag": (0.05, 0.01)})

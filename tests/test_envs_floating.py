@@ -182,7 +182,7 @@ def test_what_is_observed_of_the_base() -> None:
     expected |= {"to_target_x": way[0], "to_target_y": way[1]}
     for name, value in expected.items():
         assert abs(seen[name] - value) < 3e-6, name
-    assert info["reward_attitude"] == pytest.approx(-0.5 * min(psi * psi, 1.0), rel=1e-12)
+    assert info["reward_attitude"] == pytest.approx(0.5 - 0.5 * min(psi * psi, 1.0), rel=1e-12)
     assert reward == pytest.approx(sum(value for name, value in info.items() if name.startswith("reward_")))
     arm = plan.arm
     scales = dict(zip(plan.names, plan.scales, strict=True))

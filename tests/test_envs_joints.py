@@ -55,7 +55,7 @@ def test_a_held_arm_shakes_on_its_gear_and_the_motor_stands() -> None:
 def test_a_current_is_a_torque() -> None:
     """30 x 0.05 N m/A x 1.2 A = 1.8 N m, and the torque limit holds where that is less."""
     asked = {"current": np.full((20, 1), 0.5), "torque": np.full((20, 1), 0.5 * 1.8 / 2.0)}
-    common: dict[str, Any] = {"arm": geared("strip"), "info_level": "full"}
+    common: dict[str, Any] = {"arm": geared("strip"), "info_level": "full", "dt": 0.02 / 3.0}
     one, other = (outcomes(gym.make(ONE, **common, action_mode=m), a, start=0.0) for m, a in asked.items())
     for a, b in zip(one, other, strict=True):
         np.testing.assert_allclose(a[0], b[0], atol=1e-5)

@@ -254,6 +254,58 @@ def test_a_forked_child_steps_the_parent_s_environment_on_its_own_threads() -> N
     assert_same(mine, [o[0] for o in rollout(env)])
 
 
+def test_one_single_environment_is_one_thread_s() -> None:
+    """Four threads that stepped one were not rejected, and each saw parts of the others' steps."""
+    env: Any = gym.make("FlexibleArm-v0", duration=1e6).unwrapped
+    env.reset(seed=0)
+    action, sentences, inside = np.zeros(1, np.float32), list[str](), threading.Barrier(2)
+    step = env._step
+
+    def slow(*words: int) -> Any:
+        inside.wait(60)
+        inside.wait(60)
+        return step(*words)
+
+    env._step = slow
+    other = threading.Thread(target=env.step, args=(action,))
+    other.start()
+    inside.wait(60)
+    for use in (lambda: env.step(action), env.reset, env.get_state, lambda: env.set_state({})):
+        with pytest.raises(RuntimeError, match="another thread is at work in this environment: one environment serves"):
+            use()
+    inside.wait(60)
+    other.join(60)
+    env._step = step
+    env.step(action)
+
+    def broken(*words: int) -> Any:
+        raise KeyboardInterrupt
+
+    env._step = broken
+    with pytest.raises(KeyboardInterrupt):
+        env.step(action)
+    env._step = step
+    env.step(action)  # what was interrupted goes on
+    with pytest.raises(ValueError, match="seed"):
+        env.reset(seed=-1)
+    env.step(action)
+
+    def work() -> None:
+        try:
+            for _ in range(20_000):
+                env.step(action)
+        except RuntimeError as error:
+            sentences.append(str(error))
+
+    threads = [threading.Thread(target=work) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(120)
+    assert all("another thread is at work" in one for one in sentences)
+    env.step(action)
+
+
 def test_two_threads_step_different_environments() -> None:
     envs = [gym.make_vec("FlexibleArm-v0", num_envs=64, threads=2) for _ in range(2)]
     alone = [o[0] for o in rollout(envs[0], 60)]

@@ -129,7 +129,7 @@ def thrown(actions: np.ndarray, **options: Any) -> np.ndarray:
     for action in actions:
         info = envs.step(action)[4]
         assert (info["solver_status"] == "ok").all() and (np.hypot(*info["tip_position"].T) < 1.01).all()
-    assert envs.unwrapped.batch._alone is None
+    assert envs.unwrapped.batch.repeats == 0
     return np.asarray(info["tip_position"])
 
 

@@ -90,7 +90,7 @@ def test_a_served_arm_is_excited_as_designed(tmp_path: Path, capsys: pytest.Capt
     with served(Server(Session(env, Limits(watchdog=100), seed=1), log=tmp_path / "log.csv")) as (host, port):
         assert main(["run", str(file), "--to", f"{host}:{port}", "--most-angle", "9"]) == 0
         assert "ended: time" in capsys.readouterr().out
-        assert main(["run", str(file), "--to", f"{host}:{port}", "--most-angle", "0.001"]) == 0
+        assert main(["run", str(file), "--to", f"{host}:{port}", "--most-angle", "0.001"]) == 4
         assert "ended: angle" in capsys.readouterr().out
         wrong = tmp_path / "wrong.csv"
         for text, says in (

@@ -6,14 +6,18 @@ import itertools
 import json
 import re
 import shlex
+from contextlib import closing
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
-from flexarm_env.control import NumpyPolicy, load_policy
-from flexarm_env.control.export import Entries, c_name, c_source, onnx_bytes
-from tests.c_tools import needs_compiler, run_c, shared
+from flexarm_env import arms
+from flexarm_env.control import NumpyPolicy, load_policy, make
+from flexarm_env.control.export import Entries, c_comment, c_name, c_named, c_source, harmless, onnx_bytes
+from flexarm_env.control.in_c import controller_source
+from tests.c_tools import needs_compiler, shared
 from tests.cli_tools import answer, refused
 
 CLOSE = 1e-6
@@ -103,8 +107,70 @@ def test_c_scales_clips_and_remembers_what_is_measured(tmp_path: Path):
 
 
 @needs_compiler
+def test_c_forgets_a_reading_that_is_not_finite(tmp_path: Path):
+    """A NaN stayed in the history: actions were NaN for as many periods. A controller's file gives 0 and forgets it."""
+    policy = POLICIES["tanh"]
+    library = shared(tmp_path, source_of(policy))
+    measured = np.random.default_rng(3).normal(size=(20, 5)).astype(np.float32)
+    memory = ctypes.create_string_buffer(4 * 10 + 4)
+    library.policy_reset(memory)
+    wanted = by_c(library.policy_act, measured, 2, memory)
+    for k, bad in ((0, np.nan), (7, np.nan), (12, np.inf), (20, -np.inf)):
+        wrong = np.insert(measured, k, measured[0], axis=0)
+        wrong[k, 2] = bad
+        library.policy_reset(memory)
+        found = by_c(library.policy_act, wrong, 2, memory)
+        assert not found[k].any() and np.array_equal(np.delete(found, k, axis=0), wanted)
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", POLICIES)
+def test_c_decides_as_numpy_does_of_numbers_without_measure(name: str, tmp_path: Path):
+    """One entry of 1e36, or infinite, made NaN of the float32 that a product is cut in two by."""
+    policy = POLICIES[name]
+    seen, joints = observations(policy)[:40], policy.weights[-1][0].shape[1]
+    decide = shared(tmp_path, source_of(policy)).policy_decide
+    for k, value in enumerate((1e9, -1e12, 1e30, 1e36, -3e38, np.inf, -np.inf)):
+        rows = seen.copy()
+        rows[np.arange(40), (np.arange(40) + k) % seen.shape[1]] = value
+        found = by_c(decide, rows, joints)
+        with np.errstate(invalid="ignore"):  # rectified infinities of either sign, added, are NaN in Python too
+            wanted = policy.act(rows)
+        good = np.isfinite(wanted)
+        assert np.isfinite(found).all() and (good.all() or np.isinf(value))
+        assert (np.abs(found - wanted)[good] <= CLOSE).all(), value
+    rows[:, 1] = np.nan
+    assert not by_c(decide, rows, joints).any()
+
+
+@needs_compiler
+def test_no_name_writes_code(tmp_path: Path):
+    """`name = "x */ int pwned(void){return 1;} /*"` of an arm was a function of the controller's file."""
+    rng = np.random.default_rng(1)
+    words = ("*/", "/*", "*", "/", "??/", "?", "\\", "\n", "\r", "\0", "x", '"', "é", "//", " ")
+    names = ["x */ int pwned(void){return 1;} /*", "*??/\n/ int pwned(void){return 1;} /*", "*\\\n/ int pwned(void);"]
+    names += ["".join(rng.choice(words, 12)) for _ in range(200)]
+    lines = [harmless(name) for name in names]
+    for line in lines:
+        assert not re.search(r"\*/|/\*|\\|\?\?|[^ -~]", line), line
+    # in one comment, each at the end of its line, under a compiler that knows trigraphs and treats warnings as errors
+    text = f"{c_comment(names)}\nint one(void);\nint one(void) {{ return 1; }}\n"
+    library = shared(tmp_path, text, "-std=c99", "-Wcomment", "-Wtrigraphs")
+    assert library.one() == 1 and not hasattr(library, "pwned")
+    arm = dataclasses.replace(arms.named("strip"), name=names[0])
+    with closing(gym.make("FlexibleArm-v0", arm=arm)) as env:
+        text = controller_source(make("pd", env), "pd")
+    assert "for the arm x * / int pwned(void){return 1;} / *\n" in text
+    (tmp_path / "pd").mkdir()
+    assert not hasattr(shared(tmp_path / "pd", text), "pwned")
+    for name in ("x */", "a b", "", "1a", "a\n", "é", 5):
+        with pytest.raises(ValueError, match="must be a C identifier"):
+            c_named("NAME", name)  # type: ignore[arg-type]
+
+
+@needs_compiler
 @pytest.mark.parametrize("name", [pytest.param("two_link", marks=pytest.mark.slow), "flexible_arm"])
-def test_packaged_policies_in_c_and_how_long_they_take(name: str, tmp_path: Path, capsys):
+def test_packaged_policies_in_c_decide_as_numpy_does(name: str, tmp_path: Path, capsys):
     found = answer(capsys, "export", name, "--to", "c", "--out", str(tmp_path / "policy.c"))
     assert found["function"] == "policy_decide"
     source = (tmp_path / "policy.c").read_text()
@@ -114,11 +180,6 @@ def test_packaged_policies_in_c_and_how_long_they_take(name: str, tmp_path: Path
     seen = observations(policy)
     wanted = policy.act(seen)
     assert np.abs(by_c(shared(tmp_path, source, "-O2").policy_decide, seen, joints) - wanted).max() <= CLOSE
-    (tmp_path / "time.c").write_text(TIMED.replace("SIZE", str(seen.shape[1])))
-    assert float(run_c(tmp_path, "time", "-O2")) < 20e-6
-
-
-TIMED = (Path(__file__).parent / "programs" / "timed.c").read_text("utf-8")
 
 
 @pytest.mark.parametrize("name", POLICIES)
@@ -147,10 +208,10 @@ PD, ZV = "pd --env FlexibleArm-v0 --to", "zv --env TwoLinkFlexArm-v0 --to"
     ("words", "sentence"),
     [
         ("two_link --to onnx --out policy.c", "must end in .onnx"),
-        ("nobody --to c --out policy.c", "no policy.npz there"),
+        ("nobody --to c --out policy.c", "must be a run folder"),
         ("two_link --to ada --out policy.c", "invalid choice"),
         ("two_link --to c --env X --out policy.c", "must not be given"),
-        ("two_link --to c --out policy.c --cpu native", "but with --to library or fmu"),
+        ("two_link --to c --out policy.c --cpu native", "requires --to library or fmu"),
         ("lqr --to c --out lqr.c", "--env"),
         ("lqr --env FlexibleArm-v0 --to onnx --out lqr.onnx", "must be c"),
         ("time_optimal --env FlexibleArm-v0 --to c --out time.c", "slew"),

@@ -500,12 +500,34 @@ def test_view_tells_what_is_wrong_with_a_file(
         assert f"{name}.npz: damaged, or no trajectory, episodes or policy of this package (" in told
         assert not FORBIDDEN.search(told)
     shutil.copyfile(kept["reference"], "run.csv")
-    assert "a .csv file has not all that a page shows (simulate --out RUN.npz has)" in refused(
+    assert "(from simulate --out RUN.npz): a .csv file lacks data for the page" in refused(
         capsys, "view", "run.csv"
     )
 
 
-def test_model_zip_is_told_what_to_give_instead(
+def test_a_text_with_no_character_and_a_broken_scene_are_refused_by_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One flipped bit made a text that Python itself cannot print; of a broken scene no file was named."""
+    monkeypatch.chdir(tmp_path)
+    run = trajectory()
+    run.to_npz(tmp_path / "good.npz")
+    with zipfile.ZipFile("good.npz") as whole:
+        members = {name: whole.read(name) for name in whole.namelist()}
+    scene = members["scene.npy"]
+    at = len(scene) - 4 * 40
+    flipped = bytearray(scene)
+    flipped[at + 2] ^= 0x20  # of a character's four bytes the third: beyond the last one that there is
+    broken = scene[:at] + "[[[\n".encode("utf-32-le") + scene[at + 16 :]
+    for name, content, sentence in (
+        ("flipped", bytes(flipped), "flipped.npz: damaged, or no trajectory of this package (scene.npy holds "),
+        ("broken", broken, "broken.npz: scene: not a TOML file: "),
+    ):
+        Path(f"{name}.npz").write_bytes(archive(members | {"scene.npy": content}))
+        assert sentence in refused(capsys, "view", f"{name}.npz")
+
+
+def test_a_zip_that_is_no_model_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -516,7 +538,7 @@ def test_model_zip_is_told_what_to_give_instead(
         ("play", "--headless", "--policy"),
     ):
         told = refused(capsys, *words, "model.zip")
-        assert "give its run folder or the policy.npz there, which flexarm train writes" in told
+        assert "model.zip: no model of Stable-Baselines3 that can be read" in told
 
 
 def test_a_policy_is_known_by_what_it_holds(kept: dict[str, Path]) -> None:

@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 import flexarm_env
-from benchmarks.identification import turns
+from benchmarks.identification import by_torques, turns
 from flexarm_env import Joint, Motor, Scene, StrainGauge, arms
 from flexarm_env.identification import BadLog, free_decay, identify, randomization, read_config, read_run, vaf
+from flexarm_env.identification.channels import deviations
+from flexarm_env.identification.discretization import resolve
 from flexarm_env.identification.fit import Problem, Solver
 from flexarm_env.identification.log import Run
 from flexarm_env.identification.model import Experiment
@@ -66,12 +68,12 @@ def swing(seed: int, T: float = 5.0) -> tuple[np.ndarray, np.ndarray]:
 
 
 def log(folder: Path, seed: int = 0, noise: float = 0.01, name: str = "run") -> Path:
-    """A log of the true strip: hub angle and a filtered, offset, noisy gauge."""
+    """A log of the true strip, at a fifth of the fit's step: hub angle and a filtered, offset, noisy gauge."""
     arm, (t, angle) = truth(), swing(seed)
     scene = Scene(
-        "log", arm, duration=t[-1], dt=0.0025, motions=(flexarm_env.Motion("joint0", spline_table(t, angle)),)
+        "log", arm, duration=t[-1], dt=0.0005, motions=(flexarm_env.Motion("joint0", spline_table(t, angle)),)
     )
-    run = flexarm_env.simulate(scene, "elastica", nodes=5, sample=0.01, estimate_error=False)
+    run = flexarm_env.simulate(scene, "elastica", nodes=7, sample=0.01, estimate_error=False)
     strain = run.measured()["strain_gauge_1"]
     strain = strain + noise * strain.std() * np.random.default_rng(seed + 1).normal(size=len(t))
     return write(folder / f"{name}.csv", {"t": t, "hub": angle, "strain": strain})
@@ -448,3 +450,48 @@ def test_frequency_and_damping_by_amplitude() -> None:
     for measured, predicted in ((np.ones(3), np.ones(3)), (t[:3], t[:2]), ([], [])):
         with pytest.raises(ValueError, match=r"^(measured|shape of (measured|predicted)) = .*: must"):
             vaf(measured, predicted)
+
+
+@pytest.mark.slow
+def test_intervals_hold_for_a_log_that_another_solver_wrote() -> None:
+    """At the default step alone EI misses the exact beam's by three half widths, the hub's inertia by four."""
+    problem, truth = by_torques(0)
+    solver = Solver(problem)
+    found = solver.run()
+    coarse = np.abs(problem.values(found.z) - truth) / uncertainty(problem, found.z).half
+    resolved = resolve(solver, found)
+    fine = np.abs(resolved.problem.values(resolved.fit.z) - truth) / resolved.uncertainty.half
+    assert coarse[[0, 3]].min() > 2.0 and fine[:4].max() < 1.0
+    assert resolved.problem.experiment.refinements["step"] > 1 and not resolved.coarse
+    assert not any(one.contradicts for one in deviations(resolved.problem, resolved.fit.z))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda run: {"outputs": strained(run, 1.1 * run.outputs["strain_gauge_1"])}, "column 'strain' reads"),
+        (
+            lambda run: {"outputs": strained(run, np.interp(run.t - 0.01, run.t, run.outputs["strain_gauge_1"]))},
+            "column 'strain' comes",
+        ),
+        (lambda run: {"t": 1.05 * run.t}, "the clock of column 't' runs"),
+    ],
+    ids=["louder", "late", "slow"],
+)
+def test_a_log_that_contradicts_its_columns_is_suspect(change: Any, words: str) -> None:
+    """A gauge of 1.1 times the size, one that is 10 ms late, a clock that is 5 % fast."""
+    problem, _ = by_torques(0)
+    run = problem.runs[0]
+    changed = Problem(problem.experiment, [dataclasses.replace(run, **change(run))])
+    solver = Solver(changed)
+    resolved = resolve(solver, solver.run())
+    first = deviations(resolved.problem, resolved.fit.z)[0]
+    assert first.contradicts and first.sentence.startswith(words)
+    wanted = {"column 'strain' reads": 0.1, "column 'strain' comes": 0.01, "the clock of column 't' runs": -0.05}[words]
+    assert first.value == pytest.approx(wanted, rel=0.2)
+
+
+def strained(run: Run, strain: np.ndarray) -> dict[str, np.ndarray]:
+    """A run's outputs with another strain."""
+    return {**run.outputs, "strain_gauge_1": strain}

@@ -3,9 +3,11 @@
 import ast
 import errno
 import hashlib
+import json
 import os
 import subprocess
 import sys
+import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +15,7 @@ from typing import Any
 
 import pytest
 
+from flexarm_env.cli.parser import main
 from flexarm_env.compiler import UNCOMPILED, kernel, objects
 from flexarm_env.compiler.kinds import described_as
 from flexarm_env.compiler.objects import Key, load, save
@@ -140,6 +143,76 @@ def test_killed_half_way(folder: Path) -> None:
     os.utime(part, (0.0, 0.0))
     keep(key("form"), b"code")
     assert [path.name for path in folder.iterdir()] == [key("form").name], "what was left is cleared away later"
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes")
+def test_what_is_no_plain_file_is_not_read(folder: Path) -> None:
+    """A named pipe in the place of a file, which would be waited for, and a folder; a pipe is replaced."""
+    path = keep(key("form"), b"code")
+    path.unlink()
+    os.mkfifo(path, 0o644)
+    assert kept(key("form")) is None
+    keep(key("form"), b"code")
+    assert kept(key("form")) == b"code"
+    path.unlink()
+    path.mkdir()
+    assert kept(key("form")) is None
+
+
+STAMP = "0123456789abcdef"
+
+
+def file_of(folder: Path, name: str, stamp: str, size: int, days: float) -> Path:
+    """A file that is called as one of a program is, last loaded so many days ago."""
+    path = folder / f"{name}-1.{stamp}.{'0' * 24}.o"
+    path.write_bytes(bytes(size))
+    os.utime(path, (time.time() - days * 86400.0,) * 2)
+    return path
+
+
+def test_the_folder_is_bounded(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files of other versions go that were not loaded for long, then those that were not for the longest time; what is
+    no program stays."""
+    monkeypatch.setenv(objects.ROOM, "1.0")
+    monkeypatch.setattr(objects, "_known_size", {})
+    objects.prepare(folder)
+    old = file_of(folder, "a.f", "f" * 16, 10, 40.0)  # of another version
+    recent = file_of(folder, "a.g", "f" * 16, 10, 1.0)
+    files = [file_of(folder, f"a.h{k}", STAMP, 2**18, days) for k, days in enumerate((3.0, 50.0, 2.0, 20.0))]
+    other = folder / "notes.o"
+    other.write_bytes(bytes(2**20))
+    own = keep(key("form", STAMP * 4), b"code")
+    left = [path for path in (*files, old, recent, own, other) if path.exists()]
+    assert left == [files[0], files[2], files[3], recent, own, other]
+    keep(key("form two", STAMP * 4), bytes(2**18))  # counted by this process
+    assert [path for path in files if path.exists()] == [files[0], files[2]]
+
+
+def test_a_file_that_is_loaded_is_the_last_to_go() -> None:
+    path = keep(key("form"), b"code")
+    os.utime(path, (time.time() - 5000.0,) * 2)
+    assert kept(key("form")) == b"code" and path.stat().st_mtime > time.time() - 60.0
+
+
+def test_a_limit_that_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    for text in ("-1", "much", "nan"):
+        monkeypatch.setenv(objects.ROOM, text)
+        with pytest.raises(ValueError, match=f"FLEXARM_CACHE_MB = '{text}': must be a number of megabytes"):
+            objects.limit()
+    monkeypatch.delenv(objects.ROOM)
+    assert objects.limit() == 512 * 2**20
+
+
+def test_clean(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`flexarm compile --clean` deletes programs of all versions, and nothing else."""
+    objects.prepare(folder)
+    file_of(folder, "a.f", "f" * 16, 2**20, 1.0)
+    file_of(folder, "a.<locals>.g", STAMP, 2**20, 1.0)
+    (folder / "notes.o").touch()
+    assert main(["compile", "--clean", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told == {"cache_folder": str(folder), "files_deleted": 2, "MB_deleted": 2.0}
+    assert [path.name for path in folder.iterdir()] == ["notes.o"]
 
 
 def test_locked(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -96,8 +96,8 @@ def test_layouts_of_the_physics_have_the_sizes_that_follow_from_counting() -> No
     assert ELEMENT_FACTORS.offsets(0, 3).end == element
     assert factors.end == (3 + 6) + 2 * (1 + 3 + 1) + 6 * element
     ends = (POSES.places.end, LOAD.places.end, MOTION.places.end, BOOKS.places.end, COUNTS.places.end)
-    assert ends == (12, 3, 3, 2, 4)
+    assert ends == (12, 3, 3, 3, 4)
     rows = 8 * chain.end
     assert WORK.offsets(0, 8, chain.end, 0, factors.end, 3, 2).end == (
-        9 * rows + 8 * (factors.end + 4 * 3 + 2 * 2 * 3 + 2 * 2 + 1 + 2) + 4
+        9 * rows + 8 * (factors.end + 4 * 3 + 2 * 2 * 3 + 2 * 2 + 1 + 3) + 4
     )

@@ -2,6 +2,9 @@
 
 import ctypes
 import dataclasses
+import os
+import shutil
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +18,10 @@ from flexarm_env.cli import main
 from flexarm_env.compiler import UNCOMPILED
 from flexarm_env.derivatives import Periods
 from flexarm_env.library import build, write
+from flexarm_env.library.source import _members
 from flexarm_env.physics.model import OWN_IN_SPACE
+from flexarm_env.rigid import reach
+from flexarm_env.tasks.program import ACTION_NOT_FINITE, ENERGIES, INFO
 from tests.c_arm import Arm
 from tests.c_tools import STRICT, needs_c, run_c
 from tests.cli_tools import refused
@@ -246,6 +252,54 @@ def test_without_a_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     built = write(env, tmp_path, "arm", derivatives=False)
     assert built.library is None and "no C compiler" in built.why and "cmake" in built.why
     assert {"arm.h", "arm.c", "arm_step_program.o", "CMakeLists.txt"} <= {path.name for path in tmp_path.iterdir()}
+
+
+def test_comments_of_the_header_are_sentences() -> None:
+    """`double further[29]; /* a , or nothing */`"""
+    sizes = {"links": 2, "targets": 2, "terms": 3, "further": 29}
+    text = _members(INFO, sizes, {"energies": ENERGIES})
+    assert "double further[29]; /* costs, payload, push, drawn factors, ...: flexarm_env.tasks" in text
+    assert "`" not in text and ", or nothing" not in text
+
+
+@pytest.mark.slow
+@needs_c
+def test_what_a_users_own_build_met(tmp_path: Path) -> None:
+    """The example's own command lacked -lm; NAME.pc in /usr of Debian named usr/lib/include; an arm of 0.94 m took a
+    target 1.27 m away; a torque of 1e308 N m was "not finite"."""
+    env = gym.make("TwoLinkFlexArm-v0")
+    built = write(env, tmp_path, "arm", derivatives=False)
+    first = (tmp_path / "example.c").read_text().splitlines()[0]
+    assert subprocess.run(first[first.index("cc ") : -3], shell=True, cwd=tmp_path, check=False).returncode == 0
+    arm, far = Arm(built), float(reach(env.unwrapped.plan.arm)[1])
+
+    def reset(*target: float) -> int:
+        return int(arm("reset", ctypes.c_uint64(1), None, np.array(target), ctypes.c_double(np.nan)))
+
+    with pytest.raises(ValueError, match="must be within reach"):
+        env.reset(options={"target": (0.95 * far, 0.95 * far)})
+    assert reset(0.95 * far, 0.95 * far) == reset(0.0, -1.001 * far) == -2
+    assert reset(0.6 * far, 0.6 * far) == reset(np.nan, np.nan) == 0
+    wrong = int(ACTION_NOT_FINITE)
+    for torque, status in ((1e308, 0), (-1e300, 0), (np.inf, wrong), (np.nan, wrong)):
+        arm.reset(1)
+        assert arm("step_torques", np.array([torque, 0.0])) == status
+    assert arm.status(wrong) == "the action is not finite"
+    arm.destroy()
+    if not (shutil.which("cmake") and shutil.which("pkg-config")):
+        return
+    for folder in ("lib/x86_64-linux-gnu", "lib", "lib64"):
+        made = tmp_path / folder.replace("/", "-")
+        words = ["-DCMAKE_INSTALL_PREFIX=/usr", f"-DCMAKE_INSTALL_LIBDIR={folder}"]
+        subprocess.run(["cmake", "-S", tmp_path, "-B", made, *words], check=True, capture_output=True)
+        place = tmp_path / "root" / "usr" / folder / "pkgconfig"
+        place.mkdir(parents=True)
+        shutil.copyfile(made / "arm.pc", place / "arm.pc")
+        found = {"PKG_CONFIG_PATH": str(place), "PATH": os.environ["PATH"]}
+        for word, wanted in (("includedir", "root/usr/include"), ("libdir", f"root/usr/{folder}")):
+            asked = ["pkg-config", f"--variable={word}", "arm"]
+            told = subprocess.run(asked, env=found, check=True, capture_output=True, text=True).stdout.strip()
+            assert Path(os.path.normpath(told)) == tmp_path / wanted
 
 
 @needs_c

@@ -221,6 +221,18 @@ def test_eigenvalues_agree_with_modes(formulation: str, options: dict[str, Any])
     assert (result.frequencies == 0.0).sum() == 2  # both joints turn freely
 
 
+def test_a_pole_that_only_decays_is_no_frequency() -> None:
+    """A free elbow with friction decays at a rate; it was listed as a vibration of 0.08 Hz."""
+    arm = arms.named("de_luca_siciliano")
+    arm = replace(arm, joints=(Joint(), Joint(friction_viscous=0.05)))
+    result = modes(at_rest(arm), 4, "elastica", nodes=4, clamped=True)
+    decays = (result.eigenvalues.imag == 0.0) & (result.eigenvalues.real < 0.0)
+    assert decays.sum() == 1 and result.damping[decays] == pytest.approx([1.0])
+    assert (result.frequencies[decays] == 0.0).all()
+    moving = result.frequencies > 0.0
+    assert result.frequencies[moving] == pytest.approx(abs(result.eigenvalues[moving]))
+
+
 @pytest.mark.parametrize("clamped", [True, False])
 @pytest.mark.parametrize("tau_d", [1e-3, 0.1])
 def test_damping_of_a_slender_beam(tau_d: float, clamped: bool) -> None:

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from flexarm_env import Arm, Link, Section, arms, control, shapes
-from flexarm_env.control import ilqr, optimal, time_optimal
+from flexarm_env import Arm, Elbow, JointTorque, Link, Payload, Scene, Section, arms, control, shapes, simulate
+from flexarm_env.control import ilqr, optimal, replay, time_optimal
 from flexarm_env.control.arm_model import arm_model
 from flexarm_env.control.dynamics import dynamics
+from flexarm_env.time_functions import steps as stairs
 from tests.differences import central
 from tests.refusals import refuses
 
@@ -320,3 +321,103 @@ def test_what_is_read_is_in_the_state(two):
     rates = np.einsum("mns,ms->mn", slope[..., : two.half], x[:, two.half :])
     read = np.concatenate([x[:, two.joints], x[:, two.half + two.joints], bends, rates], axis=1)
     assert read == pytest.approx(outputs, abs=1e-5)
+
+
+# ------------------------------------------------------------------ replays
+LIMP = Arm(
+    "limp",
+    tuple(Link(length, Section.rectangle(0.03, h, 7e10, 2700.0, 2.6e10)) for length, h in ((0.5, 0.003), (0.4, 0.002))),
+    hub_inertia=0.01, elbows=(Elbow(0.1, 1e-4, 1e-4),), payload=Payload(0.05, 1e-5), torque_limits=(1.0, 0.3),
+)  # fmt: skip
+
+
+def on_the_exact_beam(arm, motion):
+    """Largest deflections (N,), final joint angles and rates (N,) of the first plan by `simulate`."""
+    t, limits = DT * np.arange(len(motion.controls)), np.array(arm.torque_limits)
+    loads = tuple(JointTorque(k, stairs(t, u * limits[k])) for k, u in enumerate(motion.controls[:, 0].T))
+    scene = Scene("plan", arm, duration=DT * int(motion.ends[0]), dt=5e-4, sample=2.5e-3, loads=loads)
+    run = simulate(scene, "geometrically_exact", elements=8, estimate_error=False)
+    return np.abs(run.tip_deflection).max(axis=0), run.joint_angles[-1], np.abs(run.joint_rates[-1])
+
+
+@pytest.mark.slow
+def test_a_plan_that_the_arm_breaks_is_not_found():
+    """On four nodes the arm rests at the goal, deflected by at most 0.02 on its way; on the exact beam it does not."""
+    plant = dynamics(LIMP, DT)
+    start, goal = plant.rest(np.zeros((1, 2))), plant.rest(np.array([[0.6, -0.4]]))
+    motion = optimal.least_time(plant, start, goal, optimal.Bounds(deflection=0.02))
+    assert motion.missed[0] <= optimal.TOLERANCE and not motion.found[0]
+    bends, angles, rates = on_the_exact_beam(LIMP, motion)
+    assert bends.max() > 0.026 and abs(angles[1] + 0.4) > 0.01 and rates.max() > 0.2
+    assert motion.replay.deflection[0] == pytest.approx(bends, rel=0.05)
+    assert abs(motion.replay.off[0, 1]) > 0.01 and np.abs(motion.replay.rates[0]).max() > 0.2
+
+
+def test_a_replay_sees_what_is_between_control_instants(strip):
+    """Of a plan whose bound holds at control instants: the exact beam's deflection, to 1 % of it."""
+    start, goal = strip.rest(np.zeros((1, 1))), strip.rest(np.array([[0.6]]))
+    motion = optimal.least_effort(strip, start, goal, 60, optimal.Bounds(deflection=0.04))
+    assert motion.found.all() and motion.replay.missed[0] < replay.BENT
+    bends, _, rates = on_the_exact_beam(STRIP, motion)
+    assert motion.replay.deflection[0] == pytest.approx(bends, rel=0.01)
+    assert abs(motion.replay.rates[0, 0]) < 0.01 and rates[0] < 0.02
+    held = dataclasses.replace(motion, replay=dataclasses.replace(motion.replay, kept=np.array([False])))
+    assert not held.found.any() and dataclasses.replace(motion, replay=None).found.all()
+
+
+def test_states_on_more_nodes_are_the_same_shape(two):
+    """Tips, joints and deflections of bent, moving arms: polynomials of degree 3 on eight nodes."""
+    fine = replay.finer(two)
+    x = 0.02 * np.random.default_rng(1).normal(size=(5, two.size))
+    y = replay.refined(two, fine, x)
+    assert y[:, fine.joints] == pytest.approx(x[:, two.joints]) and fine.period == pytest.approx(two.settings.dt / 4)
+    assert y[:, fine.half + fine.joints] == pytest.approx(x[:, two.half + two.joints])
+    assert fine.tip(y)[0] == pytest.approx(two.tip(x)[0], abs=1e-4)
+    assert fine.deflections(y) == pytest.approx(two.deflections(x), abs=1e-4)
+
+
+@pytest.mark.slow
+def test_plans_in_space_are_made_again_in_shorter_steps(monkeypatch):
+    """At 5 ms the replay of this plan misses its goal by 0.03 rad."""
+    plant = dynamics("three_dof", DT, gravity=(0.0, 0.0, -9.81))
+    start, goal = (plant.rest(np.array([angles])) for angles in ([0.0, 0.0, 0.0], [-0.063, -0.408, 0.375]))
+    motion = optimal.least_time(plant, start, goal)
+    assert motion.found.all() and motion.step < plant.step
+    monkeypatch.setattr(optimal, "HALVINGS", 0)
+    coarse = optimal.least_time(plant, start, goal)
+    assert not coarse.found.any() and coarse.replay.missed[0] > 2.0 * motion.replay.missed[0]
+
+
+class Stepped:
+    """A plant in space with a step alone."""
+
+    step = 0.005
+
+    def __init__(self, step=None):
+        self.step = self.step if step is None else step
+        self.arm = arms.named("three_dof")
+
+    def in_steps(self, step):
+        return Stepped(step)
+
+
+@pytest.mark.parametrize(("step", "kept_from", "last"), [
+    (None, 0.005, 0.005), (None, 0.00125, 0.00125), (None, 0.0, 0.000625), (0.004, 0.001, 0.004),
+])  # fmt: skip
+def test_only_a_default_step_is_halved_until_replays_keep_their_limits(step, kept_from, last):
+    """In the longest step the solver fails."""
+    tried = []
+
+    def solve(plant, before):
+        tried.append((plant.step, before))
+        if plant.step == 0.005 and kept_from < 0.005:
+            raise ilqr.Astray(np.ones(1, bool))
+        kept = np.array([plant.step <= kept_from])
+        one = np.zeros((1, 1))
+        found = replay.Replay(one, one, one, np.zeros(1), kept)
+        when = np.ones(1, np.int64)
+        return optimal.Motion(np.zeros((1, 1, 3)), np.zeros((2, 1, 4)), when, np.zeros(1), when, found)
+
+    motion = optimal._refined(Stepped(step), solve)
+    assert motion.step == last and motion.found.all() == (last <= kept_from)
+    assert tried[0][1] is None and len(tried) <= 1 + optimal.HALVINGS

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from flexarm_env.parameters import Arm, Elbow, Joint, Link, Payload, Section
+from flexarm_env.scenes import named
 from flexarm_env.settings import FORMULATIONS, Settings, default_options, options_of
 from flexarm_env.validation import InvalidValue, MissingKey, UnknownKey, number, under
 from tests.refusals import refusal, refuses, says
@@ -132,6 +133,21 @@ def test_defaults_of_each_formulation() -> None:
     assert (elastica.nodes, elastica.rho_inf, elastica.elements) == (6, 1.0, None)
 
 
+def test_paper_names_the_solver_of_the_paper() -> None:
+    """Geometric stiffness [45], Lagrange multipliers, Newmark with beta = 1/4, gamma = 1/2; options override it."""
+    theirs = {"coupling": "paper", "multipliers": True, "newmark": (0.25, 0.5)}
+    assert Settings.make("paper") == Settings.make("floating_frame", **theirs)
+    assert Settings.make("paper").frame == "root"
+    damped = Settings.make("paper", rho_inf=0.9, segments=8)
+    assert (damped.newmark, damped.rho_inf, damped.segments, damped.coupling) == (None, 0.9, 8, "paper")
+    scene = named("robot_arm_motion")
+    assert scene.settings("paper") == scene.settings("floating_frame", **theirs)
+    with pytest.raises(ValueError, match="nodes: unknown option of floating_frame"):
+        Settings.make("paper", nodes=4)
+    with pytest.raises(ValueError, match=r"^formulation = 'papers': must be one of .*\"paper\""):
+        Settings.make("papers")
+
+
 def test_modes_and_newmark_replace_what_they_exclude() -> None:
     modal = Settings.make(modes=3)
     assert (modal.modes, modal.segments, modal.elements, modal.coupling) == (3, None, None, None)
@@ -172,7 +188,7 @@ def test_options_make_the_settings_again(formulation: str) -> None:
         ("geometrically_exact", {"order": 4}, "order = 4: must be a whole number, from 1 to 3"),
         ("geometrically_exact", {"order": 7}, "order = 7: must be a whole number, from 1 to 3"),
         ("geometrically_exact", {"elements": 0}, "elements = 0: must be a whole number, from 1 to 1000"),
-        ("elastica", {"nodes": 2}, "nodes = 2: must be a whole number, from 3 to 12"),
+        ("elastica", {"nodes": 2}, "nodes = 2: must be a whole number, from 3 to 48"),
         ("elastica", {"rho_inf": 1.5}, "rho_inf = 1.5: must be a finite number, at least 0 and at most 1"),
         ("elastica", {"rho_inf": 0.5, "newmark": (0.25, 0.5)}, "rho_inf = 0.5: must not be given together"),
         ("elastica", {"newmark": 0.25}, "newmark = 0.25: must be a sequence of two numbers"),

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from flexarm_env.compiler import UNCOMPILED, kernel, uncompiled
+from flexarm_env.compiler import UNCOMPILED, Family, kernel, uncompiled
 from tests.processes import python
 from tests.refusals import refuses
 
@@ -180,7 +180,7 @@ def everything(lane, model, out):
     squares(lane, model, out)
     first, second = both(lane, (0,), out)
     store(out, 0, first * factor(lane, model) - maximum(second, first))
-    out[out.shape[0] - 1] = largest(first) + one(2.5) + one((1.5, 0)) + len(out[1:3])
+    out[out.shape[0] - 1] = max_over_lanes(first) + one(2.5) + one((1.5, 0)) + len(out[1:3])
 
 for lane, kind, n in ((SINGLE, Left, 2), (SINGLE, Right, (0, 0)), (WIDEST, Right, (0, 0))):
     x, out = np.random.default_rng(1).normal(size=24), np.ones(24)
@@ -195,7 +195,7 @@ for lane, kind, n in ((SINGLE, Left, 2), (SINGLE, Right, (0, 0)), (WIDEST, Right
 
 @kernel
 def step(address, first, last):
-    p = follow(address)
+    p = dereference(address)
     for i in range(first, last):
         p.x[i] += p.number * p.z[i]
     return last - first
@@ -203,7 +203,7 @@ def step(address, first, last):
 same = np.arange(100.0)
 placed = Placed(World(np.zeros(100), same, 2.0, same))
 other = np.arange(100.0) + 1.0
-placed.replace("z", other)
+placed.replace("z", other, other.ctypes.data)
 compiled = entry(step, placed, 0, 0)
 print(compiled(placed.address, 0, 10), placed.value.x[:11])
 print(compiled(placed.address, 10, 100), placed.value.x)
@@ -227,3 +227,11 @@ def test_nothing_loads_another_compiler(tmp_path: Path) -> None:
     lines += "; simulate(named('robot_arm_motion'), duration=0.01)"
     lines += "; print('llvmlite' in sys.modules, [m for m in sys.modules if m.split('.')[0] in ('numba', 'cffi')])"
     assert python("-c", lines).stdout.strip() == "True []"
+
+
+def test_a_kernel_under_no_functions_name_is_refused() -> None:
+    """It would never be called."""
+    family = Family("model")
+    family.function("value", "lane, model")
+    with pytest.raises(TypeError, match=r"'worth' is no function of the family: these are value"):
+        family.register(tuple, worth=lambda lane, model: 1.0)

@@ -12,7 +12,7 @@ from flexarm_env.compiler.lanes import SINGLE
 from flexarm_env.linear import linearize, modes
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.physics.equations import equations
-from flexarm_env.physics.exact.inertia import inertia
+from flexarm_env.physics.exact.inertia import inertia_forces
 from flexarm_env.physics.protocol import State
 from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene
 from flexarm_env.settings import Settings
@@ -50,7 +50,7 @@ def test_inertia_is_what_the_residual_has(order: int) -> None:
     w, model, rng = simulation.work, simulation.model, np.random.default_rng(order)
     n, a = int(model.n), rng.normal(size=int(model.n))
     found, with_a, without, room = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(int(model.n_factor))
-    inertia(SINGLE, model, simulation.par, a, found)
+    inertia_forces(SINGLE, model, simulation.par, None, a, found)
     for r, x in ((with_a, a), (without, np.zeros(n))):
         equations(SINGLE, model, simulation.par, State(w.q, w.v, x), w.u, w.psi, 0, r, room)
     assert np.abs(found - (with_a - without)).max() < 1e-13 * np.abs(found).max()

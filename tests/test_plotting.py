@@ -2,6 +2,8 @@
 
 import dataclasses
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -111,6 +113,8 @@ def test_comparison(runs: dict[str, Trajectory], drawn: list[Figure], tmp_path: 
     assert len(drawn[0].axes[2].lines) == 2
     assert len(drawn[1].axes[2].lines) == 1  # the first run stands for the reference
     refuses("at least one run", lambda: plotting.plot_comparison({}, tmp_path / "c.png"))
+    unlabelled: Any = list(both.values())
+    refuses("must be runs by their labels", lambda: plotting.plot_comparison(unlabelled, tmp_path / "c.png"))
 
 
 def test_runs_that_lie_on_each_other_are_all_seen(
@@ -160,6 +164,20 @@ def test_spectrum_of_a_sine() -> None:
     assert frequency[amplitude.argmax()] == pytest.approx(4.0, abs=0.05)
     assert amplitude.max() == pytest.approx(0.7, rel=0.01)
     refuses("evenly spaced", lambda: plotting.spectrum(t**2, t))
+
+
+def test_the_dominant_peak_is_labelled_and_round_off_is_not(drawn: list[Figure], tmp_path: Path) -> None:
+    """Whichever link has it, and in whichever line; it was that of the first link alone, and one of 5e-5 of it."""
+    t = np.arange(0.0, 8.0, 0.01)
+    first = 1e-3 * np.sin(2 * np.pi * 6.0 * t) + 5e-8 * np.sin(2 * np.pi * 31.0 * t)
+    second = 0.1 * np.sin(2 * np.pi * 2.5 * t) + 2e-3 * np.sin(2 * np.pi * 17.0 * t)
+    run = SimpleNamespace(t=t, tip_deflection=np.stack([first, second], axis=1))
+    plotting.plot_spectrum(run, tmp_path / "s.png", since=0.0, title="two links")
+    said = [text.get_text() for text in drawn[-1].axes[0].texts]
+    assert said[0] == "2.5 Hz" and set(said) <= {"2.5 Hz", "6 Hz", "17 Hz"} and "17 Hz" in said
+    slow = SimpleNamespace(t=t, tip_deflection=0.1 * np.sin(2 * np.pi * 0.13 * t)[:, None])
+    plotting.plot_spectrum(slow, tmp_path / "t.png", since=0.0, title="one slow line")
+    assert [text.get_text() for text in drawn[-1].axes[0].texts] == ["0.125 Hz"]
 
 
 def test_spectrum_finds_the_arms_frequency(runs: dict[str, Trajectory], drawn: list[Figure], tmp_path: Path) -> None:

@@ -28,15 +28,17 @@ def change(folder: Path, diff: str) -> list[str]:
 
 def test_there_is_a_recipe_for_each() -> None:
     assert list(RECIPES) == [
-        "A law of a cross-section", "A nonlinear material", "A spring in a joint", "A sensor", "A reward term",
-        "A task",
+        "A law of a cross-section", "A nonlinear material", "A spring in a joint", "A contribution", "A sensor",
+        "A reward term", "A task",
     ]  # fmt: skip
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "mode"), [*((name, "python") for name in RECIPES), ("A task", "llvm")])
+@pytest.mark.parametrize(
+    ("name", "mode"), [*((name, "python") for name in RECIPES), ("A task", "llvm"), ("A contribution", "llvm")]
+)
 def test_recipe(name: str, mode: str, tmp_path: Path) -> None:
-    """Uncompiled, which takes seconds; a task, whose functions are a stranger's, compiled too."""
+    """Uncompiled, which takes seconds; a task, whose functions are a stranger's, and a contribution compiled too."""
     text = RECIPES[name]
     shutil.copytree(ROOT / PACKAGE, tmp_path / PACKAGE, ignore=shutil.ignore_patterns("__pycache__"))
     changed = [file for diff in re.findall(r"```diff\n(.*?)```", text, re.DOTALL) for file in change(tmp_path, diff)]

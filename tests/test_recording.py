@@ -163,7 +163,7 @@ def test_what_cannot_be_read_is_not_written(three: tuple[list[Episode], list[Any
     assert not list(tmp_path.iterdir())
     file = tmp_path / "named.toml"
     file.write_text(arms.to_toml(arms.named("strip")))  # a recording holds an arm's text, and names no file
-    for value, sentence in ((5, "arm.toml = 5: must be a text"), (str(file), "text: not a TOML file")):
+    for value, sentence in ((5, "arm.toml = 5: must be a text"), (str(file), "arm.toml: not a TOML file")):
         refuses(sentence, partial(replay, changed(one, env_kwargs={"arm": {"arm.toml": value}})))
 
 

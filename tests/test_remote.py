@@ -1,5 +1,6 @@
 """Arms served in real time: packets and their enemies, the watchdog, limits, a circle over loopback."""
 
+import hmac
 import json
 import math
 import socket
@@ -17,10 +18,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from benchmarks.doors import KEY, packets
+from benchmarks.doors import KEY, met, packets
 from flexarm_env.cli import main
 from flexarm_env.cli.remote import key_of
 from flexarm_env.control import make as controller
+from flexarm_env.control.lqg import LQG
 from flexarm_env.physics.layout import SPACE_POSE
 from flexarm_env.remote import (
     MOST_NUMBERS,
@@ -36,7 +38,19 @@ from flexarm_env.remote import (
     pack,
 )
 from flexarm_env.remote.client import run_policy
-from flexarm_env.remote.packet import ARM, HEAD, HELD, LIMITED, OVER, RESET, SET_POINTS, unpack
+from flexarm_env.remote.packet import (
+    ARM,
+    EXPIRED,
+    HEAD,
+    HELD,
+    LIMITED,
+    NO_COOKIE,
+    OVER,
+    RESET,
+    SET_POINTS,
+    unpack,
+)
+from flexarm_env.remote.server import COOKIE_LIFE, SILENCE
 from tests.cli_tools import refused
 from tests.processes import ROOT, served
 from tests.refusals import refuses
@@ -51,10 +65,7 @@ def made(**arguments: Any) -> Session:
 
 def joined(session: Session, address: Any = PEER) -> int:
     """The connection that a peer is given."""
-    answer = session.receive(pack(Packet(Kind.HELLO, 5, 0), session.key), address)
-    assert answer is not None
-    found = unpack(answer, session.key)
-    assert isinstance(found, Packet) and found.kind is Kind.WELCOME
+    found = met(session, address)
     assert found.numbers[:4] == (0.01, 1.0, 6.0, session.limits.watchdog) and found.numbers[4] == 2.0
     return found.connection
 
@@ -77,7 +88,7 @@ def test_a_packet_there_and_back(key: bytes | None) -> None:
     packet = Packet(Kind.COMMAND, 2**64 - 1, 2**32 - 1, 1.5, (0.25, -1e30), ARM | SET_POINTS)
     content = pack(packet, key)
     assert unpack(content, key) == packet and len(content) == HEAD.size + 16 + (32 if key else 0)
-    assert content[:8] == b"FXRM\x01\x00\x03\x03"
+    assert content[:8] == b"FXRM\x02\x00\x03\x03"
     assert unpack(content, b"another") in (Refusal.FORGED, Refusal.SIZE)
     assert unpack(pack(packet._replace(numbers=(math.nan,)), key), key) is Refusal.NUMBERS
     assert unpack(pack(packet._replace(numbers=(1e31,)), key), key) is Refusal.NUMBERS
@@ -112,7 +123,7 @@ def test_the_watchdog_holds_until_it_is_armed_again(hold: str) -> None:
     assert reading(session).numbers[4] == 1.0
     for k in range(6):
         found = reading(session)
-        assert bool(found.flags & HELD) == (k >= 3)
+        assert bool(found.flags & HELD) == bool(found.flags & EXPIRED) == (k >= 3)
         assert (found.numbers[4] == 1.0) == (k < 3)
     command(session, connection, 3, 1.0)  # late: not without ARM
     assert reading(session).flags & HELD and session.reason == "no command for 3 periods"
@@ -131,7 +142,8 @@ def test_limits() -> None:
     assert found.flags & LIMITED and found.numbers[4] == pytest.approx(0.2)
     for k in range(200):
         command(session, connection, k + 2, 1.9)
-        if reading(session).flags & HELD:
+        if (flags := reading(session).flags) & HELD:
+            assert not flags & EXPIRED
             break
     assert session.reason.startswith("a joint is beyond") and session.torque[0] == 0.0
     command(session, connection, 500, 100.0, ARM | RESET)
@@ -158,9 +170,8 @@ def in_space(**arguments: Any) -> Session:
 def test_an_arm_in_space_is_served_and_held() -> None:
     """Its joints' own angles and rates; held, and turned to set points, against its weight."""
     session, rng = in_space(limits=Limits(watchdog=3), hold="angles"), np.random.default_rng(0)
-    answer = session.receive(pack(Packet(Kind.HELLO, 5, 0)), PEER)
-    welcome = unpack(answer or b"")
-    assert isinstance(welcome, Packet) and welcome.numbers[1:3] == (3.0, 27.0) and welcome.numbers[4] == 20.0
+    welcome = met(session, PEER)
+    assert welcome.numbers[1:3] == (3.0, 27.0) and welcome.numbers[4] == 20.0
 
     def ask(numbers: Any, flags: int = 0) -> Packet:
         told = Packet(Kind.COMMAND, welcome.connection, session.last + 1, 0.0, tuple(numbers), flags)
@@ -206,12 +217,123 @@ def test_a_hello_said_twice_and_one_replayed() -> None:
     """Late answers do not make two connections of one; and what is replayed takes nobody's arm away."""
     session = made(key=KEY)
     connection = joined(session)
-    assert joined(session) == connection
+    again = unpack(session.receive(hello(session, session._cookie), PEER) or b"", KEY)
+    assert isinstance(again, Packet) and (again.kind, again.connection) == (Kind.WELCOME, connection)
     command(session, connection, 1, 1.0, ARM)
     assert reading(session).sequence == 2 and session.torque[0] == 1.0
-    assert session.receive(pack(Packet(Kind.HELLO, 5, 0), KEY), PEER) is None and session.counts["busy"] == 1
+    assert session.receive(hello(session), PEER) is None and session.counts["busy"] == 1
     command(session, connection, 2, 0.5)
     assert reading(session).numbers[4] == 0.5
+
+
+def hello(session: Session, cookie: tuple[float, ...] = NO_COOKIE, number: int = 5) -> bytes:
+    return pack(Packet(Kind.HELLO, number, 0, 0.0, cookie), session.key)
+
+
+def challenged(session: Session, address: Any, number: int = 5) -> tuple[float, ...]:
+    """The cookie that an address is given."""
+    found = unpack(session.receive(hello(session, number=number), address) or b"", session.key)
+    assert isinstance(found, Packet) and found.kind is Kind.CHALLENGE and found.connection == number
+    return found.numbers
+
+
+@pytest.mark.parametrize("key", [None, KEY])
+def test_who_only_says_hello_is_sent_no_more_than_it_has_sent(key: bytes | None) -> None:
+    """One HELLO of 32 bytes, from an address that never answers, was sent 120,000 bytes in 10 s, and no end."""
+    session = made(key=key)
+    victims = [("10.0.0.1", port) for port in range(1, 40)]
+    for victim in victims:
+        for content in (hello(session), hello(session, (1.0, 2.0)), hello(session, (7.0,) * 20), hello(session, ())):
+            assert len(session.receive(content, victim) or b"") <= len(content)
+    assert session.peer is None and session.advance() is None
+    assert session.counts[Refusal.COOKIE.name] == 39 and session.counts["challenged"] == 39
+
+
+@pytest.mark.parametrize("key", [None, KEY])
+def test_a_recorded_hello_opens_nothing_from_another_port_or_later(key: bytes | None) -> None:
+    session, other = made(key=key), ("127.0.0.1", 2)
+    cookie = challenged(session, PEER)
+    first, second = hello(session), hello(session, cookie)
+    assert session.receive(second, other) is None and session.peer is None
+    assert len(session.receive(first, other) or b"") == len(first)  # a challenge, which who replays cannot answer
+    connection = joined(session)
+    session.receive(pack(Packet(Kind.BYE, connection, 1), key), PEER)
+    for address in (PEER, other):  # of a connection that was: the count of connections is in a cookie
+        assert session.receive(second, address) is None and session.peer is None
+    cookie = challenged(session, PEER)
+    session.period += round(2.0 * COOKIE_LIFE / 0.01)
+    assert session.receive(hello(session, cookie), PEER) is None and session.peer is None
+    assert session.counts[Refusal.COOKIE.name] == 4
+    session.receive(hello(session, challenged(session, PEER)), PEER)
+    assert session.peer == PEER
+
+
+def test_a_silent_peer_is_dropped() -> None:
+    """It was sent readings for ever."""
+    session = made()
+    joined(session)
+    sent = 0
+    while session.advance() is not None:
+        sent += 1
+        assert sent < 2000
+    assert sent == round(SILENCE / 0.01) and session.peer is None and session.held
+    assert session.reason == "the peer has been silent for 1000 periods"
+    joined(session)
+    assert made(limits=Limits(watchdog=5000)).patience == 5000  # who may be silent for longer is not dropped before
+
+
+@pytest.mark.parametrize("key", [None, KEY])
+def test_a_peer_of_another_version_is_told_so(key: bytes | None) -> None:
+    """By a head alone: no more than its HELLO has. The server says it too, since an earlier peer does not know it."""
+    session = made(key=key)
+    old = HEAD.pack(b"FXRM", 1, Kind.HELLO, 0, 5, 0, 0, 0.0)
+    old = old if key is None else old + hmac.new(key, old, "sha256").digest()
+    answer = session.receive(old, PEER)
+    assert answer is not None and len(answer) == len(old) and session.peer is None
+    found = unpack(answer, key)
+    assert isinstance(found, Packet) and found.kind is Kind.OTHER_VERSION
+    assert session.notice.startswith("127.0.0.1:1 speaks version 1 of the packets, and this server version 2: install")
+    later = answer.replace(b"FXRM\x02", b"FXRM\x03")
+    assert session.receive(later, PEER) is None  # two servers do not answer each other
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as arm:
+        arm.bind(("127.0.0.1", 0))
+        arm.settimeout(5.0)
+        wire: Any = object.__new__(Wire)
+        vars(wire).update(key=None, connection=9, socket=socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+        wire.socket.connect(arm.getsockname())
+        arm.sendto(HEAD.pack(b"FXRM", 2, Kind.OTHER_VERSION, 0, 0, 7, 0, 0.0), wire.socket.getsockname())  # a lie
+        arm.sendto(HEAD.pack(b"FXRM", 3, Kind.OTHER_VERSION, 0, 0, 0, 0, 0.0), wire.socket.getsockname())
+        refuses("speaks version 3 of the packets, and this is version 2", lambda: wire._hello("x"), ConnectionError)
+        wire.socket.close()
+
+
+def test_a_server_that_was_stopped_holds_the_arm(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its peer went on meanwhile, and the commands that had come kept the arm going."""
+    session = made(limits=Limits(watchdog=20))
+    connection = joined(session)
+    command(session, connection, 1, 1.0, ARM)
+    server, waiting = Server(session), [2]
+    monkeypatch.setattr("flexarm_env.remote.server.time", clock := SimpleNamespace(now=0.0))
+    clock.monotonic = lambda: clock.now
+
+    def sleep(*sockets: Any) -> tuple[list[int], list[int], list[int]]:
+        clock.now += sockets[-1] + (2.005 if session.period == 10 else 0.0)
+        return [], [], []
+
+    def receive() -> bool:  # what the system kept while the server stood still
+        found = session.period == 10 and waiting[0] < 200
+        if found:
+            command(session, connection, waiting[0], 1.0, ARM)
+            waiting[0] += 1
+        return found
+
+    monkeypatch.setattr("flexarm_env.remote.server.select", SimpleNamespace(select=sleep))
+    monkeypatch.setattr(server, "_receive", receive)
+    server.serve(0.105 + 2.0)
+    server.close()
+    assert server.missed == 200 and session.last == 199
+    assert session.held and session.expired and session.torque[0] == 0.0
+    assert session.reason == "no command for 20 periods"
 
 
 class Slow:
@@ -257,6 +379,8 @@ def test_enemies(key: bytes | None) -> None:
     assert sum(counts.values()) == sum(sent.values())
     assert counts["missing"] == sent["lost"] and counts["accepted"] == sent["sound"]
     never = {Refusal.FOREIGN} if key else {Refusal.FORGED}  # what is foreign has no signature either
+    never |= {Refusal.COOKIE}  # while a peer is served, all others are told nothing
+    assert counts["busy"] == sent["HELLO of another peer"] and counts["challenged"] == 1
     assert min(counts[word.name] for word in set(Refusal) - never) > 500
 
 
@@ -287,11 +411,13 @@ def test_over_loopback(server: Server, tmp_path: Path, monkeypatch: pytest.Monke
     while plain.wire.read() and not plain.wire.flags & HELD:
         pass
     _, reward, ended, truncated, info = plain.step(np.zeros(1, np.float32))
-    assert (reward, ended, truncated, info["reason"]) == (0.0, False, True, "held")
+    assert (reward, ended, truncated, info["reason"]) == (0.0, False, True, "watchdog expired")
     env.close()
     simulated.close()
-    rows = (tmp_path / "log.csv").read_text().splitlines()
-    assert rows[0].startswith("t,angle0,rate0,torque0,hub_sin,hub_cos")
+    text = (tmp_path / "log.csv").read_text()  # while it is served: no row waits in a buffer
+    rows = text.splitlines()
+    assert rows[0].startswith("t,angle0,rate0,torque0,hub_sin,hub_cos") and text.endswith("\n")
+    assert server.session.period - 20 <= len(rows) - 1 <= server.session.period and len(rows) > 100
 
 
 class Slowly:
@@ -302,6 +428,19 @@ class Slowly:
 
     def act(self, observation: Any) -> Any:
         return np.zeros(3, np.float32)
+
+
+def test_a_peer_that_was_dropped_connects_again(server: Server) -> None:
+    """A policy may take longer for its first action than a peer may be silent."""
+    env = RemoteArmEnv(*server.address, KEY)
+    server.session.patience = 3
+    first = env.wire.connection
+    while server.session.peer is not None:
+        time.sleep(0.01)
+    server.session.patience = 1000
+    env.arm()
+    assert env.wire.connection != first and not server.session.held
+    env.close()
 
 
 @pytest.mark.slow
@@ -356,8 +495,7 @@ def test_a_reading_is_not_waited_for_behind_another() -> None:
 def test_an_arm_is_served_beyond_its_episode() -> None:
     """The server ended with a traceback where the episode did, and the arm with it."""
     session = Session(gym.make("FlexibleArm-v0", control_dt=0.01, duration=0.1), seed=0)
-    answer = unpack(session.receive(pack(Packet(Kind.HELLO, 5, 0)), PEER) or b"")
-    assert isinstance(answer, Packet)
+    answer = met(session, PEER)
     for k in range(20):
         command(session, answer.connection, k + 1, 1.0, ARM if k == 0 else 0)
         found = reading(session)
@@ -420,7 +558,8 @@ def test_an_arm_that_lies(welcome: tuple[float, ...], reading: tuple[float, ...]
         def answer(count: int) -> None:
             for k in range(count):
                 content, address = arm.recvfrom(2048)
-                hello = unpack(content) == Packet(Kind.HELLO, HEAD.unpack_from(content)[4], 0)
+                number = HEAD.unpack_from(content)[4]
+                hello = unpack(content) == Packet(Kind.HELLO, number, 0, 0.0, NO_COOKIE)
                 told = (
                     Packet(Kind.WELCOME, 9, 1, 0.0, welcome) if hello else Packet(Kind.READING, 9, k + 1, 0.0, reading)
                 )
@@ -485,7 +624,7 @@ def test_a_session_does_not_show_its_key() -> None:
 
 def test_beyond_loopback_wants_a_key() -> None:
     session = made()
-    refuses("must be this machine, or be given a key", lambda: Server(session, host="0.0.0.0"))
+    refuses("must be this machine, unless a key", lambda: Server(session, host="0.0.0.0"))
     Server(session, host="0.0.0.0", insecure=True).close()
 
 
@@ -511,11 +650,11 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
         *(
             (["serve", "FlexibleArm-v0", "--key", str(path)], told)
             for path, told in (
-                (short, "must hold from 16 to 4096 bytes"),
+                (short, "must contain 16 to 4096 bytes"),
                 (open_, f"chmod 600 {open_}"),
-                (tmp_path, "must be a file"),
-                ("/dev/zero", "must be a file"),
-                ("", "must be a file"),
+                (tmp_path, "must be a regular file"),
+                ("/dev/zero", "must be a regular file"),
+                ("", "must be a regular file"),
             )
         ),
         *(
@@ -533,13 +672,13 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
         (["run", "pd", "--env", "FlexibleArm-v0", "--to", "no.such.host.invalid:7070"], "no.such.host.invalid:7070: "),
         (["serve", "nobody"], "nobody"),
         *((["serve", "FlexibleArm-v0", "--rate", rate], "--rate") for rate in ("0", "nan", "1e9", "-5")),
-        (["serve", "FlexibleArm-v0", "--env-kwargs", '{"control_dt": 1e-7}'], "control_dt = 1e-07: must be left out"),
+        (["serve", "FlexibleArm-v0", "--env-kwargs", '{"control_dt": 1e-7}'], "control_dt = 1e-07: must not be given"),
         (["serve", "FlexibleArm-v0", "--key", "a\0b"], "null"),
-        (["serve", "FlexibleArm-v0", "--host", "0.0.0.0", "--port", "0"], "must be this machine, or be given a key"),
+        (["serve", "FlexibleArm-v0", "--host", "0.0.0.0", "--port", "0"], "must be this machine, unless a key"),
         (["serve", "FlexibleArm-v0", "--key", str(log.with_suffix(".none"))], "run.none"),
         (["run", "pd", "--to", "nowhere"], "must be HOST:PORT"),
         (["run", "no_such:thing", "--to", "127.0.0.1:9"], "POLICY no_such:thing: cannot be imported"),
-        (["run", "pd", "--to", "127.0.0.1:9"], "with --env for its model"),
+        (["run", "pd", "--to", "127.0.0.1:9"], "together with --env"),
         (["run", "pd", "--env", "FlexibleArm-v0", "--to", "127.0.0.1:9"], "no answer within"),
     ):
         assert sentence in refused(capsys, *words)
@@ -557,6 +696,26 @@ def test_a_function_in_python_drives(server: Server, tmp_path: Path, monkeypatch
     to = ["--to", f"{host}:{port}", "--seconds", "0.2", "--key", str(key)]
     assert main(["run", "driving:act", *to]) == 0
     assert server.session.counts["accepted"] > 10 and server.session.readings()[0] > start + 1e-3  # it turns
+
+
+def test_a_controller_is_designed_before_the_arm_is_connected_to(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`flexarm run lqg` at 200 Hz ended after one step, its arm held while LQG was designed, with exit code 0."""
+    events, acts = list[str](), LQG.act
+    outcome = {"steps": 1, "seconds": 0.005, "lost": 0, "ended": "watchdog expired"}
+    monkeypatch.setattr(LQG, "act", lambda self, seen: (events.append("act"), acts(self, seen))[1])
+    connected = RemoteArmEnv.__init__
+    monkeypatch.setattr(RemoteArmEnv, "__init__", lambda *words: (events.append("connect"), connected(*words))[1])
+    monkeypatch.setattr("flexarm_env.cli.remote.run_policy", lambda *words: outcome)
+    arm = gym.make("FlexibleArm-v0", control_dt=0.01, observation="measured", disable_env_checker=True)
+    with served(Server(Session(arm, seed=0))) as (host, port):
+        words = ["run", "lqg", "--env", "FlexibleArm-v0", "--env-kwargs", '{"observation": "measured"}']
+        words += ["--to", f"{host}:{port}", "--seconds", "0.1"]
+        assert main(words) == 4 and "ended: watchdog expired" in capsys.readouterr().out
+        assert events == ["act", "connect"]
+        outcome["ended"] = "time"
+        assert main(words) == 0
 
 
 @pytest.mark.slow

@@ -335,7 +335,8 @@ def test_a_film_that_finds_no_room_is_a_sentence(ending: str, tmp_path: Path) ->
     pytest.importorskip("imageio_ffmpeg")
     film = tmp_path / f"film{ending}"
     done = python("-c", CROWDED, film, code=2)
-    said = [line for line in done.stderr.splitlines() if line.startswith("flexarm play")]
+    told = [line for line in done.stderr.splitlines() if line.startswith("flexarm play")]
+    said = [line for line in told if not line.startswith("flexarm play: warning: ")]  # the cache finds no room either
     assert len(said) == 1 and said[0].startswith(f"flexarm play: {film}: the film could not be written: ")
     assert "Traceback" not in done.stderr
     assert not list(tmp_path.iterdir())

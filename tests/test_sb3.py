@@ -358,3 +358,25 @@ def test_a_missing_library_is_named() -> None:
     code = "import sys; sys.modules['stable_baselines3'] = None; import flexarm_env.sb3"
     told = python("-c", code, code=1).stderr
     assert "flexarm_env.sb3 needs stable-baselines3: pip install stable-baselines3 (the extra" in told
+
+
+def test_wrappers_of_each_environment() -> None:
+    """Single environments that are wrapped, here the first by another action than the second."""
+    import itertools
+
+    from gymnasium.wrappers import RescaleObservation, TransformReward
+
+    count = itertools.count(1)
+
+    def scaled(one: Any) -> Any:
+        factor = next(count)
+        return TransformReward(one, lambda reward: factor * reward)
+
+    env = make_sb3_vec("FlexibleArm-v0", 2, seed=0, wrappers=[scaled])
+    plain = make_sb3_vec("FlexibleArm-v0", 2, seed=0)
+    assert np.array_equal(env.reset(), plain.reset())
+    action = np.full((2, 1), 0.5, np.float32)
+    seen, rewards, _, _ = env.step(action)
+    same, usual, _, _ = plain.step(action)
+    assert np.array_equal(seen, same) and rewards == pytest.approx(usual * [1.0, 2.0])
+    assert env.env_is_wrapped(TransformReward) == [True, True] and env.env_is_wrapped(RescaleObservation) == [False] * 2

@@ -45,7 +45,7 @@ FORMULATIONS = pytest.mark.parametrize("how", [EXACT, FLOATING])
 # ------------------------------------------------------------------ principles
 @kernel
 def _lost(lane, model, par, q, v):  # type: ignore[no-untyped-def]
-    return protocol.damping_work(lane, model, par, q, v, v)
+    return protocol.damping_power(lane, model, par, q, v, v)
 
 
 class Drawn:
@@ -90,7 +90,7 @@ class Drawn:
 
     def moved(self, q: Array, d: Array) -> Array:
         q = q.copy()
-        uncompiled(protocol.update)(SINGLE, self.model, q, 1.0, d, None)
+        uncompiled(protocol.retract)(SINGLE, self.model, q, 1.0, d, None)
         return q
 
     def residual(self, q: Array, v: Array, a: Array) -> Array:
@@ -185,7 +185,8 @@ def test_a_factor_is_that_on_the_sections(levers: bool, how: str, name: str, she
     found = []
     for arm in (own, other):
         S, x, state = arm.room.copy(), np.sin(np.arange(arm.n)), State(own.q, own.v, own.a)
-        answers.factored(SINGLE, arm.model, arm.par, state, arm.u, Weights(1e4, 1e2, 1.0), x.copy(), S)
+        weights = Weights(1e4, 1e2, 1.0, newton_share=1.0)
+        answers.factored(SINGLE, arm.model, arm.par, state, arm.u, weights, x.copy(), S)
         answers.solved(SINGLE, arm.model, S, x)
         lost = float(_lost(SINGLE, arm.model, arm.par, own.q, own.v))
         found.append((arm.residual(own.q, own.v, own.a), arm.energy(own.q, own.v), lost, x))
@@ -215,7 +216,7 @@ def test_the_iteration_matrix_is_the_derivative(
     a link that is bent without stress stands off its chord, to second order; that of strains what coordinates that are
     relative turn at the rates of those before them, to first order."""
     most = most if how == EXACT else max(most, 2e-3 if how != STRAINS or moving == 0.0 else 5e-3)
-    arm, weights = Drawn(levers, bent, moving, how=how, joints=joints), Weights(1e4, 1e2, 1.0)
+    arm, weights = Drawn(levers, bent, moving, how=how, joints=joints), Weights(1e4, 1e2, 1.0, newton_share=1.0)
     rows = np.array([k for k in arm.rows if k not in arm.model.fixed])
     S, columns = arm.room.copy(), np.zeros((arm.n, arm.n))
     answers.factored(SINGLE, arm.model, arm.par, State(arm.q, arm.v, arm.a), arm.u, weights, np.zeros(arm.n), S)

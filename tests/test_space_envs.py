@@ -192,7 +192,7 @@ def test_gymnasium_checks_it_and_bad_actions_end_an_episode() -> None:
     check_env(env)
     env.reset(seed=0)
     _, _, terminated, _, info = env.step(np.array([np.nan, 0.0, 0.0], np.float32))
-    assert terminated and info["termination_reason"] == "action_not_finite" and info["reward_failure"] == -5.0
+    assert terminated and info["termination_reason"] == "action_not_finite" and info["reward_failure"] < -5.0
     huge, full = (gym.make("SpatialFlexArm-v0", **COARSE) for _ in range(2))
     for one in (huge, full):
         one.reset(seed=3)

@@ -12,7 +12,7 @@ import flexarm_env as fx
 from flexarm_env import arms
 from flexarm_env.compiler import SINGLE, uncompiled
 from flexarm_env.linear import campbell, linearize, modes, static_equilibrium
-from flexarm_env.physics.protocol import difference, update
+from flexarm_env.physics.protocol import local_difference, retract
 from flexarm_env.plotting import plot_campbell
 from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import cycloid
@@ -58,14 +58,14 @@ def after(simulation: Simulation, model: Any, changes: Array, torques: Array, en
     rows = [simulation.system.names.index(name) for name in model.states[:n]]
     other.work.q[:], other.work.v[:], other.t = simulation.work.q, simulation.work.v, simulation.t
     whole[rows] = changes[:n]
-    uncompiled(update)(SINGLE, other.model, other.work.q, 1.0, whole, None)
+    uncompiled(retract)(SINGLE, other.model, other.work.q, 1.0, whole, None)
     other.work.v[rows] += changes[n:]
     u = simulation.work.u[: simulation.scene.arm.n_links].copy()
     u[: len(torques)] += torques
     other.set_torques(u)
     assert other.advance_to(simulation.t + end)
     if about is not None:
-        uncompiled(difference)(SINGLE, other.model, about, other.work.q, whole)
+        uncompiled(local_difference)(SINGLE, other.model, about, other.work.q, whole)
     return other.work.q.copy(), np.concatenate([whole[rows], other.work.v[rows]])
 
 

@@ -15,7 +15,7 @@ from flexarm_env.control import make as controller
 from flexarm_env.scenes import named
 from tests.refusals import refusal
 
-PAGE = Path(__file__).parents[1] / "docs" / "environments" / "spatial.md"
+PAGE = Path(__file__).parents[1] / "docs" / "environments" / "spatial_limits.md"
 SPACE = "SpatialFlexArm-v0"
 SLEW = named("three_dof_slew")
 STRIP: Any = arms.named("three_dof").links[1].section  # type: ignore[union-attr]

@@ -100,3 +100,24 @@ def test_files_and_refusals() -> None:
     turned = bent(motions=(), gravity=None, loads=(JointTorque(0, constant(1.0)),))
     with pytest.raises(NoEquilibrium, match="no rest was found for the scene to start from"):
         simulate(turned, "elastica", nodes=8)
+
+
+@pytest.mark.parametrize("frame", ["root", "chord"])
+def test_sagging_arms_of_modes(frame: str) -> None:
+    """Within the range of the reduction rest is found, and is that of `static_equilibrium`; beyond it the sentence says
+    so, of an arm in the plane without a word of space."""
+
+    def sagging(EI: float) -> Scene:
+        link = Link(1.0, Section(EI=EI, EA=1e6, C=1e6, m=0.3, J=1e-4))
+        arm = Arm("soft", (link,), hub_inertia=0.1, payload=Payload(0.2), tau_d=0.01)
+        return Scene("sag", arm, duration=0.01, dt=0.005, gravity=(0.0, -9.81), start="held")
+
+    options = {"formulation": "floating_frame", "modes": 2, "segments": 2, "frame": frame}
+    for EI in (20.0, 3.0, 2.6):
+        found = simulate(sagging(EI), **options, estimate_error=False).tip[0]
+        still = static_equilibrium(dataclasses.replace(sagging(EI), start="unloaded"), **options)
+        np.testing.assert_allclose(found[:2], still.shape_points()[-1], atol=1e-9)
+    for EI in (1.9, 0.5):
+        with pytest.raises(NoEquilibrium, match="beyond the range of the reduction to modes") as no:
+            simulate(sagging(EI), **options)
+        assert "space" not in str(no.value)

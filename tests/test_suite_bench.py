@@ -11,6 +11,7 @@ import pytest
 
 from flexarm_env import suite
 from flexarm_env.cli import main
+from flexarm_env.control.sources import FunctionPolicy, OnnxPolicy
 from flexarm_env.suite import policies, results, score
 from flexarm_env.suite.judge import judge
 from flexarm_env.suite.page import page
@@ -159,7 +160,7 @@ def test_a_function_is_begun_anew_after_it_was_tried_with_all_rows():
         return row[:1] if row.ndim == 1 else [1.0, 2.0]
 
     act.reset = lambda rows: begun.append(len(seen))
-    policy = policies.FunctionPolicy("a:b", act, Counting(2))
+    policy = FunctionPolicy("a:b", act).fitted(Counting(2))
     rows = np.ones((2, 2), np.float32)
     policy.reset(rows)
     assert policy.act(rows).shape == policy.act(rows).shape == (2, 1)
@@ -169,7 +170,7 @@ def test_a_function_is_begun_anew_after_it_was_tried_with_all_rows():
 @pytest.mark.parametrize(
     ("word", "sentence"),
     [
-        ("mine:wide", "must give (100, 1) for all observations, or (1,) for one"),
+        ("mine:wide", "must give (n, 1) for n observations, or (1,) for one"),
         ("mine:lost", "--policy mine:lost: action = [nan]: must be finite numbers"),
         ("mine:angry", "it raised RuntimeError: no such luck"),
         ("mine:taped", "Use tensor.detach()"),
@@ -182,8 +183,8 @@ def test_a_function_is_begun_anew_after_it_was_tried_with_all_rows():
         ("broken:act", "cannot be imported (OSError: not today)"),
         ("exits:act", "cannot be imported (SystemExit: 3)"),
         ("nowhere:act", "cannot be imported (ModuleNotFoundError"),
-        ("nobody", "no such file or folder, no module:name"),
-        ("nobody.onnx", "no such file"),
+        ("nobody", "must be a run folder, a file (.npz, .zip, .onnx) that exists, module:name"),
+        ("nobody.onnx", "must be a run folder, a file"),
         ("damaged.npz", "damaged, or no policy of this package"),
     ],
 )
@@ -198,7 +199,7 @@ def test_wrong_flags_are_told_in_a_sentence(quick: Path, capsys):
     for flag, words in (("--policy", ""), ("--policy", " ,"), ("--task", "")):
         assert f"{flag} = '{words}': must name at least one" in refused(capsys, "bench", "suite", flag, words)
     assert "from 1 to 100000" in refused(capsys, "bench", "suite", "--episodes", "0")
-    assert "for one policy alone" in refused(capsys, "bench", "suite", "--policy", "pd,zv", "--name", "both")
+    assert "requires a single policy" in refused(capsys, "bench", "suite", "--policy", "pd,zv", "--name", "both")
     assert "must be letters" in refused(capsys, "bench", "suite", "--policy", "mine:one", "--name", "../up")
     assert "no results files" in refused(capsys, "bench", "page", "nothing")
     assert "must end in .md" in refused(capsys, "bench", "page", ".", "--out", "page.html")
@@ -209,7 +210,7 @@ def test_of_two_policies_that_are_refused_each_is_named(quick: Path, capsys):
     sentence = refused(capsys, "bench", "suite", *words)
     assert sentence == (
         f"flexarm bench: {FIRST_TASK.id}: --policy mine:lost: action = [nan]: must be finite numbers; "
-        f"{FIRST_TASK.id}: --policy mine:wrong: action's shape = (2, 1): must be (100, 1): a row an observation\n"
+        f"{FIRST_TASK.id}: --policy mine:wrong: action's shape = (2, 1): must be (100, 1): one row per observation\n"
     )
 
 
@@ -227,7 +228,7 @@ def test_a_model_of_another_type_is_refused_when_it_is_opened(kind: str, word: s
     path = tmp_path / "half.onnx"
     path.write_bytes(model.SerializeToString())
     with pytest.raises(ValueError, match=rf"half\.onnx: takes tensor\({word}\); a policy takes tensor\(float\) or"):
-        policies.OnnxPolicy(path, Counting(2))
+        OnnxPolicy(path)
 
 
 def test_what_has_been_judged_is_kept_and_what_has_changed_is_not(quick: Path, capsys, monkeypatch):
@@ -238,7 +239,7 @@ def test_what_has_been_judged_is_kept_and_what_has_changed_is_not(quick: Path, c
     assert told(capsys, *words)["results"][0]["tasks"][FIRST_TASK.id]["note"] == ""
     first = json.loads(Path("out/pd-0.json").read_text())["tasks"][FIRST_TASK.id]
     kept = told(capsys, *words)["results"][0]["tasks"][FIRST_TASK.id]
-    assert kept["note"] == f"kept, judged {first['date']}; --again judges anew"
+    assert kept["note"] == f"kept from {first['date']}; --again repeats it"
     assert made == ["pd"] * 4  # on both hundreds, PD beside it
     both = [task.id for task in suite.tasks()[:2]]
     found = told(capsys, "--policy", "pd", "--task", ",".join(both), "--out", "out")["results"][0]["tasks"]
@@ -379,7 +380,8 @@ def test_the_page_is_made_of_all_files_in_a_folder(tmp_path: Path, monkeypatch: 
     written(
         tmp_path, "short", 0, 1e6, episodes=3, **{key: [1] * 3 for key in ("returns", "successes", "costs", "lengths")}
     )
-    results.Results("zv", refused={FIRST_TASK.id: "needs what is not seen"}).write(tmp_path)
+    refused = dict.fromkeys((FIRST_TASK.id, "swing-up-v1"), "needs what is not seen, which is not among a, b")
+    results.Results("zv", refused=refused).write(tmp_path)
     assert main(["bench", "page", str(tmp_path), "--out", str(tmp_path / "page.md")]) == 0
     text = (tmp_path / "page.md").read_text()
     assert "| ppo | 3 | 0.70 [0.50, 0.90] | 0.70 |" in text
@@ -388,7 +390,10 @@ def test_the_page_is_made_of_all_files_in_a_folder(tmp_path: Path, monkeypatch: 
     assert "| 0% | 3600 |" in text  # of the budget
     assert "CPU hours: 4.00 of training" in text
     assert f"- short-0.json: {FIRST_TASK.id}" in text
-    assert f"- zv on `{FIRST_TASK.id}`: needs what is not seen" in text
+    assert f"- zv on `{FIRST_TASK.id}`, `swing-up-v1`: needs what is not seen\n" in text
+    # ppo is below its budget of training
+    finding = "The best policy is `pd` on 1 of 1 tasks. Its score is 0.00 to 0.00,"
+    assert text.startswith(f"# Results on the suite\n\n{finding}")
     assert page(results.folder_of(tmp_path)) == text
 
 
@@ -442,7 +447,7 @@ def test_the_list_of_tasks(capsys: pytest.CaptureFixture[str]):
 
 
 def test_a_task_that_is_not_what_it_was_is_refused():
-    refuses("the task is not what it was", lambda: results.frozen(dataclasses.replace(FIRST_TASK, digest="0" * 16)))
+    refuses("the task has changed", lambda: results.frozen(dataclasses.replace(FIRST_TASK, digest="0" * 16)))
 
 
 # ------------------------------------------------------------------ with the real thing

@@ -60,7 +60,7 @@ def test_other_actions_are_no_record(monkeypatch: pytest.MonkeyPatch, capsys: py
     off[0, 3] = -off[0, 3]
     monkeypatch.setattr(best, "record", lambda task: best.Record(off, kept.values, kept.by, kept.digest, kept.date))
     assert main(["bench", "suite", "--best", QUICK]) == 1
-    assert "99 of 100 episodes as recorded" in capsys.readouterr().out
+    assert "99 of 100 episodes reproduced" in capsys.readouterr().out
 
 
 def test_a_run_that_beats_a_record_is_told_of(tmp_path: Path):

@@ -9,9 +9,10 @@ import pytest
 
 from flexarm_env.accuracy import common_instants
 from flexarm_env.comparison import tip_error
+from flexarm_env.files import unit_of
 from flexarm_env.parameters import Arm, Link, Payload, Section
 from flexarm_env.scene import JointTorque, Motion, Scene
-from flexarm_env.scenes import named, read_trajectory
+from flexarm_env.scenes import named, read_reference, read_trajectory
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import constant, pulse, ramp, spline_table
 from flexarm_env.trajectory import COLUMNS, Trajectory
@@ -40,6 +41,21 @@ def test_csv_holds_every_bit(run: Trajectory, two_links: Trajectory, tmp_path: P
         for name, column in trajectory.columns().items():
             np.testing.assert_array_equal(table[name], column)
         assert sorted(p.name for p in path.parent.iterdir())[: number + 1] == [f"run{i}.csv" for i in range(number + 1)]
+
+
+def test_units_stand_in_the_header_where_they_are_asked_for(two_links: Trajectory, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    two_links.to_csv(path, units=True)
+    header = path.read_text().splitlines()[0]
+    assert header == (
+        "t (s),energy (J),start_x (m),start_y (m),start_angle (rad),tip_x (m),tip_y (m),tip_angle (rad),"
+        "hinge_x (m),hinge_y (m)"
+    )
+    table, same = read_trajectory(path), read_reference(path)
+    assert tuple(table) == tuple(same) == tuple(two_links.columns())
+    assert [unit_of(name) for name in ("deflection0_y", "twist1", "joint0", "motor2_rate", "tip_qw", "hinge1_z")] == [
+        "", "rad", "rad", "rad/s", "", "m",
+    ]  # fmt: skip
 
 
 def test_it_names_itself_in_a_line(run: Trajectory) -> None:

@@ -249,14 +249,14 @@ def test_an_episode_that_follows_a_motion_is_shown_too() -> None:
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["nothing"], "flexarm view: nothing: unknown scene, controller, policy or task with a record"),
+        (["nothing"], "flexarm view: nothing: unknown scene, controller, policy, task with a record"),
         (["pd", "--out", "a.txt"], "--out = 'a.txt': must end in .html"),
         (["slew-limited-v2", "--seed", "3"], "--seed = 3: must be a whole number, from 10000 to 10099"),
         (["two_link", "--env", "FlexibleArm-v0"], "RUN = 'two_link'"),
         (["robot_arm_motion", "--duration", "1e9"], "--duration = 1000000000.0: must be a finite number, above 0 and"),
-        (["pd", "--episode", "5"], "--episode = 5: must not be given where no run is a file of recorded episodes"),
-        (["spin_up", "--seed", "3"], "--seed = 3: must not be given where no run is a controller, a policy or"),
-        (["pd", "two_link", "--sample", "0.1"], "--sample = 0.1: must not be given where no run is a scene"),
+        (["pd", "--episode", "5"], "--episode = 5: requires a run that is a file of recorded episodes"),
+        (["spin_up", "--seed", "3"], "--seed = 3: requires a run that is a controller, a policy or a task"),
+        (["pd", "two_link", "--sample", "0.1"], "--sample = 0.1: requires a run that is a scene"),
     ],
 )
 def test_view_says_what_is_wrong(

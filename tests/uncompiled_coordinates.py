@@ -11,7 +11,7 @@ from flexarm_env.compiler import SINGLE, UNCOMPILED, load, store
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.physics.assembly import assemble
 from flexarm_env.physics.model import TAU_D, ExactBeam
-from flexarm_env.physics.protocol import FORMULATIONS, damping_work
+from flexarm_env.physics.protocol import FORMULATIONS, NewtonPolicy, damping_power
 from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import Simulation
@@ -60,11 +60,11 @@ def test_damping_forces_are_the_slopes_of_rayleighs_function(method: str, drag: 
     v, x = moving * rng.standard_normal((2, damped.n))
 
     def rayleigh(rates: np.ndarray) -> float:
-        return 0.5 * float(damping_work(SINGLE, damped.model, damped.par, q, rates, rates))
+        return 0.5 * float(damping_power(SINGLE, damped.model, damped.par, q, rates, rates))
 
     assert rayleigh(v) > 0.0
     slope = 0.5 * (rayleigh(v + x) - rayleigh(v - x))  # exact of a quadratic function
-    work = float(damping_work(SINGLE, damped.model, damped.par, q, v, x))
+    work = float(damping_power(SINGLE, damped.model, damped.par, q, v, x))
     assert abs(work) > 1e-3 * math.sqrt(rayleigh(v) * rayleigh(x))
     assert work == pytest.approx(slope, rel=1e-9)
     state = q, v, np.zeros(damped.n), np.zeros(damped.n_inputs)
@@ -97,16 +97,17 @@ def wrapped_update(lane: Any, model: Any, q: Any, share: float, d: Any, more: An
 
 def test_coordinates_move_as_their_formulation_says() -> None:
     """An elbow that spins: predictor and Newton's iteration take its turns out, and the arm moves as it always does."""
-    FORMULATIONS.register(Wrapped, **{**FORMULATIONS.members[ExactBeam], "update": wrapped_update})
+    FORMULATIONS.register(Wrapped, **{**FORMULATIONS.members[ExactBeam], "retract": wrapped_update})
     runs = []
     for kind in (ExactBeam, Wrapped):
         run = Simulation(scene(), Settings.make("geometrically_exact", elements=1, order=1, dt=0.01))
         assert run.system.coordinates["joint1"] == ELBOW and len(run.work.q) == ELBOW + 1
-        run.model = kind(*run.model._replace(predictor=1.0))  # its guess knows nothing of turns
+        # no prediction of its own, which knows nothing of turns
+        run.model = kind(*run.model._replace(newton=NewtonPolicy(acceleration_share=1.0)))
         run.set_torques(np.array([0.0, 4.0]))
         found = []
         for k in range(40):
-            assert run.advance_to(0.01 * (k + 1), books=False), run.message
+            assert run.advance_to(0.01 * (k + 1), account=False), run.message
             found.append(run.work.q.copy())
         runs.append(np.array(found))
     turns = (runs[0] - runs[1]) / (2.0 * math.pi)

@@ -101,9 +101,9 @@ def test_output(case: Any) -> None:
     assert kinetic == pytest.approx(float(oracle.kinetic(q, v)), rel=1e-12)
     assert strain + gravity == pytest.approx(float(oracle.potential(q)), rel=1e-11)
     lost = 2.0 * float(oracle.dissipation(q, v))
-    assert kernels.damping_work(SINGLE, s.model, s.par, q, v, v) == pytest.approx(lost, rel=1e-11)
+    assert kernels.damping_power(SINGLE, s.model, s.par, q, v, v) == pytest.approx(lost, rel=1e-11)
     y = np.full(len(u), np.nan)
-    kernels.ports(SINGLE, s.model, s.par, q, y)
+    kernels.input_displacements(SINGLE, s.model, s.par, q, y)
     assert y == pytest.approx(oracle.ports(q), abs=1e-12)
     count = oracle.arm.n_links
     out, points = np.full(12 * count, np.nan), np.full((100, 2), np.nan)
@@ -112,7 +112,7 @@ def test_output(case: Any) -> None:
     for pose, (at, rate) in zip(out.reshape(count, 12), walked, strict=True):
         parts = [x[name] for end in ("root", "tip") for x in (at, rate) for name in (end, f"{end}_angle")]
         assert pose == pytest.approx(np.concatenate([np.atleast_1d(x) for x in parts]), abs=1e-12)
-    used = kernels.shape(s.model, q, points)
+    used = kernels.centerline(s.model, q, points)
     assert used == 12 * count + 1
     assert points[0] == pytest.approx(walked[0][0]["root"], abs=1e-12)
     assert points[used - 1] == pytest.approx(walked[-1][0]["tip"], abs=1e-12)

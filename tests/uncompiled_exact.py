@@ -17,6 +17,7 @@ from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.physics.exact import equations as kernels
 from flexarm_env.physics.exact.build import build
 from flexarm_env.physics.exact.layout import ELEMENT_FACTORS
+from flexarm_env.physics.exact.output import restore_strains
 from flexarm_env.physics.exact.tables import interior, tables
 from flexarm_env.scene import PointLoad, Scene
 from flexarm_env.settings import Settings
@@ -128,7 +129,7 @@ def test_forces_are_the_gradient_of_the_energy(order: int, links: Any) -> None:
 
     def work(x: Any) -> float:
         y = np.full(len(u), np.nan)
-        kernels.ports(SINGLE, s.model, s.par, x, y)
+        kernels.input_displacements(SINGLE, s.model, s.par, x, y)
         return float(u @ y)
 
     h = 1e-5
@@ -196,7 +197,7 @@ def test_power_is_what_the_energy_gains(order: int, links: Any) -> None:
 def test_damping_takes_the_power_that_it_reports_and_none_from_rigid_motion(order: int, links: Any) -> None:
     s = system(order, damped=True, heavy=False, links=links)
     q, v, a, u = states(s)
-    loss = kernels.damping_work(SINGLE, s.model, s.par, q, v, v)
+    loss = kernels.damping_power(SINGLE, s.model, s.par, q, v, v)
     assert loss > 0.0
     without = system(order, damped=False, heavy=False, links=links)
     assert np.isclose(loss, v @ (s.residual(q, v, a, u) - without.residual(q, v, a, u)), rtol=1e-9)
@@ -207,7 +208,7 @@ def test_damping_takes_the_power_that_it_reports_and_none_from_rigid_motion(orde
     spin[0:nodes:3], spin[1:nodes:3] = -q[1:nodes:3], q[0:nodes:3]
     for row in range(0, nodes, 3 * order):
         spin[row + 2] = 1.0
-    assert abs(kernels.damping_work(SINGLE, s.model, s.par, q, spin, spin)) < 1e-12 * loss
+    assert abs(kernels.damping_power(SINGLE, s.model, s.par, q, spin, spin)) < 1e-12 * loss
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
@@ -219,7 +220,7 @@ def test_first_guess_keeps_the_strains(order: int) -> None:
     turned[2:nodes:3] += 0.05 * np.random.default_rng(2).normal(size=len(turned[2:nodes:3]))
     turned[-2:] += 0.03
     angles = turned[2:nodes:3].copy()
-    kernels.predict(SINGLE, s.model, q, turned)
+    restore_strains(SINGLE, s.model, q, turned)
     assert np.array_equal(turned[2:nodes:3], angles)
     assert np.array_equal(turned[:2], q[:2])
     zero = np.zeros_like(q)
@@ -234,8 +235,8 @@ def test_first_guess_keeps_the_strains(order: int) -> None:
 def test_shape_and_poses() -> None:
     s = system(2, damped=False, heavy=False)
     points, out = np.full((20, 2), np.nan), np.full(36, np.nan)
-    assert kernels.shape(s.model, s.system.q0, points) == 13
-    assert kernels.shape(s.model, s.system.q0, np.zeros((5, 2))) == 5
+    assert kernels.centerline(s.model, s.system.q0, points) == 13
+    assert kernels.centerline(s.model, s.system.q0, np.zeros((5, 2))) == 5
     v = np.arange(s.n) * 0.1
     kernels.link_poses(SINGLE, s.model, s.par, s.system.q0, v, out)
     ends = np.array([0.0, 0.0]), np.array([1.3, 0.0])

@@ -52,7 +52,7 @@ class Equations:
         """The iteration matrix's factors."""
         S = self.assembled(state, weights)
         for k in pinned:
-            self.functions["pin"](SINGLE, self.model, S, k)
+            self.functions["add_stiffness"](SINGLE, self.model, S, k, None)
         self.functions["factor"](SINGLE, self.model, S)
         return S
 

@@ -16,7 +16,7 @@ MEMORY = 500_000_000
 
 
 def need_ray() -> Any:
-    """The module `ray`, with RLlib behind it; ValueError with a sentence where they are missing."""
+    """Return the module `ray` with RLlib. Raises ValueError with a sentence if they are missing."""
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     try:
         import ray
@@ -27,15 +27,7 @@ def need_ray() -> Any:
 
 
 def connect(address: str | None, processes: int, verbose: bool = False) -> Any:
-    """Ray started on this machine, or joined.
-
-    Args:
-        address: "HOST:PORT" of a running cluster's head or "auto" for the one that this machine belongs to; None: the
-            one that the environment variable RAY_ADDRESS names, or one of its own on this machine.
-        processes: how many that take a processor each are to run there. verbose: show Ray's own messages.
-    Raises:
-        ValueError: Ray is missing, there is no cluster at that address, or it has too few processors.
-    """
+    """Start Ray on this machine, or join a cluster."""
     import logging
 
     ray = need_ray()

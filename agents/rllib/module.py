@@ -40,11 +40,7 @@ def deviation(module: Any) -> float:
 
 
 def numpy_policy(module: Any, meta: Mapping[str, Any]) -> NumpyPolicy:
-    """The deterministic policy of a module.
-
-    Raises:
-        ValueError: the exported policy's actions differ from the module's.
-    """
+    """Return a module's deterministic policy as NumPy arrays."""
     weights = weights_of([*module.encoder.actor_encoder.modules(), *module.pi.modules()])
     activation = module.model_config["fcnet_activation"]
     own = {"format": FORMAT, "layers": len(weights), "activation": activation, "squash": False}
@@ -56,7 +52,7 @@ def numpy_policy(module: Any, meta: Mapping[str, Any]) -> NumpyPolicy:
 
 
 def difference(policy: NumpyPolicy, module: Any, n: int = 1024, seed: int = 0) -> float:
-    """Largest difference between both policies' actions on observations drawn from the space."""
+    """Return the largest difference between two policies' actions on observations drawn from the space."""
     bounds = np.minimum(module.observation_space.high, 3.0)
     observations = np.random.default_rng(seed).uniform(-bounds, bounds, (n, len(bounds))).astype(np.float32)
     with torch.no_grad():

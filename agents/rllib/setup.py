@@ -18,7 +18,7 @@ NETWORK = {"net_arch": [64, 64], "log_std_init": 0.0, "activation_fn": None}
 
 
 def load(path: Path | None, env_id: str) -> configs.Config:
-    """Hyper-parameters of an environment. ValueError names the file, the key and what is allowed."""
+    """Read the hyper-parameters of an environment. ValueError names file, key and rule."""
     config = configs.load(path, "ppo", env_id, KEYS)
     where = f"{path or configs.default_path('ppo', env_id)}: {env_id}"
     check.choice(f"{where}.policy", config.text.get("policy", "MlpPolicy"), ("MlpPolicy",))
@@ -37,7 +37,7 @@ def load(path: Path | None, env_id: str) -> configs.Config:
 
 
 def split(config: configs.Config, runners: int, learners: int, envs_per_runner: int | None) -> tuple[int, int, int]:
-    """Environments in each runner, steps and minibatch of each learner. ValueError where they do not divide."""
+    """Return environments a runner, and steps and minibatch a learner. Raises ValueError if they do not divide."""
     value = DEFAULTS | dict(config.text)
     value["n_envs"] = int(float(value["n_envs"]))
     sources, updates = max(1, runners), max(1, learners)
@@ -58,13 +58,7 @@ def algorithm_config(
     env_id: str, config: configs.Config, env_kwargs: dict[str, Any], *, seed: int, runners: int, learners: int,
     envs_per_runner: int | None, native: bool,
 ) -> Any:  # fmt: skip
-    """RLlib's PPOConfig on the new API stack.
-
-    Args:
-        env_id: of the environment. config: hyper-parameters (see `load`). env_kwargs: keywords of the environment.
-        runners, learners: processes; 0: in this one. envs_per_runner: see `split`. native: `NativeEnvRunner` in place
-            of RLlib's own runner.
-    """
+    """Return RLlib's PPOConfig on the new API stack."""
     import gymnasium as gym
     from ray.rllib.algorithms.ppo import PPOConfig
     from ray.rllib.core.rl_module.rl_module import RLModuleSpec
@@ -111,7 +105,7 @@ def algorithm_config(
 
 
 def build(setup: Any) -> Any:
-    """The algorithm of a config, without the folder that RLlib makes for its own logs."""
+    """Build the algorithm of a config, without RLlib's own log folder."""
     algorithm = setup.build_algo()
     with contextlib.suppress(OSError):
         Path(algorithm.logdir).rmdir()

@@ -1,7 +1,7 @@
 /* One joint held at an angle over UDP: cc -std=c99 -o wire wire.c && ./wire 127.0.0.1 7070 200 0.5
  *
- * The other end of `flexarm serve`, without a key: HELLO, WELCOME, then a COMMAND a period and a READING back. For a
- * little-endian machine with POSIX sockets. Control is PD here: 8 N m/rad, 1.5 N m s/rad.
+ * The other end of `flexarm serve`, without a key: HELLO, CHALLENGE, HELLO with the challenge's cookie, WELCOME, then a
+ * COMMAND a period and a READING back. For a little-endian machine with POSIX sockets. Control is PD here: 8 N m/rad, 1.5 N m s/rad.
  */
 #define _POSIX_C_SOURCE 200112L
 #include <arpa/inet.h>
@@ -13,7 +13,7 @@
 #include <sys/socket.h>
 #include <sys/time.h>
 
-enum { HELLO = 1, WELCOME, COMMAND, READING, BYE, ARM = 1, RESET = 4, HEAD = 32, MOST = 138 };
+enum { HELLO = 1, WELCOME, COMMAND, READING, BYE, CHALLENGE, ARM = 1, RESET = 4, VERSION = 2, HEAD = 32, MOST = 138 };
 
 typedef struct {           /* offsets 0, 4, 6, 7, 8, 16, 20, 24: no gaps between them */
     char magic[4];
@@ -27,7 +27,7 @@ typedef struct {           /* offsets 0, 4, 6, 7, 8, 16, 20, 24: no gaps between
 static int put(int wire, packet *p, int kind, int flags, uint32_t count)
 {
     memcpy(p->magic, "FXRM", 4);
-    p->version = 1;
+    p->version = VERSION;
     p->kind = (uint8_t)kind;
     p->flags = (uint8_t)flags;
     p->sequence += kind != HELLO;
@@ -45,7 +45,7 @@ static int take(int wire, packet *p, int kind)
     for (int tries = 0; tries < (found ? 1000 : 8) && (!found || poll(&more, 1, 0) > 0); tries++) {
         ssize_t size = recv(wire, &next, sizeof next, 0);
         if (size < 0) break;
-        if (size >= HEAD && !memcmp(next.magic, "FXRM", 4) && next.version == 1 && next.kind == kind &&
+        if (size >= HEAD && !memcmp(next.magic, "FXRM", 4) && next.version == VERSION && next.kind == kind &&
             next.count <= MOST && size == (ssize_t)(HEAD + 8 * next.count))
             *p = next, found = 1;
     }
@@ -63,7 +63,9 @@ int main(int words, char **word)
     if (connect(wire, (struct sockaddr *)&arm, sizeof arm)) return perror("connect"), 1;
 
     packet mine = {.connection = 4711}, theirs;
-    if (put(wire, &mine, HELLO, 0, 0) || !take(wire, &theirs, WELCOME)) return fputs("no answer\n", stderr), 1;
+    if (put(wire, &mine, HELLO, 0, 2) || !take(wire, &theirs, CHALLENGE)) return fputs("no answer\n", stderr), 1;
+    memcpy(mine.numbers, theirs.numbers, 2 * sizeof(double)); /* the cookie */
+    if (put(wire, &mine, HELLO, 0, 2) || !take(wire, &theirs, WELCOME)) return fputs("no welcome\n", stderr), 1;
     mine.connection = theirs.connection;
     const double limit = theirs.numbers[4], goal = atof(word[4]);
     const int joints = (int)theirs.numbers[1];

@@ -21,15 +21,15 @@ ROOMS = {path.stem for path in (HERE.parents[1] / "flexarm_env").iterdir()}
 BOXES: dict[str, tuple[float, float, float, float, str, tuple[str, ...]]] = {
     "compiler": (3.2, 6.0, 7.4, 0.55, COLORS[4], ("compiler, layout",)),
     "describe": (0.0, 4.45, 2.6, 1.15, COLORS[0],
-        ("sections, curves, sensors", "bodies, rotations, rigid", "parameters, arms, files", "scene, scenes, settings",
-         "time_functions, shapes")),
+        ("sections, curves, meshing", "bodies, rotations, rigid", "parameters, arms, sensors",
+         "scene, scenes, settings", "time_functions, shapes, files")),
     "physics": (3.2, 4.45, 3.2, 1.15, COLORS[2],
         ("physics", "floating · exact · elastica", "space · joints · integrator")),
     "tasks": (7.0, 4.45, 1.5, 1.15, COLORS[1], ("tasks", "see, judge")),
     "runtime": (9.1, 4.45, 1.5, 1.15, COLORS[1], ("runtime", "an episode")),
     "view": (0.0, 2.9, 2.6, 1.05, COLORS[5], ("view", "what is shown of a run", "the page that plays it")),
     "simulation": (3.2, 2.9, 3.2, 1.05, COLORS[0],
-        ("simulation, rest, accuracy", "trajectory, spatial", "one arm, a scene")),
+        ("simulation, rest, accuracy", "accuracy_space, trajectory, spatial", "one arm, a scene")),
     "batch": (9.1, 2.9, 1.5, 1.05, COLORS[0], ("batch", "many arms, a call")),
     "identification": (0.0, 1.35, 2.6, 1.05, COLORS[3], ("identification", "from a log to an arm")),
     "linear": (3.2, 1.35, 2.0, 1.05, COLORS[2], ("linear", "A, B, modes, rest")),
@@ -38,7 +38,7 @@ BOXES: dict[str, tuple[float, float, float, float, str, tuple[str, ...]]] = {
     "suite": (5.8, -0.05, 2.2, 0.9, COLORS[4], ("suite", "tasks as data, scores")),
     "derivatives": (8.6, -0.05, 2.0, 0.9, COLORS[2], ("derivatives, torch", "of control periods")),
     "users": (0.0, -1.45, 10.6, 0.9, COLORS[5],
-        ("comparison, plotting, recording, library, remote, sb3, training, cli",
+        ("comparison, exchange, plotting, recording, library, remote, sb3, training, cli",
          "agents/ and benchmarks/, which are not installed")),
 }  # fmt: skip
 ARROWS = (

@@ -19,7 +19,7 @@ from flexarm_env.cli.codes import BAD_INPUT, DONE
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the script; the exit code is its own. 2 with a sentence where there is no checkout, or no such script."""
+    """Run a benchmark script and return its exit code; 2 without a checkout or for an unknown script."""
     from flexarm_env.cli import suite
 
     home = checkout()
@@ -32,19 +32,19 @@ def run(args: argparse.Namespace) -> int:
         return DONE
     if home is None:
         sys.stderr.write(
-            f"flexarm bench: needs benchmarks/ of a checkout, and there is none in {Path.cwd()}, above it or beside "
-            "the package\n"
+            "flexarm bench: needs benchmarks/ of a checkout, which was not found in "
+            f"{Path.cwd()}, its parents or beside the package\n"
         )
         return BAD_INPUT
     script = name.replace("-", "_")  # as one may spell it on a command line
     if script not in known:
-        sys.stderr.write(f"flexarm bench: no benchmark {name!r}; there are {', '.join((*suite.COMMANDS, *known))}\n")
+        sys.stderr.write(f"flexarm bench: no benchmark {name!r}; available: {', '.join((*suite.COMMANDS, *known))}\n")
         return BAD_INPUT
     return _module(home, f"benchmarks.{script}", words)
 
 
 def checkout() -> Path | None:
-    """The folder that holds benchmarks/ with Python files beside a flexarm_env: here, above, or the package's own."""
+    """Return the folder with benchmarks/ beside flexarm_env: here, above, or the package's own."""
     here = Path.cwd()
     for place in (here, *here.parents, Path(__file__).resolve().parents[2]):
         if (place / "flexarm_env").is_dir() and any((place / "benchmarks").glob("*.py")):
@@ -53,7 +53,7 @@ def checkout() -> Path | None:
 
 
 def benchmarks(home: Path) -> Iterator[tuple[str, str]]:
-    """Name and first sentence of each benchmark that can be run."""
+    """Return name and first sentence of each benchmark."""
     for path in sorted((home / "benchmarks").glob("*.py")):
         text = path.read_text("utf-8")
         if "__main__" in text:
@@ -61,6 +61,7 @@ def benchmarks(home: Path) -> Iterator[tuple[str, str]]:
 
 
 def _list(known: dict[str, str], as_json: bool) -> None:
+    """Print name and first line of each benchmark, as text or JSON."""
     if as_json:
         print(json.dumps({"benchmarks": [{"name": k, "what": v} for k, v in known.items()]}, indent=2))
         return
@@ -70,7 +71,7 @@ def _list(known: dict[str, str], as_json: bool) -> None:
 
 
 def _module(home: Path, module: str, words: Sequence[str]) -> int:
-    """`python -m module words`, in the current folder, with the checkout first on the path."""
+    """Run `python -m module words` in the current folder, with the checkout first on the path."""
     path = os.pathsep.join([str(home), *filter(None, [os.environ.get("PYTHONPATH")])])
     process = subprocess.Popen([sys.executable, "-m", module, *words], env=os.environ | {"PYTHONPATH": path})
     while True:

@@ -22,9 +22,11 @@ Use = tuple[str, Callable[[], object]]
 
 
 def run(args: argparse.Namespace) -> int:
-    """Use everything once; 1 where what is compiled cannot be kept."""
+    """Compile all programs by using each once; returns 1 if compiled code cannot be stored."""
     from flexarm_env.settings import FORMULATIONS
 
+    if args.clean:
+        return clean(args.json)
     values: dict[str, Any] = {}
     logging.getLogger("flexarm_env").setLevel(logging.ERROR)  # who asks for it need not be told
     with warnings.catch_warnings(record=True) as said:
@@ -33,9 +35,10 @@ def run(args: argparse.Namespace) -> int:
         for formulation in (None, *FORMULATIONS) if args.all else (None,):
             word = "" if formulation is None else f" ({formulation})"
             uses += [(f"{name}{word}", use) for name, use in (*environments(formulation), *_scenes(formulation))]
-        for k, (name, use) in enumerate(uses):
+        began = time.perf_counter()
+        for k, (name, use) in enumerate((*uses, *_commands())):
             start = time.perf_counter()
-            sys.stderr.write(f"{k + 1} of {len(uses)}: {name} ...\n")
+            sys.stderr.write(f"{k + 1} of {len(uses) + len(_commands())}: {name} ({start - began:.0f} s elapsed) ...\n")
             use()
             values[name] = f"{time.perf_counter() - start:.1f} s"
     values |= cache_report([str(warning.message) for warning in said])
@@ -43,13 +46,26 @@ def run(args: argparse.Namespace) -> int:
     return DONE if values["cache_writable"] else FAILED
 
 
+def clean(as_json: bool) -> int:
+    """Delete the folder's compiled code, of every version; returns 1 if some cannot be deleted."""
+    from flexarm_env.compiler import objects
+
+    folder = objects.folders()[0]
+    count, size = objects.clean(folder)
+    left = len(objects.programs(folder))
+    values = {"cache_folder": str(folder), "files_deleted": count, "MB_deleted": round(size / 2**20, 1)}
+    show(values | ({"files_left": left} if left else {}), as_json)
+    return FAILED if left else DONE
+
+
 def environments(formulation: str | None) -> Iterator[Use]:
-    """A step of each environment, one and many; formulation None: the default."""
+    """Compile the programs of each environment, single and vector. formulation: None for the default."""
     import gymnasium as gym
 
     options: dict[str, Any] = {} if formulation is None else {"formulation": formulation}
 
     def one(name: str) -> None:
+        """Compile what a single environment needs: reset, step and picture."""
         env = gym.make(name, **options)
         env.reset(seed=0)
         env.step(env.action_space.sample())
@@ -57,6 +73,7 @@ def environments(formulation: str | None) -> Iterator[Use]:
         env.close()
 
     def many(name: str) -> None:
+        """Compile what vector environments need, on one and on two threads."""
         for count, threads in ((8, 1), (16, 2)):
             envs = gym.make_vec(name, num_envs=count, threads=threads, **options)
             envs.reset(seed=0)
@@ -69,12 +86,13 @@ def environments(formulation: str | None) -> Iterator[Use]:
 
 
 def _scenes(formulation: str | None) -> Iterator[Use]:
-    """What is done with a scene: simulated, replayed through an environment's step, made linear."""
+    """Compile what scenes use: simulation, replay through an environment, linear models."""
     from flexarm_env import linear, scenes
     from flexarm_env.envs.replay import through_env
     from flexarm_env.simulation import simulate
 
     def simulated() -> None:
+        """Compile `simulate` for every named scene: one step of each."""
         for name in scenes.names():
             scene = scenes.named(name)
             simulate(scene, formulation, duration=scene.dt)
@@ -85,6 +103,7 @@ def _scenes(formulation: str | None) -> Iterator[Use]:
         through_env(short, scene.settings(formulation), scene.dt)
 
     def made_linear() -> None:
+        """Compile linearization, modes and static equilibrium of a two-link scene."""
         scene = scenes.named("robot_arm_torque")
         linear.linearize(scene, formulation)
         linear.linearize(scene, formulation, discrete=scene.dt)
@@ -96,20 +115,79 @@ def _scenes(formulation: str | None) -> Iterator[Use]:
     yield "linearize, modes, static_equilibrium", made_linear
 
 
+def _commands() -> list[Use]:
+    """Compile what commands use beyond environments and scenes: policies, controllers, gradients."""
+    import gymnasium as gym
+    import numpy as np
+
+    from flexarm_env import control, scenes, simulate
+    from flexarm_env.cli.play import play
+    from flexarm_env.cli.view import OF_THE_POLICY
+    from flexarm_env.derivatives import Arms
+    from flexarm_env.recording import EpisodeRecorder
+    from flexarm_env.training.episodes import judged_in
+
+    def plays(word: str, env_id: str, **options: Any) -> None:
+        """Compile what `flexarm play`, `view` and `evaluate` need for a policy in an environment."""
+        recorder = EpisodeRecorder(gym.make(env_id, **{**options, "duration": 0.04}))
+        for _ in play(recorder, control.find_policy(word), range(1), []):
+            pass
+        recorder.episodes[0].clip(word)
+        recorder.close()
+        envs = gym.make_vec(env_id, num_envs=4, **options)
+        policy = control.load_policy(word, envs)
+        observation, _ = envs.reset(seed=0)
+        policy.reset(observation)
+        envs.step(policy.act(observation))
+        envs.close()
+
+    def packaged() -> None:
+        """Compile what the policies of the package need, and PD in their environments."""
+        for name in control.policy_names():
+            found = control.find_policy(name)
+            plays(name, found.env_id, **judged_in(found.env_kwargs, found.asked))
+            options = {k: v for k, v in judged_in(found.env_kwargs, found.asked).items() if k not in OF_THE_POLICY}
+            plays("pd", found.env_id, **options)
+
+    def controllers(env_id: str) -> None:
+        for name in control.NAMES:
+            if name == "time_optimal" and env_id != ENVIRONMENTS[0]:
+                continue
+            plays(name, env_id, **({"observation": "measured"} if name == "lqg" else {}))
+
+    def gradient(env_id: str) -> None:
+        arms = Arms(env_id, 64)
+        state, still = arms.reset(seed=0), np.zeros((64, arms.action_size))
+        arms.step(state, still)
+        arms.vjp(state, still, state, arms.observe(state), np.zeros(64))
+
+    def exact() -> None:
+        scene = scenes.named("two_link_motion")
+        simulate(scene, "geometrically_exact", duration=scene.dt)
+
+    uses: list[Use] = [("play, view, evaluate: policies of the package", packaged)]
+    uses += [(f"play, view, evaluate: controllers on {name}", partial(controllers, name)) for name in ENVIRONMENTS]
+    uses += [(f"train --algo gradient on {name}", partial(gradient, name)) for name in ENVIRONMENTS]
+    uses += [("simulate --formulation geometrically_exact", exact)]
+    return uses
+
+
 def cache_report(said: list[str]) -> dict[str, Any]:
-    """The folder of compiled code, whether it can be written to, and a sentence where it cannot; said: warnings."""
+    """Return the folder of compiled code, whether it is writable, and a sentence if not. said: collected warnings."""
     from flexarm_env.compiler import UNCOMPILED, objects
 
     if UNCOMPILED:
         return {"cache_folder": "none (compilation is switched off)", "cache_writable": False}
     folder = objects.folders()[0]
     trouble = next((text for text in said if "compiled code cannot be kept" in text), "") or _trouble(folder)
+    taken = sum(size for _, size, _ in objects.programs(folder)) / 2**20
     values: dict[str, Any] = {"cache_folder": str(folder), "cache_writable": not trouble}
+    values["cache_size"] = f"{taken:.1f} MB of at most {objects.limit() / 2**20:.0f} MB"
     return values | ({"cache": trouble.removeprefix("flexarm_env: ")} if trouble else {})
 
 
 def _trouble(folder: Path) -> str:
-    """Why nothing can be kept in a folder; "" where it can."""
+    """Return why a folder cannot store files, or ""."""
     from flexarm_env.compiler import objects
 
     probe = folder / f".flexarm-{time.time_ns()}"
@@ -121,7 +199,7 @@ def _trouble(folder: Path) -> str:
         with contextlib.suppress(OSError):
             probe.unlink()
         return (
-            f"nothing new can be kept ({folder}: {error.strerror or error}); set {objects.VARIABLE} to a folder of "
-            "your own that has room"
+            f"compiled code cannot be stored ({folder}: {error.strerror or error}); set {objects.VARIABLE} to a "
+            "writable folder with free space"
         )
     return ""

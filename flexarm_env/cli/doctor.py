@@ -28,7 +28,7 @@ SELF_TEST_ERROR = 0.015
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print what there is and whether it works; 1 where the self-test fails."""
+    """Print versions, processors and the cache's state; returns 1 if the self-test fails."""
     values: dict[str, Any] = {"flexarm_env": __version__, "python": platform.python_version()}
     values |= {name: check.installed(name) for name in NEEDED}
     values |= {name: check.installed(name) or "not installed" for name in OPTIONAL}
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _self_test() -> tuple[dict[str, Any], bool]:
-    """Replay a scene against its reference, and step the environments as they are by default."""
+    """Replay a scene against its reference, and step each environment."""
     from flexarm_env import scenes, simulation
     from flexarm_env.comparison import tip_error
 

@@ -8,7 +8,9 @@ import gymnasium as gym
 
 from flexarm_env import arms, suite
 from flexarm_env import validation as check
+from flexarm_env.cli import exchange
 from flexarm_env.cli.codes import DONE
+from flexarm_env.cli.exchange_texts import FORMS
 from flexarm_env.cli.play import keywords
 from flexarm_env.cli.progress import show
 from flexarm_env.control import NAMES, NumpyPolicy, Setup, load_policy, make, policy_names
@@ -18,34 +20,40 @@ from flexarm_env.envs.ids import own_ids, permitted
 from flexarm_env.files import write_whole
 from flexarm_env.library import write, write_controller_fmu, write_fmu
 
-FORMS = {"onnx": ".onnx", "c": ".c", "fmu": ".fmu"}
-"""What --to takes for a file, and how its name ends."""
-
 
 def run(args: argparse.Namespace) -> int:
-    """Write the file, or the folder, and say what is in it."""
+    """Write the exported file or folder, and print what it contains; returns the exit code."""
     if not args.out.strip():
         raise check.InvalidValue("--out", args.out, "must be a path")
     out = Path(args.out)
     if args.fmi is not None and args.to != "fmu":
-        raise check.InvalidValue("--fmi", args.fmi, "must not be given but with --to fmu")
-    if out.suffix.lower() != FORMS.get(args.to, out.suffix.lower()):
+        raise check.InvalidValue("--fmi", args.fmi, "requires --to fmu")
+    if args.to != "library" and out.suffix.lower() != FORMS[args.to]:
         raise check.InvalidValue("--out", args.out, f"must end in {FORMS[args.to]} for --to {args.to}")
+    if args.to in ("mjcf", "urdf"):
+        return exchange.export(args, out)
+    for flag in exchange.FLAGS:
+        if getattr(args, flag) is not None:
+            raise check.InvalidValue(f"--{flag}", getattr(args, flag), "must not be given but with --to mjcf")
     if args.to in ("library", "fmu") and args.what not in NAMES:
         return _arm(args, out)
     for flag, value in (("--name", None if args.to == "fmu" else args.name), ("--cpu", args.cpu)):
         if value is not None:
-            raise check.InvalidValue(flag, value, "must not be given but with --to library or fmu")
+            raise check.InvalidValue(flag, value, "requires --to library or fmu")
     if args.what in NAMES:
         return _controller(args, out)
     if Path(args.what).suffix == ".toml" or (args.what in _arms() and args.what not in policy_names()):
-        raise check.InvalidValue("WHAT", args.what, "must be a policy or a controller: arms go by --to library or fmu")
+        what = "must be a policy or a controller; export an arm with --to library or fmu"
+        raise check.InvalidValue("WHAT", args.what, what)
     for word in ("env", "slew", "elbows", "targets", "env_kwargs"):
         value = getattr(args, word)
         if value is not None:
             flag = f"--{word.replace('_', '-')}"
-            raise check.InvalidValue(flag, value, "must not be given with a policy, which names its own environment")
+            raise check.InvalidValue(flag, value, "must not be given for a policy, which defines its own environment")
     policy = load_policy(args.what)
+    if type(policy) is not NumpyPolicy:
+        what = "must be a feedforward network: a run folder, a policy.npz, a model.zip or a policy of the package"
+        raise check.InvalidValue("WHAT", args.what, what)
     size, joints = policy.weights[0][0].shape[0], policy.weights[-1][0].shape[1]
     values = {"export": str(out), "observation": size, "actions": joints}
     if args.to == "onnx":
@@ -60,16 +68,17 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _controller(args: argparse.Namespace, out: Path) -> int:
+    """Export a controller as C source or FMU, as the flags say; returns the exit code."""
     if args.to not in ("c", "fmu"):
         raise check.InvalidValue("--to", args.to, "must be c or fmu for a controller")
     if args.env is None:
-        raise check.InvalidValue("--env", args.env, "must be given for a controller: what it is designed for")
+        raise check.InvalidValue("--env", args.env, "is required: a controller is designed for an environment")
     if args.slew is not None and args.what != "time_optimal":
-        raise check.InvalidValue("--slew", args.slew, "must not be given but with time_optimal")
+        raise check.InvalidValue("--slew", args.slew, "requires the controller time_optimal")
     env = environment(args.env, keywords(args.env_kwargs))
     name, own = args.name or c_name(out.stem), make(args.what, env)
-    elbows = _rows("--elbows", args.elbows, 2, "LOW:HIGH,..., rad, a pair an elbow")
-    targets = _rows("--targets", args.targets, 3, "X:Y:Z,..., m, a point a target")
+    elbows = _rows("--elbows", args.elbows, 2, "LOW:HIGH,... in rad, one pair per elbow")
+    targets = _rows("--targets", args.targets, 3, "X:Y:Z,... in m, one point per target")
     env.close()
     if args.to == "fmu":
         write_controller_fmu(own, out, name, args.fmi or "3.0", args.slew, elbows, targets)
@@ -82,7 +91,7 @@ def _controller(args: argparse.Namespace, out: Path) -> int:
 
 
 def _rows(flag: str, text: str | None, count: int, what: str) -> Any:
-    """LOW:HIGH,LOW:HIGH,... or X:Y:Z,... as numbers, so many in a row."""
+    """Parse LOW:HIGH,LOW:HIGH,... or X:Y:Z,... to rows of `count` numbers; None for no text."""
     try:
         rows = [tuple(map(float, row.split(":"))) for row in ([] if text is None else text.split(","))]
     except ValueError:
@@ -93,6 +102,7 @@ def _rows(flag: str, text: str | None, count: int, what: str) -> Any:
 
 
 def _arm(args: argparse.Namespace, out: Path) -> int:
+    """Export an environment's arm as a C library or FMU, as the flags say; returns the exit code."""
     fmu = args.to == "fmu"
     env = environment(args.what, keywords(args.env_kwargs))
     name = args.name if args.name is not None else c_name(out.resolve().stem if fmu else out.resolve().name)
@@ -109,26 +119,26 @@ def _arm(args: argparse.Namespace, out: Path) -> int:
 
 
 def _arms() -> tuple[str, ...]:
-    """Words that `environment` takes."""
+    """Return the words that `environment` accepts."""
     return (*own_ids(), *(task.id for task in suite.tasks(earlier=True)), *arms.names())
 
 
-def environment(word: str, given: dict[str, Any]) -> Any:
-    """The environment that a word names: its id, a task of the suite, or an arm, by its name or its file."""
+def environment(word: str, options: dict[str, Any]) -> Any:
+    """Make the environment that a word names: an id, a suite task, or an arm, by name or file."""
     known = [task.id for task in suite.tasks(earlier=True)]
     if word in known:
-        return suite.make(word, **given)
+        return suite.make(word, **options)
     if word.removeprefix("flexarm_env:") in own_ids():
-        return gym.make(word, **given)
+        return gym.make(word, **options)
     if word in arms.names() or Path(word).suffix == ".toml":
         ids, arm = {1: "FlexibleArm-v0", 2: "TwoLinkFlexArm-v0"}, arms.resolve(word)
         planar = ids.get(arm.n_links, "MultiLinkFlexArm-v0")
-        return gym.make("SpatialFlexArm-v0" if arm.spatial else planar, arm=word, **given)
-    raise check.UnknownKey(word, _arms(), "environment, task or arm (and no TOML file)")
+        return gym.make("SpatialFlexArm-v0" if arm.spatial else planar, arm=word, **options)
+    raise check.UnknownKey(word, _arms(), "environment, task, arm or TOML file")
 
 
 def entries_of(policy: NumpyPolicy, word: str) -> Entries:
-    """What the policy's file says of its entries, or else its environment, which is made for it."""
+    """Return the observation's entries from the policy's file, or else from its environment."""
     known = Entries.of(policy)
     if known is not None:
         return known

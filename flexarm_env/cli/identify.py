@@ -12,12 +12,12 @@ from flexarm_env.identification import excite, identify
 
 
 def run(args: argparse.Namespace) -> int:
-    """Design, or fit."""
+    """Run `flexarm excite` or `flexarm identify`; returns the exit code."""
     return _excite(args) if args.command == "excite" else _identify(args)
 
 
 def _excite(args: argparse.Namespace) -> int:
-    """Design, write, say what it does to the arm."""
+    """Design torques, write them, and print the arm's response."""
     names = [flag.removeprefix("--").replace("-", "_") for flag, *_ in EXCITED]
     to_file("--out", args.out, (".csv",))
     found = excite(args.arm, **{name: getattr(args, name) for name in names})
@@ -31,7 +31,7 @@ def _excite(args: argparse.Namespace) -> int:
 
 
 def _identify(args: argparse.Namespace) -> int:
-    """Fit, judge, print, write; 1 where the fit is not good."""
+    """Fit an arm to logs, print and write the result; returns 1 unless the fit is good."""
     names = None if args.fit is None else [name.strip() for name in args.fit.split(",") if name.strip()]
     held = [path for path in (args.hold_out or "").split(",") if path]
     data = [path for path in args.data.split(",") if path]

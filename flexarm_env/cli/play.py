@@ -1,29 +1,26 @@
 """`flexarm play`: an environment in a window or a film, under the keyboard, a controller or a trained policy."""
 
 import argparse
+import dataclasses
 import json
 import sys
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from flexarm_env import control
 from flexarm_env import validation as check
 from flexarm_env.cli.codes import DONE
 from flexarm_env.cli.progress import show
 from flexarm_env.cli.replay import writable
-from flexarm_env.control import Setup, load_policy
-from flexarm_env.envs.ids import made, permitted
+from flexarm_env.control import NamedPolicy, find_policy
+from flexarm_env.envs.ids import make_registered, permitted
 from flexarm_env.envs.options import ARGUMENTS
 from flexarm_env.envs.video import film_path, write_film
 from flexarm_env.recording import EpisodeRecorder, save_episodes
-from flexarm_env.suite.policies import controller
 from flexarm_env.training.episodes import judged_in
-from flexarm_env.training.policies import Chosen
 
 KEYBOARD = "keyboard"
 DEFAULT_ENV = "FlexibleArm-v0"
@@ -34,16 +31,16 @@ GENTLE = 0.3
 
 
 class Keyboard:
-    """Torques from the keys that are held."""
+    """A policy: torques from the keys that are pressed."""
 
     def __init__(self, joints: int, held: Callable[[str], bool]) -> None:
         self.joints, self.held = joints, held
 
     def reset(self, observation: NDArray[np.float32]) -> None:
-        """Nothing to remember."""
+        """Do nothing: the keyboard has no memory."""
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Full torque one way or the other, less with shift."""
+        """Return the full torque one way or the other; less with shift."""
         action = np.zeros(self.joints, np.float32)
         for key, (joint, way) in KEYS.items():
             if joint < self.joints and self.held(key):
@@ -53,12 +50,12 @@ class Keyboard:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Play the episodes and print what came of them."""
+    """Play the episodes and print their outcomes; returns the exit code."""
     count = check.integer("--episodes", args.episodes, minimum=1)
     seed = check.integer("--seed", args.seed, minimum=0)
     player = choose(args.policy)
     if player.name == KEYBOARD and (args.headless or args.video is not None):
-        raise check.InvalidValue("--policy", KEYBOARD, "must be a controller or a policy for --video and --headless")
+        raise check.InvalidValue("--policy", KEYBOARD, "must be a controller or a policy with --video or --headless")
     video = None if args.video is None else film_path(args.video)
     record = None if args.record is None else writable("record", args.record, (".npz",))
     mode = "rgb_array" if video is not None else None if args.headless else "human"
@@ -86,21 +83,16 @@ def run(args: argparse.Namespace) -> int:
     return DONE
 
 
-def choose(word: str) -> Chosen:
-    """Who a word names. ValueError with a sentence for a word that names nobody."""
+def choose(word: str, flag: str = "--policy") -> NamedPolicy:
+    """Return the policy that a word names, or the keyboard. Raises ValueError for an unknown word."""
     if word == KEYBOARD:
-        return Chosen(word, "", {}, _keyboard)
-    if word in control.NAMES:
-        return Chosen(word, "", {}, lambda env: controller(word, env))
-    if not Path(word).exists() and word not in control.policy_names():
-        raise check.UnknownKey(word, (KEYBOARD, *control.NAMES, *control.policy_names()), "policy (and no policy.npz)")
-    policy = load_policy(word)
-    kwargs, env_id = judged_in(policy.meta["env_kwargs"]), str(policy.meta["env_id"])
-    return Chosen(Path(word).stem, env_id, kwargs, lambda env: policy.check(Setup.of(env)))
+        return NamedPolicy(word, "", {}, _keyboard)
+    found = find_policy(word, flag)
+    return dataclasses.replace(found, env_kwargs=judged_in(found.env_kwargs, found.asked))
 
 
-def play(env: Any, player: Chosen, seeds: range, outcomes: list[dict[str, Any]]) -> Iterator[NDArray[np.uint8]]:
-    """Play an episode a seed, yield its pictures, and append what came of it; ends where the window is closed."""
+def play(env: Any, player: NamedPolicy, seeds: range, outcomes: list[dict[str, Any]]) -> Iterator[NDArray[np.uint8]]:
+    """Play an episode per seed, yield its pictures, and append its outcome. Ends if the window is closed."""
     env.reset(seed=seeds[0])
     policy = player.make(env)
     for seed in seeds:
@@ -121,13 +113,13 @@ def play(env: Any, player: Chosen, seeds: range, outcomes: list[dict[str, Any]])
 
 
 def _picture(env: Any) -> Iterator[NDArray[np.uint8]]:
-    """The picture, where there is no window that shows it."""
+    """Return the present picture, or None in a window."""
     if env.render_mode == "rgb_array":
         yield env.render()
 
 
 def keywords(text: str | None) -> dict[str, Any]:
-    """What --env-kwargs says."""
+    """Parse --env-kwargs, a JSON object; {} for None."""
     try:
         given = {} if text is None else json.loads(text)
     except (ValueError, RecursionError):
@@ -137,7 +129,8 @@ def keywords(text: str | None) -> dict[str, Any]:
     return given
 
 
-def _environment(args: argparse.Namespace, player: Chosen, mode: str | None) -> Any:
+def _environment(args: argparse.Namespace, player: NamedPolicy, mode: str | None) -> Any:
+    """Make the environment that is played in, recorded: the policy's own keywords, then those of the user."""
     env_id = args.env or player.env_id or DEFAULT_ENV
     if player.env_id and env_id != player.env_id:
         raise check.InvalidValue("ENV", env_id, f"must be {player.env_id}, which {player.name} was trained on")
@@ -145,13 +138,13 @@ def _environment(args: argparse.Namespace, player: Chosen, mode: str | None) -> 
     if player.env_id:
         env_id, own = permitted(player.name, player.env_id, player.env_kwargs, args.env)
     given = keywords(args.env_kwargs)
-    return EpisodeRecorder(made(gym.make, env_id, render_mode=mode, **{**own, **given}))
+    return EpisodeRecorder(make_registered(gym.make, env_id, render_mode=mode, **{**own, **given}))
 
 
 def _keyboard(env: Any) -> Keyboard:
-    """The keyboard of the environment's window. ValueError where there is none."""
+    """Return the keyboard of the environment's window. Raises ValueError if there is no window."""
     renderer = env.unwrapped.renderer
     if renderer is None or not renderer.visible:
-        raise check.InvalidValue("--policy", KEYBOARD, "must be a controller or a policy here: there is no window")
-    sys.stderr.write("keys: left and right turn the hub, up and down the elbow, shift is gentle, Esc ends\n")
+        raise check.InvalidValue("--policy", KEYBOARD, "must be a controller or a policy: there is no window")
+    sys.stderr.write("keys: left and right turn the hub, up and down the elbow; shift reduces the torque; Esc quits\n")
     return Keyboard(env.action_space.shape[0], renderer.held)

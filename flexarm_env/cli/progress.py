@@ -9,7 +9,7 @@ from typing import Any, TextIO
 
 
 class ProgressBar:
-    """Call it with the share done, 0 to 1. Writes to a terminal only, and not before half a second has passed."""
+    """A progress bar on a terminal, called with the share done, 0 to 1; silent for the first half second."""
 
     def __init__(self, label: str, stream: TextIO | None = None, after: float = 0.5) -> None:
         self._stream = sys.stderr if stream is None else stream
@@ -18,6 +18,7 @@ class ProgressBar:
         self._drawn = ""
 
     def __call__(self, share: float) -> None:
+        """Draw the bar at a share (0 to 1) of the work, with the time left; nothing in the first half second."""
         spent = time.monotonic() - self._start
         if not self._visible or spent < self._after:
             return
@@ -34,7 +35,7 @@ class ProgressBar:
         self._drawn = text
 
     def close(self) -> None:
-        """Wipe the line."""
+        """Erase the bar."""
         if self._drawn:
             self._stream.write("\r" + " " * len(self._drawn) + "\r")
             self._stream.flush()
@@ -51,6 +52,7 @@ def show(values: Mapping[str, Any], as_json: bool) -> None:
 
 
 def _text(value: Any) -> str:
+    """Format a value for a line of text: six digits, nested values joined by commas."""
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, Mapping):
@@ -61,7 +63,7 @@ def _text(value: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """JSON has no infinity and no NaN: null stands for them."""
+    """Replace infinite and NaN numbers, which JSON lacks, by null."""
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, Mapping):

@@ -32,7 +32,7 @@ Columns = Mapping[str, NDArray[np.float64]]
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the scene and print the report; 1 where the run ended early, 3 where it is inaccurate and --strict asks."""
+    """Run the scene and print the report; returns 1 if the run ended early, 3 with --strict if it is inaccurate."""
     scene = scenes.resolve(args.scene)
     options = {name: getattr(args, name) for name, *_ in SOLVER if getattr(args, name) is not None}
     settings = scene.settings(args.formulation, **options)
@@ -51,9 +51,9 @@ def run(args: argparse.Namespace) -> int:
     least = 1e-3 * interval  # a picture in 1000 s
     speed = check.number("--speed", 1.0 if args.speed is None else args.speed, minimum=least)
     if args.speed is not None and args.video is None:
-        raise check.InvalidValue("--speed", args.speed, "must not be given but with --video")
+        raise check.InvalidValue("--speed", args.speed, "requires --video")
     if args.through_env and args.time_limit is not None:
-        raise check.InvalidValue("--time-limit", args.time_limit, "must not be given together with --through-env")
+        raise check.InvalidValue("--time-limit", args.time_limit, "must not be combined with --through-env")
 
     trajectory, compiling = _trajectory(scene, settings, args)
     values = report(trajectory, compiling)
@@ -62,8 +62,10 @@ def run(args: argparse.Namespace) -> int:
         values |= _errors(trajectory, reference)
     drawn = reference if reference is not None and {"tip_x", "tip_y"} <= set(reference) else None
     if "out" in paths:
-        write = trajectory.to_csv if paths["out"].suffix.lower() == ".csv" else trajectory.to_npz
-        write(paths["out"])
+        if paths["out"].suffix.lower() == ".csv":
+            trajectory.to_csv(paths["out"], args.units)
+        else:
+            trajectory.to_npz(paths["out"])
         values["out"] = str(paths["out"])
     if "plot" in paths:
         from flexarm_env.plotting import plot_trajectory
@@ -82,8 +84,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def report(trajectory: Any, compile_seconds: float) -> dict[str, Any]:
-    """What a run took, by name; energies in J, times in s."""
+    """Return the report's entries by name; energies in J, times in s."""
     simulated = float(trajectory.t[-1])
+    residual, turned = float(np.abs(trajectory.balance).max()), float(np.max(trajectory.turned_over))
     values: dict[str, Any] = {
         "scene": trajectory.scene.name,
         "formulation": trajectory.settings.formulation,
@@ -95,7 +98,8 @@ def report(trajectory: Any, compile_seconds: float) -> dict[str, Any]:
         **{name: getattr(trajectory, name) for name in ("factorizations", "halvings")},
         "cpu_seconds_per_simulated_second": trajectory.cpu_seconds / simulated if simulated > 0.0 else float("nan"),
         "compile_seconds": compile_seconds,
-        "max_energy_balance_residual": float(np.abs(trajectory.balance).max()),
+        "max_energy_balance_residual_J": residual,
+        "energy_balance_residual_share": residual / turned if turned > 0.0 else float("nan"),
         "error_estimate": trajectory.error_estimate,
         "error_parts": dict(trajectory.error_parts),
     }
@@ -106,7 +110,7 @@ def report(trajectory: Any, compile_seconds: float) -> dict[str, Any]:
 
 
 def _film(trajectory: Any, path: Path, speed: float) -> Path:
-    """A film of the run; 25 pictures a second, or as many as were recorded."""
+    """Write a film of the run with 25 pictures a second, or as many as were recorded."""
     from flexarm_env.envs.video import pictures, write_film
 
     interval = float(np.diff(trajectory.t).mean()) if trajectory.t.size > 1 else 1.0
@@ -115,7 +119,7 @@ def _film(trajectory: Any, path: Path, speed: float) -> Path:
 
 
 def _errors(trajectory: Any, reference: Columns) -> dict[str, Any]:
-    """max_tip_error and rms_tip_error; nan with a reason where the run ended before there was anything to compare."""
+    """Return max_tip_error and rms_tip_error; nan with a reason if no instants can be compared."""
     try:
         return dict(tip_error(trajectory.t, trajectory.tip, reference, trajectory.start).found())
     except ValueError:
@@ -125,7 +129,7 @@ def _errors(trajectory: Any, reference: Columns) -> dict[str, Any]:
 
 
 def _trajectory(scene: Scene, settings: Settings, args: argparse.Namespace) -> tuple[Any, float]:
-    """The run, and the wall time (s) that compiling or loading compiled code took before it."""
+    """Return the run, and the time, s, that compiling or loading took before it."""
     run = _through_env if args.through_env else _directly
     start = time.perf_counter()
     first = max(1e-9, min(scene.dt, settings.dt or scene.dt, args.duration or scene.duration))
@@ -136,6 +140,7 @@ def _trajectory(scene: Scene, settings: Settings, args: argparse.Namespace) -> t
 
 
 def _directly(scene: Scene, settings: Settings, args: argparse.Namespace, bar: ProgressBar | None) -> Any:
+    """Simulate the scene with the command's options."""
     from flexarm_env.simulation import simulate
 
     names = ("duration", "sample", "error_limit", "time_limit")
@@ -144,6 +149,7 @@ def _directly(scene: Scene, settings: Settings, args: argparse.Namespace, bar: P
 
 
 def _through_env(scene: Scene, settings: Settings, args: argparse.Namespace, bar: ProgressBar | None) -> Any:
+    """Simulate the scene through an environment, at its control periods."""
     from flexarm_env.envs.replay import through_env
 
     period = args.sample or scene.sample
@@ -154,24 +160,24 @@ def _through_env(scene: Scene, settings: Settings, args: argparse.Namespace, bar
 
 
 def _reference(args: argparse.Namespace) -> tuple[Columns | None, str]:
-    """Columns to compare with and where they are from: the file given, or the named scene's own."""
+    """Return the reference's columns and their source: the given file, or the named scene's own."""
     given = getattr(args, "reference", None)
     if given is not None:
         return scenes.read_reference(given), given
     if args.command != "replay" or args.scene not in scenes.reference_names():
         return None, ""
     own = scenes.reference(args.scene)
-    return own.columns, f"{own.scene} ({own.method}; tip good to {own.tip_tolerance:g} m)"
+    return own.columns, f"{own.scene} ({own.method}; tip accurate to {own.tip_tolerance:g} m)"
 
 
 def _needs(name: str, module: str, extra: str) -> None:
-    """ImportError with a sentence where there is no such module."""
+    """Raise ImportError with a sentence if a module is missing."""
     if find_spec(module) is None:
         raise ImportError(check.lacking(f"--{name}", {"pygame": "pygame-ce"}.get(module, module), extra))
 
 
 def writable(name: str, path: str, endings: tuple[str, ...]) -> Path:
-    """The path of an output, its folder made; known to be sound before a long run."""
+    """Check an output's path before a long run, make its folder, and return the path."""
     if name in NEEDED and Path(path).suffix.lower() in endings:
         _needs(name, *NEEDED[name])
     return to_file(f"--{name}", path, endings)

@@ -8,7 +8,7 @@ from flexarm_env.cli.codes import DONE
 
 
 def run(args: argparse.Namespace) -> int:
-    """List the named scenes, or print one of them as TOML."""
+    """List the named scenes, or print one as TOML."""
     if args.name is not None:
         scene = scenes.named(args.name)
         if args.json:
@@ -21,11 +21,11 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps({"scenes": entries}, indent=2))
         return DONE
     width = max(len(str(entry["name"])) for entry in entries)
-    print(f"{'name':{width}}  links  run, s   dt, s  reference  what happens")
+    print(f"{'name':{width}}  links  run, s   dt, s  reference  description")
     for entry in entries:
         mark = "yes" if entry["reference"] else "-"
         printed = str(entry["name"]).endswith("@as_printed")
-        what = "the same, with the digits printed in the paper" if printed else entry["description"]
+        what = "the same scene with the parameters printed in the paper" if printed else entry["description"]
         print(
             f"{entry['name']:{width}}  {entry['links']:5d}  {entry['duration']:6g}  {entry['dt']:6g}  {mark:9}  {what}"
         )
@@ -33,6 +33,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _entry(name: str) -> dict[str, object]:
+    """Return what `flexarm scenes` shows of a scene."""
     scene = scenes.named(name)
     return {
         "name": name,

@@ -21,59 +21,61 @@ from flexarm_env.suite.score import EPISODES, FIRST, references
 from flexarm_env.training.arguments import Parser
 
 COMMANDS = {
-    "suite": "Judge policies on the suite's tasks; works without a checkout",
-    "page": "One page of all results files of a folder; works without a checkout",
+    "suite": "Evaluate policies on the suite's tasks; works without a checkout",
+    "page": "Summarize all results files of a folder on one page; works without a checkout",
 }
 
 MOST = 100_000
 """Episodes that a policy is judged on at most."""
 
 SUITE = f"""\
-Judge policies on the suite's tasks, each on the {EPISODES} episodes of seeds {FIRST} and on, and write what came of it
-to FOLDER/NAME-RUN.json: versions, digests of the tasks, seeds, seconds, and of each episode return, success and cost.
-What stands there already, of the same policy on the same task, is kept, and said to be: an interrupted command goes on.
-Functions of your own are judged anew each time, others with --again. Of more than {EPISODES} episodes, all from seed
-{FIRST} on, a result is of the first {EPISODES}, and the others tell methods apart (the page's differences).
+Evaluate policies on the suite's tasks, each on the {EPISODES} episodes with seeds from {FIRST}, and write
+FOLDER/NAME-RUN.json: versions, digests of the tasks, seeds, run times, and return, success and cost of each episode.
+Results of the same policy and task that are already in FOLDER are kept, and the output says so; an interrupted command
+thus resumes. Functions of your own are evaluated every time, other policies with --again. With more than {EPISODES}
+episodes, all with seeds from {FIRST}, the result uses the first {EPISODES}; the others refine the differences between
+methods on the page.
 
-A policy is a controller (pd, zv, zvd, lqr, lqg, mpc, time_optimal), a run folder or policy.npz, the name of a policy
-that comes with the package, an .onnx file, or MODULE:NAME of your own: a function of observations (n, entries) to
-actions (n, joints), or of one to one, or an object with `reset` and `act`, or its class; `reset` is called with the
-first observations. The word {PLACE} in it stands for the task's id, where each task has a policy of its own.
+A policy is a controller (pd, zv, zvd, lqr, lqg, mpc, time_optimal), a run folder or policy.npz, a policy of the
+package, an .onnx file, or your own MODULE:NAME: a function of observations (n, entries) to actions (n, joints) or of
+one observation to one action, or an object with `reset` and `act`, or its class. `reset` receives the first
+observations. {PLACE} in the name is replaced by the task's id, if each task has its own policy.
 
   flexarm bench suite --list            with --json: id, for --task, and env_id, for gymnasium.make
   flexarm bench suite --policy pd,lqg --out runs/suite
   flexarm bench suite --policy 'runs/{PLACE}-0' --name ppo --run 0 --out runs/suite
   flexarm bench suite --policy mine:act --task slew-measured-v2
-  flexarm bench suite --best slew-measured-v2      play the record, the best of all that was played there
+  flexarm bench suite --best slew-measured-v2      play the best known result of the task
 """
 
 PAGE = """\
-Make one page, in Markdown, of all results files in a folder: interquartile means of the scores with intervals, and a
-table of each task.
+Summarize all results files of a folder on one Markdown page: interquartile means of the scores with confidence
+intervals, and a table for each task.
 
   flexarm bench page runs/suite --out runs/suite.md
 """
 
 CODES = """\
-exit code: 0 done, 1 some task could not be judged (said on standard error), 2 wrong input, 130 interrupted
+exit code: 0 done, 1 some task could not be evaluated (see standard error), 2 wrong input, 130 interrupted
 """
 
 
 def run(name: str, words: Sequence[str]) -> int:
-    """Run `flexarm bench NAME`; the exit code."""
+    """Run `flexarm bench NAME`; returns the exit code."""
     return _suite(words) if name == "suite" else _page(words)
 
 
 def _suite(words: Sequence[str]) -> int:
+    """Run `flexarm bench suite`: evaluate policies on tasks, or list tasks or play records; returns the exit code."""
     parser = Parser(prog="flexarm bench suite", description=SUITE, epilog=CODES)
-    parser.add_argument("--policy", default="pd", metavar="WHO[,WHO...]", help="what is judged (pd)")
+    parser.add_argument("--policy", default="pd", metavar="POLICY[,POLICY...]", help="policies to evaluate (pd)")
     parser.add_argument("--task", metavar="ID[,ID...]", help="tasks; default: all")
-    parser.add_argument("--out", default="runs/suite", metavar="FOLDER", help="of results files (runs/suite)")
-    parser.add_argument("--name", metavar="NAME", help="of the method; default: after the policy")
-    parser.add_argument("--run", type=int, metavar="K", help="of several runs; default: the policy's seed, or 0")
-    parser.add_argument("--episodes", type=int, default=EPISODES, metavar="N", help="fewer: a look; more: see above")
-    parser.add_argument("--again", action="store_true", help="judge anew what was judged before")
-    parser.add_argument("--best", metavar="ID[,ID...]", help="play the records of these tasks, and judge nothing")
+    parser.add_argument("--out", default="runs/suite", metavar="FOLDER", help="folder of results files (runs/suite)")
+    parser.add_argument("--name", metavar="NAME", help="name of the method; default: from the policy")
+    parser.add_argument("--run", type=int, metavar="K", help="number of the run; default: the policy's seed, or 0")
+    parser.add_argument("--episodes", type=int, default=EPISODES, metavar="N", help="fewer: a preview; more: see above")
+    parser.add_argument("--again", action="store_true", help="repeat evaluations that are already in FOLDER")
+    parser.add_argument("--best", metavar="ID[,ID...]", help="only play the best known results of these tasks")
     parser.add_argument("--list", action="store_true", help="list the tasks")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
     args = parser.parse_args(words)
@@ -85,7 +87,7 @@ def _suite(words: Sequence[str]) -> int:
     wanted = [frozen(task) for task in chosen_tasks(args.task)]
     policies = listed("--policy", args.policy)
     if args.name is not None and len(policies) != 1:
-        raise check.InvalidValue("--name", args.name, "must be given for one policy alone")
+        raise check.InvalidValue("--name", args.name, "requires a single policy")
     to_folder("--out", args.out)
     done, trouble = [], []
     for word in policies:
@@ -108,7 +110,7 @@ def _suite(words: Sequence[str]) -> int:
 
 
 def _best(wanted: Sequence[Task], as_json: bool) -> int:
-    """Play records; 1 where one does not give the values that it holds."""
+    """Play records; returns 1 if one does not reproduce its stored values."""
     found = {}
     for task in wanted:
         kept = best.record(task)
@@ -124,19 +126,20 @@ def _best(wanted: Sequence[Task], as_json: bool) -> int:
         show({"records": found}, True)
     for name, one in () if as_json else found.items():
         what = f"J {one['value']:.2f}, success {one['success_rate']:.0%}"
-        equal = f"{one['same']} of {one['episodes']} episodes as recorded, {one['equal']} to the bit"
+        equal = f"{one['same']} of {one['episodes']} episodes reproduced, {one['equal']} to the last bit"
         print(f"{name}: record of {one['date']}: {what}; {equal}")
     return DONE if all(one["same"] == one["episodes"] for one in found.values()) else FAILED
 
 
 def _summary(results: Results, notes: Mapping[str, str], wanted: Sequence[Task], folder: Path) -> dict[str, Any]:
-    """What is printed of a policy."""
+    """Return the printed values of a policy."""
     own = [task for task in wanted if task.id in results.tasks]
     found = {task.id: summary(task, results.tasks[task.id]) | {"note": notes.get(task.id, "")} for task in own}
     return {"policy": results.name, "run": results.run, "file": str(folder / results.file), "tasks": found}
 
 
 def _print(found: dict[str, Any]) -> None:
+    """Print a policy's results, a line for each task."""
     print(f"{found['policy']}, run {found['run']}: {found['file']}")
     for name, values in found["tasks"].items():
         score = "no score" if values["score"] is None else f"score {values['score']:.3f}"
@@ -146,6 +149,7 @@ def _print(found: dict[str, Any]) -> None:
 
 
 def _list(as_json: bool) -> int:
+    """Print the tasks with their budgets and, as JSON, their reference scores."""
     known = references()
     entries = [
         {
@@ -162,14 +166,15 @@ def _list(as_json: bool) -> int:
         return DONE
     width = max(len(str(entry["id"])) for entry in entries)
     for entry in entries:
-        print(f"{entry['id']:{width}}  {entry['title']}; {entry['budget']:,} control periods of training")
-    print(f'A task is made by gymnasium.make("{suite.task(str(entries[0]["id"])).env_id}"), and so on.')
+        print(f"{entry['id']:{width}}  {entry['title']}; training budget {entry['budget']:,} control periods")
+    print(f'Create a task by its id: gymnasium.make("{suite.task(str(entries[0]["id"])).env_id}")')
     return DONE
 
 
 def _page(words: Sequence[str]) -> int:
+    """Run `flexarm bench page`: write the page of a folder of results; returns the exit code."""
     parser = Parser(prog="flexarm bench page", description=PAGE)
-    parser.add_argument("folder", metavar="FOLDER", help="of results files")
+    parser.add_argument("folder", metavar="FOLDER", help="folder of results files")
     parser.add_argument("--out", metavar="FILE.md", help="the page; default: standard output")
     args = parser.parse_args(words)
     if args.out is not None and Path(args.out).suffix.lower() != ".md":

@@ -13,8 +13,9 @@ import gymnasium as gym
 from flexarm_env import control, scenes
 from flexarm_env import validation as check
 from flexarm_env.cli.codes import DONE
-from flexarm_env.cli.play import DEFAULT_ENV, choose, play
+from flexarm_env.cli.play import DEFAULT_ENV, choose, keywords, play
 from flexarm_env.cli.progress import ProgressBar, show
+from flexarm_env.control import NamedPolicy
 from flexarm_env.envs.ids import PACKAGE, own_ids
 from flexarm_env.files import npz_names
 from flexarm_env.recording import EpisodeRecorder, load_episodes
@@ -22,7 +23,6 @@ from flexarm_env.scene import Scene
 from flexarm_env.suite import best
 from flexarm_env.suite.data import task
 from flexarm_env.suite.score import FIRST
-from flexarm_env.training.policies import Chosen
 from flexarm_env.trajectory import MOST_SAMPLES, MOST_STEPS, Trajectory
 from flexarm_env.view import Clip, SpaceClip
 from flexarm_env.view import Player as Page
@@ -30,16 +30,19 @@ from flexarm_env.view import Player as Page
 OF_THE_POLICY = ("action_mode", "residual_share", "observation", "history", "sensors")
 """Keywords of a policy's environment that say what it sees and sets: a controller beside it has its own."""
 KINDS = {
-    "episodes": "a file of recorded episodes", "scene": "a scene", "player": "a controller, a policy or a record",
+    "episodes": "a file of recorded episodes", "scene": "a scene", "player": "a controller, a policy or a task",
 }  # fmt: skip
-FLAGS = {"episode": "episodes", "formulation": "scene", "duration": "scene", "sample": "scene", "seed": "player"}
+FLAGS = {
+    "episode": "episodes", "formulation": "scene", "duration": "scene", "sample": "scene", "seed": "player",
+    "env_kwargs": "player",
+}  # fmt: skip
 """Flags that one kind of run alone takes."""
 PICTURES = 300
 """Instants of a scene that is run for the page, at least, where its steps are as many."""
 
 
 def run(args: argparse.Namespace) -> int:
-    """Make the page and say where it is."""
+    """Write the page and print its path; returns the exit code."""
     target = Path(args.out if args.out is not None else f"{Path(args.runs[0].partition('@')[0]).stem}.html")
     if target.suffix.lower() not in (".html", ".htm"):
         raise check.InvalidValue("--out", args.out, "must end in .html")
@@ -54,39 +57,44 @@ def run(args: argparse.Namespace) -> int:
         webbrowser.open(path.resolve().as_uri())
     values = {"view": str(path), "runs": [clip.label for clip in clips], "bytes": path.stat().st_size}
     show(values | {"instants": [len(clip.t) for clip in clips]}, args.json)
+    if not args.json and not args.open:
+        print(f"next: open {path} in a browser, or use --open")
     return DONE
 
 
 def _checked(args: argparse.Namespace) -> list[str]:
-    """What each run is. ValueError for a word that is nothing, and for a flag that none of the runs takes."""
+    """Return the kind of each run. Raises ValueError for an unknown word, or a flag that no run uses."""
     kinds = [_kind(word) for word in args.runs]
     for flag, kind in FLAGS.items():
         if getattr(args, flag) is not None and kind not in kinds:
-            what = f"must not be given where no run is {KINDS[kind]}"
-            raise check.InvalidValue(f"--{flag}", getattr(args, flag), what)
+            what = f"requires a run that is {KINDS[kind]}"
+            raise check.InvalidValue(f"--{flag.replace('_', '-')}", getattr(args, flag), what)
     return kinds
 
 
 def _kind(word: str) -> str:
-    """What a word stands for: "episodes", "trajectory", "scene" or "player"."""
+    """Return the kind of a word: "episodes", "trajectory", "scene" or "player"."""
     path = Path(word)
     if path.suffix == ".npz" and path.is_file():
         held = npz_names(path, "trajectory, episodes or policy")
         return "episodes" if "lengths" in held else "player" if "meta" in held else "trajectory"
     if path.suffix in (".csv", ".gz", ".json", ".html") and path.is_file():
-        what = f"must be a run as .npz: a {path.suffix} file has not all that a page shows (simulate --out RUN.npz has)"
+        what = f"must be a run as .npz (from simulate --out RUN.npz): a {path.suffix} file lacks data for the page"
         raise check.InvalidValue("RUN", word, what)
+    if word.partition("@")[0] in control.NAMES:
+        return "player"
     if word in scenes.names(parameter_sets=True, space=True) or path.suffix == ".toml" or ".toml@" in word:
         return "scene"
     players = (*control.NAMES, *control.policy_names(), *best.known())
-    if word in players or path.exists():
+    if word in players or path.exists() or ":" in word:
         return "player"
     known = (*scenes.names(space=True), *players)
-    raise check.UnknownKey(word, known, "scene, controller, policy or task with a record (and no file or folder)")
+    what = "scene, controller, policy, task with a record, file, folder or MODULE:NAME"
+    raise check.UnknownKey(word, known, what)
 
 
 def _clip(word: str, kind: str, seed: int, args: argparse.Namespace, shared: dict[str, Any]) -> Clip | SpaceClip:
-    """Of what a word stands for."""
+    """Return the clip of a word of the given kind."""
     path = Path(word)
     if kind == "episodes":
         return _of_episodes(path, args)
@@ -97,18 +105,19 @@ def _clip(word: str, kind: str, seed: int, args: argparse.Namespace, shared: dic
     return _of_player(_who(word, seed), seed, shared)
 
 
-def _who(word: str, seed: int) -> Chosen:
-    """A player by name; of a task of the suite it is the best that is known of the episode with this seed."""
+def _who(word: str, seed: int) -> NamedPolicy:
+    """Return a player by name; for a suite task, the best known policy of the episode with this seed."""
     if word not in best.known():
-        return choose(word)
+        return choose(word, "RUN")
     kept = best.record(task(word))
     n = kept.actions.shape[1]
     k = check.integer("--seed", seed, minimum=FIRST, maximum=FIRST + n - 1) - FIRST
-    return Chosen(f"best known ({kept.by[k]})", task(word).registered, {}, lambda env: best.Actions(kept.actions[:, k]))
+    name, env_id = f"best known ({kept.by[k]})", task(word).registered
+    return NamedPolicy(name, env_id, {}, lambda env: best.Actions(kept.actions[:, k]))
 
 
 def _of_episodes(path: Path, args: argparse.Namespace) -> Clip | SpaceClip:
-    """The first episode of a recording, or that of --episode."""
+    """Return the recording's episode --episode, or its first."""
     kept = load_episodes(path)
     k = 0 if args.episode is None else check.integer("--episode", args.episode, minimum=0, maximum=len(kept) - 1)
     with check.in_file(path):
@@ -116,6 +125,7 @@ def _of_episodes(path: Path, args: argparse.Namespace) -> Clip | SpaceClip:
 
 
 def _of_scene(scene: Scene, word: str, args: argparse.Namespace) -> Trajectory:
+    """Simulate a scene with enough samples for a smooth film."""
     from flexarm_env.simulation import simulate
 
     usual, length = scene.sample or scene.dt, scene.duration
@@ -129,26 +139,31 @@ def _of_scene(scene: Scene, word: str, args: argparse.Namespace) -> Trajectory:
 
 
 def _shared(args: argparse.Namespace, kinds: Sequence[str], seed: int) -> dict[str, Any]:
-    """The environment that controllers play in: that of the first policy named, or --env."""
+    """Return id and keywords of the environment that controllers play in.
+
+    They are those of the first policy named, or --env, with --env-kwargs.
+    """
+    given = keywords(args.env_kwargs)
     for word, kind in zip(args.runs, kinds, strict=True):
-        if kind == "player" and word not in control.NAMES:
-            player = _who(word, seed)
+        if kind == "player" and (player := _who(word, seed)).env_id:
             kwargs = {k: v for k, v in player.env_kwargs.items() if k not in OF_THE_POLICY}
-            return {"env": _registered(args.env or player.env_id), "kwargs": kwargs}
-    return {"env": _registered(args.env or DEFAULT_ENV), "kwargs": {}}
+            return {"env": _registered(args.env or player.env_id), "kwargs": kwargs | given, "given": given}
+    return {"env": _registered(args.env or DEFAULT_ENV), "kwargs": given, "given": given}
 
 
 def _registered(env_id: str) -> str:
-    """An id without the package, which `gymnasium.make` may be given before it."""
+    """Return an id without the package prefix that `gymnasium.make` accepts."""
     return env_id.removeprefix(f"{PACKAGE}:")
 
 
-def _of_player(player: Chosen, seed: int, shared: dict[str, Any]) -> Clip | SpaceClip:
-    """An episode of a controller or a policy."""
-    env_id, kwargs = (player.env_id, player.env_kwargs) if player.env_id else (shared["env"], shared["kwargs"])
+def _of_player(player: NamedPolicy, seed: int, shared: dict[str, Any]) -> Clip | SpaceClip:
+    """Return the clip of one episode of a controller or policy."""
+    env_id, kwargs = shared["env"], shared["kwargs"]
+    if player.env_id:
+        env_id, kwargs = player.env_id, {**player.env_kwargs, **shared["given"]}
     env_id = _registered(env_id)
     if env_id != shared["env"]:
-        what = f"must be of {shared['env']}, as the first policy or --env, not of {env_id}"
+        what = f"must play in {shared['env']}, the environment of the first policy or of --env, not in {env_id}"
         raise check.InvalidValue("RUN", player.name, what)
     if env_id not in own_ids():
         raise check.UnknownKey(env_id, own_ids(), "environment")

@@ -1,24 +1,23 @@
-"""A compiler of kernels: what the physics says of it is a dozen words (docs: compiler)."""
+"""Compiler of kernels: decorators, the words of the kernel language, and threads for compiled code (docs: compiler)."""
 
-from .crew import Crew, OneAtATime, holders, one_at_a_time
-from .decorator import MODE, UNCOMPILED, apart, hot, inlined, kernel, superword, uncompiled
-from .dispatch import Family, nothing
+from .beside import Beside
+from .crew import CROWDED, Crew, OneAtATime, one_at_a_time
+from .decorator import MODE, UNCOMPILED, entry_point, inlined, kernel, noinline, superword, uncompiled
+from .dispatch import Family, returns_none
 from .entry import Placed, entry, native
+from .lane_arrays import Lanes
 from .lanes import (
     EIGHT,
     SINGLE,
     WIDEST,
     absolute,
-    alone,
-    arms,
-    change,
+    dereference,
     dual,
-    follow,
-    largest,
+    lane_count,
     load,
+    load_lane,
+    max_over_lanes,
     maximum,
-    pick,
-    place,
     round_even,
     select_lt,
     sincos,
@@ -27,19 +26,26 @@ from .lanes import (
     square_root,
     stack,
     store,
+    store_lane,
+    tangents_only,
     with_slope,
+    without_tangents,
 )
+from .pace import Pace, Team, default_threads, processors
 from .reverse import vjp_of
+from .sheets import Sheet
 from .trace import traced, unrolled
+from .waiting import compiling
 
 __all__ = [
-    "kernel", "inlined", "apart", "hot", "superword", "uncompiled",
-    "SINGLE", "EIGHT", "WIDEST", "dual", "arms", "alone", "change", "with_slope",
-    "load", "store", "splat", "pick", "place",
-    "select_lt", "absolute", "maximum", "square_root", "round_even", "largest", "sincos",
+    "kernel", "inlined", "noinline", "entry_point", "superword", "uncompiled",
+    "SINGLE", "EIGHT", "WIDEST", "dual", "lane_count", "without_tangents", "tangents_only", "with_slope",
+    "Lanes", "load", "store", "splat", "load_lane", "store_lane",
+    "select_lt", "absolute", "maximum", "square_root", "round_even", "max_over_lanes", "sincos",
     "stack", "unrolled", "traced", "vjp_of",
-    "Family", "nothing", "size",
-    "Placed", "entry", "follow", "native",
-    "Crew", "OneAtATime", "one_at_a_time", "holders",
-    "MODE", "UNCOMPILED",
+    "Family", "returns_none", "size",
+    "Placed", "entry", "dereference", "native",
+    "Beside", "Crew", "OneAtATime", "one_at_a_time", "CROWDED", "Sheet",
+    "Pace", "Team", "default_threads", "processors",
+    "MODE", "UNCOMPILED", "compiling",
 ]  # fmt: skip

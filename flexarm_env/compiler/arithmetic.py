@@ -1,7 +1,9 @@
-"""Arithmetic of kernels on what is known at compile time and what is not; its meaning is Python's.
+"""Arithmetic of kernels with Python's meaning, folded where both operands are known at compile time.
 
-Whole numbers have 64 bits and wrap around. Floor division and remainder take the sign of the divisor; by zero both are
-0 (Python raises), and a float's is NaN. A shift by 64 or more leaves 0. Numbers that are known are reckoned by Python.
+Integers have 64 bits and wrap around. Floor division and remainder take the sign of the divisor; by zero both are
+0 (Python raises), and a float's is NaN. A shift by 64 or more leaves 0. Python evaluates operations on known numbers.
+
+In all functions b is the IR builder; x and y are items (`kinds`): known Python numbers or values of run time.
 """
 
 import math
@@ -12,35 +14,38 @@ import numpy as np
 from llvmlite import ir
 
 from . import symbols
-from .kinds import BIT, NUMBERS, WORD, Integer, Narrow, Refused, Truth, is_static, is_tuple, told
+from .kinds import BIT, BYTE, NUMBERS, WORD, Integer, Narrow, Refused, Truth, is_static, is_tuple, told
 from .symbols import DOUBLE, Value
 
+# Python's operator for each AST operator class, for constant folding
 KNOWN = {
     "Add": operator.add, "Sub": operator.sub, "Mult": operator.mul, "Div": operator.truediv,
     "FloorDiv": operator.floordiv, "Mod": operator.mod, "Pow": operator.pow, "LShift": operator.lshift,
     "RShift": operator.rshift, "BitAnd": operator.and_, "BitOr": operator.or_, "BitXor": operator.xor,
 }  # fmt: skip
+# LLVM's predicate and Python's operator for each AST comparison class
 COMPARED = {
     "Lt": ("<", operator.lt), "Gt": (">", operator.gt), "LtE": ("<=", operator.le), "GtE": (">=", operator.ge),
     "Eq": ("==", operator.eq), "NotEq": ("!=", operator.ne),
 }  # fmt: skip
+# integer operations that wrap around: one LLVM instruction, signed or unsigned
 _PLAIN = {"Add": "add", "Sub": "sub", "Mult": "mul", "BitAnd": "and_", "BitOr": "or_", "BitXor": "xor"}
 
 
 def known(x: Any) -> bool:
-    """Whether x is a number of Python's."""
+    """Return whether x is a number known at compile time."""
     return isinstance(x, int | float | np.int64 | np.uint64 | np.bool_)
 
 
 def whole_kind(x: Any) -> bool:
-    """Whether x is a whole number or a truth value, known or not."""
+    """Return whether x is an integer or a truth value, known or of run time."""
     if isinstance(x, Narrow):
         return x.letter == "b"
     return isinstance(x, Integer | Truth) or (known(x) and not isinstance(x, float | np.floating))
 
 
 def number(b: Any, x: Any) -> Value:
-    """x as float64 or lanes."""
+    """Convert x to a `Value`: float64 or lanes. Refused: x is no number."""
     if isinstance(x, Value):
         return x
     if isinstance(x, Integer):
@@ -55,12 +60,16 @@ def number(b: Any, x: Any) -> Value:
 
 
 def whole(b: Any, x: Any, unsigned: bool = False) -> Any:
-    """x, a whole number, as an LLVM value of 64 bits."""
+    """Convert an integer or truth value to an LLVM i64. Refused: other items, and known integers out of range.
+
+    unsigned: known integers up to 2^64 - 1 are accepted, otherwise up to 2^63 - 1.
+    """
     if isinstance(x, Integer):
         return x.value
     if isinstance(x, Truth) or (isinstance(x, Narrow) and x.letter == "b"):
         return b.zext(x.value, WORD)
     if known(x) and whole_kind(x):
+        # literals and folded constants must fit; arithmetic at run time wraps around
         if not -(2**63) <= int(x) < 2 ** (64 if unsigned or isinstance(x, np.uint64) else 63):
             raise Refused(f"{x}: a whole number has 64 bits")
         return ir.Constant(WORD, int(x))
@@ -68,7 +77,7 @@ def whole(b: Any, x: Any, unsigned: bool = False) -> Any:
 
 
 def truth(b: Any, x: Any) -> Any:
-    """Whether x is true: a bool where that is known, otherwise an LLVM bit."""
+    """Convert x to a truth value: a bool where it is known, otherwise an LLVM i1. Refused: lanes, arrays."""
     if isinstance(x, Truth):
         return x.value
     if isinstance(x, Integer | Narrow) and whole_kind(x):
@@ -76,27 +85,66 @@ def truth(b: Any, x: Any) -> Any:
     if isinstance(x, Value):
         if x.count > 1:
             raise Refused("lanes where a truth value is wanted: `select_lt` chooses lane by lane")
+        # NaN is true, as in Python
         return b.fcmp_unordered("!=", x.value, ir.Constant(DOUBLE, 0.0))
     if x is None or known(x) or isinstance(x, str) or is_tuple(x):
         return bool(x)
     raise Refused(f"{told(x)} where a truth value is wanted")
 
 
+def element(b: Any, found: Any, letter: str) -> Any:
+    """Convert a loaded array element of type `letter` to an item: float32 as float64, uint8 as i64, bool as i1."""
+    if letter in "iu":
+        return Integer(found, letter == "u")
+    if letter == "b":
+        return Integer(b.zext(found, WORD))
+    if letter == "t":
+        return Truth(b.icmp_signed("!=", found, ir.Constant(BYTE, 0)))
+    return Value(b, found if letter == "f" else b.fpext(found, DOUBLE), 1)
+
+
+def _reckonable(*items: Any) -> None:
+    """Refuse np.float32 and np.uint8 operands, which NumPy would compute in 32 or 8 bits."""
+    for item in items:
+        if isinstance(item, Narrow):
+            word = "float" if item.letter == "g" else "int"
+            raise Refused(f"{told(item)}: nothing is reckoned with it, {word}(x) makes a number of it")
+
+
+def far_from_exact(x: Any, y: Any) -> bool:
+    """Return whether x / y of signed integers may differ from the ratio of both as float64.
+
+    Then `wholes.ratio` computes it, rounded once as in Python; unsigned ones become float64 first, as in NumPy.
+    """
+    both = (x, y)
+    if any(isinstance(item, np.uint64) or (isinstance(item, Integer) and item.unsigned) for item in both):
+        return False
+    if not all(isinstance(item, Integer | Truth) or (known(item) and whole_kind(item)) for item in both):
+        return False
+    return any(isinstance(item, Integer) for item in both)
+
+
 def binary(b: Any, op: str, x: Any, y: Any) -> Any:
-    """x op y."""
+    """Write x op y; op is the name of an AST operator class (`Add`, `FloorDiv`, ...). Known operands are folded."""
+    _reckonable(x, y)
     if known(x) and known(y):
+        # Python would raise at run time; here it is a compile error
         if op in ("FloorDiv", "Mod", "Div") and y == 0:
             raise Refused("a division by zero that is known beforehand")
         try:
-            return KNOWN[op](x, y)
+            # constant folding by Python
+            with np.errstate(all="ignore"):
+                return KNOWN[op](x, y)
         except (ArithmeticError, TypeError, ValueError) as error:
             raise Refused(f"{x} and {y}: {error}") from None
     if is_tuple(x) or is_tuple(y):
         return _of_tuples(op, x, y)
+    # two integers
     if whole_kind(x) and whole_kind(y) and op not in ("Div", "Pow"):
         return _wholes(b, op, x, y)
     if op == "Pow":
         return _power(b, x, y)
+    # at least one float64 or lane operand
     p, q = number(b, x), number(b, y)
     if op in ("Add", "Sub", "Mult", "Div"):
         return KNOWN[op](p, q)
@@ -108,6 +156,7 @@ def binary(b: Any, op: str, x: Any, y: Any) -> Any:
 
 
 def _of_tuples(op: str, x: Any, y: Any) -> Any:
+    """Concatenate two tuples, or repeat one a known number of times. Refused: other operations."""
     if op == "Add" and is_tuple(x) and is_tuple(y):
         return x + y
     if op == "Mult" and isinstance(x if is_tuple(y) else y, int):
@@ -116,6 +165,8 @@ def _of_tuples(op: str, x: Any, y: Any) -> Any:
 
 
 def _unsigned(x: Any, y: Any) -> bool:
+    """Return whether integer operands are unsigned. Refused: a signed and an unsigned one."""
+    # known Python integers adapt to the other operand
     kinds = {item.unsigned for item in (x, y) if isinstance(item, Integer)}
     kinds |= {True for item in (x, y) if isinstance(item, np.uint64)}
     if len(kinds) == 2 or (True in kinds and any(known(item) and item < 0 for item in (x, y))):
@@ -124,10 +175,12 @@ def _unsigned(x: Any, y: Any) -> bool:
 
 
 def _wholes(b: Any, op: str, x: Any, y: Any) -> Any:
+    """Write an integer operation, as an `Integer`; of two truth values only &, |, ^ are defined, as a `Truth`."""
     unsigned = _unsigned(x, y)
     p, q = whole(b, x, unsigned), whole(b, y, unsigned)
     if isinstance(x, Truth) and isinstance(y, Truth):
-        if not op.startswith("Bit"):  # NumPy's are no numbers, Python's are
+        # NumPy's truth values are no numbers, Python's are: arithmetic would be ambiguous
+        if not op.startswith("Bit"):
             raise Refused("arithmetic of two truth values: int(x) makes a number of one")
         return Truth(getattr(b, _PLAIN[op])(x.value, y.value))
     if op in _PLAIN:
@@ -142,7 +195,11 @@ def _wholes(b: Any, op: str, x: Any, y: Any) -> Any:
 
 
 def _shifted(b: Any, op: str, p: Any, q: Any, unsigned: bool) -> Any:
-    """A shift; LLVM's are for less than 64 places. What follows from a number that is known is left to LLVM."""
+    """Write p << q or p >> q (arithmetic for signed); q >= 64 gives 0, or -1 for negative p shifted right.
+
+    LLVM's shifts are undefined from 64 places on, hence the clamped count. LLVM folds constants itself.
+    """
+    # unsigned comparison: a negative count is large, too
     few, zero = b.icmp_unsigned("<", q, ir.Constant(WORD, 64)), ir.Constant(WORD, 0)
     if op == "RShift" and not unsigned:
         return b.ashr(p, b.select(few, q, ir.Constant(WORD, 63)))
@@ -150,12 +207,17 @@ def _shifted(b: Any, op: str, p: Any, q: Any, unsigned: bool) -> Any:
 
 
 def _divided(b: Any, op: str, p: Any, q: Any, unsigned: bool) -> Any:
-    """Floor division or remainder; dividing by 0, or the least number by -1, is no instruction's."""
+    """Write integer p // q or p % q, rounded toward minus infinity; 0 for q = 0.
+
+    LLVM's division is undefined for q = 0 and for -2^63 / -1: q is replaced by 1 in both cases.
+    """
     zero, one = ir.Constant(WORD, 0), ir.Constant(WORD, 1)
+    # q = 0 and q = -1 are treated apart
     none, minus = b.icmp_signed("==", q, zero), b.icmp_signed("==", q, ir.Constant(WORD, -1))
     if unsigned:
         return b.select(none, zero, (b.udiv if op == "FloorDiv" else b.urem)(p, b.select(none, one, q)))
     by = b.select(b.or_(none, minus), one, q)
+    # truncated division; one less where the remainder and the divisor differ in sign
     rest = b.srem(p, by)
     under = b.and_(b.icmp_signed("!=", rest, zero), b.icmp_signed("<", b.xor(rest, by), zero))
     if op == "FloorDiv":
@@ -166,30 +228,37 @@ def _divided(b: Any, op: str, p: Any, q: Any, unsigned: bool) -> Any:
 
 
 def _floored(b: Any, op: str, p: Value, q: Value) -> Value:
-    """Python's `//` and `%` of floats, operation by operation."""
+    """Write Python's `//` or `%` of float64, in the order of operations of CPython's float_divmod; q = 0 gives NaN."""
     zero = ir.Constant(DOUBLE, 0.0)
+    # C's fmod: exact, with the sign of p
     rest = b.frem(p.value, q.value)
     some = b.fcmp_unordered("!=", rest, zero)
+    # remainder with the sign of the divisor; a zero remainder gets it too
     apart = b.and_(some, b.xor(b.fcmp_ordered("<", q.value, zero), b.fcmp_ordered("<", rest, zero)))
     moved = b.select(apart, b.fadd(rest, q.value), rest)
     if op == "Mod":
         return p.like(b.select(some, moved, _signed(b, zero, q.value)), 1)
+    # quotient (p - rest) / q, then to the nearest integer against rounding errors
     ratio = b.fdiv(b.fsub(p.value, rest), q.value)
     ratio = b.select(apart, b.fsub(ratio, ir.Constant(DOUBLE, 1.0)), ratio)
+    # nearest integer to the quotient
     down = p.like(ratio, 1).call("floor").value
     up = b.fcmp_ordered(">", b.fsub(ratio, down), ir.Constant(DOUBLE, 0.5))
     down = b.select(up, b.fadd(down, ir.Constant(DOUBLE, 1.0)), down)
+    # a zero quotient has the sign of p / q
     nothing = b.fcmp_ordered("==", ratio, zero)
     found = b.select(nothing, _signed(b, zero, b.fdiv(p.value, q.value)), down)
     return p.like(b.select(b.fcmp_ordered("==", q.value, zero), ir.Constant(DOUBLE, math.nan), found), 1)
 
 
 def _signed(b: Any, x: Any, sign: Any) -> Any:
+    """Write copysign(x, sign)."""
     function = b.module.declare_intrinsic("llvm.copysign", [DOUBLE], ir.FunctionType(DOUBLE, [DOUBLE, DOUBLE]))
     return b.call(function, [x, sign])
 
 
 def _power(b: Any, x: Any, y: Any) -> Any:
+    """Write x ** y: 2 ** n as a shift, float64 by C's pow. Refused: lanes, tangents, other integer powers."""
     if whole_kind(x) and whole_kind(y):
         if known(x) and x == 2:
             return _wholes(b, "LShift", 1, y)
@@ -201,13 +270,19 @@ def _power(b: Any, x: Any, y: Any) -> Any:
 
 
 def external(b: Any, name: str, count: int) -> Any:
-    """A function of C's mathematics."""
+    """Return the module's declaration of C's math function `name` of `count` doubles, declaring it where missing."""
     found = b.module.globals.get(name)
-    return found or ir.Function(b.module, ir.FunctionType(DOUBLE, [DOUBLE] * count), name)
+    if found is None:
+        found = ir.Function(b.module, ir.FunctionType(DOUBLE, [DOUBLE] * count), name)
+        # LLVM would turn pow into x * x, 1 / x or exp2(y), whose last bit may differ
+        if name == "pow":
+            found.attributes.add("nobuiltin")
+    return found
 
 
 def negative(b: Any, x: Any) -> Any:
-    """-x"""
+    """Write -x."""
+    _reckonable(x)
     if known(x) or isinstance(x, Value):
         return -x
     if isinstance(x, Truth):
@@ -218,19 +293,24 @@ def negative(b: Any, x: Any) -> Any:
 
 
 def compare(b: Any, op: str, x: Any, y: Any) -> Any:
-    """x op y, a bool where that is known."""
+    """Write x op y, a `Truth`, or a bool where both are known; op names an AST comparison. Refused: lanes."""
     sign, reckoned = COMPARED[op]
+    _reckonable(x, y)
     if (known(x) and known(y)) or (is_static(x) and is_static(y) and type(x) is type(y) and isinstance(x, str | tuple)):
         try:
             return bool(reckoned(x, y))
         except TypeError as error:
             raise Refused(f"{told(x)} and {told(y)}: {error}") from None
-    said = "lanes are not compared: `select_lt` chooses lane by lane, `largest` is a number"
+    said = "lanes are not compared: `select_lt` chooses lane by lane, `max_over_lanes` is a number"
     return Truth(_test(b, sign, x, y, said)[0])
 
 
 def _test(b: Any, sign: str, x: Any, y: Any, said: str) -> tuple[Any, Any, Any]:
-    """x sign y as an LLVM bit, and both as items of one kind. Refused, as `said`: lanes."""
+    """Write the comparison x sign y; return an LLVM i1 and both operands converted to a common type.
+
+    Two integers are compared as integers; otherwise both become float64, and NaN is unequal to everything. Lanes are
+    refused with the message `said`.
+    """
     if whole_kind(x) and whole_kind(y):
         unsigned = _unsigned(x, y)
         m, n = (Integer(whole(b, item, unsigned), unsigned) for item in (x, y))
@@ -238,11 +318,13 @@ def _test(b: Any, sign: str, x: Any, y: Any, said: str) -> tuple[Any, Any, Any]:
     p, q = number(b, x), number(b, y)
     if p.count > 1 or q.count > 1:
         raise Refused(said)
+    # != is true for NaN (unordered), all others are false (ordered)
     return (b.fcmp_unordered if sign == "!=" else b.fcmp_ordered)(sign, p.value, q.value), p, q
 
 
 def least(b: Any, sign: str, x: Any, y: Any) -> Any:
-    """min (sign "<") or max (">") of two: y where that is less (more), otherwise x."""
+    """Write min (sign "<") or max (">") of two: y where it is less (greater), otherwise x, also for NaN. No lanes."""
+    _reckonable(x, y)
     if known(x) and known(y):
         return min(x, y) if sign == "<" else max(x, y)
     said = "lanes: `maximum` and `select_lt` choose lane by lane"
@@ -255,31 +337,43 @@ def least(b: Any, sign: str, x: Any, y: Any) -> Any:
 
 
 def truncated(b: Any, x: Any) -> Any:
-    """int(x): towards zero; the nearest there is where 64 bits do not hold it, 0 of NaN (Python raises)."""
+    """Write int(x), toward zero; saturated where 64 bits do not hold it, 0 for NaN (Python raises)."""
     if known(x):
         return int(x)
+    if isinstance(x, Integer) and x.unsigned:
+        # unsigned to signed, saturated
+        most = ir.Constant(WORD, 2**63 - 1)
+        return Integer(b.select(b.icmp_signed("<", x.value, ir.Constant(WORD, 0)), most, x.value))
     if whole_kind(x):
         return x if isinstance(x, Integer) else Integer(whole(b, x))
     value = number(b, x)
     if value.count > 1:
         raise Refused("int of lanes")
     kind = ir.FunctionType(WORD, [DOUBLE])
+    # saturating conversion: defined for all numbers, 0 for NaN
     function = b.module.declare_intrinsic("llvm.fptosi.sat.i64.f64", (), kind)
     return Integer(b.call(function, [value.value]))
 
 
 def absolute(b: Any, x: Any) -> Any:
-    """abs(x)"""
-    if known(x):
-        return abs(x)
+    """Write abs(x) of an integer or of float64 lanes."""
+    _reckonable(x)
+    if known(x) or (isinstance(x, Integer) and x.unsigned):
+        return abs(x) if known(x) else x
     if whole_kind(x):
         p = whole(b, x)
         return Integer(b.select(b.icmp_signed("<", p, ir.Constant(WORD, 0)), b.neg(p), p))
     return symbols.absolute(number(b, x))
 
 
+def passed(b: Any, k: Any, step: Any) -> Any:
+    """Write k + step of signed integers, saturated at the 64-bit limits: a loop counter that cannot wrap."""
+    kind = ir.FunctionType(WORD, [WORD, WORD])
+    return b.call(b.module.declare_intrinsic("llvm.sadd.sat.i64", (), kind), [k, step])
+
+
 def narrow(b: Any, x: Any, letter: str) -> Narrow:
-    """x as a float32 (letter g) or a whole number as an uint8 (b)."""
+    """Convert x to float32 (letter g) or an integer to its low 8 bits (b), for storing in an array."""
     if isinstance(x, Narrow) and x.letter == letter:
         return x
     made = b.trunc(whole(b, x), NUMBERS["b"]) if letter == "b" else b.fptrunc(number(b, x).value, NUMBERS["g"])
@@ -287,5 +381,5 @@ def narrow(b: Any, x: Any, letter: str) -> Narrow:
 
 
 def bit(x: bool) -> Any:
-    """A truth value that is known, as an LLVM bit."""
+    """Return a known truth value as an LLVM i1 constant."""
     return ir.Constant(BIT, int(x))

@@ -1,18 +1,24 @@
-"""Calls in kernels: words of the language, named tuples, kernels, choices among kernels, straight-line code."""
+"""Calls in kernels: of built-in words, named tuple classes, kernels, members of families, straight-line code."""
 
 import inspect
 from collections.abc import Hashable
 from typing import Any
 
 from .decorator import Kernel, completed
-from .dispatch import nothing
+from .dispatch import returns_none
 from .kinds import Record, Refused, Stored, is_static, leaves, rebuilt, told
 from .words import WORDS
 
 
 def call(writer: Any, function: Any, items: list[Any], named: dict[str, Any]) -> Any:
-    """What a call in a kernel comes to."""
+    """Write a call in a kernel and return the item that it evaluates to.
+
+    function: the callee, known at compile time. items: positional arguments. named: keyword arguments. By the callee: a
+    built-in word writes its instructions; a named tuple class makes a `Record`; a kernel is called (or inlined by the
+    reverse mode); a member of a `Family` is chosen by its argument's class; straight-line code is traced in place.
+    """
     try:
+        # unhashable callees are no words
         word = WORDS.get(function)
     except TypeError:
         word = None
@@ -23,23 +29,29 @@ def call(writer: Any, function: Any, items: list[Any], named: dict[str, Any]) ->
             return word(writer, *items)
         except TypeError:
             try:
+                # a TypeError of the emitter itself is raised again, one of the argument count refused
                 inspect.signature(word).bind(writer, *items)
             except TypeError:
                 raise Refused(f"{function.__name__} takes not {len(items)} arguments") from None
             raise
     if isinstance(function, type) and issubclass(function, tuple) and hasattr(function, "_fields"):
-        return _record(function, items, named)
+        return _record(writer, function, items, named)
     if isinstance(function, Kernel):
         items = function.complete(items, named)
         return writer.inlined(function, items) if hasattr(writer, "inlined") else _kernel(writer, function, items)
+    # straight-line code, vjp_of, parts of families: they write themselves
     if hasattr(function, "written"):
         return function.written(writer, items)
-    if function is nothing:
+    if function is returns_none:
         return None
     if hasattr(function, "choice"):
         return call(writer, function.choice(*items), items, named)
     if function is isinstance and items[1:] == [tuple]:
         return isinstance(items[0], tuple | Record | Stored)
+    # of a named tuple its class is known
+    if function is isinstance and isinstance(items[0], Record | Stored) and is_static(items[1]):
+        return issubclass(items[0].instance_class, items[1])
+    # Python's functions that are evaluated at compile time
     if is_static(function) and all(map(is_static, items)) and function in (range, tuple, isinstance, hasattr):
         return function(*items)
     name = getattr(function, "__name__", told(function))
@@ -50,17 +62,23 @@ def call(writer: Any, function: Any, items: list[Any], named: dict[str, Any]) ->
     raise Refused(f"{told(function)} is called")
 
 
-def _record(function: Any, items: list[Any], named: dict[str, Any]) -> Record:
-    return Record(function, completed(function.__name__, function._fields, function._field_defaults, items, named))
+def _record(writer: Any, function: Any, items: list[Any], named: dict[str, Any]) -> Record:
+    """Make the `Record` of a named tuple class from positional and keyword arguments and defaults."""
+    items = completed(function.__name__, function._fields, function._field_defaults, items, named)
+    return Record(function, items, writer.lane)
 
 
 def _kernel(writer: Any, kernel: Kernel, items: list[Any]) -> Any:
+    """Write a call of a kernel's function, specialized for the kinds of the arguments; return its result as an item."""
     items = [writer.dynamic(item) for item in items]
     for item in items:
         if is_static(item) and not isinstance(item, Hashable):
             raise Refused(f"{told(item)} for {kernel.function.__name__}(): numbers, arrays, None and tuples are given")
+    # compile the specialization, or reuse it
     code, result = writer.module.function(kernel, items)
+    writer.module.calls(writer.code, code)
     b = writer.b
+    # LLVM arguments are the leaves of all items; the result is a struct of leaves
     found = b.call(code, [leaf for item in items for leaf in leaves(item)], cconv="fastcc")
     parts = leaves(result)
     return rebuilt(result, iter([b.extract_value(found, k) for k in range(len(parts))]), b) if parts else result

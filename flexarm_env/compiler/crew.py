@@ -1,20 +1,20 @@
-"""A crew of threads for one compiled function; made on first use, anew after a fork.
+"""A crew: worker threads that share the groups of a batch in compiled code, by atomic operations, without the GIL.
 
-The threads share work without Python: no lock, no interpreter, unless one side has gone to sleep.
-
-Waking a thread takes the system longer than a small batch's step, and a thread that comes back to the interpreter must
-wait for its lock. So a worker stays in compiled code and looks for its next task for a while, the caller likewise for
-the end of it. Who has looked in vain says so on the board and goes back to Python, to sleep at a lock; the other side
-then reads it there, and has the lock opened. Each begins at its own part of a task and takes half of what is left of
-it; who is done takes from the ends of the others' parts, so that nobody waits for a thread that the system has not let
-run. All of it by compare and swap: of two sides one gets it.
+Waking a thread takes the system longer than a small batch's step, and a thread that returns to the interpreter waits
+for its lock. So a worker stays in compiled code and polls its board for the next task for a while; the caller likewise
+polls for the end of it. Who has polled in vain marks itself ASLEEP on its board, returns to Python and blocks on a
+lock; the other side then marks it CALLED, and Python releases the lock. Work stealing: each thread begins with its own
+part of a task and takes half of the rest at a time; then it takes from the ends of the others' parts, so that nobody
+waits for a thread that the system does not schedule. All of it by compare and swap: of two threads one succeeds.
+Threads are made on first use, and anew after a fork.
 """
 
+import atexit
 import functools
 import os
 import threading
+import weakref
 from collections.abc import Callable
-from sys import getrefcount
 from typing import Any, TypeVar
 
 import numpy as np
@@ -28,84 +28,92 @@ from .kinds import WORD, Integer, Truth
 from .words import WORDS
 
 BOARD = 64
-"""int64 numbers of a board: one for each worker, and the last for the caller."""
+"""int64 numbers of one board; each worker has a board, and the last one is the caller's."""
 
 TASK, PART = 8, 16
-"""Number of the task that a worker is to help with (OVER: to end); what is left of its part: task, next group, end."""
+"""Offsets on a board. TASK: number of the task to help with (OVER: end the thread). PART: the rest of the owner's part,
+packed as task number, next group, end (21 bits each for the groups)."""
 DONE, STATE = 24, 40
-"""Number of the task that a worker has helped with; whether the board's owner sleeps, see below."""
+"""DONE: number of the last task that the worker has helped with. STATE: AWAKE, ASLEEP or CALLED."""
 FUNCTION, ADDRESS, GROUPS, FINISHED, SUM, RAISED = 0, 1, 2, 48, 49, 50
-"""On the caller's board: the task; groups done, the sum of what it returned, whether it has raised an error."""
+"""On the caller's board. The task: address of the compiled function, its argument, number of groups. FINISHED: groups
+done. SUM: of the returned values. RAISED: 1 if a call has returned a negative number."""
 OVER = -1
 AWAKE, ASLEEP, CALLED = range(3)
 
 SLEEP, WAKE, END = range(3)
-"""Why `serve` returns: no task came; the caller sleeps and the task is done; the worker is to end."""
+"""Results of `serve`: no task came, block; the task is done and the caller blocks, wake it; end the thread."""
 
 CALL, WAIT = -2, -3
-"""What `lead` returns below FAILED (a task raised an error): workers noted as CALLED are to be woken, then go on at
-RUN; sleep until the task is done, then go on at LOOK."""
+"""Results of `lead` below FAILED (a task raised an error): wake the workers marked CALLED, then call again with stage
+RUN; block until the task is done, then call again with stage LOOK."""
 
 GIVE, RUN, LOOK = range(3)
-"""Where `lead` begins."""
+"""Stages of `lead`: publish the task, do one's own part, wait for the end."""
 
 TASKS = 2**20
-"""Numbers of tasks: 1 ... TASKS, then from 1 again."""
+"""Task numbers run from 1 to TASKS, then from 1 again."""
 
 _BITS = 21
 _MASK = 2**_BITS - 1
 
 
 def _fresh(board: Any, k: int) -> int:
-    """board[k], read from memory each time, and what was written before it."""
+    """Load board[k] atomically, sequentially consistent: all that was written before it is visible."""
     return int(board[k])
 
 
 def _publish(board: Any, k: int, value: int) -> None:
-    """board[k] = value, for another thread to see after all that was written before."""
+    """Store board[k] = value atomically, visible to other threads after all earlier writes."""
     board[k] = value
 
 
 def _swapped(board: Any, k: int, old: int, new: int) -> bool:
-    """Whether board[k] was `old`; it then is `new`."""
+    """Compare and swap: set board[k] to `new` if it is `old`; return whether it was."""
     raise NotImplementedError("threads share work in compiled code alone")
 
 
 def _added(board: Any, k: int, value: int) -> int:
-    """board[k] + value, which board[k] then is."""
+    """Add to board[k] atomically; return the new value."""
     board[k] += value
     return int(board[k])
 
 
 def _called(function: int, address: int, first: int, last: int) -> int:
-    """What the compiled function of three whole numbers at `function` (see `entry.native`) returns."""
+    """Call the compiled function of three integers at an address (see `entry.native`); return its result."""
     raise NotImplementedError("threads share work in compiled code alone")
 
 
 def _at(e: Any, board: Any, k: Any) -> Any:
+    """Return the address of board[k]."""
     return e.b.gep(board.data, [whole(e.b, k)], inbounds=True)
 
 
 def _on_address(e: Any, function: Any, *words: Any) -> Integer:
+    """Write the call of `_called`: an indirect call of int64(int64, int64, int64)."""
     kind = ir.FunctionType(WORD, [WORD] * 3)
     place = e.b.inttoptr(whole(e.b, function), kind.as_pointer())
     return Integer(e.b.call(place, [whole(e.b, word) for word in words]))
 
 
 def _exchange(e: Any, board: Any, k: Any, old: Any, new: Any) -> Truth:
+    """Write the compare and swap of `_swapped`, sequentially consistent."""
     found = e.b.cmpxchg(_at(e, board, k), whole(e.b, old), whole(e.b, new), "seq_cst", "seq_cst")
     return Truth(e.b.extract_value(found, 1))
 
 
 def _sum(e: Any, board: Any, k: Any, value: Any) -> Integer:
+    """Write the atomic addition of `_added`."""
     more = whole(e.b, value)
     return Integer(e.b.add(e.b.atomic_rmw("add", _at(e, board, k), more, "seq_cst"), more))
 
 
 def _write(e: Any, board: Any, k: Any, value: Any) -> None:
+    """Write the atomic store of `_publish`."""
     e.b.store_atomic(whole(e.b, value), _at(e, board, k), "seq_cst", 8)
 
 
+# emitters of the atomic operations, as words of the kernel language
 WORDS.update({
     _fresh: lambda e, board, k: Integer(e.b.load_atomic(_at(e, board, k), "seq_cst", 8)),
     _publish: _write,
@@ -117,30 +125,43 @@ WORDS.update({
 
 @kernel
 def _share(boards, me, task):
-    """Do one's own part of a task, then what is left of the others'; whether the task's last group was among it."""
+    """Run the task's function on one's own part of the groups, then steal from the others' parts.
+
+    boards: BOARD int64 numbers for each worker, then the caller's; PART of a board: its owner's rest of the groups. me:
+    number of the thread's board. task: number of the task. The function and its argument are on the caller's board.
+    Returns whether the thread finished the task's last group.
+    """
     members, last_one = boards.shape[0] // BOARD, False
     head = (members - 1) * BOARD
     for j in range(members):
         at = (me + j) % members * BOARD + PART
         while True:
+            # unpack task number, next group and end of the part of member me + j
             word = _fresh(boards, at)
             first, last = (word >> _BITS) & _MASK, word & _MASK
             if word >> 2 * _BITS != task or first >= last:
                 break
+            # half of the rest: from the front of one's own part, from the end of another's
             count = (last - first + 1) // 2
             begin = first if j == 0 else last - count
             if _swapped(boards, at, word, word + (count << _BITS) if j == 0 else word - count):
                 result = _called(boards[head + FUNCTION], boards[head + ADDRESS], begin, begin + count)
+                # a negative result is an error
                 if result < 0:
                     _publish(boards, head + RAISED, 1)
                 _added(boards, head + SUM, result)
+                # exactly one thread sees the count reach the number of groups
                 last_one = _added(boards, head + FINISHED, count) == boards[head + GROUPS]
     return last_one
 
 
 @kernel
 def serve(boards, k, rounds):
-    """Help with tasks as they come, as worker k, until none has for `rounds` looks or Python has something to do."""
+    """Help with tasks as worker k; return SLEEP after `rounds` polls without a task, WAKE or END.
+
+    boards: BOARD int64 numbers for each worker, then the caller's. SLEEP: the worker is marked asleep and has to block.
+    WAKE: this worker finished a task whose caller blocks on its lock. END: the task OVER was published.
+    """
     at, head = k * BOARD, boards.shape[0] - BOARD
     while True:
         seen, looks = boards[at + DONE], 0
@@ -148,12 +169,14 @@ def serve(boards, k, rounds):
         while task == seen:
             looks += 1
             if looks >= rounds:
+                # mark as asleep, then look once more: a task published meanwhile must not be missed
                 _publish(boards, at + STATE, ASLEEP)
                 if _fresh(boards, at + TASK) == seen or not _swapped(boards, at + STATE, ASLEEP, AWAKE):
                     return SLEEP
             task = _fresh(boards, at + TASK)
         if task == OVER:
             return END
+        # help; the worker that finishes the last group wakes a sleeping caller
         last_one = _share(boards, k, task)
         boards[at + DONE] = task
         if last_one:
@@ -163,19 +186,24 @@ def serve(boards, k, rounds):
 
 @kernel
 def lead(boards, task, function, address, groups, rounds, stage):
-    """Sum of function(address, first, last) over parts of range(groups), with the workers' help; task: its number.
+    """Return the sum of function(address, first, last) over parts of range(groups), shared with the workers.
 
-    Below zero: something is to be done in Python first (see above). boards: BOARD numbers a worker, and as many more.
+    function: address of machine code; address: its argument. task: its number. rounds: polls before blocking. stage:
+    GIVE (publish the task and do one's own part), RUN (do one's own part) or LOOK (only wait for the end). CALL or WAIT
+    (negative) instead: Python has to wake workers or block, then call again. FAILED: a part returned < 0. boards: BOARD
+    int64 numbers for each worker, then the caller's.
     """
     workers = boards.shape[0] // BOARD - 1
     head = workers * BOARD
     if stage == GIVE:
+        # publish the task: function, argument, equal parts of the groups
         boards[head + FUNCTION], boards[head + ADDRESS], boards[head + GROUPS] = function, address, groups
         boards[head + SUM], boards[head + RAISED], asleep = 0, 0, 0
         _publish(boards, head + FINISHED, 0)
         for k in range(workers + 1):
             first, last = groups * k // (workers + 1), groups * (k + 1) // (workers + 1)
             _publish(boards, k * BOARD + PART, (task << 2 * _BITS) + (first << _BITS) + last)
+        # announce it to each worker; those asleep have to be woken by Python
         for k in range(workers):
             _publish(boards, k * BOARD + TASK, task)
             if _swapped(boards, k * BOARD + STATE, ASLEEP, CALLED):
@@ -184,6 +212,7 @@ def lead(boards, task, function, address, groups, rounds, stage):
             return CALL
     if stage != LOOK:
         _share(boards, workers, task)
+    # wait until all groups are finished
     looks = 0
     while _fresh(boards, head + FINISHED) != groups:
         looks += 1
@@ -197,20 +226,23 @@ def lead(boards, task, function, address, groups, rounds, stage):
 F = TypeVar("F", bound=Callable[..., Any])
 
 ROUNDS = 1_000_000
-"""Looks at the other side before going to sleep: a quarter of a millisecond, more than Python needs between steps."""
+"""Polls before blocking: a quarter of a millisecond, more than Python needs between steps."""
 
 
 class _Worker:
-    """One thread, at board k. A bare lock is what it sleeps at."""
+    """One worker thread, with board k; it blocks on a bare lock. done: releases the lock of the caller."""
 
     def __init__(self, boards: NDArray[np.int64], k: int, done: Callable[[], None]) -> None:
+        """Make the lock that the worker blocks on, initially held, and start the thread."""
         self._board, self._rounds, self._call_back = boards[k * BOARD : (k + 1) * BOARD], ROUNDS, done
         self._go = threading.Lock()
         self._go.acquire()
+        _workers.add(self)
         self.thread = threading.Thread(target=self._work, args=(boards, k), name="flexarm", daemon=True)
         self.thread.start()
 
     def _work(self, boards: NDArray[np.int64], k: int) -> None:
+        """Thread function: serve tasks; wake the caller or block in between."""
         while (why := serve(boards, k, self._rounds)) != END:
             if why == WAKE:
                 self._call_back()
@@ -219,24 +251,43 @@ class _Worker:
                 self._board[STATE] = AWAKE
 
     def wake(self) -> None:
-        """Open the lock at which the worker sleeps, or is about to, if it has been called."""
+        """Release the worker's lock if the worker has been called while asleep, or about to block."""
         if self._board[STATE] == CALLED and self._go.locked():
             self._go.release()
 
     def stop(self) -> None:
-        """Tell the thread to end after the task it is at."""
+        """End the thread after its present task."""
         self._board[TASK] = OVER
         if self._go.locked():
             self._go.release()
 
 
-class Crew:
-    """Runs a compiled function of (address, first, last) on the calling thread and `size` others.
+# all workers of the process, for `_end_all`
+_workers: weakref.WeakSet[_Worker] = weakref.WeakSet()
 
-    Only one thread may use a crew at a time. function: where its machine code begins, see `compiler.entry.native`.
+
+@atexit.register
+def _end_all(seconds: float = 2.0) -> None:
+    """Stop all threads before the interpreter ends, which frees machine code and arrays that they use.
+
+    seconds: longest wait for each. A forked child has only copies of its parent's threads.
+    """
+    running = [worker for worker in tuple(_workers) if worker.thread.is_alive()]
+    for worker in running:
+        worker.stop()
+    for worker in running:
+        if worker.thread is not threading.current_thread():
+            worker.thread.join(seconds)
+
+
+class Crew:
+    """Runs a compiled function of (address, first, last) on the calling thread and `size` worker threads.
+
+    Only one thread may use a crew at a time.
     """
 
     def __init__(self, size: int) -> None:
+        """Allocate the boards; threads are started by the first `run`."""
         self.size = size
         self._workers: list[_Worker] = []
         self._process = os.getpid()
@@ -244,10 +295,12 @@ class Crew:
         self._boards, self._done = np.zeros((size + 1) * BOARD, np.int64), threading.Lock()
 
     def run(self, function: int, address: int, groups: int) -> int:
-        """Sum of function(address, first, last) over parts of range(groups)."""
-        if self._process != os.getpid():  # a forked child has the objects, but not the threads
+        """Return the sum of function(address, first, last) over parts of range(groups); function: its address."""
+        # a forked child has the objects, but not the threads
+        if self._process != os.getpid():
             self._workers, self._process, self._busy = [], os.getpid(), False
-        if self._busy:  # a run was interrupted, and so was its tidying up
+        # an earlier run was interrupted, and so was its cleanup
+        if self._busy:
             self._end()
         if not self._workers:
             self._begin()
@@ -264,7 +317,8 @@ class Crew:
                     self._done.acquire()
                     self._boards[STATE - BOARD] = AWAKE
                     result = lead(*given, LOOK)
-        except BaseException:  # Ctrl-C, say: no thread may go on writing into the caller's arrays
+        except BaseException:
+            # Ctrl-C, say: no thread may go on writing into the caller's arrays
             self._end()
             raise
         self._busy = False
@@ -273,16 +327,17 @@ class Crew:
         return int(result)
 
     def _begin(self) -> None:
-        """Threads, new boards and a lock that the caller sleeps at; threads of before may still hold the old ones."""
+        """Start the threads, with new boards and a new lock for the caller: old threads may hold the former ones."""
         self._boards, self._done = np.zeros_like(self._boards), threading.Lock()
+        # compile or load `serve` here, not in a thread: with task OVER it returns at once
         self._boards[TASK] = OVER
-        serve(self._boards, 0, 1)  # compiled (or loaded) here and not in a thread
+        serve(self._boards, 0, 1)
         self._boards[TASK] = 0
         self._done.acquire()
         self._workers = [_Worker(self._boards, k, self._done.release) for k in range(self.size)]
 
     def _end(self) -> None:
-        """End the threads and wait until they have."""
+        """Stop the threads and wait until they have ended."""
         for worker in self._workers:
             worker.stop()
         for worker in self._workers:
@@ -290,8 +345,9 @@ class Crew:
         self._workers, self._busy = [], False
 
     def close(self, process: Callable[[], int] = os.getpid) -> None:
-        """End the threads. (The function is bound early: at the interpreter's end the module may be gone.)"""
-        if getattr(self, "_process", None) == process():  # it has none where it was never made
+        """Stop the threads. (os.getpid is bound early: at the interpreter's end the module may be gone.)"""
+        # an object whose __init__ failed has no _process
+        if getattr(self, "_process", None) == process():
             for worker in self._workers:
                 worker.stop()
         self._workers = []
@@ -300,29 +356,34 @@ class Crew:
         self.close()
 
 
-class OneAtATime:
-    """A door (`with door:`) for one thread at a time: who comes while another is inside gets a RuntimeError.
+CROWDED = (
+    "another thread is at work in this environment: one environment serves one thread at a time; make one for each "
+    "thread, or take turns with a threading.Lock around step and reset"
+)
 
-    An exception and no lock: two threads that take turns would each see half of the other's steps.
+
+class OneAtATime:
+    """Context manager that admits one thread at a time; a second one gets a RuntimeError instead of waiting.
+
+    It raises and does not lock, since two threads that take turns would each see half of the other's steps.
     """
 
     def __init__(self) -> None:
         self._inside: dict[str, int] = {}
 
     def __enter__(self) -> None:
+        """Admit the thread, or raise RuntimeError if another one is inside."""
         me = threading.get_ident()
-        if self._inside.setdefault("thread", me) != me:  # one operation, so that of two threads one gets in
-            raise RuntimeError(
-                "another thread is at work in this environment: one environment serves one thread at a time; make one "
-                "for each thread, or take turns with a threading.Lock around step and reset"
-            )
+        # setdefault is atomic, so of two threads one is admitted
+        if self._inside.setdefault("thread", me) != me:
+            raise RuntimeError(CROWDED)
 
     def __exit__(self, *_: object) -> None:
         self._inside.clear()
 
 
 def one_at_a_time(method: F) -> F:
-    """The method of an object with a door `_door`, gone through by one thread at a time."""
+    """Decorator: run a method within the object's `_door` (`OneAtATime`)."""
 
     @functools.wraps(method)
     def guarded(self: Any, *args: Any, **kwargs: Any) -> Any:
@@ -330,8 +391,3 @@ def one_at_a_time(method: F) -> F:
             return method(self, *args, **kwargs)
 
     return guarded  # type: ignore[return-value]
-
-
-def holders(things: list[Any], k: int) -> int:
-    """How many references there are to things[k], this function's own included."""
-    return getrefcount(things[k])

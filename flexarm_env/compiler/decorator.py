@@ -1,4 +1,4 @@
-"""The one decorator of every compiled function."""
+"""The decorators of compiled functions: `kernel` and its variants."""
 
 from __future__ import annotations
 
@@ -11,10 +11,15 @@ from types import FunctionType
 from typing import Any, ClassVar
 
 from .kinds import Refused
+from .lane_arrays import lane_parameters
+from .widening import widened
 
 
 def _mode() -> str:
-    """Whether kernels are compiled, or run by Python ("python"), slowly, for a debugger."""
+    """Return "llvm" where kernels are compiled or "python" where Python runs them (slowly, for a debugger).
+
+    Read from FLEXARM_COMPILER; ValueError for another word. NUMBA_DISABLE_JIT means "python", with a warning.
+    """
     chosen = os.environ.get("FLEXARM_COMPILER", "")
     if chosen not in ("", "llvm", "python"):
         raise ValueError(f"FLEXARM_COMPILER = {chosen!r}: must be 'llvm' or 'python', or not set (llvm)")
@@ -29,9 +34,10 @@ UNCOMPILED = MODE == "python"
 
 
 class Kernel:
-    """A compiled function: of Python's numbers, of NumPy's arrays, of named tuples of these; see the compiler's page.
+    """A compiled function of Python's numbers, NumPy arrays and named tuples of these (docs: The compiler).
 
-    function: the Python function. attributes: of the function in LLVM. often: see `hot`. superword: likewise.
+    function: the Python function. attributes: LLVM attributes of the function. often: see `entry_point`. superword: see
+    `superword`. forms: compiled forms, by the kinds of arguments.
     """
 
     run: ClassVar[Callable[[Kernel, Sequence[Any]], Any]]  # `entry.call`
@@ -49,14 +55,16 @@ class Kernel:
         self.forms: dict[Any, Any] = {}
 
     def __call__(self, *items: Any, **named: Any) -> Any:
+        """Call from Python: run the compiled form, or the Python function inside `uncompiled`."""
         if _by_python.get():
             return self.function(*items, **named)
         return Kernel.run(self, self.complete(items, named) if named else items)
 
     def complete(self, items: Sequence[Any], named: dict[str, Any]) -> list[Any]:
-        """All arguments in their order; see `completed`."""
+        """Return all arguments in the order of the signature, defaults included; see `completed`."""
         code = self.function.__code__
         names = code.co_varnames[: code.co_argcount]
+        # defaults belong to the last parameters
         defaults = dict(zip(reversed(names), reversed(self.function.__defaults__ or ()), strict=False))
         return completed(self.function.__name__, names, defaults, items, named)
 
@@ -70,12 +78,17 @@ class Kernel:
 def completed(
     word: str, names: Sequence[str], defaults: Mapping[str, Any], items: Sequence[Any], named: Mapping[str, Any]
 ) -> list[Any]:
-    """What is given for each name, in their order. Refused: one is missing, not known, or given twice."""
+    """Return a value for each parameter name in order, from positional and named arguments and defaults.
+
+    word: the function's name for messages. Raises Refused for a missing, unknown or duplicate argument.
+    """
     given = list(items)
+    # parameters after the positional arguments
     for name in names[len(given) :]:
         if name not in named and name not in defaults:
             raise Refused(f"{word}() wants {name!r}")
         given.append(named[name] if name in named else defaults[name])
+    # names that are unknown or already given by position
     wrong = [name for name in named if name not in names[len(items) :]]
     if wrong or len(given) > len(names):
         more = f", not {wrong[0]!r}" if wrong else ""
@@ -84,53 +97,99 @@ def completed(
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile `function` for what it is called with, from Python (the interpreter's lock released) and from kernels.
+    """Compile `function` for the kinds of its arguments, when Python or another kernel calls it.
 
-    IEEE numbers and no contraction: a lane of a batch and a single arm must agree to the last bit. Division by zero
+    Python's calls release the interpreter's lock.
+
+    IEEE arithmetic without contraction: a lane of a batch and a single arm must agree to the last bit. Division by zero
     gives an infinity, never an exception, so that a failing arm is a value to be tested and not a crash.
     """
-    return function if UNCOMPILED else Kernel(function)
+    return _by_python_alone(function) if UNCOMPILED else Kernel(function)
 
 
 _by_python = ContextVar("_by_python", default=False)
-"""Whether kernels that Python calls are run by Python at this moment, in this thread."""
+"""True while Python runs kernels that Python calls, in this thread."""
 
 
 def uncompiled(function: Any) -> Any:
-    """A kernel, and all that it calls, run by Python: for what is called once, and for what returns arrays."""
+    """Return a function that lets Python run a kernel and all that it calls.
+
+    For rare calls and for kernels that return arrays.
+    """
     if not isinstance(function, Kernel):
         return function
 
     def run(*items: Any) -> Any:
-        before = _by_python.set(True)
-        try:
-            return function.function(*items)
-        finally:
-            _by_python.reset(before)
+        return _run_by_python(function.function, items, {})
+
+    return run
+
+
+def _run_by_python(function: Callable[..., Any], items: Sequence[Any], named: Mapping[str, Any]) -> Any:
+    """Run a kernel and all that it calls in Python, with arguments widened as machine code would (`widening`)."""
+    _check_lanes(function, items, named)
+    before = _by_python.set(True)
+    try:
+        return function(*map(widened, items), **{name: widened(item) for name, item in named.items()})
+    finally:
+        _by_python.reset(before)
+
+
+def _check_lanes(function: Callable[..., Any], items: Sequence[Any], named: Mapping[str, Any]) -> None:
+    """Raise RuntimeError for a kernel with lane arrays (`lane_arrays`) under a tag of more than one lane.
+
+    Python would index single numbers. Kernels without annotations check where they load (`lanes`).
+    """
+    if not lane_parameters(function):
+        return
+    code = function.__code__
+    given = dict(zip(code.co_varnames[: code.co_argcount], items, strict=False)) | dict(named)
+    tag = given.get("lane")
+    if isinstance(tag, tuple) and len(tag) > 1:
+        raise RuntimeError(f"{len(tag)} lanes: there is only one where compilation is disabled (FLEXARM_COMPILER)")
+
+
+def _by_python_alone(function: Callable[..., Any]) -> Any:
+    """Return the Python function of a kernel, for FLEXARM_COMPILER=python."""
+
+    @functools.wraps(function)
+    def run(*items: Any, **named: Any) -> Any:
+        # called from another kernel: arguments are widened already
+        if _by_python.get():
+            return function(*items, **named)
+        return _run_by_python(function, items, named)
 
     return run
 
 
 def inlined(function: Callable[..., Any]) -> Any:
-    """A kernel that is always written into the kernels that call it: a phase with so many arrays at hand that passing
-    them would cost more than what is saved by having its code once."""
-    return function if UNCOMPILED else Kernel(function, ["alwaysinline"])
+    """Decorate a kernel that is always inlined into its callers.
+
+    For a phase with so many arrays that passing them would cost more than compiling its code once saves.
+    """
+    return _by_python_alone(function) if UNCOMPILED else Kernel(function, ["alwaysinline"])
 
 
-def hot(function: Callable[..., Any]) -> Any:
-    """A kernel that Python calls again and again: its loops are unrolled, which takes longer to compile. Loops whose
-    length is found as they run are written out once in other programs, and eight times in one of these."""
-    return function if UNCOMPILED else Kernel(function, often=True)
+def entry_point(function: Callable[..., Any]) -> Any:
+    """Decorate a kernel that Python calls repeatedly: its loops are unrolled, which takes longer to compile.
+
+    Loops whose length is found at run time are written once in other programs, and eight times in one of these.
+    """
+    return _by_python_alone(function) if UNCOMPILED else Kernel(function, often=True)
 
 
 def superword(function: Callable[..., Any]) -> Any:
-    """A kernel that does the same to many numbers of one arm, as elimination does to a row: where it is large, LLVM
-    looks for them and treats several at once (superword-level parallelism). The bits stay. It looks through no other
-    large function of the program: that takes long, and gains nothing where there are no such rows."""
-    return function if UNCOMPILED else Kernel(function, superword=True)
+    """Decorate a kernel that applies one operation to many numbers of one arm, as elimination does to a row.
+
+    Where the kernel is large, LLVM vectorizes these numbers (superword-level parallelism); the bits stay the same. LLVM
+    skips the other large functions of the program, where the search takes long and gains nothing.
+    """
+    return _by_python_alone(function) if UNCOMPILED else Kernel(function, superword=True)
 
 
-def apart(function: Callable[..., Any]) -> Any:
-    """A kernel that is never written into the one that calls it: one that is large and seldom called. Machine code of
-    one very large function takes longer to make than that of several."""
-    return function if UNCOMPILED else Kernel(function, ["noinline"])
+def noinline(function: Callable[..., Any]) -> Any:
+    """Decorate a kernel that is never inlined: a large one that is seldom called.
+
+    One very large function takes longer to compile than several.
+    """
+    return _by_python_alone(function) if UNCOMPILED else Kernel(function, ["noinline"])

@@ -1,4 +1,4 @@
-"""Functions that are chosen when a kernel is compiled, by the class of an argument."""
+"""Dispatch at compile time: a kernel is chosen by the class of an argument."""
 
 import sys
 from collections.abc import Callable, Sequence
@@ -7,70 +7,96 @@ from typing import Any
 
 POSITIONAL = Parameter.POSITIONAL_ONLY
 
-FOREIGN: dict[str, str] = {}
-"""Choices that others than the package have registered: a program may be made of them."""
+FOREIGN: dict[str, list[tuple[Any, Any]]] = {}
+"""Registrations from outside the package, by class and name: (family, function) pairs. Programs may contain them."""
+
+_PACKAGE = __name__.split(".")[0]
 
 
-def nothing(*_: Any) -> None:
-    """What a class has of its family where there is nothing to be done, or known: None."""
+def returns_none(*_: Any) -> None:
+    """Return None for any arguments: the default of a family's function for a class that does not register it."""
 
 
-class _OfPart:
-    """A family's function for a class whose part has it."""
+class OfPart:
+    """A family's function of a class that delegates it to one of its fields, `part`."""
 
     def __init__(self, function: Any, part: str) -> None:
-        self.function, self.part = function, part
+        self.function, self.part, self.__module__ = function, part, function.__module__
 
     def __call__(self, *args: Any) -> Any:
+        """Call the family's function with the part in place of the instance."""
         return self.function(*self._inner(args, getattr))
 
     def written(self, writer: Any, items: list[Any]) -> Any:
-        """The call in a kernel."""
+        """Write the call into the kernel that is being compiled (`writer`)."""
         return writer.module.call(writer, self.function, self._inner(items, writer.field), {})
 
     def _inner(self, args: Sequence[Any], field: Callable[[Any, str], Any]) -> list[Any]:
+        """Return the arguments with the dispatching one replaced by its part; field(x, name) reads a field."""
         return [field(x, self.part) if k == self.function.place else x for k, x in enumerate(args)]
 
 
 class Family:
-    """Kernels of the same names for several classes of named tuples, told apart by the class of one argument.
+    """Kernels of the same names for several classes of named tuples, chosen by the class of one argument.
 
-    Compiled, the choice is made where the call is written out.
+    Compiled, the choice is made where the call is written, so that it costs nothing at run time.
 
-    `family.register(Class, kernel, ..., name=kernel)` binds a class's kernels, by their own names or others;
-    `family.delegate(Class, part, function, ...)` gives it those of the class that a part of it has;
-    `family.function(name, arguments)` is what other kernels (and Python) call.
+    `family.register(Class, kernel, ..., name=kernel)` registers a class's kernels, by their own names or others;
+    `family.delegate(Class, part, function, ...)` registers those of the class of its field `part`;
+    `family.function(name, arguments)` returns the function that other kernels (and Python) call.
+
+    argument: name of the dispatching argument. defaults: kernels of classes that do not register their own.
     """
 
     def __init__(self, argument: str, **defaults: Callable[..., Any]) -> None:
         self.argument, self.defaults = argument, defaults
         self.members: dict[type, dict[str, Callable[..., Any]]] = {}
+        self.names: set[str] = set()  # of the family's functions
 
     def register(self, kind: type, *named: Callable[..., Any], **functions: Callable[..., Any]) -> None:
-        """Bind the kernels of a class, or more of them."""
+        """Register kernels of a class; a later call adds to them or replaces them.
+
+        TypeError: a name that none of the family's functions has, which no call would ever reach.
+        """
         functions = {function.__name__: function for function in named} | functions
+        unknown = sorted(functions.keys() - self.names) if self.names else []
+        if unknown:
+            raise TypeError(f"{unknown[0]!r} is no function of the family: these are {', '.join(sorted(self.names))}")
         self.members[kind] = {**self.defaults, **self.members.get(kind, {}), **functions}
         for name, function in functions.items():
-            if {kind.__module__.split(".")[0], function.__module__.split(".")[0]} != {__name__.split(".")[0]}:
-                choice = f"{kind.__module__}.{kind.__qualname__}.{name}"
-                FOREIGN[choice] = f"{function.__module__}.{getattr(function, '__qualname__', function.__name__)}"
+            self._note(kind, name, function)
+
+    def _note(self, kind: type, name: str, function: Any) -> None:
+        """Record a registration in `FOREIGN` where the class or the function is not the package's."""
+        if any(str(one.__module__).split(".")[0] != _PACKAGE for one in (kind, function)):
+            # a later registration of the family replaces its earlier one
+            choice = FOREIGN.setdefault(f"{kind.__module__}.{kind.__qualname__}.{name}", [])
+            choice[:] = [*(one for one in choice if one[0] is not self), (self, function)]
 
     def delegate(self, kind: type, part: str, *functions: Any) -> None:
-        """Of a class these functions of the family are those of a part of it, a field that holds a member's class."""
+        """Register functions of the family for a class whose field `part` has a class with these functions."""
         self.register(kind)
-        self.members[kind].update({function.__name__: _OfPart(function, part) for function in functions})
+        for function in functions:
+            self.members[kind][function.__name__] = made = OfPart(function, part)
+            self._note(kind, function.__name__, made)
 
     def function(self, name: str, arguments: str) -> Callable[..., Any]:
-        """A function that calls the one registered under `name` for the class of the telling argument."""
+        """Return a function that calls the kernel registered under `name` for the class of the dispatching argument.
+
+        arguments: its parameter names, "lane, model, ..."; the result belongs to the calling module.
+        """
         names = [word.strip() for word in arguments.split(",")]
         place = names.index(self.argument)
+        self.names.add(name)
 
+        # instance_class: the class that a record stands for while a kernel is compiled
         def choice(*args: Any) -> Any:
             return self.members[getattr(args[place], "instance_class", type(args[place]))][name]
 
         def function(*args: Any) -> Any:
             return choice(*args)(*args)
 
+        # read by the compiler, which makes the choice when it writes the call
         function.choice, function.place = choice, place  # type: ignore[attr-defined]
         function.__name__ = function.__qualname__ = name
         function.__signature__ = Signature([Parameter(word, POSITIONAL) for word in names])  # type: ignore[attr-defined]

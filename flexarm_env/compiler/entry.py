@@ -1,35 +1,37 @@
-"""A compiled function's whole world behind one whole number: no argument of a call from Python costs more than that.
+"""Calls of compiled functions from Python with all arguments behind one address, which no other call undercuts in cost.
 
-`Placed` writes a named tuple of arrays and numbers into a row of words once; a kernel that begins with
-`p = follow(address)` reads what it needs from there. The Python side keeps words and arrays alive and calls the
-compiled function through `entry`, which is a function of C's that Python calls directly, or by its address (`native`).
+`Placed` writes a named tuple of arrays and numbers into a row of 64-bit words once; a kernel that begins with `p =
+dereference(address)` reads from there. The Python side keeps words and arrays alive and calls the compiled function
+through `entry`, a C function that Python calls directly, or by its address (`native`).
 
-Kernels can be called with arguments of all kinds as well (`call`): these are placed for the length of the call.
+Kernels can be called with arguments of all kinds as well (`call`): these are placed for the duration of the call.
 """
 
 import ctypes
 import struct
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .decorator import UNCOMPILED, Kernel
 from .kinds import Layout, described_as, words_of
 from .program import Program, program_of
 
 FAILED = -1
-"""What no compiled step returns."""
+"""A return value that no compiled step has."""
 
 
 class Placed:
-    """A named tuple of arrays and numbers that compiled code reaches by `address`.
+    """A named tuple of arrays and numbers that compiled code reads at `address`.
 
-    Its arrays may be written to; to put another in the place of one, there is `replace`.
+    Its arrays may be written to; `replace` exchanges one for another.
     """
 
     def __init__(self, value: Any) -> None:
+        """Write the value's words; where nothing is compiled the address is the value itself."""
         self.value = value  # keeps the arrays alive
         self.address: Any = value
         if UNCOMPILED:
@@ -39,26 +41,28 @@ class Placed:
         self.address = int(self._words.ctypes.data)
         self._held: dict[str, Any] = {}
 
-    def replace(self, name: str, array: Any) -> None:
-        """Put a contiguous array of the same type and shape in the place of the value's array `name`."""
+    def replace(self, name: str, array: Any, address: int) -> None:
+        """Replace the value's array `name` by a contiguous one of the same type and shape, at `address`."""
         if UNCOMPILED:
             self.address = self.value = self.value._replace(**{name: array.reshape(-1)})
             return
         self._held[name] = array
-        self._words[self.layout.parts[name][1]] = array.__array_interface__["data"][0]  # where an array's words begin
+        self._words[self.layout.parts[name][1]] = address
 
 
 def entry(function: Any, placed: Placed, *arguments: int) -> Callable[..., Any]:
-    """The compiled form of `function(address, *arguments)`, at most two whole numbers; it returns one."""
+    """Return the compiled form of `function(address, *arguments)`, at most two whole numbers, which returns one."""
     return function if UNCOMPILED else _direct(function, placed, arguments).call
 
 
 def native(function: Any, placed: Placed, *arguments: int) -> int:
-    """Where the machine code of the same function begins; 0 where nothing is compiled."""
+    """Return the address of the machine code of the same function; 0 where nothing is compiled."""
     return 0 if UNCOMPILED else _direct(function, placed, arguments).address
 
 
 def _direct(kernel: Kernel, placed: Placed, arguments: tuple[int, ...]) -> Program:
+    """Return the program of a kernel called with a placed tuple and whole numbers, compiled at the first request."""
+    # the compiled form depends on the tuple's layout, not on its values
     key = ("direct", placed.layout, len(arguments))
     if key not in kernel.forms:
         shapes = [("placed", placed.layout), *["integer" for _ in arguments]]
@@ -67,15 +71,25 @@ def _direct(kernel: Kernel, placed: Placed, arguments: tuple[int, ...]) -> Progr
     return found
 
 
-class _Kept(OrderedDict[int, tuple[Any, Placed]]):
-    """Named tuples that have been placed, the last ones; by identity, which lasts as long as they are kept."""
+Arrays = list[NDArray[Any]]
+
+
+class _Kept(OrderedDict[int, tuple[Any, Placed, Arrays, list[Any]]]):
+    """Cache of placed named tuples, by identity, which is unique as long as they are kept; the oldest ones drop out.
+
+    An array in a tuple may have changed its shape or its writability: the tuple is then placed anew.
+    """
 
     LIMIT = 256
 
     def place(self, value: Any) -> Placed:
+        """Return the `Placed` of a named tuple, from the cache where its arrays are as they were."""
         found = self.get(id(value))
-        if found is None:
-            found = self[id(value)] = value, Placed(value)
+        if found is None or found[3] != [(x.flags.num, x.shape, x.dtype) for x in found[2]]:
+            arrays = list(_arrays(value))
+            about = [(x.flags.num, x.shape, x.dtype) for x in arrays]
+            found = self[id(value)] = value, Placed(value), arrays, about
+            # drop the oldest
             while len(self) > self.LIMIT:
                 try:
                     self.popitem(last=False)
@@ -84,11 +98,21 @@ class _Kept(OrderedDict[int, tuple[Any, Placed]]):
         return found[1]
 
 
+def _arrays(value: Any) -> Iterator[NDArray[Any]]:
+    """Yield the arrays in a tuple, nested tuples included."""
+    if isinstance(value, np.ndarray):
+        yield value
+    elif isinstance(value, tuple):
+        for part in value:
+            yield from _arrays(part)
+
+
 _kept = _Kept()
 
 
 def call(kernel: Kernel, items: Sequence[Any]) -> Any:
-    """A kernel's result for arguments of any kind that kernels take. TypeError: another kind."""
+    """Return a kernel's result for arguments of any kind that kernels take. TypeError: another kind."""
+    # kinds (`shapes`), struct letters and words of all arguments
     shapes: list[Any] = []
     letters, values, held = "", [], []
     for k, item in enumerate(items):
@@ -112,14 +136,17 @@ def call(kernel: Kernel, items: Sequence[Any]) -> Any:
             more = words_of(item)
             letters += "q" * len(more)
             values += more
+    # compiled form for these kinds of arguments
     key = tuple(shapes)
     form = kernel.forms.get(key)
     if form is None:
         form = kernel.forms[key] = program_of(kernel, shapes, direct=False)
+    # arguments, then the result, in one buffer
     room = ctypes.create_string_buffer(8 * (len(values) + form.words))
     try:
         struct.pack_into(letters, room, 0, *values)
     except struct.error:
+        # only integers beyond 64 bits fail
         big = next(x for x in values if isinstance(x, int) and not -(2**63) <= x < 2**63)
         raise OverflowError(f"{kernel.__name__}({big}): a whole number has 64 bits") from None
     address = ctypes.addressof(room)

@@ -1,15 +1,15 @@
-"""Expressions of kernels: what each stands for, and the instructions that it takes."""
+"""Expressions of kernels: from an AST node to its item and the LLVM instructions that compute it."""
 
 import ast
 from collections.abc import Callable, Sequence
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
 
-from . import arithmetic
+from . import arithmetic, operators
 from .arithmetic import binary, known, number, truth, whole
+from .elements import Elements
 from .kinds import (
     LETTERS,
     NUMBERS,
@@ -17,50 +17,56 @@ from .kinds import (
     Array,
     Integer,
     Layout,
-    Narrow,
     Record,
     Refused,
     Stored,
     Truth,
+    declared,
     is_static,
     is_tuple,
-    kind,
     leaves,
     rebuilt,
     told,
     width,
 )
+from .lane_arrays import lane_fields
 from .merging import APART, Names, fitted, joined
 from .symbols import DOUBLE, Value
+from .wholes import ratio
 
 
-class Expressions:
-    """Writes expressions into a function: `b` is where, `module` the program's; what names stand for says `read`."""
+class Expressions(Elements):
+    """Writes expressions into an LLVM function; `b` is the IR builder, `module` the program's `front.Module`."""
 
     def __init__(self, module: Any, code: Any) -> None:
+        """Begin an LLVM function: an entry block for stack slots, then the body, where `b` writes."""
         self.module, self.code = module, code
         self.top, self._first = code.append_basic_block("entry"), code.append_basic_block("body")
         self.b = ir.IRBuilder(self._first)
         self.names: Names = {}
         self.reads: set[str] = set()
+        # the kernel's lane tag, from its argument `lane`
+        self.lane: Any = None
 
     def closed(self) -> None:
-        """The function is written: from the room on the stack to its body."""
+        """Finish the function: branch from the entry block, which holds the stack slots, to the body."""
         ir.IRBuilder(self.top).branch(self._first)
 
     def read(self, name: str) -> Any:
-        """What a name stands for."""
+        """Return the item of a name."""
         return self.names[name]
 
     def room(self, kind_of: Any, align: int | None = None) -> Any:
-        """Room on the stack for the length of the call."""
+        """Return the address of an LLVM type on the stack, allocated in the entry block for the whole call."""
+        if isinstance(kind_of, ir.ArrayType):
+            self.module.take_room(self.code, kind_of.count)
         place = ir.IRBuilder(self.top).alloca(kind_of)
         if align:
             place.align = align
         return place
 
     def dynamic(self, item: Any) -> Any:
-        """Numbers that are known as numbers of run time; tags stay tags."""
+        """Convert known numbers to LLVM constants, in tuples and named tuples too; lane tags stay static."""
         if isinstance(item, bool | np.bool_):
             return Truth(arithmetic.bit(bool(item)))
         if isinstance(item, int | np.integer):
@@ -70,39 +76,38 @@ class Expressions:
         if isinstance(item, tuple) and hasattr(item, "_fields"):
             return Record(type(item), [self.dynamic(x) for x in item])
         if isinstance(item, Record):
-            return Record(item.instance_class, [self.dynamic(x) for x in item.values])
+            return Record(item.instance_class, [self.dynamic(x) for x in item.values], item.lane)
         if is_tuple(item) and any(not isinstance(x, int) for x in item):
             return tuple(self.dynamic(x) for x in item)
         return item
 
     def parts(self, item: Any) -> Sequence[Any]:
-        """The items of a tuple."""
-        if isinstance(item, Record):
-            return item.values
-        if isinstance(item, Stored):
-            return [self.field(item, name) for name in item.layout.parts]
+        """Return the items of a tuple, a range or a named tuple. Refused: anything else."""
+        if isinstance(item, Record | Stored):
+            return [self.field(item, name) for name in item.instance_class._fields]
         if isinstance(item, tuple | range):
             return tuple(item)
         raise Refused(f"{told(item)} where a tuple is wanted")
 
     def _constant(self, array: np.ndarray[Any, Any]) -> Array:
-        """A global array, as it is now: a part of the program."""
-        if array.dtype.name not in ("float64", "int64") or array.size == 0:
-            raise Refused(f"a global array of {array.dtype}, shape {array.shape}: float64 and int64 become constants")
+        """Embed a global array in the program with its present content, as a read-only `Array`."""
+        if array.dtype.name not in ("float64", "int64", "uint64") or array.size == 0:
+            raise Refused(f"a global array of {array.dtype}, shape {array.shape}: float64, int64, uint64 are constants")
+        # row-major constants in the program's data segment
         table = self.module.table(array.ravel().tolist())
         zero = ir.Constant(WORD, 0)
         shape = tuple(ir.Constant(WORD, n) for n in array.shape)
         return Array(self.b.gep(table, [zero, zero], inbounds=True), shape, LETTERS[array.dtype.name], True)
 
     def value(self, node: ast.expr) -> Any:
-        """What an expression stands for."""
+        """Evaluate an expression: dispatch to `of_<AST node class>`; return its item."""
         write: Callable[[Any], Any] | None = getattr(self, "of_" + type(node).__name__, None)
         if write is None:
             raise Refused(f"{ast.unparse(node)}: {type(node).__name__} is no expression of kernels")
         return write(node)
 
     def condition(self, node: ast.expr) -> Any:
-        """A bool where it is known, otherwise an LLVM bit."""
+        """Evaluate a condition: a bool where it is known at compile time, otherwise an LLVM i1."""
         if isinstance(node, ast.BoolOp):
             return self._all(isinstance(node.op, ast.And), self.condition, node.values)
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
@@ -122,49 +127,71 @@ class Expressions:
         return tuple(self.values(node.elts))
 
     def values(self, nodes: Sequence[ast.expr]) -> list[Any]:
-        """What expressions in a row stand for: one item each, or, with a star, those of a tuple."""
+        """Evaluate expressions in a row; a starred one contributes the items of its tuple."""
         found: list[Any] = []
         for node in nodes:
             found += self.parts(self.value(node.value)) if isinstance(node, ast.Starred) else [self.value(node)]
         return found
 
     def of_Attribute(self, node: ast.Attribute) -> Any:
+        """Evaluate x.name: field of a named tuple, shape or size of an array, attribute of a static object."""
         item = self.value(node.value)
         if isinstance(item, Record | Stored):
             return self.field(item, node.attr)
         if isinstance(item, Array) and node.attr == "shape":
-            return tuple(Integer(x) for x in item.shape)
+            return tuple(Integer(x) for x in self.lengths(item))
         if isinstance(item, Array) and node.attr == "size":
-            count = item.shape[0]
-            for more in item.shape[1:]:
+            count, *rest = self.lengths(item)
+            for more in rest:
                 count = self.b.mul(count, more)
             return Integer(count)
         if not is_static(item) or not hasattr(item, node.attr):
             raise Refused(f"{told(item)} has no {node.attr!r} in a kernel")
-        if isinstance(item, ModuleType | type):
-            self.reads.add(ast.unparse(node))
+        if not known(item) and not isinstance(item, str | tuple):
+            # for the cache key: attributes of global objects that the program depends on
+            self.reads.add(ast.unparse(node) if self.is_global(node.value) else f"{ast.unparse(node)} of a local name")
         return getattr(item, node.attr)
 
+    def is_global(self, node: ast.expr) -> bool:
+        """Return whether an expression a.b.c begins with a global or closure name, not a local one."""
+        while isinstance(node, ast.Attribute):
+            node = node.value
+        return isinstance(node, ast.Name) and node.id not in self.names
+
     def field(self, item: Record | Stored, name: str) -> Any:
-        """A field of a named tuple."""
+        """Return a field of a named tuple, from LLVM values or loaded from memory; otherwise a class constant."""
         if isinstance(item, Record):
             fields: tuple[str, ...] = item.instance_class._fields
             if name not in fields:
                 return self._beside(item, name)
-            return item.values[fields.index(name)]
-        if name not in item.layout.parts:
+            found = item.values[fields.index(name)]
+        elif name in item.layout.parts:
+            found = self.loaded(item.address, *item.layout.parts[name])
+        else:
             return self._beside(item, name)
-        return self.loaded(item.address, *item.layout.parts[name])
+        holds = None if item.lane is None else name in lane_fields(item.instance_class)
+        return declared(found, holds, item.lane)
 
     def _beside(self, item: Record | Stored, name: str) -> Any:
+        """Return a class constant or property of a named tuple.
+
+        Raises Refused if there is no such attribute or if it is a method.
+        """
+        found = getattr(item.instance_class, name, None)
+        if isinstance(found, property):
+            return self.module.call(self, operators.method(found.fget), [item], {})
         if not hasattr(item.instance_class, name) or callable(getattr(item.instance_class, name)):
             raise Refused(f"{item.instance_class.__name__} has no field {name!r}")
         return getattr(item.instance_class, name)
 
     def loaded(self, address: Any, shape: Any, at: int) -> Any:
-        """What lies `at` words behind an address; it stays what it is for the length of the call."""
+        """Load what `shape` (`kinds.described_as`) describes from `at` words behind an address.
+
+        The loads are marked invariant: arguments do not change during a call.
+        """
 
         def word(k: int) -> Any:
+            """Load the 64-bit word k."""
             place = self.b.gep(address, [ir.Constant(WORD, k)], inbounds=True) if k else address
             found = self.b.load(place, align=8)
             found.set_metadata("invariant.load", self.module.invariant)
@@ -192,103 +219,21 @@ class Expressions:
         return Array(data, tuple(word(at + 1 + k) for k in range(shape[1])), shape[0], len(shape) > 2)
 
     def of_Subscript(self, node: ast.Subscript) -> Any:
+        """Evaluate x[i] or x[i:j]."""
         item = self.value(node.value)
         if isinstance(node.slice, ast.Slice):
-            return self._slice(item, node.slice)
+            return self.slice(item, node.slice)
         return self.get(item, self.value(node.slice))
 
-    def _slice(self, item: Any, node: ast.Slice) -> Any:
-        lower, upper = (None if x is None else self.value(x) for x in (node.lower, node.upper))
-        if node.step is not None:
-            raise Refused("a slice has no step in a kernel")
-        if isinstance(item, tuple) and all(x is None or known(x) for x in (lower, upper)):
-            return item[lower:upper]
-        if not isinstance(item, Array) or len(item.shape) != 1:
-            raise Refused(f"{told(item)}: slices are of arrays of one dimension, and of tuples at known places")
-        b, (size,) = self.b, item.shape
-        if any(x is not None and known(x) and x < 0 for x in (lower, upper)):
-            raise Refused("a negative bound of a slice: count from the beginning")
-        first, last = whole(b, 0 if lower is None else lower), size
-        if upper is not None:
-            end = whole(b, upper)
-            last = b.select(b.icmp_signed("<", end, size), end, size)
-        length = b.sub(last, first)
-        length = b.select(b.icmp_signed("<", length, ir.Constant(WORD, 0)), ir.Constant(WORD, 0), length)
-        data = b.gep(item.data, [first], inbounds=True)
-        return Array(data, (length,), item.letter, item.fixed)
-
-    def place(self, array: Array, at: Any) -> Any:
-        """The address of an element."""
-        steps = at if is_tuple(at) else (at,)
-        if len(steps) != len(array.shape):
-            raise Refused(f"{len(steps)} indices of an array of {len(array.shape)} dimensions")
-        if any(isinstance(x, Truth | bool) for x in steps):
-            raise Refused("a truth value as an index: int(x) makes a number of it")
-        if any(known(x) and x < 0 for x in steps):
-            raise Refused("a negative index: count from the beginning")
-        k = whole(self.b, steps[0])
-        for size, step in zip(array.shape[1:], steps[1:], strict=True):
-            k = self.b.add(self.b.mul(k, size), whole(self.b, step))
-        return self.b.gep(array.data, [k], inbounds=True)
-
-    def get(self, item: Any, at: Any) -> Any:
-        """item[at]"""
-        if isinstance(item, Array):
-            steps = at if is_tuple(at) else (at,)
-            if len(steps) < len(item.shape):  # a row, or rows of rows
-                data = self.place(item, (*steps, *[0 for _ in item.shape[len(steps) :]]))
-                return Array(data, item.shape[len(steps) :], item.letter, item.fixed)
-            found = self.b.load(self.place(item, at))
-            if item.letter == "f":
-                return Value(self.b, found, 1)
-            return Integer(found, item.letter == "u") if item.letter in "iu" else Narrow(found, item.letter)
-        if isinstance(item, Record | Stored):
-            item = tuple(self.parts(item))
-        if isinstance(item, tuple | str) and known(at):
-            if not -len(item) <= at < len(item):
-                raise Refused(f"index {at} of {told(item)}")
-            return item[at]
-        if isinstance(item, tuple) and not known(at) and len(item) and all(known(x) for x in item):
-            table = self.module.table(item)
-            found = self.b.load(self.b.gep(table, [ir.Constant(WORD, 0), whole(self.b, at)], inbounds=True))
-            return Value(self.b, found, 1) if found.type == DOUBLE else Integer(found)
-        if is_tuple(item) and len(item) and len({kind(x) for x in map(self.dynamic, item)}) == 1:
-            return self._chosen([self.dynamic(x) for x in item], whole(self.b, at))
-        raise Refused(f"{told(item)}[{told(at)}]: elements of arrays; of tuples at known places, or of one kind")
-
-    def _chosen(self, items: list[Any], at: Any) -> Any:
-        """One of several items of a kind; the last where there is none of that number."""
-        found = leaves(items[-1])
-        for k, item in enumerate(items[:-1]):
-            here = self.b.icmp_signed("==", at, ir.Constant(WORD, k))
-            found = [self.b.select(here, one, other) for one, other in zip(leaves(item), found, strict=True)]
-        return rebuilt(items[-1], iter(found), self.b)
-
-    def put(self, item: Any, at: Any, value: Any) -> None:
-        """item[at] = value"""
-        if not isinstance(item, Array):
-            raise Refused(f"{told(item)}: only elements of arrays get values")
-        item.written()
-        b, place = self.b, self.place(item, at)
-        if item.letter == "f":
-            x = number(b, value)
-            if x.count > 1:
-                raise Refused("lanes into one element: `store` writes all of them")
-            if x.tangents:
-                raise Refused("a number with tangents into one element: `store` writes them too, `alone` leaves them")
-            made = x.value
-        elif item.letter in "iu":
-            made = whole(b, value)
-        else:
-            made = arithmetic.narrow(b, value, item.letter).value
-        b.store(made, place)
-
     def of_UnaryOp(self, node: ast.UnaryOp) -> Any:
+        """Evaluate not x, -x, +x or ~x (of integers)."""
         if isinstance(node.op, ast.Not):
             test = self.condition(node)
             return test if isinstance(test, bool) else Truth(test)
         item = self.value(node.operand)
         if isinstance(node.op, ast.USub):
+            if isinstance(item, Record | Stored):
+                return operators.negative(self, item)
             return arithmetic.negative(self.b, item)
         if isinstance(node.op, ast.UAdd) and (known(item) or isinstance(item, Integer | Value)):
             return item
@@ -299,23 +244,35 @@ class Expressions:
         raise Refused(f"{ast.unparse(node)}: no operation of kernels on {told(item)}")
 
     def of_BinOp(self, node: ast.BinOp) -> Any:
-        return binary(self.b, type(node.op).__name__, self.value(node.left), self.value(node.right))
+        return self.arithmetic(type(node.op).__name__, self.value(node.left), self.value(node.right))
+
+    def arithmetic(self, op: str, x: Any, y: Any) -> Any:
+        """Write x op y; signed integer ratios that float64 may round twice call `wholes.ratio`."""
+        if isinstance(x, Record | Stored) or isinstance(y, Record | Stored):
+            return operators.binary(self, op, x, y)
+        if op == "Div" and arithmetic.far_from_exact(x, y):
+            code, found = self.module.function(ratio, [self.dynamic(x), self.dynamic(y)])
+            call = self.b.call(code, [whole(self.b, x), whole(self.b, y)], cconv="fastcc")
+            return rebuilt(found, iter([self.b.extract_value(call, 0)]), self.b)
+        return binary(self.b, op, x, y)
 
     def of_Compare(self, node: ast.Compare) -> Any:
+        """Evaluate a comparison; a < b < c evaluates b once, and c only where a < b holds."""
         left = self.value(node.left)
 
         def tested(following: tuple[ast.cmpop, ast.expr]) -> Any:
+            """Compare the operand on the left with the next one, which becomes the left one."""
             nonlocal left
             op, right = following[0], self.value(following[1])
             result = self._compared(op, left, right)
             left = right
             return truth(self.b, result)
 
-        # a < b < c: b is looked at once, c where a < b
         result = self._all(True, tested, list(zip(node.ops, node.comparators, strict=True)))
         return result if isinstance(result, bool) else Truth(result)
 
     def _compared(self, op: ast.cmpop, x: Any, y: Any) -> Any:
+        """Compare x with y; `is` is decided at compile time: against None, or between static items."""
         if isinstance(op, ast.Is | ast.IsNot):
             if x is not None and y is not None and not (is_static(x) and is_static(y)):
                 raise Refused("`is` asks for None in a kernel")
@@ -325,6 +282,8 @@ class Expressions:
         return arithmetic.compare(self.b, type(op).__name__, x, y)
 
     def of_BoolOp(self, node: ast.BoolOp) -> Any:
+        """Evaluate `and` or `or` of truth values, with short circuit."""
+
         def tested(part: ast.expr) -> Any:
             item = self.value(part)
             if not isinstance(item, Truth | bool):
@@ -335,13 +294,14 @@ class Expressions:
         return found if isinstance(found, bool) else Truth(found)
 
     def _all(self, every: bool, tested: Callable[[Any], Any], parts: Sequence[Any]) -> Any:
-        """`and` (every) or `or`, which look at what follows only where it matters."""
+        """Evaluate `and` (every) or `or` of parts with short circuit: a bool if known, else an SSA phi (i1)."""
         incoming: list[tuple[Any, Any]] = []
         end, names = None, self.names
         result: Any = every
         for k, part in enumerate(parts):
             result = tested(part)
             if isinstance(result, bool):
+                # a known part decides the result, or has no influence on it
                 if result != every:
                     break
                 continue
@@ -349,6 +309,7 @@ class Expressions:
                 break
             if end is None:
                 end = self.code.append_basic_block("decided")
+            # early exit: phi value False for `and`, True for `or`
             incoming.append((arithmetic.bit(not every), self.b.block))
             go = self.code.append_basic_block("further")
             self.b.cbranch(result, *((go, end) if every else (end, go)))
@@ -366,6 +327,7 @@ class Expressions:
         return chosen
 
     def of_IfExp(self, node: ast.IfExp) -> Any:
+        """Evaluate x if t else y: one side if t is known, otherwise two blocks and an SSA phi per leaf."""
         test = self.condition(node.test)
         if isinstance(test, bool):
             return self.value(node.body if test else node.orelse)
@@ -379,6 +341,7 @@ class Expressions:
         template = joined(one, other)
         if template is APART:
             raise Refused(f"{told(one)} or {told(other)}: both must be of one kind")
+        # convert both to the common type at the end of their blocks
         incoming = []
         for item, block in ways:
             self.b.position_at_end(block)
@@ -394,6 +357,7 @@ class Expressions:
         return rebuilt(template, iter(phis), self.b)
 
     def of_Call(self, node: ast.Call) -> Any:
+        """Evaluate a call: callee, positional and keyword arguments, then `calls.call`."""
         function, items = self.value(node.func), self.values(node.args)
         named = {}
         for keyword in node.keywords:

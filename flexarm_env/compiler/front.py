@@ -1,8 +1,8 @@
-"""The front end: from the syntax tree of a kernel to LLVM's intermediate code.
+"""Front end of the compiler: from the AST of kernels to one LLVM module for each program.
 
-A kernel is written out once for each kind of arguments that it is called with (`kinds.kind`). What is known beforehand,
-None, sizes, tags, functions, is settled while it is written: of `if x is not None` one branch alone remains. Names that
-get several values live in slots on the stack, which LLVM makes registers of. The language: docs, "the compiler".
+A kernel is specialized for each tuple of argument kinds (`kinds.kind`) that it is called with. What is static, None,
+sizes, tags, functions, is settled meanwhile: of `if x is not None` one branch alone remains. Names that are assigned
+more than once live in stack slots, which LLVM promotes to registers. The language: docs, "the compiler".
 """
 
 from collections.abc import Sequence
@@ -16,22 +16,31 @@ from .merging import Names, Widen
 from .statements import Writer
 from .symbols import DOUBLE
 
+MOST_ROOM = 2**19
+"""Largest number of float64 (4 MB) that a kernel and all its callees may take of a thread's stack, which has 8 MB."""
+
 DEEPEST = 20
-"""How often a kernel is open at once, for different kinds of arguments."""
+"""Largest depth of nested specializations of one kernel; beyond it counts as recursion, which is refused."""
 
 LARGE, LARGE_HOT = 160, 350
-"""A function of one arm (no lanes in it) with more instructions than this is called, not written into those that call
-it; the second number holds in a `hot` program. The bits stay. A run takes up to 9 % longer (a hot program 1 %), and the
-program is made in 0.83 to 0.9 of the time (0.85). At 80, floating frames in space took 35 % longer."""
+"""Largest number of instructions of a function without lanes that LLVM may inline; the second one is for programs of an
+`entry_point`. Results are bitwise those without limit. Runs take up to 9 % longer (entry points 1 %), and compiling
+takes 0.83 to 0.9 of the time (entry points 0.85). At a limit of 80, floating frames in space ran 35 % longer."""
 
 SPARED = "noimplicitfloat"
-"""LLVM's attribute of functions that its superword vectoriser leaves out."""
+"""LLVM attribute of functions that its superword (SLP) vectorizer skips."""
 
 
 class Module:
-    """A program's intermediate code: functions by what they are given. call: see `calls`. often: see `hot`."""
+    """LLVM module of one program, with its functions by kernel and argument kinds.
+
+    call: emitter of calls, `calls.call`. often: the program's kernel is an `entry_point`, whose loops LLVM may unroll.
+    made: (function, kinds) -> (LLVM function, template of its result). used: global names read, by Python function, for
+    the cache key. invariant: metadata that marks loads of memory that nobody writes to.
+    """
 
     def __init__(self, name: str, call: Any, often: bool) -> None:
+        """Make an empty module `name`."""
         self.call, self.often = call, often
         self.code = ir.Module(name)
         self.made: dict[Any, tuple[Any, Any]] = {}
@@ -41,9 +50,11 @@ class Module:
         self._tables: dict[Any, Any] = {}
         self._loops = 0
         self._superword: list[Any] = []
+        self._rooms: dict[Any, list[int]] = {}
 
     def function(self, kernel: Any, items: Sequence[Any]) -> tuple[Any, Any]:
-        """The function of a kernel for such arguments, and what it returns."""
+        """Return the LLVM function of a kernel specialized for the kinds of `items`, and its result template."""
+        # one function for each specialization
         key = (kernel.function, tuple(map(kind, items)))
         if key not in self.made:
             if key in self._open or sum(one[0] is kernel.function for one in self._open) > DEEPEST:
@@ -54,11 +65,17 @@ class Module:
         return self.made[key]
 
     def _written(self, kernel: Any, items: Sequence[Any]) -> tuple[Any, Any]:
+        """Write a kernel's function with the fast calling convention; return it and its result template.
+
+        The attempt is repeated with wider stack slots until every name's slots fit all values assigned to it.
+        """
         wide: Names = {}
         types = [leaf.type for item in items for leaf in leaves(item)]
-        while True:  # until every name's room is wide enough for all that it is given
-            name = self.code.get_unique_name(kernel.function.__name__)
+        while True:
+            # the prefix keeps kernels apart from functions of the C library
+            name = self.code.get_unique_name(f"kernel.{kernel.function.__name__}")
             code = ir.Function(self.code, ir.FunctionType(ir.VoidType(), types), name)
+            # no other module calls it: LLVM may inline it and choose the calling convention
             code.linkage, code.calling_convention = "internal", "fastcc"
             promise(code.args, items)
             try:
@@ -66,35 +83,73 @@ class Module:
                 result = writer.write(items)
                 break
             except Widen as needed:
+                # discard the attempt and widen the slot
                 wide[needed.name] = needed.template
                 del self.code.globals[name]
+                self._rooms.pop(name, None)
         for word in kernel.attributes:
             code.attributes.add(word)
+        # large scalar functions are called, not inlined: shorter compile time
         if not kernel.attributes and _is_large(code, LARGE_HOT if self.often else LARGE):
             code.attributes.add("noinline")
+            # large kernels marked `superword` are the ones that SLP vectorization is for
             if kernel.superword:
                 self._superword.append(code)
         return code, result
 
+    def take_room(self, code: Any, count: int) -> None:
+        """Add `count` numbers to a function's stack use. Refused: more than MOST_ROOM with its callees."""
+        room = self._rooms.setdefault(code.name, [0, 0])
+        self._check_room(room, room[0] + count, room[1])
+
+    def room_of(self, code: Any) -> tuple[int, ...]:
+        """Return a function's own stack use, and the largest of its callees, as counted so far."""
+        return tuple(self._rooms.get(code.name, (0, 0)))
+
+    def reset_room(self, code: Any, room: tuple[int, ...]) -> None:
+        """Set a function's stack use back to an earlier `room_of`, where code of an attempt was removed."""
+        self._rooms[code.name] = list(room)
+
+    def _check_room(self, room: list[int], own: int, below: int) -> None:
+        """Store a function's own stack use and the largest of its callees; refuse a sum above MOST_ROOM."""
+        room[:] = own, below
+        if own + below > MOST_ROOM:
+            raise Refused(
+                f"{own + below} numbers on the stack, in this kernel and those that it calls: at most {MOST_ROOM}; "
+                "more lie in an array that is given"
+            )
+
+    def calls(self, code: Any, called: Any) -> None:
+        """Record a call: the callee's stack use, with its own callees, lies beyond the caller's."""
+        room = self._rooms.setdefault(code.name, [0, 0])
+        self._check_room(room, room[0], max(room[1], sum(self._rooms.get(called.name, ()))))
+
     def spare(self) -> None:
-        """Where there are large `superword` kernels, mark the other functions that are called as `SPARED`."""
+        """Exclude all other out-of-line functions from SLP vectorization if there are large `superword` kernels."""
         for code in self.code.functions if self._superword else ():
             if "noinline" in code.attributes and code not in self._superword:
                 code.attributes.add(SPARED)
 
     def mark_loop(self, back: Any) -> None:
-        """Say that a loop, by the branch to its head, is written out once, where its length is found as it runs."""
+        """Add metadata to a loop's back edge that stops LLVM from unrolling it by a run-time trip count.
+
+        Programs of an `entry_point` get none: their loops may be unrolled.
+        """
         if not self.often:
             self._loops += 1
+            # metadata node that LLVM reads at the loop's back edge
             once = self.code.add_metadata(["llvm.loop.unroll.runtime.disable"])
             mark = self.code.add_metadata([once, WORD(self._loops)])
-            mark.operands = (mark, once)  # LLVM knows a loop by a mark that names itself
+            # LLVM identifies a loop by metadata whose first operand is itself
+            mark.operands = (mark, once)
             back.set_metadata("llvm.loop", mark)
 
     def table(self, values: Any) -> Any:
-        """A row of constant numbers."""
-        key = tuple(map(repr, values))  # 0.0 and -0.0 are equal, and not the same
+        """Return the global constant array (float64 if any value is one, else int64) of known numbers, made once."""
+        # by repr: 0.0 and -0.0 are equal, but not the same constant
+        key = tuple(map(repr, values))
         if key not in self._tables:
+            # mixed numbers become float64
             element = DOUBLE if any(isinstance(x, float | np.floating) for x in values) else WORD
             kind_of = ir.ArrayType(element, len(values))
             made = ir.GlobalVariable(self.code, kind_of, f"table{len(self._tables)}")
@@ -105,15 +160,22 @@ class Module:
 
 
 def _is_large(code: Any, most: int) -> bool:
-    """Whether a function has many instructions, none of them on lanes, which would leave their registers for a call."""
+    """Return whether a function has more than `most` instructions and no vectors.
+
+    Functions with lanes are left to LLVM's inliner: a call would spill their vector registers.
+    """
     types = [one.type for block in code.blocks for one in block.instructions]
     return len(types) > most and not any(isinstance(one, ir.VectorType) for one in types)
 
 
 def promise(arguments: Sequence[Any], items: Sequence[Any]) -> None:
-    """What LLVM may rely on of named tuples in memory: that they are there, and that nobody writes to them."""
+    """Set LLVM attributes of pointer arguments to named tuples: dereferenceable, aligned, noalias, nonnull.
+
+    noalias holds because no kernel writes to a named tuple in memory.
+    """
     at = 0
     for item in items:
+        # the address argument of a named tuple in memory
         if isinstance(item, Stored) and item.layout.words:
             attributes = arguments[at].attributes
             attributes.dereferenceable, attributes.align = 8 * item.layout.words, 8

@@ -1,4 +1,4 @@
-"""A placed named tuple as data: what a library needs to have the same world as Python, at any address."""
+"""Relocatable image of a placed named tuple: the words and arrays that an exported library loads at any address."""
 
 from __future__ import annotations
 
@@ -11,17 +11,20 @@ import numpy as np
 from .kinds import Layout, is_tag, words_of
 
 LINE = 64
-"""Bytes of a cache line, on which every array begins."""
+"""Bytes of a cache line; every array begins on one."""
 
 
 @dataclass
 class Image:
-    """Words of a named tuple, with the arrays that they point to; see `entry.Placed`.
+    """Words of a named tuple (see `entry.Placed`) with the arrays that they point to.
 
     Attributes:
-        words: as they lie in memory; where an array begins, 0. pointers: (word, byte): word `word` is the address of
-            byte `byte` of the data. data: the arrays, one after the other. changing: bytes of the data, its first, that
-            compiled code may write to. places: by dotted name, (first byte, shape, NumPy's name of the numbers).
+        layout: of the named tuple.
+        words: 64-bit words as in memory, 0 in place of array addresses.
+        pointers: (word, byte) pairs: words[word] is to be the address of data[byte].
+        data: the arrays' bytes, one after the other, each on a cache line.
+        changing: number of leading bytes of data that compiled code may write to.
+        places: by dotted name, (first byte, shape, NumPy dtype name) of each array.
     """
 
     layout: Layout
@@ -33,23 +36,30 @@ class Image:
 
     @classmethod
     def of(cls, value: Any, written: Collection[str]) -> Image:
-        """Of a named tuple. written: dotted names of the arrays that change; all others stay as they are."""
+        """Make the image of a named tuple. written: dotted names of arrays that compiled code writes to.
+
+        Read-only arrays that share memory are stored once.
+        """
         image, arrays = cls(Layout.of(value)), list[tuple[str, int, Any]]()
         for name, part in _parts("", value):
             if isinstance(part, np.ndarray):
+                # address 0, to be relocated, then the shape
                 arrays.append((name, len(image.words), part))
                 image.words += [0, *part.shape]
             else:
                 image.words += words_of(part)
+        # writable arrays first, then read-only ones
         data, known = bytearray(), dict[tuple[int, int], int]()
         for changes in (True, False):
             for name, word, array in arrays:
                 if (name in written) == changes:
+                    # identity of the memory: read-only arrays may share it
                     kept = array.__array_interface__["data"][0], array.nbytes
                     if kept not in known or changes:
                         data += bytes(-len(data) % LINE)
                         known[kept] = len(data)
                         data += array.tobytes()
+                    # relocation of the word that holds the array's address
                     image.pointers.append((word, known[kept]))
                     image.places[name] = known[kept], array.shape, array.dtype.name
             if changes:
@@ -60,7 +70,7 @@ class Image:
 
 
 def _parts(path: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Arrays and other things that take words, in the order of words, with dotted names."""
+    """Yield (dotted name, part) of all arrays and numbers of a named tuple, in the order of its words."""
     if isinstance(value, tuple):
         if hasattr(value, "_fields"):
             for name, part in zip(value._fields, value, strict=True):

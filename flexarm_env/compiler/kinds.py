@@ -1,12 +1,12 @@
-"""What names of a kernel stand for while it is compiled.
+"""Items: what names and expressions of a kernel stand for while it is compiled.
 
-Numbers and arrays of run time are `symbols.Value` (float64 or lanes) and the classes below; whatever else a kernel
-meets, None, sizes, tags, functions, strings, Python's own numbers, is known at compile time and stands for itself.
+A symbolic item holds LLVM values known at run time: `symbols.Value` (float64 or lanes) and the classes below. A static
+item is known at compile time and stands for itself: None, sizes, lane tags, functions, strings, Python's numbers.
 
     leaves(item)       the LLVM values that an item is made of
     rebuilt(item, it)  the same item of other LLVM values
-    kind(item)         what compiled code depends on: the same for items that the same code serves
-    Layout             where the parts of a named tuple lie in a row of words of eight bytes (see `entry`)
+    kind(item)         specialization key: equal for items that the same compiled code serves
+    Layout             where the fields of a named tuple lie in a row of 8-byte words (see `entry`)
 """
 
 from __future__ import annotations
@@ -18,23 +18,28 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 
+from .lane_arrays import lane_fields
 from .symbols import DOUBLE, Value
 
 WORD, BIT, BYTE, SINGLE_PRECISION = ir.IntType(64), ir.IntType(1), ir.IntType(8), ir.FloatType()
-NUMBERS = {"f": DOUBLE, "i": WORD, "u": WORD, "b": BYTE, "g": SINGLE_PRECISION}
-"""LLVM types of what arrays hold: float64, int64, uint64, uint8 (also bool), float32."""
-LETTERS = {"float64": "f", "int64": "i", "uint64": "u", "uint8": "b", "bool": "b", "float32": "g"}
+# one letter per element type
+NUMBERS = {"f": DOUBLE, "i": WORD, "u": WORD, "b": BYTE, "t": BYTE, "g": SINGLE_PRECISION}
+"""LLVM element types of arrays: float64, int64, uint64, uint8, bool, float32."""
+LETTERS = {"float64": "f", "int64": "i", "uint64": "u", "uint8": "b", "bool": "t", "float32": "g"}
 
 
 class Refused(TypeError):
-    """What the language of kernels does not have; the message says where it stands."""
+    """Compile error: the source uses something outside the language of kernels.
+
+    placed: whether the message already names file and line (`source.Source.placed`).
+    """
 
     placed = False
 
 
 @dataclass(slots=True, eq=False)
 class Integer:
-    """A whole number of 64 bits; unsigned: np.uint64."""
+    """64-bit integer at run time: an LLVM i64; unsigned: it has the meaning of np.uint64."""
 
     value: Any
     unsigned: bool = False
@@ -42,14 +47,14 @@ class Integer:
 
 @dataclass(slots=True, eq=False)
 class Truth:
-    """True or False, of run time."""
+    """Truth value at run time: an LLVM i1."""
 
     value: Any
 
 
 @dataclass(slots=True, eq=False)
 class Narrow:
-    """A float32 (letter g) or an uint8 (b) on its way from or to an array."""
+    """np.float32(x) (letter g) or np.uint8(x) (letter b) before it is stored; arithmetic on it is refused."""
 
     value: Any
     letter: str
@@ -57,43 +62,54 @@ class Narrow:
 
 @dataclass(slots=True, eq=False)
 class Array:
-    """A C-contiguous array: the address of its first number, its shape, the letter of its numbers.
+    """A C-contiguous array at run time.
 
-    fixed: nobody may write to it, as it is global or NumPy says so.
+    data: pointer to the first element. shape: one LLVM i64 per dimension. letter: element type, a key of NUMBERS.
+    fixed: writing is refused, since the array is a global constant or read-only in NumPy. lane: the lane tag of an
+    array of lanes, whose indices count elements of all lanes (`lane_arrays`); None: indices count numbers.
     """
 
     data: Any
     shape: tuple[Any, ...]
     letter: str
     fixed: bool
+    lane: Any = None
 
     def written(self) -> None:
-        """Refused: it is fixed."""
+        """Raise Refused if the array is fixed (global or read-only)."""
         if self.fixed:
             raise Refused("an array that is global or read-only is written to: give the kernel one of its own")
 
 
 @dataclass(slots=True, eq=False)
 class Record:
-    """A named tuple that a kernel has made."""
+    """A named tuple that a kernel has made: its class and one item per field, held in LLVM values, not in memory.
+
+    lane: the lane tag of the fields that the class annotates `Lanes`; None: all its arrays hold numbers.
+    """
 
     instance_class: Any
     values: list[Any]
+    lane: Any = None
 
 
 class Stored:
-    """A named tuple that lies at an address; its parts are read where they are used."""
+    """A named tuple in memory at `address`, laid out by `layout`; fields are loaded where they are used.
 
-    __slots__ = ("address", "instance_class", "layout")
+    lane: as of a `Record`.
+    """
 
-    def __init__(self, address: Any, layout: Layout) -> None:
-        self.address, self.layout, self.instance_class = address, layout, layout.instance_class
+    __slots__ = ("address", "instance_class", "lane", "layout")
+
+    def __init__(self, address: Any, layout: Layout, lane: Any = None) -> None:
+        self.address, self.layout, self.lane, self.instance_class = address, layout, lane, layout.instance_class
 
 
 class Layout:
-    """Where the parts of a named tuple lie. parts: name -> (what it is, its first word); words: how many there are.
+    """Memory layout of a named tuple in 8-byte words.
 
-    There is one for each kind of named tuple: compared by identity.
+    instance_class: the named tuple's class. parts: name -> (description by `described_as`, offset of its first word).
+    words: total length. Layouts are interned, one for each class with the same field types, and compared by identity.
     """
 
     _known: dict[Any, Layout] = {}  # noqa: RUF012
@@ -102,16 +118,18 @@ class Layout:
         self.instance_class, self.parts, self.words, self._text = instance_class, parts, words, text
 
     def __repr__(self) -> str:
-        return self._text  # the same in every process: programs on disk are told apart by it
+        # the same text in every process: cache keys of programs on disk contain it
+        return self._text
 
     @classmethod
     def of(cls, value: Any) -> Layout:
-        """Of a named tuple of arrays, numbers, None, tuples and named tuples. TypeError: it holds something else."""
+        """Return the layout of a named tuple of arrays, numbers, None and tuples of these. TypeError: other fields."""
         parts, at = {}, 0
         for name, part in zip(value._fields, value, strict=True):
             shape = described_as(part, name)
             parts[name] = shape, at
             at += width(shape)
+        # interned by class and field types, so that equal layouts are identical objects
         key = (type(value), tuple(parts.values()))
         if key not in cls._known:
             shapes = [(name, shape) for name, (shape, _) in parts.items()]
@@ -121,7 +139,12 @@ class Layout:
 
 
 def described_as(part: Any, name: str) -> Any:
-    """What a part of a named tuple is; named tuples lie within the one that holds them."""
+    """Describe the type of an argument or field by a hashable word, tuple or `Layout`.
+
+    None, truth values and numbers: "none", "truth", "integer", "unsigned", "number". Arrays: (letter, dimensions), and
+    "fixed" as a third entry for read-only ones. Lane tags and sizes: ("tag", length). Tuples: ("tuple", parts). Named
+    tuples: their Layout, since their words lie inside those of the tuple that contains them. TypeError: anything else.
+    """
     if part is None:
         return "none"
     if isinstance(part, bool | np.bool_):
@@ -131,12 +154,14 @@ def described_as(part: Any, name: str) -> Any:
     if isinstance(part, float | np.floating):
         return "number"
     if isinstance(part, np.ndarray):
+        # kernels compute element addresses from the shape alone, so the array must be contiguous and aligned
         letter, flags = LETTERS.get(part.dtype.name), part.flags
         if letter is None or not flags.c_contiguous or not flags.aligned or not part.dtype.isnative or part.ndim == 0:
             raise TypeError(
                 f"{name}: an array of {part.dtype.str}, shape {part.shape}, strides {part.strides}: kernels take "
                 f"C-contiguous arrays of one dimension or more, of {', '.join(LETTERS)} in the machine's order of bytes"
             )
+        # subclasses may give indexing another meaning; memmap does not
         if not isinstance(part, np.memmap) and type(part) is not np.ndarray:
             raise TypeError(f"{name}: {type(part).__name__}: a kernel takes plain arrays (np.asarray makes one)")
         return (letter, part.ndim) if flags.writeable else (letter, part.ndim, "fixed")
@@ -144,24 +169,29 @@ def described_as(part: Any, name: str) -> Any:
         if hasattr(part, "_fields"):
             return Layout.of(part)
         if is_tag(part):
+            # tags take no words: their length is part of the type
             return ("tag", len(part))
         return ("tuple", tuple(described_as(x, name) for x in part))
     raise TypeError(f"{name}: {type(part).__name__}: a kernel is given arrays, numbers, None and tuples of these")
 
 
 def width(shape: Any) -> int:
-    """How many words a part of a named tuple takes."""
+    """Return the number of 8-byte words that a value described by `shape` takes: an array one and its dimensions."""
     if isinstance(shape, Layout):
         return shape.words
     if isinstance(shape, str):
         return 0 if shape == "none" else 1
+    # tags are part of the type and take no words
     if shape[0] == "tag":
         return 0
     return sum(map(width, shape[1])) if shape[0] == "tuple" else 1 + int(shape[1])
 
 
 def words_of(value: Any) -> list[int]:
-    """A named tuple, or a part of one, as it lies in memory."""
+    """Return a value as a list of 64-bit integers in the order of its `Layout`.
+
+    Float64 by bit pattern, arrays by address and dimensions, tuples part by part; None and tags take no words.
+    """
     if isinstance(value, tuple):
         return [] if is_tag(value) and not hasattr(value, "_fields") else [w for part in value for w in words_of(part)]
     if isinstance(value, np.ndarray):
@@ -169,29 +199,61 @@ def words_of(value: Any) -> list[int]:
     if value is None:
         return []
     if isinstance(value, float | np.floating):
+        # bit pattern of the float64
         return [int(np.float64(value).view(np.int64))]
     return [int(np.int64(np.uint64(value))) if isinstance(value, np.uint64) else int(value)]
 
 
+def declared(item: Any, holds: bool | None, lane: Any) -> Any:
+    """Return an argument or field as its annotation declares it, with indices by elements of lanes or by numbers.
+
+    holds: True for `Lanes`, False for another type, None without an annotation. lane: the kernel's lane tag, or None.
+    Refused: `Lanes` of an item that is no one-dimensional array of float64 (None and sizes excepted).
+    """
+    if isinstance(item, Array):
+        if holds and (item.letter != "f" or len(item.shape) != 1):
+            raise Refused("`Lanes` are arrays of float64 in one dimension")
+        return Array(item.data, item.shape, item.letter, item.fixed, lane if holds else None)
+    if holds and (isinstance(item, int | float | str) or not is_static(item)):
+        raise Refused(f"{told(item)} where `Lanes` are declared")
+    if isinstance(item, Record):
+        return Record(item.instance_class, item.values, None if holds is None else lane)
+    if isinstance(item, Stored):
+        return Stored(item.address, item.layout, None if holds is None else lane)
+    if is_tuple(item) and not is_static(item):
+        return tuple(declared(x, None, lane) for x in item)
+    return item
+
+
+def lane_tags(item: Any) -> list[Any]:
+    """Return the lane tag or None of each array and each named tuple with lane arrays in an item."""
+    if isinstance(item, Array):
+        return [item.lane]
+    # named tuples without fields of lanes are the same under every tag
+    if isinstance(item, Record | Stored):
+        return [item.lane] if lane_fields(item.instance_class) else []
+    return [tag for x in item for tag in lane_tags(x)] if is_tuple(item) else []
+
+
 def is_tag(item: Any) -> bool:
-    """Whether a tuple stands for its length: a lane tag or a size, all of zeros."""
+    """Return whether a tuple is a lane tag or a size: all zeros, standing for its length."""
     return all(type(x) is int and x == 0 for x in item)
 
 
 def is_static(item: Any) -> bool:
-    """Whether an item is known when the kernel is compiled."""
+    """Return whether an item is known at compile time, in all parts of a tuple."""
     if is_tuple(item):
         return all(map(is_static, item))
     return not isinstance(item, Value | Integer | Truth | Narrow | Array | Record | Stored)
 
 
 def is_tuple(item: Any) -> bool:
-    """Whether an item is a plain tuple."""
+    """Return whether an item is a plain tuple, not a named one."""
     return type(item) is tuple
 
 
 def leaves(item: Any) -> list[Any]:
-    """LLVM values that an item is made of."""
+    """Return the LLVM values that an item consists of, in order; none for static items."""
     if isinstance(item, Value):
         return item.parts(item.count, len(item.tangents))
     if isinstance(item, Integer | Truth | Narrow):
@@ -208,7 +270,7 @@ def leaves(item: Any) -> list[Any]:
 
 
 def rebuilt(item: Any, it: Iterator[Any], builder: Any) -> Any:
-    """The same item of other LLVM values."""
+    """Return an item of the same kind made of the next LLVM values of the iterator `it`, the inverse of `leaves`."""
     if isinstance(item, Value):
         return Value.of(builder, [next(it) for _ in (item, *item.tangents)], item.count)
     if isinstance(item, Integer):
@@ -218,18 +280,21 @@ def rebuilt(item: Any, it: Iterator[Any], builder: Any) -> Any:
     if isinstance(item, Narrow):
         return Narrow(next(it), item.letter)
     if isinstance(item, Array):
-        return Array(next(it), tuple(next(it) for _ in item.shape), item.letter, item.fixed)
+        return Array(next(it), tuple(next(it) for _ in item.shape), item.letter, item.fixed, item.lane)
     if isinstance(item, Record):
-        return Record(item.instance_class, [rebuilt(x, it, builder) for x in item.values])
+        return Record(item.instance_class, [rebuilt(x, it, builder) for x in item.values], item.lane)
     if isinstance(item, Stored):
-        return Stored(next(it), item.layout)
+        return Stored(next(it), item.layout, item.lane)
     if is_tuple(item):
         return tuple(rebuilt(x, it, builder) for x in item)
     return item
 
 
 def kind(item: Any) -> Any:
-    """What compiled code depends on, hashable; of what is known at compile time, itself."""
+    """Return the hashable specialization key of an item: equal keys share one compiled function.
+
+    Symbolic items give their type (lanes, tangents, element type, class), static ones their type and value.
+    """
     if isinstance(item, Value):
         return ("value", item.count, len(item.tangents))
     if isinstance(item, Integer):
@@ -244,16 +309,20 @@ def kind(item: Any) -> Any:
         return ("record", item.instance_class, tuple(map(kind, item.values)))
     if isinstance(item, Stored):
         return ("stored", item.layout)
-    if is_tuple(item) and not is_tag(item):  # item by item: (1, True) equals (1, 1), and is not the same
+    if is_tuple(item) and not is_tag(item):
+        # part by part: (1, True) == (1, 1), but they compile to different code
         return ("tuple", tuple(map(kind, item)))
     return ("static", type(item), item)
 
 
 def told(item: Any) -> str:
-    """An item in a sentence."""
+    """Describe an item in words for an error message."""
     if isinstance(item, Value):
         lanes = "a number" if item.count == 1 else f"{item.count} lanes"
         return f"{lanes} with {len(item.tangents)} tangents" if item.tangents else lanes
+    if isinstance(item, Array) and item.lane is not None:
+        return "an array of lanes"
+    # wording of all error messages
     names = {Integer: "a whole number", Truth: "a truth value", Array: "an array"}
     for cls, name in names.items():
         if isinstance(item, cls):

@@ -1,16 +1,17 @@
-"""One source, one arm or several: a vector of float64 that compiles to one machine register.
+"""Lanes: one kernel source for one arm or several; a vector of float64 that compiles to one machine register.
 
-A kernel takes a *lane tag*, a tuple of zeros whose length L is the number of arms advanced together
-(`SINGLE` or `EIGHT`). In an array that holds lanes, element k of all L arms lies at `[k*L : (k+1)*L]`.
-`load(lane, array, k)` returns a float64 where L = 1 and an LLVM `<L x double>` otherwise; arithmetic
-and the functions below accept both, so the same source is the kernel of a single arm and of a batch.
-No operation is contracted or reordered, hence both give the same bits, on any x86 or Arm vector unit.
+A kernel takes a *lane tag*, a tuple of zeros whose length L is the number of arms advanced together (`SINGLE` or
+`EIGHT`). In an array that holds lanes, element k of all L arms lies at `[k*L : (k+1)*L]`. `load(lane, array, k)`
+returns a float64 where L = 1 and an LLVM `<L x double>` otherwise; arithmetic and the functions below accept both, so
+that the same source is the kernel of a single arm and of a batch. No operation is contracted or reordered, hence both
+give the same bits, on any x86 or Arm vector unit.
 
-A longer tag, `dual(lane, D)`, makes of the same source the kernel of its derivative: each element is followed by D
-tangents, L numbers each that say how it changes along a direction, and every operation carries them on by the rules in
-`symbols`. `arms(lane)` is the number of arms of either.
+A longer tag, `dual(lane, D)`, makes the same source the kernel of its derivative (forward mode): each element is
+followed by D tangents, L numbers each, its derivatives along D directions, and every operation propagates them by the
+rules in `symbols`. `lane_count(lane)` is the number of arms of either kind of tag.
 
-Here the words are what Python runs where compilation is disabled; what the front end writes for them stands in `words`.
+The functions here are those that Python runs where compilation is disabled; `words` says what the compiler writes for
+them.
 """
 
 import math
@@ -22,22 +23,22 @@ from .decorator import UNCOMPILED, kernel
 SINGLE: tuple[int, ...] = (0,)
 EIGHT: tuple[int, ...] = (0,) * 8
 WIDEST = SINGLE if UNCOMPILED else EIGHT
-"""What many arms stand in. Where compilation is disabled there are no vectors: every arm is advanced by itself."""
+"""Lane tag for batches. Where compilation is disabled there are no vectors: each arm is advanced by itself."""
 
 
 def dual(lane: tuple[int, ...], tangents: int = 1) -> tuple[int, ...]:
-    """The tag of as many arms with so many tangents each (of one arm: at most 6)."""
+    """Return the tag of as many arms with `tangents` tangents each (of one arm: at most 6)."""
     return lane * (1 + tangents)
 
 
 def shape(length: int) -> tuple[int, int]:
-    """How many lanes and tangents stand under a tag of this length."""
+    """Return the number of lanes and of tangents of a tag of this length."""
     count = 1 if length % len(EIGHT) else len(EIGHT)
     return count, length // count - 1
 
 
 def _one(lane: tuple[int, ...]) -> None:
-    """Numbers of Python stand for one lane: RuntimeError for more."""
+    """Raise RuntimeError for more than one lane, because Python's numbers are single lanes."""
     if len(lane) != 1:
         raise RuntimeError(f"{len(lane)} lanes: there is only one where compilation is disabled (FLEXARM_COMPILER)")
 
@@ -46,41 +47,43 @@ def _one(lane: tuple[int, ...]) -> None:
 
 
 def load(lane: tuple[int, ...], array: np.ndarray, k: int) -> float:
-    """Element k of every lane of a contiguous array."""
+    """Return element k of every lane of a contiguous array."""
     _one(lane)
     return array[k]
 
 
 def store(array: np.ndarray, k: int, value: float) -> None:
-    """Write element k of every lane."""
+    """Write value into element k of every lane."""
     array[k] = value
 
 
 def splat(lane: tuple[int, ...], x: float) -> float:
-    """The scalar x in every lane."""
+    """Return the scalar x in every lane."""
     _one(lane)
     return x
 
 
-def pick(lane: tuple[int, ...], array: np.ndarray, k: int, i: int) -> float:
-    """Element k of arm i, as one number with its tangents."""
+def load_lane(lane: tuple[int, ...], array: np.ndarray, k: int, i: int) -> float:
+    """Return element k of arm i as one number, with its tangents under a dual tag."""
     _one(lane)
     return array[k]
 
 
-def place(lane: tuple[int, ...], array: np.ndarray, k: int, i: int, value: float) -> None:
-    """Write element k of arm i."""
+def store_lane(lane: tuple[int, ...], array: np.ndarray, k: int, i: int, value: float) -> None:
+    """Write value into element k of arm i, with its tangents under a dual tag."""
     array[k] = value
 
 
 def stack(lane: tuple[int, ...], sizes: tuple[int, ...]) -> np.ndarray:
-    """Room for `len(sizes)` values per lane, not initialised, that lives as long as the call: registers where the
-    compiler can follow every index into it."""
+    """Return an uninitialized array of `len(sizes)` values per lane that lives until the kernel returns.
+
+    It becomes registers where the compiler knows every index into it.
+    """
     return np.full(len(lane) * len(sizes), np.nan)
 
 
-def follow(address):
-    """The named tuple at an address (see `entry.Placed`)."""
+def dereference(address):
+    """Return the named tuple at an address (see `entry.Placed`)."""
     return address
 
 
@@ -88,70 +91,73 @@ def follow(address):
 
 
 def size(n):
-    """The number that a size stands for: itself, or the length of a tuple of zeros, which is known to the compiler."""
+    """Return a size as a number: an int itself, or the length of a tuple of zeros (known at compile time)."""
     return len(n) if isinstance(n, tuple) else n
 
 
-def arms(lane: tuple[int, ...]) -> int:
-    """How many arms stand under a tag."""
+def lane_count(lane: tuple[int, ...]) -> int:
+    """Return the number of arms of a lane tag, with or without tangents."""
     _one(lane)
     return 1
 
 
 def select_lt(a: float, b: float, x: float, y: float) -> float:
-    """x where a < b, otherwise y (also where a or b is NaN)."""
+    """Return x where a < b, otherwise y (also where a or b is NaN), lane by lane."""
     return x if a < b else y
 
 
 def absolute(x: float) -> float:
-    """|x|"""
+    """Return |x|."""
     return abs(x)
 
 
 def square_root(x: float) -> float:
-    """The square root of x."""
+    """Return the square root of x."""
     return math.sqrt(x)
 
 
 def round_even(x: float) -> float:
-    """The nearest whole number, ties to even."""
+    """Return the nearest whole number, ties to even."""
     return float(np.rint(x))
 
 
-def largest(x: float) -> float:
-    """The largest entry of all lanes, as a float64 (NaN entries are passed over)."""
+def max_over_lanes(x: float) -> float:
+    """Return the largest entry of all lanes as a float64; NaN entries are ignored unless all are NaN."""
     return x
 
 
-def alone(x: float) -> float:
-    """x without tangents."""
+def without_tangents(x: float) -> float:
+    """Return x as a constant: without tangents under a dual tag."""
     return x
 
 
 def with_slope(y: float, x: float, slope: float) -> float:
-    """y as a function of x, without tangents; its derivative is `slope`."""
+    """Return y with the tangents of x times slope: the value y of a function of x whose derivative is `slope`."""
     return y
 
 
-def change(x: float) -> float:
-    """-0 with the tangents of x, which added to a number changes its tangents alone."""
+def tangents_only(x: float) -> float:
+    """Return -0 with the tangents of x; added to a number, it changes the number's tangents alone."""
     return -0.0
 
 
 @kernel
 def maximum(x, y):
-    """The larger of x and y; y where x is NaN."""
+    """Return the larger of x and y; y where x is NaN."""
     return select_lt(y, x, x, y)
 
 
 _WHOLE = 6755399441055744.0
-"""1.5 * 2^52: a number of moderate size added to it is rounded to a whole one, which stands in its lowest bits."""
+"""1.5 * 2^52: adding a number of moderate size rounds it to a whole number, in the lowest bits of the sum."""
 
 
 def turn(t: float, s: float, c: float) -> tuple[float, float]:
-    """(sine, cosine) of an angle whose remainder from k right angles has sine s and cosine c; t = _WHOLE + k."""
+    """Return (sine, cosine) of k right angles plus r, from s = sin r and c = cos r; t = _WHOLE + k."""
     return ((s, c), (c, -s), (-s, -c), (-c, s))[int(t - _WHOLE) % 4 if math.isfinite(t) else 0]
 
+
+_FAR = 1e15
+"""Angle from which a period has fewer than 50 floats, and beyond which `_WHOLE` does not count right angles."""
 
 # pi/2 in three parts of 33 bits: k * part is exact for |k| < 2^20, so the reduction keeps full precision.
 _HALF_PI_1 = 1.57079632673412561417e00
@@ -178,16 +184,24 @@ _C = (
 
 @kernel
 def sincos(x):
-    """(sin x, cos x) within 2e-16 for |x| < 1e6, the same bits in any lane."""
-    angle = alone(x)
+    """Return (sin x, cos x), x in rad, with the same bits in any lane.
+
+    Error below 2e-16 for |x| < 1e6 and below |x| 2e-16 for |x| < 1e15; NaN beyond.
+    """
+    # values without tangents; the derivatives are attached at the end
+    given = without_tangents(x)
+    angle = select_lt(absolute(given), _FAR, given, math.nan)
+    # k: nearest number of right angles; r = x - k pi/2 in three exact steps
     t = angle * (2.0 / math.pi) + _WHOLE
     k = t - _WHOLE
     r = ((angle - k * _HALF_PI_1) - k * _HALF_PI_2) - k * _HALF_PI_3
+    # polynomials in z, Estrin's scheme
     z = r * r
     y = z * z
     s = ((z * _S[5] + _S[4]) * y + (z * _S[3] + _S[2])) * y + (z * _S[1] + _S[0])
     s = r + r * (z * s)
     c = ((z * _C[5] + _C[4]) * y + (z * _C[3] + _C[2])) * y + (z * _C[1] + _C[0])
     c = (1.0 - z * 0.5) + y * c
+    # rotate by k right angles
     s, c = turn(t, s, c)
     return with_slope(s, x, c), with_slope(c, x, -s)

@@ -1,50 +1,55 @@
-"""Where two ways meet, or a name gets a second value: what is wide enough for both."""
+"""Merging of items where two control paths meet or a name is reassigned: the common type that both convert to."""
 
 from typing import Any
 
 from . import arithmetic
-from .kinds import Integer, Narrow, Record, Stored, Truth, is_static, is_tuple, kind
+from .kinds import Integer, Narrow, Record, Stored, Truth, is_static, is_tuple, kind, lane_tags
 from .symbols import Value
 
 Names = dict[str, Any]
 
 APART = object()
-"""What `joined` gives of two items that no one place holds."""
+"""Result of `joined` for two items without a common type."""
 
 
 class Widen(Exception):
-    """A name's room is too narrow: the function is to be written anew with this in its place."""
+    """Raised when a name's stack slots are too narrow: its function is written again with this template for it."""
 
     def __init__(self, name: str, template: Any) -> None:
         self.name, self.template = name, template
 
 
 def joined(one: Any, other: Any) -> Any:
-    """What holds either of two items, neither of them a number that is known; APART: nothing does.
+    """Return a template of the common type of two items, neither a known number; APART if there is none.
 
-    Whole numbers become numbers beside numbers, one number becomes lanes beside lanes, without tangents with them.
+    An integer or truth value widens to float64, a truth value to an integer, a scalar to lanes, and a number without
+    tangents to one with. Named tuples and tuples are merged part by part.
     """
     if kind(one) == kind(other):
-        return one
+        # an array of lanes and one of numbers are indexed differently
+        return one if lane_tags(one) == lane_tags(other) else APART
     plain = Integer | Truth | Narrow
     if isinstance(one, Value) or isinstance(other, Value):
+        # a number and an array, tuple or the like
         if not isinstance(one, Value | plain) or not isinstance(other, Value | plain):
             return APART
         if not isinstance(one, Value) or not isinstance(other, Value):
             return one if isinstance(one, Value) else other
         count, tangents = max(one.count, other.count), max(len(one.tangents), len(other.tangents))
+        # the template is the item that has both the larger lane count and the larger tangent count
         fits = [x for x in (one, other) if (x.count, len(x.tangents)) == (count, tangents)]
         return fits[0] if fits else APART
     if isinstance(one, Integer) and isinstance(other, Truth):
         return one
     if isinstance(one, Truth) and isinstance(other, Integer):
         return other
+    # named tuples of one class; two in memory at different layouts have no common type
     if isinstance(one, Record | Stored) and isinstance(other, Record | Stored):
         if one.instance_class is not other.instance_class or (isinstance(one, Stored) and isinstance(other, Stored)):
             return APART
         if isinstance(one, Record) and isinstance(other, Record):
             parts = [joined(x, y) for x, y in zip(one.values, other.values, strict=True)]
-            return APART if any(x is APART for x in parts) else Record(one.instance_class, parts)
+            return APART if any(x is APART for x in parts) else Record(one.instance_class, parts, one.lane)
         return one if isinstance(one, Record) else other
     if is_tuple(one) and is_tuple(other) and len(one) == len(other) and not (is_static(one) and is_static(other)):
         parts = [joined(x, y) for x, y in zip(one, other, strict=True)]
@@ -53,7 +58,7 @@ def joined(one: Any, other: Any) -> Any:
 
 
 def fitted(writer: Any, item: Any, template: Any) -> Any:
-    """An item in the shape of a template that `joined` gave."""
+    """Convert an item to the type of a template from `joined`: widen numbers, load named tuples, part by part."""
     b = writer.b
     if isinstance(template, Value):
         return arithmetic.number(b, item).full(template.count, len(template.tangents))
@@ -61,7 +66,7 @@ def fitted(writer: Any, item: Any, template: Any) -> Any:
         return Integer(arithmetic.whole(b, item))
     if isinstance(template, Record):
         values = [fitted(writer, x, t) for x, t in zip(writer.parts(item), template.values, strict=True)]
-        return Record(template.instance_class, values)
+        return Record(template.instance_class, values, template.lane)
     if is_tuple(template) and not is_static(template):
         return tuple(fitted(writer, x, t) for x, t in zip(item, template, strict=True))
     return item

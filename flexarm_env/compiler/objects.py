@@ -1,65 +1,87 @@
-"""Machine code on disk: one file a program, that nothing but the same sources find again.
+"""Cache of compiled programs on disk: one file per program, found by a key of everything that its code depends on.
 
-Its name follows from the sources, from what the program is called with, from llvmlite and the processor. It says itself
-whether it is whole; what cannot be read is compiled anew, what cannot be written is not kept. A file is an object file
-behind a line of JSON: reading one runs nothing. Nothing is read that others than the user and root could have written.
+The key covers the sources, the argument types, llvmlite's version and the processor. A file is its SHA-256, a line of
+JSON and an object file: reading one executes nothing. A damaged file is compiled anew; where nothing can be written
+nothing is stored. No file is read that others than the user and root could have written.
 
-Kernels of other files than the package's name themselves in the line: file, digest, and the values of what they read.
+For kernels from outside the package the JSON lists their dependencies (`dependencies`). Loading a file renews its time
+of modification: where files take more than `LIMIT`, the least recently loaded ones are deleted.
 """
 
 import contextlib
 import errno
 import hashlib
-import inspect
+import importlib
 import json
 import os
+import re
 import stat
-import sys
 import time
 import uuid
 import warnings
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from types import FunctionType
 from typing import Any, NamedTuple
 
 import llvmlite
-import numpy as np
 
-from .dispatch import FOREIGN
+from . import dependencies
+from .dependencies import PACKAGE, Description, Indescribable
+from .waiting import LOG
 
 VARIABLE, FORMER = "FLEXARM_CACHE_DIR", "NUMBA_CACHE_DIR"
 
 COMPILED = (
     "compiler/**/*.py", "physics/**/*.py", "runtime/**/*.py", "tasks/**/*.py", "layout.py", "time_functions.py",
 )  # fmt: skip
-"""Sources that compiled code is made of."""
+"""Glob patterns of the sources that compiled code is made of."""
 
-PACKAGE = Path(__file__).parents[1]
 SUFFIX = ".o"
 _DIGEST = hashlib.sha256().digest_size
 
+LIMIT, ROOM = 512.0, "FLEXARM_CACHE_MB"
+"""Largest total size of the files of a folder, MB, and the environment variable that sets another."""
+
+SPARE = 0.9
+"""Above the limit files are deleted until this fraction of it is left."""
+
+OFTEN, FORGOTTEN = 3600.0, 30 * 86400.0
+"""Seconds: least time between two renewals of a file's time, and age from which a partial file is abandoned; time
+without loading after which files of other versions of the package are deleted."""
+
+_NAME = re.compile(rf"[^/]+-\d+\.[0-9a-f]{{16}}\.[0-9a-f]{{24}}{re.escape(SUFFIX)}(\.[0-9a-f]{{16}})?")
+"""Names of program files, complete and partial ones; no other file is deleted."""
+
 _said = False
-"""Whether this process has heard that nothing is kept."""
+"""Whether this process has been warned that nothing can be stored."""
+
+_sentences: set[str] = set()
+"""Messages that `_say_once` has logged."""
 
 
 class Key(NamedTuple):
-    """base: what a program's files are called. stamp: of the sources. text: all else that it depends on."""
+    """Cache key of a program.
+
+    base: first part of the file name, module, kernel and line. stamp: hash of the package's sources. text: all other
+    dependencies. function: the kernel's Python function. shapes: argument types (`kinds.described_as`).
+    """
 
     base: str
     stamp: str
     text: str
+    function: Any = None
+    shapes: Sequence[Any] = ()
 
     @property
     def name(self) -> str:
-        """The file's name."""
+        """File name of the program: base, and hashes of sources and text."""
         return f"{self.base}.{self.stamp[:16]}.{hashlib.sha256(self.text.encode()).hexdigest()[:24]}{SUFFIX}"
 
 
 @cache
 def source_hash() -> str:
-    """SHA-256 (hex) over the sources that compiled code is made of, and llvmlite's version."""
+    """Return the SHA-256 (hex) of llvmlite's version and all sources that compiled code is made of."""
     digest = hashlib.sha256(llvmlite.__version__.encode())
     for path in sorted(path for pattern in COMPILED for path in PACKAGE.glob(pattern)):
         digest.update(path.relative_to(PACKAGE).as_posix().encode())
@@ -68,16 +90,20 @@ def source_hash() -> str:
 
 
 def key_of(function: Any, shapes: Sequence[Any], direct: bool, *target: str) -> Key:
-    """The key of a function's program."""
+    """Return the cache key of a function's program.
+
+    direct: whether it is called with one named tuple and integers (`entry`). target: triple, processor, features.
+    """
     name = "".join(c for c in function.__qualname__ if c not in "<>")
     base = f"{function.__module__.rpartition('.')[2]}.{name}-{function.__code__.co_firstlineno}"
-    known = function.__module__, function.__qualname__, list(shapes), direct, target, sorted(FOREIGN.items())
-    return Key(base, source_hash(), repr(known))
+    known = function.__module__, function.__qualname__, list(shapes), direct, target
+    words = dependencies.key_words(function, shapes)
+    return Key(base, source_hash(), repr((*known, *words)), function, tuple(shapes))
 
 
 @cache
 def _former() -> str | None:
-    """Numba's variable, which named the folder in earlier releases."""
+    """Return the folder that Numba's variable names, with a warning: it named the cache in earlier releases."""
     folder = os.environ.get(FORMER)
     if folder and not os.environ.get(VARIABLE):
         warnings.warn(f"{FORMER}: is {VARIABLE} now; it is still heeded in this release", FutureWarning, stacklevel=2)
@@ -85,9 +111,9 @@ def _former() -> str | None:
 
 
 def folders() -> list[Path]:
-    """Where programs are written (the first), and all folders where they are looked for.
+    """Return the folders where programs are looked for; they are written to the first.
 
-    What an administrator has compiled beside an installed package serves those who may not write there.
+    The folder beside an installed package, compiled by an administrator, serves users who cannot write there.
     """
     beside = PACKAGE / "__pycache__" / "objects"
     chosen = os.environ.get(VARIABLE) or _former()
@@ -100,55 +126,91 @@ def folders() -> list[Path]:
 
 
 def _safe(path: Path) -> bool:
-    """Whether nobody but the user and root can have written a file or folder."""
+    """Return whether only the user and root can write to a file or folder."""
     if os.name != "posix":
         return True
-    found = path.stat()
+    return _trusted(path.stat())
+
+
+def _trusted(found: os.stat_result) -> bool:
+    """Return whether a file with this status belongs to the user or root and others cannot write to it (POSIX)."""
+    if os.name != "posix":
+        return True
     return found.st_uid in (0, os.geteuid()) and not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
 def prepare(folder: Path) -> None:
-    """Make a folder for programs. OSError: it cannot be made, or others can write there."""
+    """Make a folder for programs. OSError: it cannot be made, or others can write to it."""
     folder.mkdir(mode=0o755, parents=True, exist_ok=True)
     if not _safe(folder):
         raise PermissionError(errno.EPERM, "others than you can write there")
 
 
 def load(key: Key) -> tuple[bytes, Any] | None:
-    """A program's machine code and what its result is, or None; a file that is damaged is dropped."""
+    """Return a program's (object file, result spec) from disk, or None; damaged files are deleted."""
     for folder in folders():
         path = folder / key.name
         try:
-            if not _safe(folder) or not _safe(path):
+            # skip folders and files that others could have written
+            if not _safe(folder):
                 continue
-            content = path.read_bytes()
+            content = _content(path)
         except OSError:
             continue
         try:
+            # checksum, then the JSON line, then the object file
             if hashlib.sha256(content[_DIGEST:]).digest() != content[:_DIGEST]:
                 raise ValueError("damaged")
             head, _, code = content[_DIGEST:].partition(b"\n")
             facts = json.loads(head)
+            # another key with the same hash prefix
             if facts["key"] != key.text:
                 raise ValueError("another's")
         except (ValueError, KeyError, TypeError, RecursionError):
             with contextlib.suppress(OSError):
                 path.unlink()
             continue
-        if all(_holds(fact) for fact in facts["foreign"]):
-            return code, facts["result"]
+        try:
+            # compare dependencies outside the package; changed ones mean: compile anew
+            classes = _classes(key, facts["depends"])
+            result = _with_classes(facts["result"], classes)
+        except _CHANGED:
+            continue
+        _loaded_now(path)
+        return code, result
     return None
 
 
-def save(key: Key, code: bytes, result: Any, used: dict[Any, set[str]]) -> None:
-    """Keep a program, in one piece or not at all; where that fails, one warning a process.
+def _content(path: Path) -> bytes:
+    """Return a file's bytes. OSError: it is missing, no regular file, or others could have written it."""
+    # O_NONBLOCK: opening a FIFO must not wait for a writer
+    with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb") as file:
+        # status of the open file, not of the path, which could be exchanged
+        found = os.fstat(file.fileno())
+        if not stat.S_ISREG(found.st_mode) or not _trusted(found):
+            raise PermissionError(errno.EPERM, "no plain file of one's own")
+        return file.read()
 
-    used: the functions it was made of, and the global names that each reads.
+
+def _loaded_now(path: Path) -> None:
+    """Renew a file's time of modification, at most once an hour."""
+    with contextlib.suppress(OSError):
+        if path.stat().st_mtime < time.time() - OFTEN:
+            os.utime(path)
+
+
+def save(key: Key, code: bytes, result: Any, used: dict[Any, set[str]]) -> None:
+    """Store a program atomically: written to a partial file, which is then renamed. On failure warn once a process.
+
+    used: functions in the program with the global names that each reads. Programs with indescribable dependencies
+    are not stored; a log message names the reason.
     """
     try:
-        foreign = [_fact(one, names) for one, names in used.items() if not _own(one)]
-        head = json.dumps({"key": key.text, "result": result, "foreign": foreign})
-    except (TypeError, ValueError, OSError):  # from no file, or its result is of a class of its own: not kept
+        head = json.dumps({"key": key.text, "result": _in_words(result), "depends": _depends(key, used)})
+        # check that the result's classes can be found again when the file is loaded
+        _with_classes(_in_words(result), _classes(key, json.loads(head)["depends"]))
+    except (Indescribable, *_CHANGED) as error:
+        _say_once(f"{key.base.rpartition('-')[0]} is compiled anew in every process: {error}")
         return
     folder = folders()[0]
     try:
@@ -164,27 +226,162 @@ def save(key: Key, code: bytes, result: Any, used: dict[Any, set[str]]) -> None:
         except BaseException as error:
             with contextlib.suppress(OSError):
                 part.unlink()
-            if isinstance(error, PermissionError) and path.exists():  # on Windows: another process has it open
+            # on Windows: another process has the file open
+            if isinstance(error, PermissionError) and path.exists():
                 return
             raise
-        for other in list(folder.iterdir()):
-            if other.name.startswith(f"{key.base}.") and _over(other, key):
-                other.unlink(missing_ok=True)
+        _make_room(folder, key, path)
     except OSError as error:
         _complain(error, folder)
 
 
+_CHANGED = (LookupError, AttributeError, ValueError, TypeError, StopIteration, RecursionError, ImportError)
+"""Exceptions raised while describing a program whose dependencies have changed."""
+
+
+def _depends(key: Key, used: dict[Any, set[str]]) -> Any:
+    """Return the JSON description of a program's dependencies outside the package; None if it has none."""
+    if not dependencies.is_foreign(used):
+        return None
+    found = Description.made(key.function, key.shapes, used)
+    return {"words": found.words, "guide": found.guide, "chosen": dependencies.chosen(used)}
+
+
+def _classes(key: Key, depends: Any) -> dict[str, Any]:
+    """Return the named tuple classes that a program's result may contain, by "module:qualified name".
+
+    depends: stored description. ValueError and others of `_CHANGED`: a dependency has changed.
+    """
+    classes = {f"{one.__module__}:{one.__qualname__}": one for one in dependencies.classes_of(key.shapes)}
+    if depends is not None:
+        found = Description.now(key.function, key.shapes, depends["chosen"], depends["guide"])
+        if found.words != depends["words"] or found.guide != depends["guide"]:
+            raise ValueError("changed")
+        classes |= found.classes
+    return classes
+
+
+def _in_words(result: Any) -> Any:
+    """Return a result spec (`program._given`) with class names in place of classes, for JSON."""
+    if isinstance(result, str) or result[0] == "known":
+        return result
+    if result[0] == "record" and isinstance(result[1], type):
+        result = ["record", f"{result[1].__module__}:{result[1].__qualname__}", result[2]]
+    return [*result[:-1], [_in_words(one) for one in result[-1]]]
+
+
+def _with_classes(result: Any, classes: dict[str, Any]) -> Any:
+    """Return a result spec with classes in place of their names. LookupError and others: a class is missing."""
+    if isinstance(result, str) or result[0] == "known":
+        return result
+    rest = [_with_classes(one, classes) for one in result[-1]]
+    if result[0] != "record":
+        return [*result[:-1], rest]
+    found, (module, _, name) = classes.get(result[1]), result[1].partition(":")
+    if found is None:
+        # classes of the package are imported, others must be among the dependencies
+        if module.split(".")[0] != PACKAGE.name:
+            raise LookupError(f"it returns a {name}, which it does not name")
+        found = importlib.import_module(module)
+        for part in name.split("."):
+            found = getattr(found, part)
+    return ["record", found, rest]
+
+
+# --- disk space ------------------------------------------------------------------------------------
+
+
+def limit() -> int:
+    """Return the largest total size of program files in bytes: FLEXARM_CACHE_MB, or `LIMIT`."""
+    chosen = os.environ.get(ROOM)
+    try:
+        megabytes = LIMIT if not chosen else float(chosen)
+    except ValueError:
+        megabytes = -1.0
+    if not megabytes >= 0.0:
+        raise ValueError(f"{ROOM} = {chosen!r}: must be a number of megabytes, 0 or more")
+    return int(min(megabytes, 1e9) * 2**20)
+
+
+def programs(folder: Path) -> list[tuple[float, int, Path]]:
+    """Return (time of last use, size in bytes, path) of all program files in a folder, partial ones too."""
+    found = []
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if _NAME.fullmatch(entry.name):
+                with contextlib.suppress(OSError):
+                    about = entry.stat(follow_symlinks=False)
+                    found.append((about.st_mtime, about.st_size, Path(entry.path)))
+    return found
+
+
+def clean(folder: Path) -> tuple[int, int]:
+    """Delete all programs in a folder; return the numbers of files and of bytes deleted."""
+    count, size = 0, 0
+    for _, bytes_, path in programs(folder):
+        with contextlib.suppress(OSError):
+            path.unlink()
+            count, size = count + 1, size + bytes_
+    return count, size
+
+
+_known_size: dict[Path, int] = {}
+"""Size of each folder in bytes: last counted by this process, plus what it has written since."""
+
+
+def _make_room(folder: Path, key: Key, written: Path) -> None:
+    """Delete superseded, abandoned and, above the limit, least recently used programs after a file was written.
+
+    key: of the written program. written: its path.
+    """
+    # the same kernel compiled from other sources
+    for other in list(folder.iterdir()):
+        if other.name.startswith(f"{key.base}.") and _over(other, key):
+            other.unlink(missing_ok=True)
+    most = limit()
+    # below the limit by this process's count: do not scan the folder
+    if folder in _known_size:
+        _known_size[folder] += written.stat().st_size
+        if _known_size[folder] <= most:
+            return
+    # scan: delete abandoned partial files and old files of other versions
+    now, stamp, kept, size = time.time(), f".{key.stamp[:16]}.", [], 0
+    for last, bytes_, path in programs(folder):
+        half_written = path.suffix != SUFFIX and last < now - OFTEN
+        if path != written and (half_written or (stamp not in path.name and last < now - FORGOTTEN)):
+            path.unlink(missing_ok=True)
+        else:
+            kept.append((last, bytes_, path))
+            size += bytes_
+    # least recently used first, until SPARE of the limit is left
+    if size > most:
+        for _, bytes_, path in sorted(kept):
+            if size <= most * SPARE:
+                break
+            if path != written:
+                path.unlink(missing_ok=True)
+                size -= bytes_
+    _known_size[folder] = size
+
+
 def _over(path: Path, key: Key) -> bool:
-    """Whether a file is of other sources, or what a process that was killed, an hour ago or more, has half written."""
+    """Return whether a file of the same kernel is from other sources, or a partial one older than an hour."""
     if path.suffix == SUFFIX:
         return not path.name.startswith(f"{key.base}.{key.stamp[:16]}.")
     with contextlib.suppress(FileNotFoundError):
-        return path.stat().st_mtime < time.time() - 3600.0
+        return path.stat().st_mtime < time.time() - OFTEN
     return False
 
 
+def _say_once(text: str) -> None:
+    """Log a message once per process: why a kernel is not stored."""
+    if text not in _sentences:
+        _sentences.add(text)
+        LOG.warning("flexarm_env: %s", text)
+
+
 def _complain(error: OSError, folder: Path) -> None:
-    """Say once in a process that compiled code is not kept, where and why."""
+    """Warn once per process that compiled code cannot be stored, with folder and reason."""
     global _said
     if not _said:
         _said = True
@@ -193,65 +390,3 @@ def _complain(error: OSError, folder: Path) -> None:
             f"{error.strerror or error}); set {VARIABLE} to a folder of your own that has room"
         )
         warnings.warn(text, RuntimeWarning, stacklevel=2)
-
-
-# --- kernels of other files ------------------------------------------------------------------------
-
-
-def _own(function: Any) -> bool:
-    """Whether a function's source is the package's, and all that there is to it."""
-    return str(function.__module__).split(".")[0] == PACKAGE.name and not function.__closure__
-
-
-@cache
-def _digest(file: str) -> str:
-    return hashlib.sha256(Path(file).read_bytes()).hexdigest()
-
-
-def _fact(function: Any, names: set[str]) -> dict[str, Any]:
-    """What a foreign function was when it was compiled. ValueError: it cannot be told again."""
-    if function.__closure__ or sys.modules.get(function.__module__) is None:
-        raise ValueError(function)
-    file = inspect.getfile(function)
-    reads = {name: _told(_found(function.__globals__, name)) for name in sorted(names)}
-    reads |= {f"{k} of {function.__qualname__}": _told(x) for k, x in enumerate(function.__defaults__ or ())}
-    return {"module": function.__module__, "file": file, "digest": _digest(file), "reads": reads}
-
-
-def _found(scope: dict[str, Any], name: str) -> Any:
-    """What a name stands for, `constants.PI` too, or a default of a function: `0 of f`."""
-    if " of " in name:
-        place, _, function = name.partition(" of ")
-        return getattr(scope[function], "function", scope[function]).__defaults__[int(place)]
-    first, *rest = name.split(".")
-    item = scope[first]
-    for part in rest:
-        item = getattr(item, part)
-    return item
-
-
-def _told(item: Any) -> str:
-    """A global value that a kernel has seen. ValueError: it has no words."""
-    if item is None or isinstance(item, bool | int | float | str):
-        return repr(item)
-    if isinstance(item, tuple | list):
-        return f"({', '.join(map(_told, item))})"
-    if isinstance(item, np.ndarray):
-        return f"{item.dtype.str}{item.shape}{hashlib.sha256(item.tobytes()).hexdigest()}"
-    if isinstance(item, FunctionType) and not _own(item):  # Python that runs while a kernel is compiled
-        return f"{item.__module__}.{item.__qualname__} {_digest(inspect.getfile(item))}"
-    if hasattr(item, "__qualname__"):
-        return f"{item.__module__}.{item.__qualname__}"
-    if hasattr(item, "__name__"):
-        return str(item.__name__)
-    raise ValueError(item)
-
-
-def _holds(fact: Any) -> bool:
-    """Whether a foreign function still is what it was."""
-    try:
-        scope = vars(sys.modules[fact["module"]])
-        now = {name: _told(_found(scope, name)) for name in fact["reads"]}
-        return now == fact["reads"] and _digest(fact["file"]) == fact["digest"]
-    except (KeyError, ValueError, OSError, AttributeError, IndexError, TypeError):
-        return False

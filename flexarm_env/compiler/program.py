@@ -1,7 +1,7 @@
-"""Programs: a kernel with all that it calls, from its sources to machine code that C's rules can call.
+"""Programs: a kernel with all its callees, compiled to machine code that is called by C's calling convention.
 
-Every program has one function of three whole numbers that returns one. It is given the address of the kernel's
-arguments, or, called directly, of its one named tuple and two whole numbers (see `entry`).
+Each program has one function int64(int64, int64, int64). It gets the addresses of the kernel's arguments and of its
+result or, if called directly, the address of its one named tuple and up to two integers (see `entry`).
 """
 
 import ctypes
@@ -26,46 +26,78 @@ from .calls import call
 from .decorator import Kernel
 from .expressions import Expressions
 from .front import SPARED, Module
-from .kinds import WORD, Array, Integer, Layout, Narrow, Refused, Stored, Truth, is_static, is_tuple, told, width
+from .kinds import (
+    WORD,
+    Array,
+    Integer,
+    Layout,
+    Narrow,
+    Record,
+    Refused,
+    Stored,
+    Truth,
+    is_static,
+    is_tuple,
+    told,
+    width,
+)
 from .lanes import EIGHT
 from .source import source_of
 from .symbols import Value, vector
 from .waiting import announced
 
 _LOCK = threading.RLock()
+"""Held while a program is compiled or loaded: all LLVM modules of a process share one context."""
+
+
+def _renew_lock() -> None:
+    """Make a new lock in a forked child."""
+    global _LOCK
+    _LOCK = threading.RLock()
+
+
+# a fork waits for a compilation to end, since its threads do not exist in the child
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(
+        before=lambda: _LOCK.acquire(), after_in_parent=lambda: _LOCK.release(), after_in_child=_renew_lock
+    )
 
 MAIN = "flexarm_main"
 
 
 class Program:
-    """Machine code. address: where it begins. call: it as a function of Python's. words: room that its result takes.
+    """Machine code of one kernel for one specialization.
 
-    made: whether it was compiled now, not read from the disk.
+    address: of its function. call: that function as a Python callable. words: 8-byte words of the result.
+    made: compiled in this process, not loaded from disk. The result's type is a spec, see `_given`.
     """
 
     def __init__(self, code: bytes, spec: Any, made: bool) -> None:
+        """Load the object file `code` into memory; spec: type of the result."""
         self.address = int(engine(code).get_function_address(MAIN))
         self.call: Callable[[int, int, int], int] = python_function(self.address)
         self.words, self.made, self._spec = _words(spec), made, spec
 
     def result(self, room: Any, begin: int) -> Any:
-        """What was returned, from words that begin at a byte of a room."""
+        """Decode the result from the buffer `room`, where it begins at byte `begin`."""
         found = iter(struct.unpack_from("q" * self.words, room, begin))
         return _value(self._spec, found)
 
 
 def _words(spec: Any) -> int:
+    """Return the number of 8-byte words that a result of this spec takes."""
     if isinstance(spec, str):
         return 0 if spec == "none" else 1
     return 0 if spec[0] == "known" else sum(map(_words, spec[-1]))
 
 
 def _tuples(known: Any) -> Any:
-    """What JSON has made lists of, as it was."""
+    """Convert JSON's lists back to tuples, at all depths."""
     return tuple(map(_tuples, known)) if isinstance(known, list | tuple) else known
 
 
 def _value(spec: Any, found: Any) -> Any:
+    """Decode a value of a result spec (see `_given`) from the iterator `found` of 64-bit words."""
     if isinstance(spec, str):
         if spec == "none":
             return None
@@ -80,14 +112,15 @@ def _value(spec: Any, found: Any) -> Any:
 
 
 def program_of(kernel: Kernel, shapes: Sequence[Any], direct: bool) -> Program:
-    """A kernel's program for arguments of such shapes (`kinds.described_as`): from the disk, or compiled now."""
+    """Return a kernel's program for arguments of `shapes` (`kinds.described_as`): loaded from disk or compiled."""
     with _LOCK:
+        # cache key: sources, argument types, target
         key = objects.key_of(kernel.function, shapes, direct, *target_text())
         kept = objects.load(key)
         if kept is not None:
             return Program(*kept, made=False)
         with announced(kernel.function), _uncollected():
-            code, spec, used = _compiled(kernel, shapes, direct, MAIN, machine())
+            code, spec, used = _compiled(kernel, shapes, direct, MAIN, checked_machine())
         objects.save(key, code, spec, used)
         return Program(code, spec, made=True)
 
@@ -95,28 +128,34 @@ def program_of(kernel: Kernel, shapes: Sequence[Any], direct: bool) -> Program:
 def _compiled(
     kernel: Kernel, shapes: Sequence[Any], direct: bool, name: str, made: Any
 ) -> tuple[bytes, Any, dict[Any, set[str]]]:
-    """Machine code, under a name, what its result is, and the functions in it with the global names that they read."""
+    """Compile a kernel to an object file with one function `name`; return (bytes, result spec, global names read)."""
     module = Module(kernel.function.__name__, call, kernel.often)
     spec = _write(module, kernel, shapes, direct, name)
     module.spare()
-    return machine_code(str(module.code), made), spec, module.used
+    try:
+        return machine_code(str(module.code), made), spec, module.used
+    except RuntimeError as error:
+        source = source_of(kernel.function)
+        raise source.placed(Refused(f"LLVM: {error}"), source.tree.lineno) from error
 
 
 def linkable(kernel: Kernel, layout: Layout, name: str, cpu: str | None) -> bytes:
-    """A kernel's program as an object file to be linked: `name` (address of a placed named tuple, two whole numbers).
+    """Return an object file with the function `name`(address of a placed named tuple, two integers), to be linked.
 
-    cpu: by LLVM's name, its code anywhere in memory; None: this machine's. Bits are those of the program in Python.
+    cpu: LLVM's name of the target processor; None: this machine's. Results are bitwise those of the program in Python.
     """
     shapes = [("placed", layout), "integer", "integer"]
     with _LOCK, announced(kernel.function), _uncollected():
-        return _compiled(kernel, shapes, True, name, machine(cpu or target_text()[1], linked=True))[0]
+        made = machine(cpu, linked=True) if cpu else checked_machine(linked=True)
+        return _compiled(kernel, shapes, True, name, made)[0]
 
 
 @contextmanager
 def _uncollected() -> Iterator[None]:
-    """Python looks for no garbage: instructions are many and all in use, and looking would double what it takes.
+    """Pause Python's garbage collection while LLVM code is built, whose objects are many and all in use.
 
-    Afterwards it does once, and what LLVM and it have freed goes back to the system: tens of MB that no step needs."""
+    Collecting would double the time. Afterwards collect once and return freed memory, tens of MB, to the system.
+    """
     before = gc.isenabled()
     gc.disable()
     try:
@@ -130,21 +169,27 @@ def _uncollected() -> Iterator[None]:
 
 @cache
 def _malloc_trim() -> Callable[[int], int]:
-    """glibc's; what does nothing where there is another C library."""
+    """Return glibc's `malloc_trim`; a no-op with any other C library."""
     library = ctypes.CDLL(None) if os.name == "posix" else None
     found: Callable[[int], int] = getattr(library, "malloc_trim", lambda room: 0)
     return found
 
 
 def _write(module: Any, kernel: Kernel, shapes: Sequence[Any], direct: bool, name: str) -> Any:
-    """The program's one function, under a name; returns what its result is."""
+    """Write the program's function: unpack the arguments, call the kernel, pack the result; return its spec.
+
+    direct: the arguments are (address of a named tuple, integers), and the result is the returned integer. Otherwise
+    they are (address of the packed arguments, address of the result).
+    """
     code = ir.Function(module.code, ir.FunctionType(WORD, [WORD] * 3), name)
     writer = Expressions(module, code)
     b = writer.b
     if direct:
+        # arguments are passed in registers
         layout = shapes[0][1]
         items = [Stored(b.inttoptr(code.args[0], WORD.as_pointer()), layout), *map(Integer, code.args[1 : len(shapes)])]
     else:
+        # arguments lie in a row of words; a placed named tuple is an address among them
         at, items = 0, []
         address = b.inttoptr(code.args[0], WORD.as_pointer())
         for shape in shapes:
@@ -160,9 +205,10 @@ def _write(module: Any, kernel: Kernel, shapes: Sequence[Any], direct: bool, nam
     if direct:
         b.ret(ir.Constant(WORD, 0) if found is None else whole(b, found))
         return "none"
+    # the result goes to memory
     out = b.inttoptr(code.args[1], WORD.as_pointer())
     try:
-        spec, _ = _given(b, found, out, 0)
+        spec, _ = _given(b, _whole(writer, found), out, 0)
     except Refused as error:
         source = source_of(kernel.function)
         raise source.placed(error, source.tree.lineno) from None
@@ -170,10 +216,22 @@ def _write(module: Any, kernel: Kernel, shapes: Sequence[Any], direct: bool, nam
     return spec
 
 
+def _whole(writer: Any, item: Any) -> Any:
+    """Replace named tuples in memory within a result by `Record`s of their fields."""
+    if isinstance(item, Stored | Record):
+        return Record(item.instance_class, [_whole(writer, part) for part in writer.parts(item)])
+    return tuple(_whole(writer, part) for part in item) if is_tuple(item) and not is_static(item) else item
+
+
 def _given(b: Any, item: Any, out: Any, at: int) -> tuple[Any, int]:
-    """Write a result to where Python reads it; what it is, and where the next one begins."""
+    """Write a result's words to `out` from word `at` on; return its spec and the next free word.
+
+    Specs: "none", "truth", "integer", "unsigned", "number", ["known", value], ["tuple", specs],
+    ["record", class, specs].
+    """
 
     def put(word: Any) -> int:
+        """Store a word; return the index of the next one."""
         b.store(word, b.gep(out, [ir.Constant(WORD, at)], inbounds=True), align=8)
         return at + 1
 
@@ -194,12 +252,12 @@ def _given(b: Any, item: Any, out: Any, at: int) -> tuple[Any, int]:
         raise Refused("an array as a result: give the kernel the array to write to")
     if is_static(item):
         return ["known", item], at
-    values = item.values if hasattr(item, "values") else list(item)
+    named = isinstance(item, Record)
     specs = []
-    for value in values:
+    for value in item.values if named else item:
         spec, at = _given(b, value, out, at)
         specs.append(spec)
-    return (["record", item.instance_class, specs] if hasattr(item, "values") else ["tuple", specs]), at
+    return (["record", item.instance_class, specs] if named else ["tuple", specs]), at
 
 
 # --- LLVM ------------------------------------------------------------------------------------------
@@ -207,21 +265,26 @@ def _given(b: Any, item: Any, out: Any, at: int) -> tuple[Any, int]:
 
 @cache
 def target_text() -> tuple[str, str, str]:
-    """What machine code depends on beside its sources: triple, processor, its features. FLEXARM_CPU names another
-    processor to build for, by LLVM's name ("x86-64-v3")."""
+    """Return what machine code depends on beside its sources: target triple, processor, processor features.
+
+    FLEXARM_CPU names another processor to compile for, by LLVM's name ("x86-64-v3").
+    """
     chosen = os.environ.get("FLEXARM_CPU")
     if chosen:
         return llvm.get_process_triple(), chosen, ""
     try:
         features = str(llvm.get_host_cpu_features().flatten())
-    except RuntimeError:  # a processor that LLVM does not know to ask
+    except RuntimeError:
+        # LLVM cannot query this processor
         features = ""
     return llvm.get_process_triple(), llvm.get_host_cpu_name(), features
 
 
 def machine(cpu: str | None = None, linked: bool = False) -> Any:
-    """A target machine, this one where no processor is named; an engine takes one for itself. linked: its code goes
-    into a shared library."""
+    """Make an LLVM target machine for `cpu`, by default this one; linked: position-independent code.
+
+    Each execution engine takes ownership of its own machine.
+    """
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     _, own, features = target_text()
@@ -229,6 +292,21 @@ def machine(cpu: str | None = None, linked: bool = False) -> Any:
     return llvm.Target.from_default_triple().create_target_machine(
         cpu=cpu or own, features=features if cpu in (None, own) else "", opt=3, jit=not linked, **where
     )
+
+
+def checked_machine(linked: bool = False) -> Any:
+    """Make the target machine of programs. ValueError: unknown FLEXARM_CPU, on which LLVM would exit."""
+    _check_chosen(os.environ.get("FLEXARM_CPU"))
+    return machine(linked=linked)
+
+
+@cache
+def _check_chosen(cpu: str | None) -> None:
+    """Raise ValueError if LLVM does not know the processor that FLEXARM_CPU names."""
+    if cpu and not is_processor(cpu):
+        raise ValueError(
+            f"FLEXARM_CPU = {cpu!r}: must be a processor's name that LLVM knows, 'x86-64-v3' for example, or not set"
+        )
 
 
 _ASKED = """
@@ -244,7 +322,7 @@ made.emit_object(module)
 
 
 def is_processor(cpu: str) -> bool:
-    """Whether LLVM makes code for a processor of this name, asked by a process of its own: another's name ends one."""
+    """Return whether LLVM generates code for a processor name; a child process tries, since LLVM may exit on it."""
     if not re.fullmatch(r"[\w.+-]{1,64}", cpu, flags=re.ASCII) or cpu.startswith("-"):
         return False
     done = subprocess.run([sys.executable, "-c", _ASKED, cpu], capture_output=True, check=False)
@@ -252,25 +330,27 @@ def is_processor(cpu: str) -> bool:
 
 
 def machine_code(text: str, made: Any) -> bytes:
-    """The object file that intermediate code comes to on a machine. No fast-math, nothing contracted."""
+    """Optimize LLVM assembly text and return the object file; no fast-math, no contraction of products and sums."""
     module = llvm.parse_assembly(text)
     module.triple, module.data_layout = made.triple, str(made.target_data)
     options = llvm.create_pipeline_tuning_options(speed_level=3)
-    lanes = str(vector(len(EIGHT))) in text  # they fill the registers already
+    lanes = str(vector(len(EIGHT))) in text
+    # lanes fill the vector registers already; SLP only for programs with large `superword` kernels
     options.loop_vectorization, options.slp_vectorization = not lanes, f" {SPARED}" in text
     builder = llvm.create_pass_builder(made, options)
     builder.getModulePassManager().run(module, builder)
-    if options.slp_vectorization:  # the attribute was for the vectoriser; code is generated better without it
+    # the attribute is meant for the vectorizer only; code generation is better without it
+    if options.slp_vectorization:
         module = llvm.parse_assembly(str(module).replace(f" {SPARED}", ""))
     return bytes(made.emit_object(module))
 
 
 _engines: list[Any] = []
-"""Machine code lives as long as the process."""
+"""Execution engines, kept alive with their machine code as long as the process."""
 
 
 def engine(code: bytes) -> Any:
-    """Object code, loaded."""
+    """Load an object file into memory; return its LLVM execution engine."""
     empty = llvm.parse_assembly("")
     made = llvm.create_mcjit_compiler(empty, machine())
     made.add_object_file(llvm.ObjectFileRef.from_data(code))
@@ -283,7 +363,7 @@ def engine(code: bytes) -> Any:
 
 
 class _Method(ctypes.Structure):
-    """PyMethodDef of Python's C interface."""
+    """PyMethodDef of Python's C API."""
 
     _fields_ = [("name", ctypes.c_char_p), ("call", ctypes.c_void_p), ("flags", ctypes.c_int), ("doc", ctypes.c_char_p)]
 
@@ -293,11 +373,14 @@ METH_FASTCALL = 0x0080
 
 @cache
 def _door() -> tuple[Any, Any]:
-    """The definition of a function of Python's that calls an address, its own `self`, with three whole numbers; one
-    of machine code, since a call through ctypes costs more than a control period of a small arm."""
+    """Return (PyMethodDef, PyCFunction_NewEx): with them `python_function` makes a callable of machine code.
+
+    The C function of the PyMethodDef, `_door_text`, calls the address in its `self`, a Python int. It is machine code,
+    since a call through ctypes takes longer than a control period of a small arm.
+    """
     key = objects.key_of(_door_text, [], True, *target_text())
     kept = objects.load(key)
-    code = kept[0] if kept else machine_code(_door_text(), machine())
+    code = kept[0] if kept else machine_code(_door_text(), checked_machine())
     if not kept:
         objects.save(key, code, "none", {})
     address = engine(code).get_function_address("door")
@@ -308,18 +391,22 @@ def _door() -> tuple[Any, Any]:
 
 
 def python_function(address: int) -> Callable[[int, int, int], int]:
-    """What calls the code at an address with three whole numbers (0 where they are missing), no lock held."""
+    """Return a callable of up to three integers (missing ones 0) for the code at an address; it releases the GIL."""
     method, make = _door()
     made: Callable[[int, int, int], int] = make(ctypes.addressof(method), address, None)
     return made
 
 
 def _door_text() -> str:
-    """Machine code of the door: PyObject *door(PyObject *self, PyObject *const *args, Py_ssize_t nargs)."""
+    """Return LLVM assembly of PyObject *door(PyObject *self, PyObject *const *args, Py_ssize_t nargs).
+
+    It converts self (an address) and the arguments to int64, calls the address without the GIL, returns the int64.
+    """
     module = ir.Module("door")
     thing = ir.IntType(8).as_pointer()
 
     def known(name: str, result: Any, *arguments: Any) -> Any:
+        """Declare a function of the module."""
         return ir.Function(module, ir.FunctionType(result, arguments), name)
 
     as_number = known("PyLong_AsLongLong", WORD, thing)
@@ -331,7 +418,7 @@ def _door_text() -> str:
     failed = code.append_basic_block("failed")
 
     def read(item: Any) -> Any:
-        """A whole number; an error of Python's where it is none."""
+        """Convert a Python int to int64; branch to `failed` if that raised an exception."""
         value = b.call(as_number, [item])
         odd, go = code.append_basic_block("odd"), code.append_basic_block("go")
         b.cbranch(b.icmp_signed("==", value, ir.Constant(WORD, -1)), odd, go)
@@ -341,6 +428,7 @@ def _door_text() -> str:
         return value
 
     address = read(code.args[0])
+    # arguments beyond nargs are 0
     rooms = [b.alloca(WORD) for _ in range(3)]
     for k, room in enumerate(rooms):
         b.store(ir.Constant(WORD, 0), room)
@@ -351,6 +439,7 @@ def _door_text() -> str:
         b.branch(on)
         b.position_at_end(on)
     function = b.inttoptr(address, ir.FunctionType(WORD, [WORD] * 3).as_pointer())
+    # release the GIL during the call
     state = b.call(save, [])
     result = b.call(function, [b.load(room) for room in rooms])
     b.call(restore, [state])

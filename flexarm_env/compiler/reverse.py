@@ -1,9 +1,9 @@
-"""Kernels backwards: from a kernel, what pulls cotangents from all that it writes to all that it reads.
+"""Reverse mode: from a kernel, the kernel that pulls cotangents from all that it writes back to all that it reads.
 
-`vjp_of(function, names)` writes the function out once more, with all that it calls, where it is called, and then back:
-its derivatives by all inputs at once, for a few times what it costs. What is remembered of it is told by the builder of
-its instructions (`tape`); here is what loops and branches come to. The way back goes through each turn of a loop in
-turn backwards; what it needs of a turn is kept in a frame of numbers as the loop goes forth, of a branch in slots.
+`vjp_of(function, names)` writes the function with all its callees inlined, then the reverse sweep: the derivatives by
+all inputs at once, for a few times the cost of the function. The `Tape` records instructions; this module adds loops
+and branches. The sweep runs loops from the last iteration to the first. Forward values that it needs and that cannot be
+recomputed are saved: of a loop in a frame of words per iteration, of a branch in stack slots.
 """
 
 from __future__ import annotations
@@ -17,23 +17,27 @@ from llvmlite import ir
 from .arithmetic import known, whole
 from .decorator import UNCOMPILED, Kernel
 from .kinds import WORD, Array, Integer, Record, Refused, is_tuple, leaves, rebuilt
+from .loops import Loop, limits_of
 from .merging import Names, Widen
+from .nodes import Region
 from .source import source_of
-from .statements import Loop, Writer, limits_of
+from .statements import Writer
 from .symbols import Value
-from .tape import Region, Tape
+from .tape import Tape
 from .trace import Slots, Straight, Tracer
 
 FEW = 6
-"""A loop of so many turns, known beforehand, is written out."""
+"""Loops of at most this many iterations, known at compile time, are unrolled."""
 
 
 class Backward(Writer):
-    """Writes a function, and the kernels that it calls, where it is called, by a `Tape`."""
+    """Writes a function by a `Tape`, and the kernels that it calls inline, for reverse mode."""
 
     def __init__(self, outer: Any, tape: Tape, function: Any) -> None:
+        """Share the outer writer's LLVM function; function None: a root that only issues calls."""
         self.module, self.code, self.top, self.b = outer.module, outer.code, outer.top, tape
         self.names: Names = {}
+        self.lane: Any = None
         self.slots, self.loops, self.result, self.done = {}, [], None, False
         if function is not None:
             self.function, self.source = function, source_of(function)
@@ -42,25 +46,28 @@ class Backward(Writer):
             self.line = self.source.tree.lineno
 
     def inlined(self, kernel: Any, items: Sequence[Any]) -> Any:
-        """What a call of a kernel comes to."""
+        """Write a called kernel in place and return its result."""
         return Backward(self, self.b, kernel.function).write(items)
 
     def tracer(self, lane: tuple[int, ...]) -> Tracer:
-        """What straight-line code is written with."""
+        """Return the tracer that writes straight-line code."""
         return _Held(self, lane)
 
     def room(self, kind_of: Any, align: int | None = None) -> Any:
-        """Room on the stack, and for cotangents of what is there."""
+        """Allocate stack memory and, for float64, memory of the same size for its cotangents; return its address."""
         place = super().room(kind_of, align)
+        # integers and pointers have no cotangents
         if isinstance(kind_of, ir.DoubleType | ir.VectorType | ir.ArrayType):
             self.b.paired(place, super().room(kind_of, align), own=True)
         return place
 
     def write(self, items: Sequence[Any]) -> Any:
-        """The function's code for arguments, where the builder is; what it returns."""
+        """Write the function's code at the current position; return the result item.
+
+        A `Widen` is noted for this function (its name cleared) and raised on, for the whole to be written again.
+        """
         try:
-            for name, item in zip([a.arg for a in self.source.tree.args.args], items, strict=True):
-                self.bind(name, item)
+            self.take(items)
             self.block(self.source.tree.body)
         except Widen as needed:
             if needed.name:
@@ -71,8 +78,10 @@ class Backward(Writer):
         return self.result
 
     def give(self, item: Any) -> None:
+        """Set the function's result; within a branch by the stack slots of "return". Refused: within a loop."""
         if self.loops:
             raise Refused("a return within a loop has no derivative backwards")
+        # the result differs between sides: stack slots carry it
         if self._branched:
             self.put_in_slot("return", item)
         self.result, self.done = item, True
@@ -80,15 +89,21 @@ class Backward(Writer):
     _branched = 0
 
     def bind(self, name: str, item: Any) -> None:
+        """Assign an item to a name; arrays with cotangents directly, since their bar is known at compile time."""
         if any(isinstance(x, Array) and self.b.has_bar(x.data) for x in _parts(item)):
-            self.names[name] = item  # where its cotangents are is known beforehand, or the name has no value
+            self.names[name] = item
         else:
             super().bind(name, item)
 
     def block(self, statements: Sequence[ast.stmt]) -> None:
+        """Write statements in order, up to a return.
+
+        After an `if` that ends with a return, the following statements become its else branch.
+        """
         for k, statement in enumerate(statements):
             if self.done:
                 return
+            # move the rest into the else branch, so that each path has one return
             if isinstance(statement, ast.If) and isinstance(statement.body[-1], ast.Return):
                 self.line = statement.lineno
                 self.on_If(ast.If(statement.test, statement.body, [*statement.orelse, *statements[k + 1 :]]))
@@ -96,22 +111,26 @@ class Backward(Writer):
             super().block([statement])
 
     def on_While(self, node: ast.While) -> None:
+        """Write a while loop. Refused: one that records nodes, whose number of iterations would have to be saved."""
         items = len(self.b.region.items)
         super().on_While(node)
         if self.b.active_since(items):
             raise Refused("a while loop of numbers has no derivative backwards: count by range")
 
     def on_Break(self, node: ast.Break) -> None:
+        """Write a break. Refused in a range loop, whose reverse runs all iterations."""
         if self.loops[-1].ends is None:
             raise Refused("break has no derivative backwards")
         super().on_Break(node)
 
     def on_Continue(self, node: ast.Continue) -> None:
+        """Write a continue. Refused in a range loop, as `on_Break`."""
         if self.loops[-1].ends is None:
             raise Refused("continue has no derivative backwards")
         super().on_Continue(node)
 
     def of_IfExp(self, node: ast.IfExp) -> Any:
+        """Evaluate x if t else y. Refused: an operand is active, since an SSA phi has no reverse rule."""
         found = super().of_IfExp(node)
         for leaf in leaves(found):
             if isinstance(leaf, ir.PhiInstr) and any(self.b.depends(x) for x, _ in leaf.incomings):
@@ -119,6 +138,10 @@ class Backward(Writer):
         return found
 
     def on_If(self, node: ast.If) -> None:
+        """Write an if statement: both sides as regions of the tape, and its reverse as an item of the outer region.
+
+        Refused: a return on one side only.
+        """
         test = self.condition(node.test)
         if isinstance(test, bool):
             self.block(node.body if test else node.orelse)
@@ -138,8 +161,10 @@ class Backward(Writer):
             returned.append(self.done)
             self._branched, self.done = self._branched - 1, False
         self.meet(after, ends)
+        # the reverse is written later, by `Tape.sweep`
         if any(way.items for way in ways):
             outer.items.append(lambda: self._either(test, ways))
+        # all sides have returned; the result is in the slots of "return"
         if any(returned):
             if not all(returned):
                 raise Refused("a return on one way alone has no derivative backwards")
@@ -148,7 +173,7 @@ class Backward(Writer):
                 self.result = self.read("return")
 
     def _either(self, test: Any, ways: Sequence[_Way]) -> None:
-        """A branch backwards."""
+        """Write the reverse of a branch: by the forward condition, the reverse code of one of two sides."""
         tape = self.b
         first = [self.code.append_basic_block("back") for _ in ways]
         test, after = tape.back(test), self.code.append_basic_block("before")
@@ -160,16 +185,20 @@ class Backward(Writer):
         tape.position_at_end(after)
 
     def _count(self, node: ast.For, limits: list[Any], keywords: bool) -> None:
+        """Write a range loop with a known step: unrolled if short, otherwise as a region `_Turns`."""
         name, start, stop, step = limits_of(node, limits, keywords)
         if not known(step):
             raise Refused("a loop by a step that is not known has no derivative backwards")
         if known(start) and known(stop) and len(range(start, stop, step)) <= FEW:
+            # unrolled
             for k in range(start, stop, step):
                 self.assign(node.target, k)
                 self.block(node.body)
             return
         b, before, outer = self.b, self.names, self.b.region
+        # number of iterations max(0, ceil((stop - start) / step))
         first, span = whole(b, start), b.sub(whole(b, stop), whole(b, start))
+        # rounded up by adding step - 1 (step + 1 if negative) before the division
         if abs(step) != 1:
             one = ir.Constant(WORD, step - 1 if step > 0 else step + 1)
             span = b.sdiv(b.add(span, one), ir.Constant(WORD, step))
@@ -181,6 +210,7 @@ class Backward(Writer):
         self.names = dict(before)
         self.bind(name, Integer(k))
         way = Loop(loop.latch, loop.end)
+        # marks a loop that break and continue are refused in
         way.ends = None  # type: ignore[assignment]
         self._round(node.body, way, before)
         loop.close()
@@ -190,26 +220,30 @@ class Backward(Writer):
 
 
 def _parts(item: Any) -> list[Any]:
-    """What an item is made of, tuples taken apart."""
+    """Return the parts of an item, with tuples and named tuples flattened."""
     if isinstance(item, Record):
         return [x for part in item.values for x in _parts(part)]
     return [x for part in item for x in _parts(part)] if is_tuple(item) else [item]
 
 
 class _Way(Region):
-    """One side of a branch. Of its values those that are needed are kept in slots."""
+    """Region of one side of a branch; forward values that its reverse code needs are saved in stack slots."""
+
+    is_branch = True
 
     def __init__(self, tape: Tape, code: Any, block: Any, after: Any) -> None:
         super().__init__(tape, code, block)
         self._after = after
 
     def close(self) -> None:
-        """The side is written, to where the builder is."""
+        """End the region at the current block."""
         super().close()
         self._last = self.tape.block
 
     def brought(self, value: Any) -> Any:
+        """Save a value at the end of the side, load it after the branch; return it as the reverse sweep sees it."""
         tape, slot = self.tape, self.tape.slot(value.type)
+        # at the end of the side: the value dominates this point
         with tape.at(self._last):
             tape.store(value, slot)
         with tape.at(self._after, start=True):
@@ -218,12 +252,17 @@ class _Way(Region):
 
 
 class _Turns(Region):
-    """A loop. Of its values those that are needed are kept in a frame of words, one a turn."""
+    """Region of a range loop; needed forward values are saved in a frame of words, one frame per iteration.
+
+    turns: number of iterations (i64). The size of a frame is a constant that `go_back` fills in.
+    """
 
     def __init__(self, writer: Backward, turns: Any) -> None:
+        """Allocate turns frames, open the loop with its counter and position the tape in the body."""
         tape, code = writer.b, writer.code
         self._writer, self._turns, self._size = writer, turns, ir.Constant(WORD, 0)
         self._saved: list[tuple[Any, int]] = []
+        # the frame size is 0 until `go_back` patches it
         self._frames = tape.taken(tape.mul(turns, self._size))
         counter = self._counter = tape.slot(WORD)
         tape.store(ir.Constant(WORD, 0), counter)
@@ -238,7 +277,7 @@ class _Turns(Region):
         tape.position_at_end(body)
 
     def close(self) -> None:
-        """The body is written."""
+        """Close the loop: increment the counter and branch back to its head."""
         tape = self.tape
         tape.position_at_end(self.latch)
         tape.store(tape.add(self.turn, ir.Constant(WORD, 1)), self._counter)
@@ -246,7 +285,10 @@ class _Turns(Region):
         super().close()
 
     def go_back(self) -> None:
-        """The loop backwards."""
+        """Write the reverse of the loop, from the last iteration to the first.
+
+        Afterwards the frame size is known: the saves are inserted at the end of each forward iteration.
+        """
         tape, code, one = self.tape, self._writer.code, ir.Constant(WORD, 1)
         turns, frames = tape.back(self._turns), tape.back(self._frames)
         tape.store(turns, self._counter)
@@ -258,11 +300,14 @@ class _Turns(Region):
         tape.position_at_end(body)
         turn = tape.sub(left, one)
         tape.store(turn, self._counter)
+        # frame of this iteration; the forward counter is the reverse counter here
         self._frame = tape.gep(frames, [tape.mul(turn, self._size)], inbounds=True)
         self.kept[id(self.turn)] = turn
         tape.sweep(self)
         self._writer.module.mark_loop(tape.branch(head))
+        # patch the frame size, which earlier instructions refer to
         self._size.constant = self._saved[-1][1] if self._saved else 0
+        # save values at the end of each forward iteration
         with tape.at(self.latch):
             frame = tape.gep(self._frames, [tape.mul(self.turn, self._size)], inbounds=True)
             at = 0
@@ -273,6 +318,7 @@ class _Turns(Region):
         tape.given_back(frames)
 
     def brought(self, value: Any) -> Any:
+        """Reserve words of the frame for a forward value; return it as loaded in the reverse iteration."""
         at = self._saved[-1][1] if self._saved else 0
         self._saved.append((value, at + (value.type.count if isinstance(value.type, ir.VectorType) else 1)))
         with self.tape.at(self.entry):
@@ -280,7 +326,7 @@ class _Turns(Region):
 
 
 class _Taken(Slots):
-    """An array in straight-line code: each element is read once, and written at the end."""
+    """Array in straight-line code: each element is loaded once, kept in a register and stored at the end."""
 
     def __init__(self, builder: Any, array: Array) -> None:
         super().__init__(builder, array)
@@ -288,21 +334,23 @@ class _Taken(Slots):
         self.changed: dict[tuple[int, int], None] = {}
 
     def get(self, k: int, count: int, tangents: int) -> Value:
+        """Return element k of `count` lanes, loaded on first use."""
         if (k, count) not in self.held:
             self.held[k, count] = super().get(k, count, tangents)
         return self.held[k, count]
 
     def put(self, k: int, value: Value, count: int, tangents: int) -> None:
+        """Set element k of `count` lanes in the register; stored by `close`."""
         self.held[k, count], self.changed[k, count] = value, None
 
     def close(self) -> None:
-        """Write what has changed."""
+        """Store the changed elements."""
         for k, count in self.changed:
             super().put(k, self.held[k, count], count, 0)
 
 
 class _Held(Tracer):
-    """Straight-line code whose arrays are `_Taken`."""
+    """Tracer of straight-line code whose arrays are `_Taken`, for fewer loads, stores and cotangent updates."""
 
     def __init__(self, writer: Any, lane: tuple[int, ...]) -> None:
         super().__init__(writer, lane)
@@ -310,34 +358,47 @@ class _Held(Tracer):
         self._begin = len(self.builder.region.items)
 
     def slots(self, array: Array) -> Slots:
+        """Return an array as `_Taken`."""
         self.arrays.append(_Taken(self.builder, array))
         return self.arrays[-1]
 
     def close(self) -> None:
-        """Elements are read where the code begins, so that their cotangents are added to where it ends backwards."""
+        """Store changed elements, and move the loads to the beginning of what was recorded.
+
+        Their cotangents are then added to memory at the end of the reverse code.
+        """
         items = self.builder.region.items
+        # loads first (their pull has no parent), all other nodes in their order
         items[self._begin :] = sorted(
-            items[self._begin :], key=lambda item: not item.pulls or item.pulls[0][0] is not None
+            items[self._begin :], key=lambda item: not item.pulls or item.pulls[0].parent is not None
         )
         for array in self.arrays:
             array.close()
 
 
 class Pulled(Straight):
-    """A kernel, or straight-line code, backwards."""
+    """The vector-Jacobian product (reverse mode) of a kernel or of straight-line code, callable in kernels."""
 
     def __init__(self, function: Any, names: tuple[str, ...], scratch: tuple[str, ...]) -> None:
+        """names: arguments that have cotangents. scratch: arguments that are working memory."""
         super().__init__(function)
         self._bars, self._scratch = names, scratch
+        self.traits = (*names, "scratch", *scratch)
         self.__name__ += "_pulled"
 
     def written(self, writer: Any, items: list[Any]) -> None:
+        """Write the forward pass and reverse sweep in the calling kernel; nothing is returned.
+
+        items: the function's arguments, then one cotangent argument for each differentiated name.
+        """
         count = len(self.names)
         if len(items) != count + len(self._bars):
             raise Refused(f"{self.__name__}() takes {count} arguments and cotangents of {', '.join(self._bars)}")
         bars, wide = dict(zip(self._bars, items[count:], strict=True)), dict[Any, Names]()
         block, blocks, length = writer.b.block, len(writer.code.blocks), len(writer.b.block.instructions)
-        while True:  # until every name's room is wide enough
+        room = writer.module.room_of(writer.code)
+        # repeat with wider stack slots until all fit, removing the instructions of the attempt
+        while True:
             try:
                 self._write(writer, Tape(writer, wide), items[:count], bars)
                 return
@@ -345,9 +406,11 @@ class Pulled(Straight):
                 del writer.code.blocks[blocks:], block.instructions[length:]
                 block.terminator = None
                 writer.b.position_at_end(block)
+                # stack memory of the attempt does not count
+                writer.module.reset_room(writer.code, room)
 
     def _write(self, writer: Any, tape: Tape, items: list[Any], bars: dict[str, Any]) -> None:
-        """There and back."""
+        """Write the function by a tape, with cotangents beside its arguments, then the reverse sweep."""
         given = []
         for name, item in zip(self.names, items, strict=True):
             item = rebuilt(item, iter(leaves(item)), tape)
@@ -365,7 +428,7 @@ class Pulled(Straight):
 
 
 def _paired(tape: Tape, item: Any, bar: Any) -> Any:
-    """An argument with its cotangents; bar None: it has none of its own, nor a content that matters."""
+    """Return an array, or a named tuple of arrays, with its cotangents registered; bar None: scratch."""
     if isinstance(item, Array):
         return Array(tape.argument(item, bar), item.shape, item.letter, item.fixed)
     if isinstance(item, Record):
@@ -375,10 +438,11 @@ def _paired(tape: Tape, item: Any, bar: Any) -> Any:
 
 
 def vjp_of(function: Any, names: tuple[str, ...], scratch: tuple[str, ...] = ()) -> Any:
-    """A kernel that takes the function's arguments and then, for each of `names` among them, cotangents.
+    """Return the vector-Jacobian product of a kernel: it takes its arguments, then cotangents for each of `names`.
 
-    names: arrays, or named tuples of arrays. Of elements that the function writes cotangents are taken, which are then
-    0, or what they come to where the old content was read as well; to those that it only reads is added. The arrays
-    stay as they are. scratch: arrays whose content matters neither before nor after, in which numbers are passed on.
+    names: arguments that are arrays, or named tuples of arrays. Cotangents of elements that the function writes are
+    consumed: they are then 0 or, where the old content was read too, its cotangent. Contributions to elements that are
+    only read are added to theirs. The arrays stay unchanged. scratch: arrays of working memory, whose content
+    matters neither before nor after. Where nothing is compiled the function itself is returned.
     """
     return function if UNCOMPILED else Pulled(function, names, scratch)

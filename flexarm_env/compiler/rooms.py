@@ -1,4 +1,4 @@
-"""Rooms of words that a `Tape` keeps numbers in: on the stack while there are few, otherwise from the system."""
+"""Scratch memory of a `Tape`: saved forward values lie on the stack while they fit, otherwise in memory from malloc."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,30 +10,36 @@ from .kinds import WORD
 from .symbols import DOUBLE
 
 ON_STACK = 32768
-"""Words that lie on the stack."""
+"""Number of 8-byte words (256 KB) of scratch memory on the stack; larger requests go to malloc."""
 
 _BYTE = ir.IntType(8)
 
 
 class Rooms(ir.IRBuilder):  # type: ignore[misc]
-    """A builder that goes on where a writer's is, with rooms for the length of what it writes."""
+    """IR builder that continues at a writer's position and allocates scratch memory for the code that it writes."""
 
-    recording = False  # whether instructions are remembered (`tape`)
+    # whether a `Tape` records the instructions that are written
+    recording = False
 
     def __init__(self, writer: Any) -> None:
+        """Allocate the stack area and its fill counter in the function's entry block and count it against the limit."""
         super().__init__(writer.b.block)
         self._code, self._top = writer.code, writer.top
+        writer.module.take_room(writer.code, ON_STACK)
         self._room, self._used = self.slot(ir.ArrayType(DOUBLE, ON_STACK)), self.slot(WORD)
         self._room.align = 64
         ir.IRBuilder.store(self, ir.Constant(WORD, 0), self._used)
 
     def slot(self, kind: Any) -> Any:
-        """Room on the stack for something of a kind, without cotangents."""
+        """Return the address of a stack slot of an LLVM type, allocated in the entry block; it has no cotangent."""
         return ir.IRBuilder(self._top).alloca(kind)
 
     @contextmanager
     def at(self, block: Any, start: bool = False) -> Iterator[None]:
-        """For a while, write at the end of a block, before it goes on, or at its start."""
+        """Write meanwhile into another block: before its terminator, at its end if it has none, or at its start.
+
+        Instructions written meanwhile are not recorded; afterwards the builder returns to its own block.
+        """
         own, recording = self.block, self.recording
         self.recording = False
         if start:
@@ -47,16 +53,21 @@ class Rooms(ir.IRBuilder):  # type: ignore[misc]
         self.recording = recording
 
     def word(self, frame: Any, at: int, kind: Any) -> Any:
-        """The address of the word `at` of a frame, of what is of a kind."""
+        """Return the address of word `at` of a frame, as a pointer to the LLVM type `kind`."""
         return self.bitcast(self.gep(frame, [ir.Constant(WORD, at)], inbounds=True), kind.as_pointer())
 
     def _function(self, name: str, kind: Any) -> Any:
+        """Return the module's declaration of the external function `name`, declaring it where missing."""
         found = self.module.globals.get(name)
         return found or ir.Function(self.module, kind, name)
 
     def taken(self, words: Any) -> Any:
-        """Room for so many words: of what there is on the stack, or from the system."""
+        """Write code that allocates `words` 8-byte words and return their address, a phi of two sources.
+
+        The words come from the stack area while it has room (rounded up to multiples of 8), otherwise from malloc.
+        """
         make = self._function("malloc", ir.FunctionType(_BYTE.as_pointer(), [WORD]))
+        # bump allocation: new fill level, rounded up to 64 bytes
         begin = ir.IRBuilder.load(self, self._used)
         used = self.and_(self.add(self.add(begin, words), ir.Constant(WORD, 7)), ir.Constant(WORD, -8))
         here, there, after = (self._code.append_basic_block(word) for word in ("here", "there", "taken"))
@@ -65,19 +76,22 @@ class Rooms(ir.IRBuilder):  # type: ignore[misc]
         ir.IRBuilder.store(self, used, self._used)
         own = self.gep(self._room, [ir.Constant(WORD, 0), begin], inbounds=True)
         self.branch(after)
+        # the stack area is full: malloc
         self.position_at_end(there)
         found = ir.IRBuilder.call(self, make, [self.mul(words, ir.Constant(WORD, 8))])
         other = self.bitcast(found, DOUBLE.as_pointer())
         self.branch(after)
         self.position_at_end(after)
+        # SSA phi of the two addresses
         found = self.phi(DOUBLE.as_pointer())
         found.add_incoming(own, here)
         found.add_incoming(other, there)
         return found
 
     def given_back(self, room: Any) -> None:
-        """Room that is no longer needed."""
+        """Write code that frees memory from `taken`: free() for malloc's, nothing for the stack area."""
         free = self._function("free", ir.FunctionType(ir.VoidType(), [_BYTE.as_pointer()]))
+        # offset into the stack area; unsigned, so that addresses below it count as outside
         at = self.sub(self.ptrtoint(room, WORD), self.ptrtoint(self._room, WORD))
         there, after = (self._code.append_basic_block(word) for word in ("there", "given"))
         self.cbranch(self.icmp_unsigned("<", at, ir.Constant(WORD, 8 * ON_STACK)), after, there)
@@ -87,7 +101,7 @@ class Rooms(ir.IRBuilder):  # type: ignore[misc]
         self.position_at_end(after)
 
     def copied_room(self, source: Any, words: Any) -> Any:
-        """A copy of so many words."""
+        """Write code that copies `words` 8-byte words from `source` to new scratch memory; return their address."""
         thing = _BYTE.as_pointer()
         kind = ir.FunctionType(ir.VoidType(), [thing, thing, WORD, ir.IntType(1)])
         copy = self.taken(words)

@@ -1,4 +1,4 @@
-"""The source text of kernels, parsed: looked for where Python keeps it, and refused where it is not what is running."""
+"""Source text of kernels, parsed to an AST: read by `linecache`, refused where it differs from the running code."""
 
 import __future__
 
@@ -12,19 +12,23 @@ from typing import Any, NamedTuple
 from .kinds import Refused
 
 _FUTURE = sum({getattr(__future__, name).compiler_flag for name in __future__.all_feature_names} - {0x10})
-"""Flags of code that follow from `from __future__ import ...` (0x10 says that a function lies within another)."""
+"""Code flags of `from __future__ import ...`, without 0x10, which marks a nested function."""
 
 
 class Source(NamedTuple):
-    """A function's tree and what is known of it beforehand."""
+    """A kernel's AST and what is known of it before its arguments are.
+
+    tree: the function's AST node. file: path of its text. often: names assigned more than once, which get stack slots.
+    scope: values of global names and of closure variables.
+    """
 
     tree: ast.FunctionDef
     file: str
-    often: frozenset[str]  # names that are given more than one value
-    scope: dict[str, Any]  # global names, and those of the functions around it
+    often: frozenset[str]
+    scope: dict[str, Any]
 
     def placed(self, error: Refused, number: int) -> Refused:
-        """The refusal with file, line and the line itself."""
+        """Return the error with file, line `number` and the line's text added, once."""
         if error.placed:
             return error
         text = linecache.getline(self.file, number).strip()
@@ -35,19 +39,25 @@ class Source(NamedTuple):
 
 @cache
 def source_of(function: Any) -> Source:
-    """A Python function's source. Refused: there is none, or it has changed since the function was made."""
+    """Return the `Source` of a Python function, cached.
+
+    Refused: lambdas, async functions, other decorators, starred or keyword-only arguments, functions without source
+    text, and functions whose text has changed since they were made.
+    """
     code, name = function.__code__, f"{function.__module__}.{function.__qualname__}"
     at = f"{code.co_filename}:{code.co_firstlineno}"
     if code.co_name == "<lambda>":
         raise Refused(f"{at}: a lambda: a kernel is a function with a name of its own")
     if hasattr(function, "__wrapped__"):
         raise Refused(f"{at}: another decorator stands between {function.__name__} and @kernel, the last one")
+    # text of the file or notebook cell
     lines = linecache.getlines(code.co_filename, function.__globals__)
     if not lines:
         raise Refused(
             f"{name}: its source text cannot be had ({code.co_filename}), and kernels are compiled from their text: "
             "put it into a file or a notebook's cell"
         )
+    # AST of the definition whose bytecode is the running one
     tree = _tree("".join(lines), code)
     if tree is None:
         raise Refused(
@@ -58,6 +68,7 @@ def source_of(function: Any) -> Source:
     given = tree.args
     if given.posonlyargs or given.vararg or given.kwonlyargs or given.kwarg or getattr(tree, "type_params", None):
         raise Refused(f"{at}: {name}({ast.unparse(given)}): a kernel's arguments are names, some with defaults")
+    # global names, and the values of closure variables as they are now
     scope = dict(function.__globals__) if code.co_freevars else function.__globals__
     for free, cell in zip(code.co_freevars, function.__closure__ or (), strict=True):
         try:
@@ -68,14 +79,19 @@ def source_of(function: Any) -> Source:
 
 
 def _tree(text: str, code: CodeType) -> Any:
-    """The definition in a file's text that comes to a function's code; None: there is none any more."""
+    """Return the AST node in a file's text that compiles to a function's code; None if there is none any more.
+
+    Candidates are found by name and first line; bytecode and constants must match, docstrings may differ.
+    """
     place, flags = (code.co_name, code.co_firstlineno), code.co_flags & _FUTURE
     try:
+        # candidate by name and first line; then compare its bytecode
         parsed, trees = _parsed(text)
         if place not in trees:
             return None
         tree, statement = trees[place]
-        for module in (parsed, ast.Module([statement], [])):  # notebooks compile statement by statement
+        # compiled with the whole file, or as one statement, as notebooks do
+        for module in (parsed, ast.Module([statement], [])):
             made = _codes(module, flags).get(place)
             if made is not None and _meaning(made) == _meaning(code):
                 return tree
@@ -86,13 +102,15 @@ def _tree(text: str, code: CodeType) -> Any:
 
 @cache
 def _parsed(text: str) -> tuple[ast.Module, dict[tuple[str, int], tuple[Any, ast.stmt]]]:
-    """A file; by name and first line, its functions, each with the statement of the file that it is in."""
+    """Parse a file; return its AST, and by (name, first line) each function's node with its top-level statement."""
     parsed, trees = ast.parse(text), {}
     for statement in parsed.body:
         nodes: list[ast.AST] = [statement]
-        for node in nodes:  # and what is found below, but for expressions, which define none
+        # breadth-first over statements; expressions define no functions
+        for node in nodes:
             nodes += [part for part in ast.iter_child_nodes(node) if not isinstance(part, ast.expr)]
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                # Python's first line of a function is that of its first decorator
                 first = min(part.lineno for part in (node, *node.decorator_list))
                 trees[node.name, first] = node, statement
     return parsed, trees
@@ -100,7 +118,7 @@ def _parsed(text: str) -> tuple[ast.Module, dict[tuple[str, int], tuple[Any, ast
 
 @cache
 def _codes(module: ast.Module, flags: int) -> dict[tuple[str, int], CodeType]:
-    """Code of the functions of a file, by name and first line."""
+    """Compile a module and return the code objects of all its functions, nested ones too, by (name, first line)."""
     found, left = {}, [compile(module, "", "exec", flags, dont_inherit=True)]
     while left:
         code = left.pop()
@@ -110,22 +128,28 @@ def _codes(module: ast.Module, flags: int) -> dict[tuple[str, int], CodeType]:
 
 
 def _meaning(code: CodeType) -> list[Any]:
-    """What code does, but for its first string, which describes it."""
+    """Return bytecode, names and constants of a code object, without its docstring, for comparison."""
     constants = code.co_consts[1:] if code.co_consts and isinstance(code.co_consts[0], str) else code.co_consts
+    # by repr: 0.0 and -0.0, 1 and True are equal, but not the same
     known = [repr(x) for x in constants if not isinstance(x, CodeType) and x is not None]
     return [code.co_code, code.co_names, code.co_varnames, code.co_freevars, *known]
 
 
 def _often(tree: ast.FunctionDef) -> set[str]:
-    """Names that get a value at more than one place, or at one that is written out several times."""
+    """Return the names of a function that are assigned more than once.
+
+    An assignment in a loop over a tuple counts twice, since the loop is unrolled; so does an augmented one.
+    """
     found = Counter(argument.arg for argument in tree.args.args)
 
     def visit(node: ast.AST, times: int) -> None:
+        """Count the assignments below an AST node, each `times` times."""
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
             found[node.id] += times
         elif not isinstance(node, ast.expr) or isinstance(node, ast.Tuple | ast.List):
             once = node.target if isinstance(node, ast.For) and not _counts(node.iter) else None
             for part in ast.iter_child_nodes(node):
+                # unrolled loop bodies and augmented assignments count twice
                 again = isinstance(node, ast.AugAssign) or once not in (None, part)
                 visit(part, 2 if again else times)
 
@@ -134,5 +158,5 @@ def _often(tree: ast.FunctionDef) -> set[str]:
 
 
 def _counts(over: ast.expr) -> bool:
-    """Whether a loop goes over a range, not over a tuple, for which it is written out."""
+    """Return whether a loop is over a call, range(...), and not over a tuple, for which it is unrolled."""
     return isinstance(over, ast.Call) and isinstance(over.func, ast.Name)

@@ -1,4 +1,4 @@
-"""Statements of kernels: names, branches, loops."""
+"""Statements of kernels: assignments, branches and loops, from AST nodes to basic blocks."""
 
 from __future__ import annotations
 
@@ -10,39 +10,69 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 
-from .arithmetic import binary, known, whole
+from .arithmetic import known, passed, whole
 from .expressions import Expressions
-from .kinds import WORD, Integer, Refused, is_static, kind, leaves, rebuilt, told
+from .kinds import (
+    WORD,
+    Array,
+    Integer,
+    Record,
+    Refused,
+    Stored,
+    declared,
+    is_static,
+    kind,
+    leaves,
+    rebuilt,
+    told,
+)
+from .lane_arrays import is_lanes, lane_parameters
+from .loops import Loop, limits_of
 from .merging import APART, Names, Widen, fitted, joined
 from .source import source_of
 
+_DECLARED = Array | Record | Stored
+"""Items that an annotated assignment declares."""
+
 
 class Slot:
-    """Where a name's numbers live that gets several: what it stands for, and room on the stack."""
+    """Stack slots of a name that is assigned more than once.
+
+    template: item of the type that all its values convert to. places: addresses, one for each leaf of the template.
+    """
 
     def __init__(self, template: Any, places: list[Any]) -> None:
         self.template, self.places = template, places
 
 
 class Writer(Expressions):
-    """Writes one function."""
+    """Writes one specialization of a kernel into an LLVM function.
+
+    module: the program's `front.Module`. code: the LLVM function. wide: templates of names whose slots were too narrow
+    in an earlier attempt. names: the item of each name at the current position. result: template of the return value.
+    """
 
     def __init__(self, module: Any, code: Any, function: Any, wide: Names) -> None:
+        """Begin the LLVM function `code` for a Python function."""
         super().__init__(module, code)
         self.function, self.wide, self.source = function, wide, source_of(function)
         self.reads = module.used.setdefault(function, set())
         self.slots: dict[str, Slot] = {}
         self.loops: list[Loop] = []
-        self.result: Any = Widen  # not known yet
+        # `Widen` stands for: no return statement yet
+        self.result: Any = Widen
         self.line = self.source.tree.lineno
 
-    # --- the whole ---------------------------------------------------------------------------------
+    # --- function ----------------------------------------------------------------------------------
     def write(self, items: Sequence[Any]) -> Any:
-        """The function's code for arguments; what it returns."""
+        """Write the function's code for arguments of the kinds of `items`; return its result template.
+
+        Errors are raised as Refused with file and line of the current statement, unforeseen ones too.
+        """
+        # LLVM arguments are the leaves of all items
         it = iter(self.code.args)
         try:
-            for name, item in zip([a.arg for a in self.source.tree.args.args], items, strict=True):
-                self.bind(name, rebuilt(item, it, self.b))
+            self.take([rebuilt(item, it, self.b) for item in items])
             self.block(self.source.tree.body)
             if not self.b.block.is_terminated:
                 self.give(None)
@@ -50,18 +80,37 @@ class Writer(Expressions):
             raise self.source.placed(error, self.line) from error.__cause__
         except Widen:
             raise
-        except Exception as error:  # what nobody foresaw is refused as well, with its place
+        except Exception as error:
             raise self.source.placed(Refused(f"{type(error).__name__}: {error}"), self.line) from error
         self.closed()
         return self.result
 
+    def take(self, items: Sequence[Any]) -> None:
+        """Bind the kernel's parameters to its arguments, as their annotations declare them (`lane_arrays`)."""
+        names = [argument.arg for argument in self.source.tree.args.args]
+        said = lane_parameters(self.function)
+        # the tag of the kernel's lanes: a tuple of zeros
+        tag = dict(zip(names, items, strict=True)).get("lane")
+        self.lane = tag if isinstance(tag, tuple) and tag and is_static(tag) else None
+        for name, item in zip(names, items, strict=True):
+            if said.get(name) and self.lane is None:
+                raise Refused(f"{name}: Lanes, but the kernel has no argument `lane`, which says how many there are")
+            try:
+                self.bind(name, declared(item, said.get(name), self.lane))
+            except Refused as error:
+                raise Refused(f"argument {name!r}: {error}") from None
+
     def give(self, item: Any) -> None:
-        """Return an item."""
+        """Write a return of an item: a struct of its leaves, or void if it has none.
+
+        The first return fixes the result template; a later one that is wider raises `Widen`.
+        """
         item = self.dynamic(item)
         if self.result is Widen:
             self.result = self.wide.get("return", item)
             parts = leaves(self.result)
-            if parts:  # what a function returns is known once it is written, and its callers are written after it
+            if parts:
+                # the LLVM result type is set now, before any caller is written
                 made = ir.LiteralStructType([leaf.type for leaf in parts])
                 self.code.ftype = ir.FunctionType(made, self.code.ftype.args)
                 self.code.type = self.code.ftype.as_pointer()
@@ -70,13 +119,14 @@ class Writer(Expressions):
         if not parts:
             self.b.ret_void()
             return
+        # build the struct leaf by leaf
         whole_result = ir.Constant(self.code.return_value.type, ir.Undefined)
         for k, leaf in enumerate(parts):
             whole_result = self.b.insert_value(whole_result, leaf, k)
         self.b.ret(whole_result)
 
     def fit(self, name: str, item: Any, template: Any) -> Any:
-        """An item in the shape of a template; a wider one is asked for where it does not fit."""
+        """Convert an item to a template; raise Widen if it needs a wider one, Refused if there is none."""
         wider = joined(template, item)
         if wider is APART:
             what = "it returns" if name == "return" else f"{name!r} is"
@@ -87,14 +137,15 @@ class Writer(Expressions):
 
     # --- names -------------------------------------------------------------------------------------
     def bind(self, name: str, item: Any) -> None:
-        """Give a name a value."""
+        """Assign an item to a name: directly where the name is assigned once, otherwise through its stack slots."""
+        # SSA: a name assigned once needs no slot
         if name not in self.source.often:
             self.names[name] = item
         else:
             self.put_in_slot(name, item)
 
     def put_in_slot(self, name: str, item: Any) -> None:
-        """Give a name one of several values."""
+        """Store an item in the stack slots of a name, allocated on first use; static items take no slots."""
         item = self.dynamic(item)
         parts = leaves(item)
         if not parts:
@@ -103,15 +154,20 @@ class Writer(Expressions):
         slot = self.slots.get(name)
         if slot is None:
             template = self.wide.get(name, item)
+            # one stack slot per leaf; LLVM's mem2reg makes SSA phis of them
             slot = self.slots[name] = Slot(template, [self.room(leaf.type) for leaf in leaves(template)])
         for leaf, place in zip(leaves(self.fit(name, item, slot.template)), slot.places, strict=True):
             self.b.store(leaf, place)
         self.names[name] = slot
 
     def read(self, name: str) -> Any:
-        """What a name stands for."""
+        """Return the item of a name: local, then global or closure, then built in. Refused: it may be unassigned.
+
+        Global names are recorded for the cache key; global arrays become constants of the program.
+        """
         item = self.names.get(name, self)
         if item is self:
+            # a local name that is not assigned on all paths to here
             if name in self.function.__code__.co_varnames:
                 raise Refused(f"{name!r} may not have a value here, or not one that is known: give it one before")
             if name in self.source.scope:
@@ -122,15 +178,20 @@ class Writer(Expressions):
                 return getattr(builtins, name)
             raise Refused(f"{name!r} is not defined")
         if isinstance(item, Slot):
+            # load the current value from the slots
             return rebuilt(item.template, iter([self.b.load(place) for place in item.places]), self.b)
         return item
 
     def meet(self, block: Any, ends: Sequence[Names]) -> None:
-        """Go on at a block, with names that have one meaning at the end of all ways to it; there may be none."""
+        """Continue at `block` with the names that stand for the same item at the end of all paths in `ends`.
+
+        Without any path the block is unreachable.
+        """
         self.b.position_at_end(block)
         if not ends:
             self.b.unreachable()
             return
+        # keep a name if all paths agree; otherwise it is undefined from here on
         first, *others = ends
 
         def everywhere(name: str, item: Any) -> bool:
@@ -140,16 +201,19 @@ class Writer(Expressions):
 
     # --- statements --------------------------------------------------------------------------------
     def block(self, statements: Sequence[ast.stmt]) -> None:
+        """Write statements in order, up to the first that ends the block: return, break, continue."""
         for statement in statements:
             if self.b.block.is_terminated:
                 return
             self.line = statement.lineno
+            # dispatch by AST node class
             write = getattr(self, "on_" + type(statement).__name__, None)
             if write is None:
                 raise Refused(f"{type(statement).__name__.lower()} is no statement of kernels")
             write(statement)
 
     def on_Expr(self, node: ast.Expr) -> None:
+        """Write an expression statement; a docstring is skipped."""
         if not isinstance(node.value, ast.Constant):
             self.value(node.value)
 
@@ -157,26 +221,35 @@ class Writer(Expressions):
         pass
 
     def on_Return(self, node: ast.Return) -> None:
+        """Write a return statement."""
         self.give(None if node.value is None else self.value(node.value))
 
     def on_Assign(self, node: ast.Assign) -> None:
+        """Write target = ... = value."""
         item = self.value(node.value)
         for target in node.targets:
             self.assign(target, item)
 
     def on_AnnAssign(self, node: ast.AnnAssign) -> None:
+        """Write an annotated assignment: `Lanes`, or a named tuple class that has such fields, declares lane arrays."""
+        holds = is_lanes(ast.unparse(node.annotation))
+        if holds and self.lane is None:
+            raise Refused("Lanes, but the kernel has no argument `lane`, which says how many there are")
         if node.value is not None:
-            self.assign(node.target, self.value(node.value))
+            item = self.value(node.value)
+            self.assign(node.target, declared(item, holds, self.lane) if holds or isinstance(item, _DECLARED) else item)
 
     def on_AugAssign(self, node: ast.AugAssign) -> None:
+        """Write target op= value for a name or an array element; subscripts are evaluated once."""
         op = type(node.op).__name__
         if isinstance(node.target, ast.Subscript):
             array, at = self.value(node.target.value), self.value(node.target.slice)
-            self.put(array, at, binary(self.b, op, self.get(array, at), self.value(node.value)))
+            self.put(array, at, self.arithmetic(op, self.get(array, at), self.value(node.value)))
         else:
-            self.assign(node.target, binary(self.b, op, self.value(node.target), self.value(node.value)))
+            self.assign(node.target, self.arithmetic(op, self.value(node.target), self.value(node.value)))
 
     def assign(self, target: ast.expr, item: Any) -> None:
+        """Assign an item to a target: a name, a tuple of targets, or an array element."""
         if isinstance(target, ast.Name):
             self.bind(target.id, item)
         elif isinstance(target, ast.Tuple):
@@ -191,10 +264,16 @@ class Writer(Expressions):
             raise Refused("only names and elements of arrays get values")
 
     def on_If(self, node: ast.If) -> None:
+        """Write an if statement: only the branch taken if the condition is static, otherwise two basic blocks.
+
+        Names keep a value after it if both branches that reach the end leave them the same item or slots.
+        """
+        # a static condition: the other branch is not compiled, and may contain anything
         test = self.condition(node.test)
         if isinstance(test, bool):
             self.block(node.body if test else node.orelse)
             return
+        # run-time condition: then block, else block if any, block after both
         before, ends = self.names, list[Names]()
         then, after = self.code.append_basic_block("then"), self.code.append_basic_block("after")
         other = self.code.append_basic_block("else") if node.orelse else after
@@ -204,6 +283,7 @@ class Writer(Expressions):
             if block is not after:
                 self.b.position_at_end(block)
                 self.block(body)
+                # this branch has returned or left the loop
                 if self.b.block.is_terminated:
                     continue
                 self.b.branch(after)
@@ -211,6 +291,7 @@ class Writer(Expressions):
         self.meet(after, ends)
 
     def on_For(self, node: ast.For) -> None:
+        """Write a loop over range(...), or unroll a loop over a tuple, whose items may differ in kind."""
         if node.orelse:
             raise Refused("a loop has no else in a kernel")
         over = node.iter
@@ -220,12 +301,15 @@ class Writer(Expressions):
         items = self.parts(self.value(over))
         end = self.code.append_basic_block("end")
         ends: list[Names] = []
-        for item in items:  # written out
+        for item in items:
             loop = Loop(self.code.append_basic_block("next"), end)
+            # one copy of the body per item; `continue` goes to the next one, `break` to the end
             self.assign(node.target, item)
             self._round(node.body, loop, {})
             ends += loop.ends
+            # the next copy begins with the names at the end of this one
             self.meet(loop.nxt, loop.nexts)
+            # every path has left the loop
             if not loop.nexts:
                 break
         if not self.b.block.is_terminated:
@@ -234,9 +318,16 @@ class Writer(Expressions):
         self.meet(end, ends)
 
     def _count(self, node: ast.For, limits: list[Any], keywords: bool) -> None:
-        """for ... in range(...)"""
+        """Write `for ... in range(...)` with a counter in a stack slot: blocks head, loop, next, end.
+
+        A known step of 1 or -1 is added to the counter; one known only at run time is added with saturation.
+        """
         name, start, stop, step = limits_of(node, limits, keywords)
+        if known(step) and abs(step) > 1:
+            self._count_turns(node, name, whole(self.b, start), whole(self.b, stop), step)
+            return
         last, by = whole(self.b, stop), whole(self.b, step)
+        # the counter is not the loop variable: assignments to the latter do not matter
         counter = self.room(WORD)
         self.b.store(whole(self.b, start), counter)
         head, body, nxt, end = (self.code.append_basic_block(word) for word in ("head", "loop", "next", "end"))
@@ -245,37 +336,70 @@ class Writer(Expressions):
         self.b.position_at_end(head)
         k = self.b.load(counter)
         if known(step):
+            # continue while k < stop, or k > stop for a negative step
             go = self.b.icmp_signed("<" if step > 0 else ">", k, last)
         else:
+            # direction by the sign of the step; step 0 runs no iteration
             up, down = (self.b.icmp_signed(sign, by, ir.Constant(WORD, 0)) for sign in "><")
             below, above = (self.b.icmp_signed(sign, k, last) for sign in "<>")
-            go = self.b.select(up, below, self.b.and_(down, above))  # by 0: not once
+            go = self.b.select(up, below, self.b.and_(down, above))
         self.b.cbranch(go, body, end)
         self.b.position_at_end(body)
         self.names = dict(before)
         self.bind(name, Integer(k))
+        # body, then the increment in `next`, which `continue` jumps to
         loop = Loop(nxt, end)
         self._round(node.body, loop, before)
         self.b.position_at_end(nxt)
-        flags = ("nsw",) if known(step) and abs(step) == 1 else ()
-        self.b.store(self.b.add(self.b.load(counter), by, flags=flags), counter)
+        at = self.b.load(counter)
+        self.b.store(self.b.add(at, by, flags=("nsw",)) if known(step) else passed(self.b, at, by), counter)
         self.module.mark_loop(self.b.branch(head))
         self.meet(end, [before, *loop.ends])
 
+    def _count_turns(self, node: ast.For, name: str, start: Any, stop: Any, step: int) -> None:
+        """Write a range loop with a known step |step| > 1 as a loop over the iteration number.
+
+        The number of iterations is computed beforehand, so that no counter passes 2^63.
+        """
+        b, one, zero = self.b, ir.Constant(WORD, 1), ir.Constant(WORD, 0)
+        some = b.icmp_signed("<" if step > 0 else ">", start, stop)
+        # ceil(span / |step|) iterations, unsigned and at most 2^63; 0 where start is not before stop
+        span = b.sub(stop, start) if step > 0 else b.sub(start, stop)
+        most = b.add(b.udiv(b.sub(span, one), ir.Constant(WORD, abs(step))), one)
+        turns, counter = b.select(some, most, zero), self.room(WORD)
+        b.store(zero, counter)
+        head, body, nxt, end = (self.code.append_basic_block(word) for word in ("head", "loop", "next", "end"))
+        before = self.names
+        b.branch(head)
+        b.position_at_end(head)
+        turn = b.load(counter)
+        b.cbranch(b.icmp_signed("<", turn, turns), body, end)
+        b.position_at_end(body)
+        self.names = dict(before)
+        self.bind(name, Integer(b.add(start, b.mul(turn, ir.Constant(WORD, step)))))
+        loop = Loop(nxt, end)
+        self._round(node.body, loop, before)
+        b.position_at_end(nxt)
+        b.store(b.add(b.load(counter), one, flags=("nsw",)), counter)
+        self.module.mark_loop(b.branch(head))
+        self.meet(end, [before, *loop.ends])
+
     def _round(self, body: Sequence[ast.stmt], loop: Loop, before: Names) -> None:
-        """A loop's body: what is known at its beginning must be so again each time."""
+        """Write a loop's body once. Refused: a static name from before the loop stands for another item at its end."""
         self.loops.append(loop)
         self.block(body)
         self.loops.pop()
         if not self.b.block.is_terminated:
             self.b.branch(loop.nxt)
             loop.nexts.append(self.names)
+        # the body is written once, so what is static in it must hold in each iteration
         for end in loop.nexts:
             for name, item in before.items():
                 if name not in end or not _same(end[name], item):
                     raise Refused(f"{name!r} changes in the loop, and what it stands for must be known beforehand")
 
     def on_While(self, node: ast.While) -> None:
+        """Write a while loop: blocks head (condition), loop, end. Refused: a condition known to be false."""
         if node.orelse:
             raise Refused("a loop has no else in a kernel")
         before = self.names
@@ -285,6 +409,7 @@ class Writer(Expressions):
         test = self.condition(node.test)
         if test is False:
             raise Refused("a loop whose condition is known to be false")
+        # `continue` jumps to the condition
         loop = Loop(head, end)
         if test is True:
             self.b.branch(body)
@@ -297,37 +422,18 @@ class Writer(Expressions):
         self.meet(end, loop.ends)
 
     def on_Break(self, node: ast.Break) -> None:
+        """Jump to the block after the innermost loop, with the present names."""
         self.b.branch(self.loops[-1].end)
         self.loops[-1].ends.append(self.names)
 
     def on_Continue(self, node: ast.Continue) -> None:
+        """Jump to the next iteration of the innermost loop, with the present names."""
         self.b.branch(self.loops[-1].nxt)
         self.loops[-1].nexts.append(self.names)
 
 
-def limits_of(node: ast.For, limits: list[Any], keywords: bool) -> tuple[str, Any, Any, Any]:
-    """What a loop over a range counts by: a name, from where, to where, in which steps."""
-    if not isinstance(node.target, ast.Name):
-        raise Refused("a loop over a range counts by one name")
-    if not 1 <= len(limits) <= 3 or keywords:
-        raise Refused("range takes one to three numbers")
-    start, stop, step = (0, limits[0], 1) if len(limits) == 1 else (*limits, 1) if len(limits) == 2 else limits
-    if known(step) and step == 0:
-        raise Refused("range() by 0")
-    return node.target.id, start, stop, step
-
-
-class Loop:
-    """Where `continue` and `break` go, and what names stand for on these ways."""
-
-    def __init__(self, nxt: Any, end: Any) -> None:
-        self.nxt, self.end = nxt, end
-        self.nexts: list[Names] = []
-        self.ends: list[Names] = []
-
-
 def _same(one: Any, other: Any) -> bool:
-    """Whether a name stands for the same on two ways."""
+    """Return whether a name stands for the same item on two paths: identical, or equal static items of one type."""
     if one is other:
         return True
     known_both = is_static(one) and is_static(other) and not isinstance(one, Slot)

@@ -1,13 +1,14 @@
-"""Numbers of run time as symbols of Python: each operation on one writes instructions.
+"""Symbolic float64 numbers: operators of `Value` write LLVM instructions, with forward-mode differentiation.
 
 A `Value` is a float64 or a vector of lanes, alone or *dual*: with tangents, its derivatives along some directions. The
-rules of differentiation stand here, once: kernels' operations on lanes (`lanes`) and straight-line code (`trace`) are
-both made of these. What a value is does not depend on its tangents, to the last bit. At a kink the derivative is that
-of the branch taken: of a choice that which is chosen, of |x| at 0 that from above; of a square root at 0 it is 0.
+rules of differentiation stand here, once: kernels' operations on lanes (`lanes`) and straight-line code (`trace`) both
+use them. Tangents do not change the value, to the last bit. At a kink the derivative is that of the branch taken: of
+select_lt that of the chosen operand, of |x| at 0 that from above; of a square root at 0 it is 0.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -18,14 +19,15 @@ SLOT, INDEX = ir.IntType(32), ir.IntType(64)
 
 
 def vector(count: int) -> ir.Type:
-    """The type of `count` numbers."""
+    """Return the LLVM type of `count` lanes: double for 1, otherwise <count x double>."""
     return DOUBLE if count == 1 else ir.VectorType(DOUBLE, count)
 
 
 def broadcast(builder: Any, value: Any, count: int) -> Any:
-    """A scalar repeated in every lane."""
+    """Write instructions that repeat a scalar in all `count` lanes; return the vector."""
     if count == 1:
         return value
+    # LLVM idiom of a splat: insert into lane 0, then shuffle lane 0 to all
     first = builder.insert_element(ir.Constant(vector(count), ir.Undefined), value, ir.Constant(SLOT, 0))
     return builder.shuffle_vector(
         first, ir.Constant(vector(count), ir.Undefined), ir.Constant(ir.VectorType(SLOT, count), [0] * count)
@@ -33,36 +35,41 @@ def broadcast(builder: Any, value: Any, count: int) -> Any:
 
 
 class Value:
-    """A float64 (count 1) or a vector of lanes that exists at run time; tangents: likewise, none of a constant."""
+    """A float64 (count = 1) or a vector of `count` lanes at run time.
+
+    builder: IR builder that operations write to. value: LLVM value. tangents: one Value for each direction of
+    differentiation; empty for a constant.
+    """
 
     def __init__(self, builder: Any, value: Any, count: int, tangents: Sequence[Value] = ()) -> None:
         self.builder, self.value, self.count, self.tangents = builder, value, count, tuple(tangents)
 
     @classmethod
     def of(cls, builder: Any, parts: Sequence[Any], count: int) -> Value:
-        """Of its parts, numbers in `count` lanes."""
+        """Make a Value of LLVM values in `count` lanes: the first is the value, the rest are its tangents."""
         first, *rest = [cls(builder, part, count) for part in parts]
         return first.having(rest)
 
     def wide(self, count: int) -> Any:
-        """The same in `count` lanes."""
+        """Return the LLVM value in `count` lanes, a scalar broadcast; tangents are left aside."""
         return self.value if self.count == count else broadcast(self.builder, self.value, count)
 
     def parts(self, count: int, tangents: int) -> list[Any]:
-        """The value and its tangents in `count` lanes: numbers."""
+        """Return LLVM values in `count` lanes: the value and `tangents` tangents, 0 where it has none."""
+        # a constant has tangents 0
         slopes = self.tangents or (self.other(0.0),) * tangents
         return [x.wide(count) for x in (self, *slopes)]
 
     def full(self, count: int, tangents: int) -> Value:
-        """The same in so many lanes with so many tangents."""
+        """Return the same number in `count` lanes with `tangents` tangents, 0 where it has none."""
         return Value.of(self.builder, self.parts(count, tangents), count)
 
     def like(self, value: Any, count: int) -> Value:
-        """A new value."""
+        """Return a Value without tangents of another LLVM value, written by the same builder."""
         return Value(self.builder, value, count)
 
     def other(self, x: Any) -> Value:
-        """x as a Value."""
+        """Return x as a Value; Python's numbers become constants."""
         return x if isinstance(x, Value) else Value(self.builder, ir.Constant(DOUBLE, float(x)), 1)
 
     @property
@@ -71,15 +78,16 @@ class Value:
         return self.like(self.value, self.count)
 
     def _binary(self, instruction: str, a: Any, b: Any) -> Value:
-        """An instruction on values, tangents left aside."""
+        """Write a binary instruction on the values of a and b, broadcast to a common lane count; no tangents."""
         count = max(a.count, b.count)
         return self.like(getattr(self.builder, instruction)(a.wide(count), b.wide(count)), count)
 
     def having(self, tangents: Sequence[Value]) -> Value:
-        """The value with these tangents."""
+        """Return the value with these tangents in place of its own."""
         return Value(self.builder, self.value, self.count, tangents)
 
     def __add__(self, x: Any) -> Value:
+        """Write self + x; tangents: self' + x'."""
         x = self.other(x)
         return self._binary("fadd", self, x).having(_sum(self.tangents, x.tangents))
 
@@ -87,6 +95,7 @@ class Value:
         return self.other(x) + self
 
     def __sub__(self, x: Any) -> Value:
+        """Write self - x; tangents: self' - x'."""
         x = self.other(x)
         return self._binary("fsub", self, x).having(_difference(self.tangents, x.tangents))
 
@@ -94,6 +103,7 @@ class Value:
         return self.other(x) - self
 
     def __mul__(self, x: Any) -> Value:
+        """Write self x; tangents by the product rule, self' x + x' self."""
         x = self.other(x)
         return self._binary("fmul", self, x).having(_sum(_times(self.tangents, x), _times(x.tangents, self)))
 
@@ -101,10 +111,13 @@ class Value:
         return self.other(x) * self
 
     def __truediv__(self, x: Any) -> Value:
+        """Write self / x; tangents by the quotient rule, (self' - x' (self / x)) (1 / x)."""
         x = self.other(x)
+        # the value is one division, rounded once, whatever the tangents
         ratio = self._binary("fdiv", self, x)
         if not self.tangents and not x.tangents:
             return ratio
+        # one reciprocal serves all tangents
         inverse = self._binary("fdiv", self.other(1.0), x)
         return ratio.having(_times(_difference(self.tangents, _times(x.tangents, ratio)), inverse))
 
@@ -112,14 +125,17 @@ class Value:
         return self.other(x) / self
 
     def __neg__(self) -> Value:
+        """Write -self; tangents: -self'."""
         return self.like(self.builder.fneg(self.value), self.count).having([-x for x in self.tangents])
 
     def __bool__(self) -> bool:
+        # Python asks for a truth value in `if`, `and`, `while`: such branches cannot be traced
         raise TypeError("a value is not known when the kernel is written out: no branch may depend on it")
 
     def call(self, name: str) -> Value:
-        """An LLVM intrinsic of one argument, of the value alone."""
+        """Write a call of the LLVM intrinsic `name` of one argument on the value; the result has no tangents."""
         kind = vector(self.count)
+        # intrinsics are named by type: llvm.sqrt.f64, llvm.sqrt.v8f64
         suffix = "f64" if self.count == 1 else f"v{self.count}f64"
         function = self.builder.module.declare_intrinsic(f"llvm.{name}.{suffix}", (), ir.FunctionType(kind, [kind]))
         return self.like(self.builder.call(function, [self.value]), self.count)
@@ -129,22 +145,29 @@ Tangents = Sequence[Value]
 
 
 def _times(a: Tangents, b: Value) -> Tangents:
+    """Return the tangents a_i b, with the value of b alone; empty for a constant."""
     return [x * b.alone for x in a]
 
 
 def _sum(a: Tangents, b: Tangents) -> Tangents:
+    """Return the tangents a_i + b_i; an empty sequence stands for zeros."""
     return [x + y for x, y in zip(a, b, strict=True)] if a and b else a or b
 
 
 def _difference(a: Tangents, b: Tangents) -> Tangents:
+    """Return the tangents a_i - b_i; an empty sequence stands for zeros."""
     if not a or not b:
         return a or [-y for y in b]
     return [x - y for x, y in zip(a, b, strict=True)]
 
 
 def select_lt(a: Value, b: Value, x: Value, y: Value) -> Value:
-    """x where a < b, otherwise y."""
+    """Return x where a < b, otherwise y, lane by lane and without a branch (also y where a or b is NaN).
+
+    The tangents are those of the chosen operand.
+    """
     count = max(item.count for item in (a, b, x, y))
+    # ordered comparison: false for NaN
     less = a.builder.fcmp_ordered("<", a.wide(count), b.wide(count))
     found = len(x.tangents or y.tangents)
     pairs = zip(x.parts(count, found), y.parts(count, found), strict=True)
@@ -152,68 +175,81 @@ def select_lt(a: Value, b: Value, x: Value, y: Value) -> Value:
 
 
 def absolute(x: Value) -> Value:
-    """|x|"""
+    """Return |x|; tangents: -x' where x < 0, otherwise x' (at 0 the derivative from above)."""
     return x.call("fabs").having([select_lt(x.alone, x.other(0.0), -slope, slope) for slope in x.tangents])
 
 
 def square_root(x: Value) -> Value:
-    """The square root of x."""
+    """Return sqrt(x); tangents: x' / (2 sqrt(x)), 0 where the root is 0."""
     result = x.call("sqrt")
     if not x.tangents:
         return result
     zero = x.other(0.0)
+    # 0 instead of infinity at x = 0
     slope = select_lt(zero, result, x.other(0.5) / result, zero)
     return result.having(_times(x.tangents, slope))
 
 
 def round_even(x: Value) -> Value:
-    """The nearest whole number, ties to even."""
+    """Return the nearest integer as a float64, ties to even; no tangents (derivative 0)."""
     return x.call("rint")
 
 
 def largest(x: Value) -> Value:
-    """The largest entry of all lanes (NaN entries are passed over)."""
+    """Return the largest lane of x as a scalar; NaN lanes are skipped, NaN only if all lanes are. No tangents."""
     x = alone(x)
     if x.count == 1:
         return x
     builder = x.builder
-    result = builder.extract_element(x.value, ir.Constant(SLOT, 0))
+    first, least = builder.extract_element(x.value, ir.Constant(SLOT, 0)), ir.Constant(DOUBLE, -math.inf)
+    # -inf in place of a NaN in the first lane
+    result = builder.select(builder.fcmp_ordered("ord", first, first), first, least)
     for i in range(1, x.count):
         entry = builder.extract_element(x.value, ir.Constant(SLOT, i))
         result = builder.select(builder.fcmp_ordered("<", result, entry), entry, result)
-    return x.like(result, 1)
+    # the result stayed -inf: every lane is NaN or -inf, and the first one is returned
+    none = builder.fcmp_ordered("==", result, least)
+    return x.like(builder.select(none, first, result), 1)
 
 
 def with_slope(y: Value, x: Value, slope: Value) -> Value:
-    """y, a function of x whose derivative is `slope`."""
+    """Return y as a function of x alone with the given derivative: tangents slope x', those of y dropped."""
+    # a `Tape` records the slope for the reverse sweep
     if hasattr(y.builder, "sloped"):
         return y.builder.sloped(y, x, slope)
     return y.alone.having(_times(x.tangents, slope))
 
 
 def alone(x: Value) -> Value:
-    """x without its tangents."""
+    """Return x without its derivatives: tangents dropped, and for a `Tape` no cotangent passes."""
     return x.builder.constant(x) if hasattr(x.builder, "constant") else x.alone
 
 
 def change(x: Value) -> Value:
-    """-0 with the tangents of x: added to a number it changes the tangents alone."""
+    """Return -0 with the tangents of x: added to a number it changes only the tangents."""
     return x.other(-0.0).having(x.tangents)
 
 
 def turned(t: Value, s: Value, c: Value) -> tuple[Value, Value]:
-    """(sine, cosine) of an angle whose remainder from k right angles has sine s and cosine c; t: 1.5 * 2^52 + k."""
+    """Return (sin, cos) of an angle k pi/2 + r from s = sin r, c = cos r; t = 1.5 * 2^52 + k holds k in its low bits.
+
+    Bit 0 of k swaps sine and cosine; bit 1 of k flips the sine's sign, bit 1 of k + 1 the cosine's.
+    """
     builder, count = t.builder, t.count
     kind = INDEX if count == 1 else ir.VectorType(INDEX, count)
 
     def constant(x: int) -> Any:
+        """Return the 64-bit integer x in every lane."""
         return ir.Constant(kind, x if count == 1 else [x] * count)
 
     def signed(x: Any, bit: Any) -> Value:
+        """Return x with its sign flipped where bit 1 of `bit` is set: that bit is shifted to the sign bit, 63."""
         sign = builder.and_(builder.shl(bit, constant(62)), constant(-(2**63)))
         return t.like(builder.bitcast(builder.xor(builder.bitcast(x, kind), sign), vector(count)), count)
 
     k = builder.bitcast(t.value, kind)
+    # odd k: sine and cosine change places
     odd = builder.icmp_unsigned("!=", builder.and_(k, constant(1)), constant(0))
+    # choose first, then apply the signs
     sine, cosine = builder.select(odd, c.value, s.value), builder.select(odd, s.value, c.value)
     return signed(sine, k), signed(cosine, builder.add(k, constant(1)))

@@ -1,26 +1,25 @@
-"""The builder that remembers: each instruction on numbers, and how cotangents go back through it.
+"""The tape of reverse mode: an IR builder that records float64 instructions and writes the reverse sweep of cotangents.
 
-A `Tape` writes instructions as any builder does. While it records it notes of each one that depends on what derivatives
-are taken by what it was made of, in order, in the `Region` that it stands in: a function, the body of a loop, one side
-of a branch. `sweep` writes the way back through a region. Memory has cotangents beside it: what is stored takes those
-of its place, which are then 0; what is loaded adds to them. On the way back a value of the way forth is asked for by
-`back`: in the same stretch of code it is at hand; whole numbers, addresses and what is loaded from arrays that nobody
-writes to are found again; all others were kept.
+A `Tape` writes instructions as any builder does. While it records, each one that depends on a differentiated input
+becomes a `Node` of the current `Region`: a function, a loop body, one side of a branch. `sweep` writes the reverse code
+of a region. Memory has cotangents beside it (bars): a stored number takes those of its place, which are then 0; a
+loaded one adds to them. In the reverse sweep `back` gives a forward value: in the outermost region it is at hand;
+integers, addresses, cheap arithmetic and loads from unchanged arrays are recomputed; all others are saved.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
 
+from .guards import Guards
 from .kinds import Refused
+from .nodes import Node, Pull, Region
 from .rooms import Rooms
 from .symbols import DOUBLE, SLOT, Value
 
-Pull = tuple[Any, Callable[[Any], Any]]
-
+# LLVM operations whose derivative is 0, and opcodes that are recomputed instead of saved
 _FLAT = ("floor", "ceil", "rint", "fptosi")
 _AGAIN = {
     "add", "sub", "mul", "sdiv", "srem", "udiv", "urem", "and", "or", "xor", "shl", "ashr", "lshr", "icmp", "zext",
@@ -29,80 +28,51 @@ _AGAIN = {
 }  # fmt: skip
 
 
-class Node:
-    """A number that depends on what derivatives are taken by: how its cotangent goes back."""
-
-    def __init__(self, value: Any, pulls: list[Pull], region: Any) -> None:
-        self.value, self.pulls, self.region = value, pulls, region
-        self.cotangent: Any = None
-        self.total: Any = None  # where cotangents from other regions are summed
-
-
-class Region:
-    """A stretch of code that is gone through as a whole. kept: what of its values the way back has at hand."""
-
-    entry: Any  # where the way back begins, in which values are found again
-
-    def __init__(self, tape: Tape, code: Any, first: Any) -> None:
-        self.tape, self._code, self._begin = tape, code, len(code.blocks)
-        self.items: list[Any] = []
-        self.kept: dict[int, Any] = {}
-        self._outer, tape.region = tape.region, self
-        tape.home[id(first)] = self
-
-    def close(self) -> None:
-        """What was written since it began is its own, but for what belongs to another."""
-        for block in self._code.blocks[self._begin :]:
-            self.tape.home.setdefault(id(block), self)
-        self.tape.region = self._outer
-
-    def again(self, value: Any) -> Any:
-        """A value of its, on the way back."""
-        if id(value) not in self.kept:
-            found = self.tape.copied(value, self.entry) if self.tape.found_again(value) else self.brought(value)
-            self.kept[id(value)] = found
-        return self.kept[id(value)]
-
-    def brought(self, value: Any) -> Any:
-        """A value that was kept."""
-        raise NotImplementedError
-
-
 def _is_number(kind: Any) -> bool:
+    """Return whether an LLVM type is double or a vector of double."""
     return kind == DOUBLE or (isinstance(kind, ir.VectorType) and kind.element == DOUBLE)
 
 
 def _all(kind: Any, x: float = -0.0) -> Any:
-    """x in all lanes; -0 added to a number leaves it as it is, to the last bit."""
+    """Return the constant x in all lanes of a type; -0 added to any number leaves all its bits unchanged."""
     return ir.Constant(kind, x if kind == DOUBLE else [x] * kind.count)
 
 
 class Tape(Rooms):
-    """See above; it goes on where the writer's builder is."""
+    """Records the forward pass and writes the reverse sweep, at the position of a writer's builder.
+
+    wide: by function, templates of names whose slots were too narrow. nodes: by id of an LLVM value. home: by id of a
+    basic block, its region; none in the outermost one. _bars: by id of an address, the address of its cotangents.
+    """
 
     def __init__(self, writer: Any, wide: dict[Any, Any]) -> None:
+        """Continue at the position of `writer`; the forward pass gets a basic block of its own."""
         super().__init__(writer)
         self.wide = wide
         self.nodes: dict[int, Node] = {}
         self.home: dict[int, Region] = {}
         self._bars: dict[int, Any] = {}
-        self._own: set[int] = set()  # arrays whose cotangents begin with 0 where they are stored
-        self._changed: set[int] = set()  # arrays that are stored to
-        self._stores: dict[int, list[Any]] = {}  # of numbers that have cotangents, by where they go
-        self._dear: set[int] = set()  # what costs too much to be found again
-        self._asked: list[Any] = []  # by the way back
+        # arrays whose cotangents are zeroed at each store; arrays that are stored to; stores by array
+        self._own: set[int] = set()
+        self._changed: set[int] = set()
+        self._stores: dict[int, list[Any]] = {}
+        # values too expensive to recompute; forward values that the reverse sweep uses
+        self._dear: set[int] = set()
+        self._asked: list[Any] = []
         self._copied: list[tuple[Any, Any, Any]] = []
         self._taken: list[Any] = []
+        # stack slots of a single number
+        self._names: set[int] = set()
+        self._guards: Any = None
         self._alive: list[Any] = []
         self._first = writer.b.block
         self.recording = False
         self.region: Any = None
         self._forth = self._code.append_basic_block("forth")
 
-    # --- the whole ---------------------------------------------------------------------------------
+    # --- passes ------------------------------------------------------------------------------------
     def argument(self, array: Any, bar: Any) -> Any:
-        """The address of an array in place of which a copy is worked on where it is written to; bar: its cotangents, or
-        None: room of its own."""
+        """Return the address where the code sees an array: its own, or a copy's if written to. bar None: scratch."""
         slot = self.slot(DOUBLE.as_pointer())
         size = array.shape[0]
         for more in array.shape[1:]:
@@ -113,6 +83,7 @@ class Tape(Rooms):
         else:
             bar.written()
             cotangents = bar.data
+        # the address is filled in by `finish`, once it is known whether a copy is needed
         with self.at(self._forth):
             data = self.load(slot)
         self._copied.append((slot, data, (array.data, size, bar is None)))
@@ -120,26 +91,30 @@ class Tape(Rooms):
         return data
 
     def begin(self) -> None:
-        """The way forth."""
+        """Start recording the forward pass in a new basic block; its outermost region dominates the reverse sweep."""
         self._first = self.block
         self.position_at_end(self._forth)
         self._begin = len(self._code.blocks)
-        self.region = self.whole = Region(self, self._code, self._forth)  # whose values are at hand on the way back
+        self.region = self.whole = Region(self, self._code, self._forth)
+        # values of the outermost region are at hand in the reverse sweep, so it needs no home
         del self.home[id(self._forth)]
         self.recording = True
 
     def finish(self) -> None:
-        """The way back, and what was taken is given back."""
+        """Write the reverse sweep, copies of arrays that the forward pass overwrites, and the release of memory."""
         self.recording, self._end = False, len(self._code.blocks)
+        self._guards = Guards(self.nodes.values(), self._names)
         back = self._code.append_basic_block("back")
         self.branch(back)
         self.position_at_end(back)
         self.sweep(self.whole)
         for room in self._taken:
             self.given_back(room)
+        # stores that nothing needs are dropped before it is decided which arrays need a copy
         end = self.block
         self._leave_out()
         self.position_at_end(self._first)
+        # prologue: copy overwritten arrays, so that the caller's stay unchanged; scratch is used in place
         copies = []
         for slot, data, (source, size, free) in self._copied:
             if id(data) in self._changed and not free:
@@ -152,10 +127,11 @@ class Tape(Rooms):
             self.given_back(copy)
 
     def _leave_out(self) -> None:
-        """What is stored on the way forth and read by nothing that the way back asks for."""
+        """Delete forward stores to memory that neither the control flow nor the reverse sweep reads again."""
         blocks = [self._forth, *self._code.blocks[self._begin :]]
         left = [x for block in blocks if block.terminator for x in block.terminator.operands]
         left, found, live = left + self._asked, set[int](), set[int]()
+        # mark all instructions needed by branches and by values that the reverse sweep uses
         while left:
             value = left.pop()
             if id(value) in found or not isinstance(value, ir.Instruction):
@@ -167,6 +143,7 @@ class Tape(Rooms):
                 if base in self._stores and base not in live:
                     live.add(base)
                     left += [x for stored in self._stores[base] for x in stored.operands]
+        # an array without needed loads is not overwritten any more
         for base, stores in self._stores.items():
             if base not in live:
                 self._changed.discard(base)
@@ -174,7 +151,7 @@ class Tape(Rooms):
                     stored.parent.instructions.remove(stored)
 
     def sweep(self, region: Region) -> None:
-        """Write the way back through a region."""
+        """Write a region's reverse code, its items backwards; forward values are recomputed in the entry block."""
         outer, self.region = self.region, region
         region.entry = self.block
         rest = self._code.append_basic_block("rest")
@@ -184,49 +161,75 @@ class Tape(Rooms):
                 item()
                 continue
             found = item.cotangent
+            # add the cotangents that came from other regions
             if item.total is not None:
                 more = self.load(item.total)
                 found = more if found is None else self.fadd(found, more)
             if found is not None:
-                for parent, pull in item.pulls:
-                    self._give(parent, pull(found))
+                self._pull(item, found)
         with self.at(region.entry):
             self.branch(rest)
         self.region = outer
 
+    def _pull(self, node: Node, found: Any) -> None:
+        """Pass a node's cotangent `found` to its operands, masked by the guards that each edge leaves (`guards`)."""
+        live = self._guards.live(node)
+        if live is not None:
+            live.test = self.fcmp_unordered("!=", found, _all(found.type, 0.0))
+        for pull in node.pulls:
+            gathers = pull.gathers or pull.parent is None
+            guards = self._guards.left(node, None if gathers else pull.parent)
+            # mask before lanes are mixed or memory is added to, otherwise after the pullback
+            if gathers:
+                self._give(pull.parent, pull.apply(self._chosen(guards, found)))
+            else:
+                self._give(pull.parent, self._chosen(guards, pull.apply(found)))
+
+    def _chosen(self, guards: list[Any], cotangent: Any) -> Any:
+        """Mask a cotangent by guards: -0 where one does not hold."""
+        for guard in guards:
+            cotangent = guard.masked(self, cotangent, _all(cotangent.type))
+        return cotangent
+
     def _give(self, node: Any, cotangent: Any) -> None:
+        """Add a cotangent to that of a node: at compile time within one region, otherwise in a stack slot."""
         if node is None:
             return
         if node.region is self.region:
             node.cotangent = cotangent if node.cotangent is None else self.fadd(node.cotangent, cotangent)
             return
+        # the slot is zeroed where the reverse code of the node's region begins
         if node.total is None:
             node.total = self.slot(cotangent.type)
             with self.at(node.region.entry):
                 self.store(_all(cotangent.type), node.total)
         self.store(self.fadd(self.load(node.total), cotangent), node.total)
 
-    # --- what is remembered ------------------------------------------------------------------------
+    # --- recording ---------------------------------------------------------------------------------
     def depends(self, value: Any) -> bool:
-        """Whether a value is one that cotangents go back to."""
+        """Return whether an LLVM value is active: a node with a cotangent."""
         return id(value) in self.nodes
 
     def active_since(self, items: int) -> bool:
-        """Whether something was remembered since the region had so many items."""
+        """Return whether a node was recorded since the region had `items` items."""
         return any(isinstance(item, Node) for item in self.region.items[items:])
 
-    def _made(self, value: Any, *pulls: Pull) -> Any:
+    def _made(self, value: Any, *pulls: tuple[Any, ...], **about: Any) -> Any:
+        """Record `value` as a node if an operand is active. pulls: (operand, pullback, ...); about: of `Node`."""
         if self.recording:
-            kept = [(self.nodes[id(x)], pull) for x, pull in pulls if id(x) in self.nodes]
+            kept = [Pull(self.nodes[id(x)], *rest) for x, *rest in pulls if id(x) in self.nodes]
             if kept:
-                self._note(value, kept)
+                self._note(value, kept, **about)
         return value
 
-    def _note(self, value: Any, pulls: list[Pull]) -> None:
-        self.nodes[id(value)] = node = Node(value, pulls, self.region)
+    def _note(self, value: Any, pulls: list[Pull], **about: Any) -> Node:
+        """Record a node with these edges in the current region; return it."""
+        self.nodes[id(value)] = node = Node(value, pulls, self.region, **about)
         self.region.items.append(node)
+        return node
 
     def _no_rule(self, values: Any, what: str) -> None:
+        """Refuse an operation without a reverse rule if an operand is active."""
         if self.recording and any(id(x) in self.nodes for x in values):
             raise Refused(f"{what} has no derivative backwards")
 
@@ -237,16 +240,18 @@ class Tape(Rooms):
         return self._made(super().fsub(x, y), (x, _same), (y, self.fneg))
 
     def fmul(self, x: Any, y: Any) -> Any:
+        """Write x y; cotangents g y to x and g x to y, which may be 0 inf = NaN (risky)."""
         by_x, by_y = lambda g: self.fmul(g, self.back(y)), lambda g: self.fmul(g, self.back(x))
-        return self._made(super().fmul(x, y), (x, by_x), (y, by_y))
+        return self._made(super().fmul(x, y), (x, by_x), (y, by_y), risky=True)
 
     def fdiv(self, x: Any, y: Any) -> Any:
+        """Write x / y; cotangents g / y to x and -(g (x / y)) / y to y; slopes may be infinite (risky, steep)."""
         ratio = super().fdiv(x, y)
 
         def by_y(g: Any) -> Any:
             return self.fneg(self.fdiv(self.fmul(g, self.back(ratio)), self.back(y)))
 
-        return self._made(ratio, (x, lambda g: self.fdiv(g, self.back(y))), (y, by_y))
+        return self._made(ratio, (x, lambda g: self.fdiv(g, self.back(y))), (y, by_y), risky=True, steep=True)
 
     def fneg(self, x: Any) -> Any:
         return self._made(super().fneg(x), (x, self.fneg))
@@ -260,19 +265,21 @@ class Tape(Rooms):
         return super().fptrunc(x, kind)
 
     def select(self, test: Any, x: Any, y: Any) -> Any:
+        """Write a select; the cotangent goes to the chosen operand, -0 to the other one."""
         by_x, by_y = (
             lambda g: self.select(self.back(test), g, _all(g.type)),
             lambda g: self.select(self.back(test), _all(g.type), g),
         )
-        return self._made(super().select(test, x, y), (x, by_x), (y, by_y))
+        return self._made(super().select(test, x, y), (x, by_x, True), (y, by_y, False), test=test)
 
     def call(self, function: Any, values: Any) -> Any:
+        """Write a call. Reverse rules: sqrt, fabs, 0 for floor, ceil, rint, fptosi; other active calls are refused."""
         found, name = super().call(function, values), function.name.split(".")
         if not self.recording or not any(id(x) in self.nodes for x in values):
             return found
         (x,) = values[:1]
         if name[:2] == ["llvm", "sqrt"]:
-            return self._made(found, (x, lambda g: self._over_root(g, self.back(found))))
+            return self._made(found, (x, lambda g: self._over_root(g, self.back(found))), risky=True, steep=True)
         if name[:2] == ["llvm", "fabs"]:
             return self._made(found, (x, lambda g: self._signed(g, self.back(x))))
         if name[0] != "llvm" or name[1] not in _FLAT:
@@ -280,64 +287,72 @@ class Tape(Rooms):
         return found
 
     def _over_root(self, g: Any, root: Any) -> Any:
+        """Return the pullback of a square root: g / (2 root), 0 where the root is 0 or NaN."""
         zero, half = _all(g.type), _all(g.type, 0.5)
         return self.select(self.fcmp_ordered("<", zero, root), self.fdiv(self.fmul(g, half), root), zero)
 
     def _signed(self, g: Any, x: Any) -> Any:
+        """Return the pullback of |x|: -g where x < 0, otherwise g."""
         return self.select(self.fcmp_ordered("<", x, _all(g.type)), self.fneg(g), g)
 
     def insert_element(self, into: Any, x: Any, k: Any) -> Any:
+        """Write a vector with lane k replaced by x; the cotangent of lane k goes to x, the others to the vector."""
         by_into, by_x = (
             lambda g: self.insert_element(g, _all(DOUBLE), k),
             lambda g: self.extract_element(g, k),
         )
-        return self._made(super().insert_element(into, x, k), (into, by_into), (x, by_x))
+        return self._made(super().insert_element(into, x, k), (into, by_into), (x, by_x, None, True))
 
     def extract_element(self, x: Any, k: Any) -> Any:
+        """Write the extraction of lane k; its cotangent goes to that lane."""
         by_x = lambda g: self.insert_element(_all(x.type), g, k)  # noqa: E731
-        return self._made(super().extract_element(x, k), (x, by_x))
+        return self._made(super().extract_element(x, k), (x, by_x, None, True))
 
     def shuffle_vector(self, x: Any, y: Any, mask: Any) -> Any:
-        """The first number in all lanes (`symbols.broadcast`)."""
-        return self._made(super().shuffle_vector(x, y, mask), (x, self._summed))
+        """Write a broadcast of lane 0 to all lanes (`symbols.broadcast`); the cotangents of all lanes are summed."""
+        return self._made(super().shuffle_vector(x, y, mask), (x, self._summed, None, True))
 
     def _summed(self, g: Any) -> Any:
+        """Return the sum of all lanes, from the first to the last, in lane 0 and -0 elsewhere."""
         total = self.extract_element(g, ir.Constant(SLOT, 0))
         for i in range(1, g.type.count):
             total = self.fadd(total, self.extract_element(g, ir.Constant(SLOT, i)))
         return self.insert_element(_all(g.type), total, ir.Constant(SLOT, 0))
 
     def sloped(self, y: Value, x: Value, slope: Value) -> Value:
-        """y as a function of x alone, whose derivative is `slope`."""
+        """Return y as a function of x alone: the cotangent of x is g slope. The slope is saved, not recomputed."""
         count = max(y.count, x.count, slope.count)
         found, by, own = y.wide(count), x.wide(count), slope.wide(count)
         self._dear.add(id(own))
         made = super().fadd(found, _all(found.type))
-        return Value(self, self._made(made, (by, lambda g: self.fmul(g, self.back(own)))), count)
+        return Value(self, self._made(made, (by, lambda g: self.fmul(g, self.back(own))), risky=True), count)
 
     def constant(self, x: Value) -> Value:
-        """x without what it depends on."""
+        """Return x without derivative: a new LLVM value x + (-0) that no node stands for."""
         return Value(self, super().fadd(x.value, _all(x.value.type)), x.count)
 
     # --- memory ------------------------------------------------------------------------------------
     def paired(self, place: Any, bar: Any, own: bool) -> None:
-        """Numbers at an address have their cotangents at another; own: which begin with 0 where a number is stored."""
+        """Register `bar` as the cotangents' address of `place`; own: private memory, zeroed by forward stores."""
         self._bars[id(place)] = bar
+        if isinstance(place, ir.AllocaInstr) and not isinstance(place.type.pointee, ir.ArrayType):
+            self._names.add(id(place))
         self._alive.append(place)
         if own:
             self._own.add(id(place))
 
     def has_bar(self, place: Any) -> bool:
-        """Whether there are cotangents of what is at an address."""
+        """Return whether the memory at an address has cotangents."""
         return id(self._base(place)) in self._bars
 
     def _base(self, place: Any) -> Any:
+        """Return the registered array or slot that an address was computed from, through gep and bitcast."""
         while id(place) not in self._bars and getattr(place, "opname", "") in ("getelementptr", "bitcast"):
             place = place.operands[0]
         return place
 
     def _bar(self, place: Any) -> Any:
-        """Where the cotangents of what is at an address are."""
+        """Return the address of the cotangents of an address: the same offsets from the bar of its base."""
         if id(place) in self._bars:
             return self.back(self._bars[id(place)])
         bar = self._bar(place.operands[0])
@@ -346,22 +361,30 @@ class Tape(Rooms):
         return self.gep(bar, [self.back(k) for k in place.indices], inbounds=True)
 
     def load(self, place: Any, align: int | None = None) -> Any:
+        """Write a load; its reverse adds the cotangent to the bar of the address."""
         found = super().load(place, align=align)
         if self.recording and _is_number(found.type) and self.has_bar(place):
-            self._note(found, [(None, lambda g: self._add(place, g))])
+            self._note(found, [Pull(None, lambda g: self._add(place, g))]).base = id(self._base(place))
         return found
 
     def _add(self, place: Any, g: Any) -> None:
+        """Write bar += g for the cotangents of an address."""
         bar = self._bar(place)
         self.store(self.fadd(self.load(bar, align=8), g), bar, align=8)
 
     def store(self, value: Any, place: Any, align: int | None = None) -> Any:
+        """Write a store; its reverse moves the bar's cotangent to the stored number and zeroes the bar.
+
+        Refused: an active number in memory without cotangents.
+        """
         made = super().store(value, place, align=align)
         if self.recording:
             base, node = id(self._base(place)), self.nodes.get(id(value))
             self._changed.add(base)
             if _is_number(value.type) and base in self._bars:
                 self._stores.setdefault(base, []).append(made)
+                if node is not None:
+                    node.stored.append(base)
                 if base in self._own:
                     super().store(_all(value.type), self._bar(place), align=8)
                 self.region.items.append(lambda: self._take(place, value.type, node))
@@ -370,14 +393,15 @@ class Tape(Rooms):
         return made
 
     def _take(self, place: Any, kind: Any, node: Any) -> None:
+        """Write the reverse of a store: give the bar's cotangent to the stored node, if any, then zero the bar."""
         bar = self._bar(place)
         if node is not None:
             self._give(node, self.load(bar, align=8))
         self.store(_all(kind, -0.0 if id(self._base(place)) in self._own else 0.0), bar, align=8)
 
-    # --- values of the way forth -------------------------------------------------------------------
+    # --- forward values ----------------------------------------------------------------------------
     def back(self, value: Any) -> Any:
-        """A value of the way forth."""
+        """Return a forward value in the reverse sweep: itself where it is at hand, otherwise recomputed or reloaded."""
         if self.recording or not isinstance(value, ir.Instruction):
             return value
         self._asked.append(value)
@@ -385,7 +409,7 @@ class Tape(Rooms):
         return value if region is None else region.again(value)
 
     def found_again(self, value: Any) -> bool:
-        """Whether a value is what it was wherever it is found anew."""
+        """Return whether a forward value can be recomputed: a cheap operation, or a load from unchanged memory."""
         if value.opname == "load":
             base = self._base(value.operands[0])
             fresh = id(base) in self._bars or not isinstance(base, ir.AllocaInstr | ir.LoadInstr)
@@ -393,7 +417,7 @@ class Tape(Rooms):
         return value.opname in _AGAIN and id(value) not in self._dear
 
     def copied(self, value: Any, block: Any) -> Any:
-        """The same instruction once more, at the end of a block."""
+        """Recompute a forward value: write its instruction again, with operands by `back`, at the end of a block."""
         if value.opname == "load":
             place = self.back(value.operands[0])
             with self.at(block):

@@ -1,52 +1,127 @@
-"""One line for who waits for the compiler.
+"""Progress messages of the compiler: which program of how many is compiled, and the time spent so far.
 
-It goes to the logger `flexarm_env`, which writes to standard error unless told otherwise;
-`logging.getLogger("flexarm_env").setLevel("ERROR")` silences it.
+Each program that takes longer than half a second gets a line. It goes to the logger `flexarm_env`, which writes to
+standard error unless configured otherwise; `logging.getLogger("flexarm_env").setLevel("ERROR")` silences it. On a
+terminal the seconds are counted below the line.
 """
 
 import logging
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from contextvars import ContextVar
+from typing import Any, NamedTuple
 
 LOG = logging.getLogger("flexarm_env")
 
-AFTER, PAUSE = 0.5, 3.0
-"""s that a compilation lasts before it is worth a line; s without one after which another wait begins."""
+AFTER, PAUSE, TICK = 0.5, 3.0, 1.0
+"""Seconds: of compilation before a line is written; without compilation after which a new wait begins; between two
+updates of the counter on a terminal."""
 
-ENVIRONMENT = ("entry", "episode", "starts", "work")
-"""Modules whose kernels an environment calls; those of the others move or look at the arm of a scene."""
+PARTS = {
+    "step": "a control period", "start_episodes": "starts of episodes", "finish_guided": "guided starts",
+    "observe_arm": "the arm's shape", "sample_rows": "the run of a scene", "restart": "the start of a motion",
+    "equations": "the equations of motion", "linearize": "linear models",
+}  # fmt: skip
+"""Purpose of each kernel that Python calls, by name; those of an environment first, in the order of compilation."""
 
-_ended = float("-inf")
-"""When the last compilation of a wait that has been announced ended (`time.monotonic`)."""
+
+class Task(NamedTuple):
+    """What is compiled, for the message, and the number of its programs (0: unknown)."""
+
+    what: str = ""
+    programs: int = 0
+
+
+_task: ContextVar[Task | None] = ContextVar("_task", default=None)
+_silent = ContextVar("_silent", default=False)
+"""Whether compilation in this context is not announced, since nobody waits for it."""
+
+_began, _ended, _count = float("-inf"), float("-inf"), 0
+"""The last wait: its start, the end of its last compilation (`time.monotonic`, s), its number of programs so far."""
+
+
+@contextmanager
+def compiling(what: str, programs: int = 0) -> Iterator[None]:
+    """Name what is compiled meanwhile, for messages; the outermost name counts.
+
+    programs: how many programs it has, the first of PARTS.
+    """
+    mark = _task.set(_task.get() or Task(what, programs))
+    try:
+        yield
+    finally:
+        _task.reset(mark)
+
+
+@contextmanager
+def unannounced() -> Iterator[None]:
+    """Suppress messages about compilation meanwhile, in this context."""
+    before = _silent.set(True)
+    try:
+        yield
+    finally:
+        _silent.reset(before)
 
 
 @contextmanager
 def announced(function: Callable[..., Any]) -> Iterator[None]:
-    """While a kernel is compiled: say so, once for kernels that are compiled one after the other."""
-    global _ended
-    said, begun = threading.Event(), time.monotonic()
+    """Announce the compilation of a kernel once it has lasted AFTER seconds, and count seconds on a terminal.
+
+    A thread writes the messages, since the compiler does not return meanwhile.
+    """
+    global _began, _ended, _count
+    if _silent.get():
+        yield
+        return
+    start, over = time.monotonic(), threading.Event()
+    # a new wait begins after a pause
+    if start - _ended >= PAUSE:
+        _began, _count = start, 0
+    _count += 1
+    line, said = _line(function, start), threading.Event()
 
     def say() -> None:
         said.set()
-        what = "environment" if function.__module__.rpartition(".")[2] in ENVIRONMENT else "arm of the scene"
-        LOG.warning("flexarm_env: compiling the %s, on first use ('flexarm compile' does it beforehand)", what)
+        LOG.warning("%s", line)
 
-    timer = threading.Timer(AFTER, say)
-    timer.daemon = True
-    if begun - _ended < PAUSE:
-        said.set()
-    else:
-        timer.start()
+    def tick() -> None:
+        """Log the line after AFTER seconds, then update the counter every TICK seconds (a thread's function)."""
+        if over.wait(AFTER):
+            return
+        say()
+        # the counter is shown on terminals only
+        shown = sys.stderr is not None and sys.stderr.isatty() and LOG.isEnabledFor(logging.WARNING)
+        while not over.wait(TICK):
+            if shown:
+                sys.stderr.write(f"\r  {time.monotonic() - start:.0f} s ")
+                sys.stderr.flush()
+        if shown:
+            # erase the counter
+            sys.stderr.write("\r" + " " * 12 + "\r")
+            sys.stderr.flush()
+
+    teller = threading.Thread(target=tick, daemon=True)
+    teller.start()
     try:
         yield
     finally:
-        timer.cancel()
-        if timer.ident is not None:
-            timer.join()
-            if not said.is_set() and time.monotonic() - begun >= AFTER:  # the timer's thread had no turn
-                say()
-        if said.is_set():
-            _ended = time.monotonic()
+        over.set()
+        teller.join()
+        # the thread was not scheduled in time
+        if not said.is_set() and time.monotonic() - start >= AFTER:
+            say()
+        _ended = time.monotonic()
+
+
+def _line(function: Callable[..., Any], start: float) -> str:
+    """Return the message for a kernel whose compilation begins at `start` (`time.monotonic`, s)."""
+    name, (what, programs) = function.__name__, _task.get() or Task()
+    # purpose of the kernel, and its place among the programs of an environment
+    part, place = PARTS.get(name, name.strip("_").replace("_", " ")), [*PARTS, name].index(name) + 1
+    which = f"program {place} of {programs}" if place <= programs else f"program {_count}"
+    spent = f", {start - _began:.0f} s so far" if _count > 1 else ""
+    hint = " (once; 'flexarm compile' does it beforehand)" if _count == 1 else ""
+    return f"flexarm_env: compiling {what + ', ' if what else ''}{which}: {part}{spent}{hint}"

@@ -1,6 +1,7 @@
-"""The words of the language that the front end writes code of by itself: each Python function, and what it comes to.
+"""Built-in words of the kernel language: each Python function with the emitter of its LLVM instructions.
 
-In Python's own run they are the functions themselves; compiled, what stands beside them here.
+Where Python runs the kernels the functions themselves are called; compiled, `WORDS` gives the emitter. Its first
+argument e is the writer of the function being compiled: e.b is the IR builder. The others are items (`kinds`).
 """
 
 import math
@@ -17,59 +18,87 @@ from .symbols import DOUBLE, Value, vector
 
 
 def shape_of(lane: Any) -> tuple[int, int]:
-    """How many lanes and tangents stand under a tag."""
+    """Return (lanes, tangents) of a lane tag. Refused: the item is no tag."""
     if not is_tuple(lane) or not is_tag(lane):
         raise Refused(f"{told(lane)} where a lane tag is wanted")
     return lanes.shape(len(lane))
 
 
 def _floats(array: Any) -> Any:
+    """Return the data pointer of an array of float64. Refused: anything else."""
     if not isinstance(array, Array) or array.letter != "f":
         raise Refused(f"{told(array)} where an array of float64 is wanted")
     return array.data
 
 
 def _writable(array: Any) -> None:
+    """Refuse a read-only array."""
     if isinstance(array, Array):
         array.written()
 
 
 def _places(e: Any, array: Any, k: Any, count: int, tangents: int) -> list[Any]:
-    """Where element k and its tangents lie."""
+    """Return the addresses of element k in all `count` lanes: of the value, then of each tangent.
+
+    An element takes count (1 + tangents) numbers: the values of all lanes, then each tangent in all lanes.
+    """
     b, stride = e.b, count * (1 + tangents)
     at = whole(b, k)
+    # values of all lanes, then tangent after tangent, count numbers each
     first = b.gep(_floats(array), [b.mul(at, ir.Constant(WORD, stride)) if stride > 1 else at], inbounds=True)
     rest = [b.gep(first, [ir.Constant(WORD, count * (1 + i))], inbounds=True) for i in range(tangents)]
+    # pointers to double become pointers to vectors of lanes
     return [place if count == 1 else b.bitcast(place, vector(count).as_pointer()) for place in (first, *rest)]
 
 
 def load(e: Any, lane: Any, array: Any, k: Any) -> Value:
+    """Load element k of every lane, with its tangents, as one `Value`."""
     count, tangents = shape_of(lane)
     places = _places(e, array, k, count, tangents)
     return Value.of(e.b, [e.b.load(place, align=8) for place in places], count)
 
 
 def store(e: Any, array: Any, k: Any, value: Any) -> None:
+    """Store a number in element k of every lane, with its tangents.
+
+    In a lane array (`lane_arrays`) a narrower number is widened; elsewhere its own lanes and tangents are stored.
+    """
     x = number(e.b, value)
+    if isinstance(array, Array) and array.lane is not None:
+        count, tangents = shape_of(array.lane)
+        if x.count <= count and len(x.tangents) <= tangents:
+            x = x.full(count, tangents)
     tangents = len(x.tangents)
     _writable(array)
     for place, part in zip(_places(e, array, k, x.count, tangents), x.parts(x.count, tangents), strict=True):
         e.b.store(part, place, align=8)
 
 
-def _own_places(e: Any, lane: Any, array: Any, k: Any, i: Any) -> list[Any]:
-    """Where element k of arm i and its tangents lie."""
+def put(e: Any, lane: Any, array: Any, k: Any, value: Any) -> None:
+    """Write array[k] = value of an array of lanes: a narrower number is widened. Refused: more lanes or tangents."""
     count, tangents = shape_of(lane)
+    x = number(e.b, value)
+    if x.count > count or len(x.tangents) > tangents:
+        raise Refused(f"{told(x)} into an array of {count} lanes with {tangents} tangents")
+    store(e, array, k, x.full(count, tangents))
+
+
+def _own_places(e: Any, lane: Any, array: Any, k: Any, i: Any) -> list[Any]:
+    """Return the addresses of element k of arm i: of the value, then of each tangent, one double each."""
+    count, tangents = shape_of(lane)
+    # arm i within element k; its tangents follow at a distance of count numbers
     first = e.b.add(e.b.mul(whole(e.b, k), ir.Constant(WORD, count * (1 + tangents))), whole(e.b, i))
     steps = [e.b.add(first, ir.Constant(WORD, count * j)) for j in range(1 + tangents)]
     return [e.b.gep(_floats(array), [step], inbounds=True) for step in steps]
 
 
 def pick(e: Any, lane: Any, array: Any, k: Any, i: Any) -> Value:
+    """Load element k of arm i alone, with its tangents: the word `load_lane`."""
     return Value.of(e.b, [e.b.load(place) for place in _own_places(e, lane, array, k, i)], 1)
 
 
 def place(e: Any, lane: Any, array: Any, k: Any, i: Any, value: Any) -> None:
+    """Store a number in element k of arm i alone, with its tangents: the word `store_lane`."""
     places = _own_places(e, lane, array, k, i)
     _writable(array)
     for where, part in zip(places, number(e.b, value).parts(1, len(places) - 1), strict=True):
@@ -77,21 +106,28 @@ def place(e: Any, lane: Any, array: Any, k: Any, i: Any, value: Any) -> None:
 
 
 def stack(e: Any, lane: Any, sizes: Any) -> Array:
+    """Allocate len(sizes) uninitialized elements per lane and tangent on the stack, aligned to 64 bytes."""
     if not is_tuple(sizes):
         raise Refused(f"{told(sizes)}: room on the stack has a size that is known, a tuple of zeros")
     count = len(lane) * len(sizes)
+    # indices count elements of the kernel's lanes, and numbers under any other tag
+    tag = lane if lane == e.lane else None
+    # 64 bytes: one vector of eight lanes, one cache line
     room = e.room(ir.ArrayType(DOUBLE, count), 64)
-    return Array(e.b.bitcast(room, DOUBLE.as_pointer()), (ir.Constant(WORD, count),), "f", False)
+    return Array(e.b.bitcast(room, DOUBLE.as_pointer()), (ir.Constant(WORD, count),), "f", False, tag)
 
 
 def _on_symbols(operation: Any) -> Any:
-    """A word that `symbols` has."""
+    """Return the emitter of a function on `Value`s; results get the widest operand's lanes and tangents."""
 
     def word(e: Any, *items: Any) -> Any:
+        """Apply the operation to the arguments, converted to `Value`."""
         values = [number(e.b, item) for item in items]
         found = operation(*values)
-        if operation in (symbols.alone, symbols.largest):  # without tangents
+        # these results have no tangents
+        if operation in (symbols.alone, symbols.largest):
             return found
+        # sine and cosine, for example, come as a tuple
         count, tangents = max(x.count for x in values), max(len(x.tangents) for x in values)
         if isinstance(found, tuple):
             return tuple(x.full(count, tangents) for x in found)
@@ -101,9 +137,11 @@ def _on_symbols(operation: Any) -> Any:
 
 
 def _external(name: str) -> Any:
+    """Return the emitter of a function of C's math library: scalars without tangents; known numbers are folded."""
     function = getattr(math, name)
 
     def word(e: Any, *items: Any) -> Any:
+        """Call math.`name` at compile time on known numbers, otherwise write a call of the C function."""
         if all(map(known, items)):
             return function(*items)
         values = [number(e.b, item) for item in items]
@@ -115,11 +153,17 @@ def _external(name: str) -> Any:
 
 
 def _intrinsic(name: str, reckoned: Any, to_whole: bool, flat: bool = True) -> Any:
-    """flat: its derivative is 0."""
+    """Return the emitter of the LLVM intrinsic `name` (sqrt, floor, ceil).
+
+    reckoned: Python's function for known numbers. to_whole: the result becomes an integer. flat: its derivative is 0;
+    otherwise numbers with tangents are refused.
+    """
 
     def word(e: Any, item: Any) -> Any:
+        """Fold a known number, pass an integer through where an integer is returned, otherwise write the call."""
         if known(item):
             return reckoned(item)
+        # floor and ceil of an integer: the integer itself
         if to_whole and arithmetic.whole_kind(item):
             return arithmetic.truncated(e.b, item)
         value = number(e.b, item)
@@ -132,20 +176,24 @@ def _intrinsic(name: str, reckoned: Any, to_whole: bool, flat: bool = True) -> A
 
 
 def _single(e: Any, item: Any) -> Value:
+    """Return a number without its tangents. Refused: several lanes, which have no single truth value."""
     value = number(e.b, item).alone
     if value.count > 1:
-        raise Refused("lanes are asked for one truth: `select_lt` chooses lane by lane, `largest` is a number")
+        raise Refused("lanes are asked for one truth: `select_lt` chooses lane by lane, `max_over_lanes` is a number")
     return value
 
 
 def _finite(e: Any, item: Any) -> Any:
+    """Write math.isfinite: |x| < inf as an ordered comparison, false for NaN."""
     if known(item):
         return math.isfinite(item)
+    # one comparison covers both infinities and NaN
     size = _single(e, item).call("fabs")
     return Truth(e.b.fcmp_ordered("<", size.value, ir.Constant(DOUBLE, math.inf)))
 
 
 def _not_a_number(e: Any, item: Any) -> Any:
+    """Write math.isnan: x unordered with itself."""
     if known(item):
         return math.isnan(item)
     value = _single(e, item).value
@@ -153,7 +201,10 @@ def _not_a_number(e: Any, item: Any) -> Any:
 
 
 def _extreme(sign: str) -> Any:
+    """Return the emitter of min (sign "<") or max (">") of two or more arguments, from the left as in Python."""
+
     def word(e: Any, *items: Any) -> Any:
+        """Fold the arguments pairwise with `arithmetic.least`."""
         if len(items) < 2:
             raise Refused("min and max take two arguments or more")
         found = items[0]
@@ -165,12 +216,14 @@ def _extreme(sign: str) -> Any:
 
 
 def _float(e: Any, item: Any) -> Any:
+    """Write float(x)."""
     return float(item) if known(item) else number(e.b, item)
 
 
 def _length(e: Any, item: Any) -> Any:
+    """Return len(x): the first dimension of an array, the number of fields of a named tuple, or a known length."""
     if isinstance(item, Array):
-        return Integer(item.shape[0])
+        return Integer(e.lengths(item)[0])
     if isinstance(item, Record | Stored):
         return len(item.instance_class._fields)
     if isinstance(item, tuple | str | range):
@@ -179,39 +232,46 @@ def _length(e: Any, item: Any) -> Any:
 
 
 def _unsigned(e: Any, item: Any) -> Any:
+    """Write np.uint64(x): the same 64 bits with unsigned meaning; floats are truncated first."""
+    if isinstance(item, np.uint64) or (isinstance(item, Integer) and item.unsigned):
+        return item
     item = arithmetic.truncated(e.b, item)
     return np.uint64(item) if known(item) else Integer(whole(e.b, item), True)
 
 
 def _bool(e: Any, item: Any) -> Any:
+    """Write bool(x)."""
     found = arithmetic.truth(e.b, item)
     return found if isinstance(found, bool) else Truth(found)
 
 
 SYMBOLIC: dict[Any, Callable[..., Any]] = {
+    # also used by traced code (`trace`)
     lanes.select_lt: symbols.select_lt,
     lanes.absolute: symbols.absolute,
     lanes.square_root: symbols.square_root,
     lanes.round_even: symbols.round_even,
     lanes.turn: symbols.turned,
     lanes.with_slope: symbols.with_slope,
-    lanes.change: symbols.change,
-    lanes.alone: symbols.alone,
-    lanes.largest: symbols.largest,
+    lanes.tangents_only: symbols.change,
+    lanes.without_tangents: symbols.alone,
+    lanes.max_over_lanes: symbols.largest,
 }
-"""Words that are a function of symbols."""
+"""Words that are functions of `Value`s: the function that Python runs, and the one that writes instructions."""
 
 WORDS: dict[Any, Callable[..., Any]] = {
     **{word: _on_symbols(function) for word, function in SYMBOLIC.items()},
+    # memory and lanes
     lanes.load: load,
     lanes.store: store,
     lanes.splat: lambda e, lane, x: number(e.b, x).full(*shape_of(lane)),
-    lanes.pick: pick,
-    lanes.place: place,
+    lanes.load_lane: pick,
+    lanes.store_lane: place,
     lanes.stack: stack,
-    lanes.arms: lambda e, lane: shape_of(lane)[0],
+    lanes.lane_count: lambda e, lane: shape_of(lane)[0],
     lanes.size: lambda e, n: len(n) if is_tuple(n) else n,
-    lanes.follow: lambda e, x: x,
+    lanes.dereference: lambda e, x: x,
+    # Python's built-in functions
     len: _length,
     float: _float,
     int: lambda e, x: arithmetic.truncated(e.b, x),
@@ -219,6 +279,7 @@ WORDS: dict[Any, Callable[..., Any]] = {
     abs: lambda e, x: arithmetic.absolute(e.b, x),
     min: _extreme("<"),
     max: _extreme(">"),
+    # math and NumPy
     math.sqrt: _intrinsic("sqrt", math.sqrt, False, flat=False),
     math.floor: _intrinsic("floor", math.floor, True),
     math.ceil: _intrinsic("ceil", math.ceil, True),

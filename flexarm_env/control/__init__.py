@@ -1,4 +1,4 @@
-"""Controllers without learning, and trained policies run with NumPy alone.
+"""Model-based controllers, and trained policies run with NumPy alone.
 
     from flexarm_env.control import make
     env = gymnasium.make("FlexibleArm-v0")
@@ -7,7 +7,7 @@
     controller.reset(observation)
     action = controller.act(observation)
 
-All of them read the environment's observation and nothing else, know the nominal arm, and keep its torque limits.
+All of them read only the environment's observation, know the nominal arm, and keep its torque limits.
 """
 
 from .base import Controller, Setup
@@ -16,13 +16,14 @@ from .lqg import LQG, LQGGains
 from .lqr import LQR, LQRGains
 from .mpc import MPC, MPCGains
 from .pd import PD, PDGains
-from .policy import NumpyPolicy, load_policy
+from .policy import NumpyPolicy
 from .policy import names as policy_names
 from .shaping import ShapedGains, ShapedPD, Shaper, zv, zvd
+from .sources import NamedPolicy, find_policy, load_policy
 from .time_optimal import Plan, TimeOptimal, TimeOptimalGains, plan, rigid_time
 
 __all__ = [
-    "LQG", "LQR", "MPC", "NAMES", "PD", "Controller", "LQGGains", "LQRGains", "MPCGains", "NumpyPolicy", "PDGains",
-    "Plan", "Setup", "ShapedGains", "ShapedPD", "Shaper", "TimeOptimal", "TimeOptimalGains", "load_policy", "make",
-    "plan", "policy_names", "rigid_time", "zv", "zvd",
+    "LQG", "LQR", "MPC", "NAMES", "PD", "Controller", "LQGGains", "LQRGains", "MPCGains", "NamedPolicy", "NumpyPolicy",
+    "PDGains", "Plan", "Setup", "ShapedGains", "ShapedPD", "Shaper", "TimeOptimal", "TimeOptimalGains", "find_policy",
+    "load_policy", "make", "plan", "policy_names", "rigid_time", "zv", "zvd",
 ]  # fmt: skip

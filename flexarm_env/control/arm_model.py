@@ -1,6 +1,6 @@
-"""The arm as its controllers know it: rigid inertia, and a few linear modes about rest in a given posture.
+"""Linear arm models for controller design: rigid inertia and the lowest modes about rest in a given posture.
 
-Everything that a gain is derived from comes from `flexarm_env.linear`; nothing is fitted to a simulation.
+Every gain is derived from `flexarm_env.linear`; nothing is fitted to a simulation.
 """
 
 from dataclasses import dataclass
@@ -16,27 +16,31 @@ from ..scene import Scene
 from ..validation import Array
 
 NODES = 7
-"""Tangent angles a link (elastica) from which the modes are taken; the frequencies kept are then converged."""
+"""Tangent angles per link of the elastica model that yields the modes; the retained frequencies are then converged."""
 
 
 GRID = 0.1
-"""Postures for which controllers are designed lie this far apart, rad."""
+"""Spacing, rad, of the elbow angles for which controllers are designed."""
 
 
 def postures(goals: Array) -> list[tuple[float, ...]]:
-    """The designs' elbow angles for goals (n, N): on the grid, and of a posture and its mirror image the one that bends
-    to the left first, since both have the same model."""
+    """Round the elbow angles of goals (n, N), rad, to the design grid: one tuple of N - 1 angles per goal.
+
+    A posture and its mirror image have the same model; both map to the one whose first bent elbow turns left, > 0.
+    """
+    # joint 0, the hub, does not affect the model
     elbows = np.round(goals[:, 1:] / GRID) * GRID
+    # sign of the first elbow that is not straight
     mirrored = [next((angle for angle in row if angle != 0.0), 1.0) < 0.0 for row in elbows.tolist()]
     return [tuple((0.0 + row * (-1.0 if flip else 1.0)).tolist()) for row, flip in zip(elbows, mirrored, strict=True)]
 
 
 @dataclass(frozen=True)
 class ArmModel:
-    """Linear model of an arm about rest, its joints at given angles: a truncated set of modes, SI.
+    """Linear model x' = A x + B u, y = C x of an arm about rest in a posture: a truncated set of modes, SI.
 
-    States x (2 n,): amplitudes of the n lowest modes (the N rigid ones first), then their rates. Inputs: N joint
-    torques. Outputs (4 N,): joint angles, joint rates, tip deflections over length, their rates.
+    States x (2 n,): amplitudes of the n lowest modes (the N rigid ones first), then their rates. Inputs u: N joint
+    torques, N m. Outputs y (4 N,): joint angles (rad), joint rates, tip deflections over link length, their rates.
 
     Attributes:
         A (2n, 2n), B (2n, N), C (4N, 2n): continuous time.
@@ -57,12 +61,16 @@ class ArmModel:
         return int(self.B.shape[1])
 
     def discrete(self, dt: float) -> tuple[Array, Array]:
-        """A, B over one period dt with the torque held."""
+        """Return the zero-order-hold discretization (A, B) over one period dt, s."""
         return held(self.A, self.B, dt)
 
     def state_of(self, outputs: Array) -> Array:
-        """The state (..., 2n) of least strain and kinetic energy that has these outputs (..., 4N)."""
+        """Return the minimum-norm state (..., 2n) with the outputs (..., 4N): least strain and kinetic energy.
+
+        Amplitudes minimize |q_rigid|^2 + sum_i (omega_i q_i)^2, rates minimize |q'|^2.
+        """
         n_joints, n = self.n_joints, len(self.A) // 2
+        # W = diag(1, 1/omega): q = W (H W)^+ y minimizes |W^-1 q| subject to H q = y
         weight = np.concatenate([np.ones(n_joints), 1.0 / self.frequencies])
         half = np.concatenate([self.C[:n_joints, :n], self.C[2 * n_joints : 3 * n_joints, :n]])
         positions = weight[:, None] * np.linalg.pinv(half * weight)
@@ -74,8 +82,11 @@ class ArmModel:
 
 
 def linear_model(arm: Arm, posture: tuple[float, ...], **options: Any) -> LinearModel:
-    """The elastica's about rest with elbows at a posture, rad (() is straight), gears without play; options: of
-    `linear.linearize`."""
+    """Linearize the elastica about rest at the elbow angles `posture`, rad (() is straight), gears without backlash.
+
+    options: passed on to `linear.linearize`. Returns a `LinearModel`.
+    """
+    # absolute link angles, the hub at 0
     angles = (0.0, *np.cumsum(posture or np.zeros(arm.n_links - 1)).tolist())
     scene = Scene("design", arm.taut, angles=angles, duration=1.0, dt=1e-3)
     return linearize(scene, "elastica", nodes=NODES, **options)
@@ -83,15 +94,17 @@ def linear_model(arm: Arm, posture: tuple[float, ...], **options: Any) -> Linear
 
 @lru_cache(maxsize=256)
 def arm_model(arm: Arm, posture: tuple[float, ...] = (), flexible: int | None = None) -> ArmModel:
-    """The arm's linear model about rest.
+    """Build the arm's modal model about rest.
 
     Args:
         arm: the arm. posture: angles of joints 1 to N-1, rad (() is straight).
-        flexible: modes kept beside the N rigid ones, at least 1; None keeps N + 1.
+        flexible: number of flexible modes beside the N rigid ones, at least 1; None keeps N + 1.
     """
     n_joints, full = arm.n_links, linear_model(arm, posture)
     size = len(full.A) // 2
+    # blocks of q'' = -M^-1 K q - M^-1 C q' + M^-1 B u
     stiffness, damping, force = -full.A[size:, :size], -full.A[size:, size:], full.B[size:]
+    # modes by frequency; the N-dimensional null space of M^-1 K holds the rigid ones
     values, vectors = np.linalg.eig(stiffness)
     order = np.argsort(values.real)
     modes = np.hstack([np.linalg.svd(stiffness)[2][-n_joints:].T, vectors.real[:, order[n_joints:]]])
@@ -99,19 +112,24 @@ def arm_model(arm: Arm, posture: tuple[float, ...] = (), flexible: int | None = 
     if n > size:
         raise check.InvalidValue("flexible", flexible, f"must be at most {size - n_joints}, as many as the model has")
     place = {name: i for i, name in enumerate(full.outputs)}
+    # rows of joint angles and tip deflections by q; scale modes to a largest output of 1
     seen = full.C[[place[f"{what}{k}"] for what in ("joint", "deflection") for k in range(n_joints)], :size]
     modes = modes / np.abs(seen @ modes).max(axis=0)
+    # truncate: the rows of Phi^-1 give the modal coordinates
     left, modes = np.linalg.inv(modes)[:n], modes[:, :n]
     squares = np.concatenate([np.zeros(n_joints), values.real[order[n_joints:n]]])
     A, B, C = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, n_joints)), np.zeros((4 * n_joints, 2 * n))
     A[:n, n:] = np.eye(n)
     A[n:, :n] = -np.diag(squares)
+    # modal damping alone: couplings between modes are dropped, rigid modes are undamped
     A[n:, n:] = -np.diag(np.diag(left @ damping @ modes) * (squares > 0.0))
     B[n:] = left @ force
+    # output matrix; deflections over the links' lengths
     lengths = np.array([[link.span] for link in arm.links])
     joints, bends = seen[:n_joints] @ modes, seen[n_joints:] @ modes / lengths
     C[:n_joints, :n] = C[n_joints : 2 * n_joints, n:] = joints
     C[2 * n_joints : 3 * n_joints, :n] = C[3 * n_joints :, n:] = bends
     frequencies = np.sqrt(squares[n_joints:])
+    # rigid joint accelerations per torque are I^-1
     inertia = np.linalg.inv(joints[:, :n_joints] @ B[n : n + n_joints])
     return ArmModel(A, B, C, frequencies, -np.diag(A[n:, n:])[n_joints:] / (2.0 * frequencies), inertia)

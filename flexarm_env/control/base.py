@@ -1,4 +1,4 @@
-"""What the controllers have in common: the numbers they read, the interface they keep, the torque limit they obey."""
+"""Basis of all controllers: numbers about the environment, observation reader, interface and torque limit."""
 
 from __future__ import annotations
 
@@ -21,29 +21,31 @@ from ..validation import Array
 from .kinematics import goal_angles, tip_in_hub_frame, wrapped
 
 RESIDUAL_SHARE = 0.7
-"""Share of the torque limit that the action adds in action_mode="residual_pd", where nothing is said."""
+"""Default share of the torque limit that the action adds in action_mode="residual_pd"."""
 
 
 WHOLE = {"flexible": 1, "modes": 0, "block": 1, "horizon": 1, "iterations": 1, "first": 1}
-"""Fields of gains that are whole numbers, and the least that each may be."""
+"""Integer fields of gains and their minima."""
 
 SHARES: dict[str, dict[str, float]] = {
     "effort": {"above": 0.0, "maximum": 1.0}, "memory": {"minimum": 0.0, "maximum": 1.0}, "lag": {"above": 0.0},
     "drift": {"minimum": 0.0, "maximum": 1.0},
 }  # fmt: skip
-"""Bounds of fields of gains that have others than 0 to `MOST_GAIN`."""
+"""Bounds of the fields of gains whose range is not 0 to `MOST_GAIN`."""
 
 MOST_GAIN = 1e6
-"""The most that a gain or a weight may be, in its own unit: beyond, no controller of these arms makes sense."""
+"""Largest gain or weight, in its own unit; larger ones make no sense for these arms."""
 
 
 @dataclass(frozen=True)
 class Gains:
-    """Numbers of a controller, checked; a field that has one a joint is a tuple of them, or one number alone."""
+    """Validated controller parameters; a per-joint field is a tuple with one number per joint, or a single number."""
 
     def __post_init__(self) -> None:
+        """Validate every field against its bounds and store the converted value."""
         for field in fields(self):
             name, value = field.name, getattr(self, field.name)
+            # per-joint fields may be tuples
             many = "tuple" in str(field.type) and isinstance(value, tuple | list)
             if name in WHOLE:
                 if value is not None or field.default is not None:
@@ -57,17 +59,19 @@ class Gains:
 
 @dataclass(frozen=True)
 class Setup:
-    """What a controller may know about its environment: the nominal arm and the observation's layout, SI.
+    """Facts about an environment that a controller may use: the nominal arm and the observation's layout, SI.
 
     Args:
         task: "slew" (one link, tip angle) or "reach" (two links or more, tip position).
-        arm: the nominal arm. control_dt: s. torque_limits (N,): N m at an action of 1.
+        arm: the nominal arm. control_dt: control period, s. torque_limits (N,): N m at an action of 1.
         names, scales: of the observation's entries, in order; entry = value / scale.
-        history: how many of these stand in an observation, the oldest first.
-        sensors: that read the entries; None: ideal ones, or not known. noise: that all entries have beside it, in their
-            units; (): none.
-        action_mode: what an action stands for; "": not known. residual_share: of action_mode="residual_pd".
-        gravity: m/s^2; None: none. keep_out: shapes that the arm is to stay out of.
+        history: number of instants in an observation, the oldest first.
+        sensors: that produce the entries; None: ideal or unknown. noise: standard deviations added to all entries, in
+            their units; (): none.
+        action_mode: meaning of an action; "": unknown. residual_share: of action_mode="residual_pd".
+        gravity: m/s^2; None: none. keep_out: shapes that the arm has to avoid.
+        delay: total delay of torques and readings, s; the largest one if it is random. lag: time constant of the
+        motors, s.
     """
 
     task: str
@@ -83,10 +87,12 @@ class Setup:
     residual_share: float | None = None
     gravity: tuple[float, ...] | None = None
     keep_out: tuple[Shape, ...] = ()
+    delay: float = 0.0
+    lag: float = 0.0
 
     @classmethod
     def of(cls, env: Any) -> Setup:
-        """What there is to know of an environment of this package, single or vector, wrapped or not."""
+        """Read the setup from an environment of this package, single or vector, wrapped or not."""
         plain = getattr(env, "unwrapped", None)
         plan = getattr(plain, "plan", None)
         if plan is None:
@@ -94,13 +100,15 @@ class Setup:
         scales = tuple(float(s) for s in plan.scales)
         limits = plan.arm.torque_limits
         names, noise, extras = tuple(plan.names), (), plan.extras
+        # noise of the selected entries in SI units; previous actions carry none
         if extras.sensors is not None and extras.sensors.noise.any():
             chosen = slice(None) if extras.selection is None else extras.selection.chosen
-            noise = tuple((extras.sensors.noise[chosen] * plan.scales).tolist())
+            own = np.concatenate([extras.sensors.noise, np.zeros(plan.arm.n_links)])
+            noise = tuple((own[chosen][: len(plan.scales)] * plan.scales).tolist())
         share = None if extras.controller is None else float(extras.controller.share)
         return cls(
             plan.kind.task, plan.arm, plan.period, limits, names, scales, plan.history, plan.sensors, noise,
-            plan.action_mode, share, plan.gravity, plan.keep_out,
+            plan.action_mode, share, plan.gravity, plan.keep_out, *lateness(plan),
         )  # fmt: skip
 
     @property
@@ -110,27 +118,43 @@ class Setup:
 
     @property
     def size(self) -> int:
-        """Numbers in an observation."""
+        """Number of entries in an observation, all instants of the history included."""
         return len(self.names) * self.history
 
     @property
     def layout(self) -> str:
-        """Hash of the observation's layout, its names and scales (six digits) in order: 16 hexadecimal digits."""
+        """Hash of the observation's layout (names and scales to six digits, in order): 16 hexadecimal digits."""
         entries: list[Any] = [[name, f"{scale:.6g}"] for name, scale in zip(self.names, self.scales, strict=True)]
         entries += [] if self.history == 1 else [self.history]
         return hashlib.sha256(json.dumps(entries).encode()).hexdigest()[:16]
 
 
+def lateness(plan: Any) -> tuple[float, float]:
+    """Return (delay, lag) of an environment's loop, s: delay of motors plus sensors, and the motors' time constant.
+
+    A random delay counts with its maximum. The motor filter moves by the share 1 - exp(-dt / lag) in a solver step dt.
+    """
+    motors, sensors, step = plan.extras.actuator, plan.extras.sensors, plan.settings.dt
+    delay = 0.0 if sensors is None else sensors.age * plan.period
+    if motors is None:
+        return delay, 0.0
+    # whole periods, fixed solver steps, then the maxima of random delay and jitter
+    delay += motors.age * plan.period + motors.late * step
+    delay += 0.0 if motors.drawn is None else motors.drawn[1] * step
+    delay += 0.0 if motors.jitter is None else motors.jitter[0] * step
+    return delay, 0.0 if motors.share >= 1.0 else -step / math.log1p(-motors.share)
+
+
 @dataclass(frozen=True)
 class Signals:
-    """An observation in SI units, one row an environment.
+    """Observation in SI units, one row per environment.
 
     Attributes: angles (n, N) rad, wrapped to one turn; rates (n, N) rad/s; bends (n, N): tip deflection over length;
         bend_rates (n, N) 1/s; error (n, 1): target minus tip angle, rad (slew), or (n, 2): tip to target in the frame
-        that turns with the hub, m (reach). Where the observation has instead the goal's joint angles less the joints'
-        (observation="measured"), these are to_go (n, N) rad, and bends, their rates and error are empty. gauges (n, G):
-        in their units. In space error is (n, 3), and bends (n, 3 F) are those along y, along z and twists (rad) of the
-        F flexible links, for controllers that need them.
+        that turns with the hub, m (reach). If the observation instead contains the goal's joint angles minus the
+        joints' (observation="measured"), these are to_go (n, N) rad, and bends, their rates and error are empty.
+        gauges (n, G): in their units. In space error is (n, 3), and bends (n, 3 F) are the F flexible links'
+        deflections along y, along z and twists (rad), for controllers that need them.
     """
 
     angles: Array
@@ -142,32 +166,37 @@ class Signals:
     to_go: Array | None = None
 
     def outputs(self, angles: Array) -> Array:
-        """Outputs (n, 4 N) of an arm's model with its joints at these angles: they, their rates, deflections, rates;
-        in space (n, 2 N + 6 F)."""
+        """Stack joint angles, joint rates, deflections and deflection rates as outputs of an arm's model.
+
+        angles (n, N), rad: joint angles to use instead of the measured ones. Returns (n, 4 N), in space (n, 2 N + 6 F).
+        """
         return np.concatenate([angles, self.rates, self.bends, self.bend_rates], axis=1)
 
 
 BENDS = ("tip_deflection_y", "tip_deflection_z", "twist")
 BEND_RATES = ("tip_deflection_rate_y", "tip_deflection_rate_z", "twist_rate")
-"""What the links of arms in space show."""
+"""Observed deflections and twist of each link of an arm in space, and their rates."""
 
 
 class Reader:
-    """Observations to :class:`Signals`, of which the newest is read.
+    """Convert the newest instant of an observation to :class:`Signals`.
 
     Args:
-        setup: of the environment. who: that reads, for errors. bends: whether deflections are needed in any case.
-        goals: whether joint angles at the goal less the joints' are.
+        setup: of the environment. who: reader's name, for errors. bends: whether deflections are required.
+        goals: whether goal joint angles minus joint angles are required.
     Raises:
-        ValueError: an entry that is needed is not observed; its name.
+        ValueError: a required entry is not observed; the message names it.
     """
 
     def __init__(self, setup: Setup, who: str = "a controller", bends: bool = True, goals: bool = False) -> None:
+        """Look up the positions of all required entries in the observation."""
         self.scales, self.size = np.asarray(setup.scales), setup.size
         place = {name: i for i, name in enumerate(setup.names)}
         joints = setup.arm.joint_names
         deflections, deflection_rates = (setup.arm.by_link(f"tip_deflection{rate}") for rate in ("", "_rate"))
+        # names of the entries that tell the distance to the target
         error = ("target_error",) if setup.task == "slew" else ("to_target_x", "to_target_y")
+        # in space only flexible links have deflections, and the error has three components
         if setup.arm.spatial:
             bending = [k for k, link in enumerate(setup.arm.links) if bends and not link.rigid]
             deflections, deflection_rates = (
@@ -178,6 +207,7 @@ class Reader:
         self.aimed = goals or (
             not bends and any(name not in place for name in (*error, *deflections)) and aims[0] in place
         )
+        # all required entries have to be observed
         needed = [f"{joint}_{of}" for of in ("sin", "cos", "rate") for joint in joints]
         needed += aims if self.aimed else [*deflections, *error]
         for name in (*needed, *(deflection_rates if bends else ())):
@@ -185,6 +215,7 @@ class Reader:
                 known = ", ".join(setup.names)
                 hint = ' (observation="measured" has it)' if name in aims else ""
                 raise ValueError(f"observation: {who} needs the entry {name}{hint}, which is not among {known}")
+        # positions of the entries in one instant
         self._sin, self._cos, self._rates = ([place[f"{j}_{of}"] for j in joints] for of in ("sin", "cos", "rate"))
         self._bends, self._bend_rates, self._error, self._goals = (
             [place[name] for name in names if name in place] for names in (deflections, deflection_rates, error, aims)
@@ -192,13 +223,16 @@ class Reader:
         self._gauges = [place[name] for name in setup.names if name.startswith("strain_gauge_")]
 
     def __call__(self, observation: NDArray[np.floating]) -> Signals:
+        """Read the newest instant of observations (n, entries) or (entries,), scaled to SI units."""
         seen = np.atleast_2d(check.floats("observation", observation))
         if seen.ndim != 2 or seen.shape[1] != self.size:
             raise check.InvalidValue("shape of observation", np.shape(observation), f"must be (n, {self.size})")
+        # value = entry * scale; the newest instant is the last one
         values = seen[:, -len(self.scales) :] * self.scales
         if not math.isfinite(np.vdot(values, values)):  # quicker than to look at each
             row = np.flatnonzero(~(np.abs(values) < 1e100).all(axis=1))[0]
             raise check.InvalidValue(f"observation[{row}]", seen[row], "must be finite numbers, below 1e100 in size")
+        # joint angles in [-pi, pi]
         angles = np.arctan2(values[:, self._sin], values[:, self._cos])
         return Signals(
             angles, values[:, self._rates], values[:, self._bends], values[:, self._bend_rates], values[:, self._error],
@@ -207,19 +241,20 @@ class Reader:
 
 
 class Controller(ABC):
-    """Observations in, actions out, for any number of environments that start their episodes together.
+    """Map observations to actions for any number of environments that start their episodes together.
 
-    A subclass answers :meth:`torques`; what it remembers is set in :meth:`initialise`. `reset` takes the first
-    observation of the episodes, and every later one goes to `act` in turn, the first included.
+    A subclass implements :meth:`torques` and sets its memory in :meth:`initialise`. Call `reset` with the episodes'
+    first observation, then `act` with every observation in turn, the first included.
     """
 
     action_mode = "torque"
     needs_bends: ClassVar[bool] = False
-    """Whether it needs tip deflections and their rates, whatever else there is."""
+    """Whether the controller requires tip deflections and their rates."""
     needs_goals: ClassVar[bool] = False
-    """Whether it needs joint angles at the goal less the joints' as sensors read them (observation="measured")."""
+    """Whether it requires goal joint angles minus measured joint angles (observation="measured")."""
 
     def __init__(self, setup: Setup) -> None:
+        """Store the setup and torque limits, and prepare the observation reader."""
         self.setup = setup
         self.limits = np.asarray(setup.torque_limits)
         self.read = Reader(setup, type(self).__name__, self.needs_bends, self.needs_goals)
@@ -227,7 +262,7 @@ class Controller(ABC):
         """Joint angles (n, N) of the arm at rest at its target, unwrapped from the angles at the start."""
 
     def reset(self, observation: NDArray[np.floating]) -> None:
-        """Begin episodes with their first observation, (n, entries) or (entries,)."""
+        """Begin episodes with their first observation, (n, entries) or (entries,): set goal joint angles and memory."""
         signals = self.read(observation)
         self.step = 0
         self._angles = signals.angles.copy()
@@ -235,10 +270,10 @@ class Controller(ABC):
         self.initialise(signals, self.goal - self._angles)
 
     def act(self, observation: NDArray[np.floating]) -> NDArray[np.float32]:
-        """Actions in [-1, 1], (n, N), or (N,) for a single observation.
+        """Compute actions in [-1, 1], (n, N), or (N,) for a single observation: torques over their limits, saturated.
 
-        Raises ValueError for an observation of another size or number than `reset` had, or that is not finite (what is
-        remembered then is as before), and RuntimeError before any.
+        Raises ValueError for an observation that is not finite or whose shape differs from the one given to `reset`
+        (the memory is then unchanged), and RuntimeError before the first `reset`.
         """
         signals = self.read(observation)
         count, begun = len(signals.angles), len(self.goal)
@@ -246,6 +281,7 @@ class Controller(ABC):
             raise RuntimeError("No episode has begun: call the controller's reset(observation) first")
         if count != begun:
             raise check.InvalidValue("rows of observation", count, f"must be {begun}, as reset had")
+        # goal minus joint angles: observed, from the tip's angle, or from the goal fixed at reset (angles unwrapped)
         if signals.to_go is not None and not self.setup.arm.spatial:
             to_go = signals.to_go
         elif self.setup.task == "slew":
@@ -253,6 +289,7 @@ class Controller(ABC):
         else:
             self._angles += wrapped(signals.angles - self._angles)
             to_go = self.goal - self._angles
+        # saturate, then advance the estimate under the applied torques
         torques = np.clip(self.torques(signals, to_go), -self.limits, self.limits)
         self.predict(torques)
         self.step += 1
@@ -260,21 +297,23 @@ class Controller(ABC):
         return actions if np.ndim(observation) == 2 else actions.reshape(-1)
 
     def initialise(self, signals: Signals, to_go: Array) -> None:  # noqa: B027
-        """Set what is remembered, at the start of episodes; to_go (n, N): goal minus joint angles, rad."""
+        """Set the memory at the start of episodes; to_go (n, N): goal minus joint angles, rad."""
 
     @abstractmethod
     def torques(self, signals: Signals, to_go: Array) -> Array:
         """Joint torques (n, N) in N m, before the limit; to_go as in :meth:`initialise`."""
 
     def predict(self, torques: Array) -> None:  # noqa: B027
-        """Take what is estimated one period on, under the torques (n, N) that are applied in it."""
+        """Advance the estimate by one period under the applied torques (n, N), N m."""
 
     def _goal(self, signals: Signals) -> Array:
+        """Compute the joint angles (n, N), rad, of the arm at rest at its target, unwrapped from the current ones."""
         if signals.to_go is not None:
             return self._angles + signals.to_go
         if self.setup.task == "slew":
             return self._angles + _hub_error(signals)
         arm = self.setup.arm
+        # target in hub axes, m; of two inverse-kinematics solutions the one reached sooner at full torque
         target = tip_in_hub_frame(arm, signals.angles[:, 1:], signals.bends) + signals.error
         inertia = rigid_inertia(arm, signals.angles[:, 1:])
         rates = np.sqrt(self.limits / np.diagonal(inertia, axis1=1, axis2=2))
@@ -282,7 +321,7 @@ class Controller(ABC):
 
 
 def _hub_error(signals: Signals) -> Array:
-    """Target minus hub angle (n, 1): the straight arm's tip is where its hub points."""
+    """Target minus hub angle (n, 1), rad, of one link: error plus angle from hub to tip (straight at rest)."""
     bend = np.clip(signals.bends, -0.9, 0.9)
     chord = 1.0 - 0.6 * bend**2  # along the root tangent, over the length, of a cantilever bent by its tip
     return signals.error + np.arctan2(bend, chord)

@@ -1,4 +1,4 @@
-"""Controllers by name, with the tuned gains that come with the package (`data/control/*.toml`)."""
+"""Controllers by name, with the tuned gains that ship with the package (`data/control/*.toml`)."""
 
 import dataclasses
 import tomllib
@@ -7,14 +7,19 @@ from functools import cache, partial
 from importlib import resources
 from typing import Any
 
+from .. import arms
 from .. import validation as check
+from ..parameters import Arm
+from .arm_model import arm_model
 from .base import Controller, Setup
 from .lqg import LQG, LQGGains, SpatialLQG, SpatialLQR
 from .lqr import LQR, LQRGains
+from .margins import warn_of_delay
 from .mpc import MPC, MPCGains, SpatialMPC
 from .pd import PD, PDGains, SpatialPD, SpatialPDGains
 from .shaping import SHAPERS, ShapedGains, ShapedPD, SpatialShapedGains, SpatialShapedPD
 from .time_optimal import TimeOptimal, TimeOptimalGains
+from .timescales import timescales
 
 _Kind = tuple[type[Any], Callable[[Setup, Any], Controller]]
 _KINDS: dict[str, _Kind] = {
@@ -28,23 +33,25 @@ _SPACE: dict[str, _Kind] = {
     **{kind: (SpatialShapedGains, partial(SpatialShapedPD, kind=kind)) for kind in SHAPERS},
     "lqr": (LQGGains, SpatialLQR), "lqg": (LQGGains, SpatialLQG), "mpc": (MPCGains, SpatialMPC),
 }  # fmt: skip
-"""Those of arms in space."""
+"""Gains and controller classes for arms in space, by name."""
 
 NAMES = tuple(_KINDS)
-"""Names that `make` takes."""
+"""Controller names accepted by `make`."""
 
 
 @cache
 def _table(task: str) -> dict[str, Any]:
+    """Read the tuned gains of a task from the package's TOML file."""
     path = resources.files("flexarm_env") / "data" / "control" / f"{task}.toml"
     return tomllib.loads(path.read_text("utf-8"))
 
 
 def tuned_gains(name: str, task: str, n_joints: int | None = None) -> Any:
-    """The tuned gains of the controller `name` for a task ("slew", "reach", or "space"), of its gains' class.
+    """Return the tuned gains of controller `name` for a task ("slew", "reach", or "space").
 
-    n_joints: of the arm; None: as the task's own arm has. For three and more there is one set of gains, "chain".
-    Raises ValueError for a name that there is not, or that no arm of this task can have.
+    n_joints: number of joints; None: that of the task's own arm. Three and more joints share one set of gains, "chain".
+    Returns an instance of the controller's gains class. Raises ValueError for an unknown name, or a controller that
+    does not exist for the task.
     """
     check.choice("controller", name, NAMES)
     table = _table("chain" if n_joints is not None and n_joints > 2 and task != "space" else task)
@@ -55,25 +62,50 @@ def tuned_gains(name: str, task: str, n_joints: int | None = None) -> Any:
 
 
 def gains_from(name: str, values: Mapping[str, Any], space: bool = False) -> Any:
-    """Gains of the controller `name` from values by key; an unknown key is a ValueError that says which there are."""
+    """Build the gains of controller `name` from values by key; ValueError for an unknown key, listing the known ones.
+
+    space: whether the arm is one in space.
+    """
     kind, _ = (_SPACE if space else _KINDS)[name]
     needed = [field.name for field in dataclasses.fields(kind) if field.default is dataclasses.MISSING]
     return check.made(name, kind, values, **dict.fromkeys(needed, "must be given"))
 
 
+TUNED_ON = "strip"
+"""The one-link arm on which the LQR gains were tuned."""
+
+
+def for_arm(gains: LQRGains, setup: Setup) -> LQRGains:
+    """Scale LQR weights tuned on one one-link arm to another.
+
+    Weights on rates, which are relative to the first flexible frequency, grow with that frequency times the arm's
+    quickest quarter turn, so that they count relative to the slew.
+    """
+    # ratio of (first flexible frequency x quarter-turn time) to that of the tuning arm
+    share = _tempo(setup.arm) / _tempo(arms.named(TUNED_ON))
+    share = float(f"{share:.3g}")  # 1.0 for the arm itself
+    return dataclasses.replace(gains, rate=share * gains.rate, bend_rate=share * gains.bend_rate)
+
+
+def _tempo(arm: Arm) -> float:
+    """First flexible frequency (joints free, rad/s) times the time of the quickest quarter turn, s."""
+    return float(arm_model(arm).frequencies[0]) * timescales(arm).slew
+
+
 def make(name: str, env: Any, gains: Any = None) -> Controller:
-    """A controller for an environment of this package.
+    """Create a controller for an environment of this package.
 
     Args:
         name: "pd", "zv", "zvd", "lqr", "lqg", "mpc" or "time_optimal".
         env: a `Setup`, or an environment (single or vector) with action_mode "torque".
-        gains: of the controller's class of gains, or a table of them by name, as `flexarm tune` writes; None takes the
+        gains: of the controller's gains class, or a table of them by name, as `flexarm tune` writes; None takes the
             tuned ones of the environment's task.
     Raises:
-        ValueError: an unknown name, or an environment that the controller is not made for.
+        ValueError: an unknown name, or an environment that the controller does not support.
     """
     check.choice("controller", name, NAMES)
     setup = env if isinstance(env, Setup) else Setup.of(env)
+    # reject tasks, action modes and bases that controllers do not support
     if not isinstance(env, Setup):
         plan = env.unwrapped.plan
         if plan.task != plan.kind.task:
@@ -84,13 +116,19 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
         if plan.arm.base is not None:
             what = "must be None: controllers plan for a root that stays where it is (pd of the suite aims anew)"
             raise check.InvalidValue("arm.base", plan.arm.base, what)
+    # arms in space have their own classes
     space = setup.arm.spatial
     if space and name not in _SPACE:
         there = ", ".join(f'"{one}"' for one in _SPACE)
         raise check.InvalidValue("controller", name, f"must be one of {there} for an arm in space")
     kind, made = (_SPACE if space else _KINDS)[name]
+    # default, table or instance of gains
     if gains is None:
         gains = tuned_gains(name, "space" if space else setup.task, setup.n_joints)
+        gains = for_arm(gains, setup) if name == "lqr" and setup.n_joints == 1 and not space else gains
     elif isinstance(gains, Mapping):
         gains = gains_from(name, gains, space)
-    return made(setup, check.instance("gains", gains, kind))
+    gains = check.instance("gains", gains, kind)
+    found = made(setup, gains)
+    warn_of_delay(name, setup, gains)
+    return found

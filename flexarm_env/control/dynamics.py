@@ -1,7 +1,7 @@
-"""Control periods of an arm as a function of its state and torques, many at once, with derivatives.
+"""Discrete dynamics of many arms: one control period as a function of state and torques, with derivatives.
 
-The arm is the elastica with ideal joints, as the environments compute it: torques are held over a period, accelerations
-are solved afresh where they change, so that angles and rates of the nodes are the whole state.
+The arm is the environments' elastica with ideal joints. Torques are held over a period and accelerations are solved
+again where torques jump, so that the nodes' angles and rates are the whole state.
 """
 
 import dataclasses
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import arms
 from .. import validation as check
-from ..batch import MODE, RUNNING, Batch, Chain, Reach, Slew, SpaceReach, Starts, Task
+from ..batch import MODE, PERIODS, RUNNING, Batch, Chain, Reach, Slew, SpaceReach, Starts, Task
 from ..derivatives import Periods
 from ..parameters import Arm
 from ..physics.elastica.chain import chain
@@ -29,32 +29,36 @@ from .space import held_model, holding
 Vector = tuple[float, ...]
 
 POINTS = 4
-"""Of a link that are kept out of shapes, its tip among them."""
+"""Points per link that are kept out of obstacles, its tip included."""
 
 AT_ONCE = 1024
-"""Most arms that one compiled call moves: their memory stays in the processor's cache."""
+"""Largest number of arms per compiled call; their memory then fits into the processor's cache."""
 
 
 class Dynamics:
-    """One control period of an arm: (x, u) -> x'.
+    """Discrete dynamics x' = f(x, u) of an arm over one control period.
 
-    x (m, S): coordinates q, then their rates; q of a link are its tangent angles at its nodes, the first relative to
-    the tip before it: the joint's. u (m, N): torques over their limits, within -1 and 1.
+    x (m, S): coordinates q, then their rates. A link's q are its nodes' absolute tangent angles, rad, but the first
+    one, the joint angle, is relative to the tip of the link before. u (m, N): torques over their limits, in [-1, 1].
 
-    Args:
-        arm: the arm, or its name or TOML file; its joints are taken to be ideal, and their limits left out. period: s.
-        nodes: of a link.
+    arm: the arm, or its name or TOML file; joints are taken as ideal, without limits. period: s. nodes: per link. step:
+    longest solver step, s; None: that of the class.
     """
 
     gravity: Vector | None = None
     step = 0.02 / 3.0
-    """Longest of the solver, s: the environments' in the plane."""
+    """Longest solver step, s, unless one is given: that of the planar environments."""
 
-    def __init__(self, arm: Arm | str | os.PathLike[str], period: float, nodes: int = 4) -> None:
+    def __init__(
+        self, arm: Arm | str | os.PathLike[str], period: float, nodes: int = 4, step: float | None = None
+    ) -> None:
+        """Set up a planar arm and its linear maps from node angles to points and deflections."""
         arm = arms.resolve(arm)
         arm.check_planar()
+        self.step = self.step if step is None else step
         self._begin(arm, period, nodes, np.arange(arm.n_links) * nodes, np.arange(arm.n_links * nodes))
         parts = chain(self.arm, nodes)
+        # absolute tangent angles phi = _angles q: a joint's row adds the tip angle of the link before
         self._angles = np.eye(self.half)
         for k in self.joints[1:]:
             self._angles[k, k - 1] = 1.0
@@ -63,7 +67,7 @@ class Dynamics:
         for k, line in enumerate(parts.lines):
             self._shapes[k, k * nodes : (k + 1) * nodes] = line.tip_weights / arm.links[k].span
         self._bent = np.zeros((arm.n_links, nodes))
-        """The nodes' angles about the root's for a force at the tip."""
+        # node angles relative to the root, K^-1 times the tip weights: the shape bent by a force at the tip
         for k in range(arm.n_links):
             own = self._shapes[k, k * nodes + 1 : (k + 1) * nodes]
             self._bent[k, 1:] = np.linalg.solve(parts.K[k][1:, 1:], own)
@@ -71,7 +75,7 @@ class Dynamics:
         self._arms = np.vstack([parts.arms_to(k, s) for k, s in enumerate(ends)])
 
     def _begin(self, arm: Arm, period: float, nodes: int, joints: NDArray[np.int64], rows: NDArray[np.int64]) -> None:
-        """What all arms have: where joints stand in x, and the rows of a state that x holds."""
+        """Set up the common part. joints: positions of joint angles in x. rows: the solver's rows contained in x."""
         if arm.torque_limits is None:
             raise check.MissingKey("arm.torque_limits", f"torques are over theirs: {arm.n_links} limit(s) (N m)")
         self.arm = dataclasses.replace(arm, joints=(), joint_limits=None)
@@ -81,12 +85,16 @@ class Dynamics:
         self.limits = np.array(arm.torque_limits)
         self.n_inputs, self.half, self.size = arm.n_links, len(rows), 2 * len(rows)
         self.joints, self._rows = joints, rows
-        """Where the joints' angles stand in x; their rates `half` further on."""
+        """Positions of the joint angles in x; their rates follow `half` later."""
         self._batches: dict[int, Batch] = {}
         self._differentiated: dict[int, tuple[Periods, Array]] = {}
 
+    def in_steps(self, step: float) -> "Dynamics":
+        """Return the cached plant with another longest solver step, s."""
+        return _one_for_all(self.arm, self.period, self.nodes, self.gravity, step)
+
     def advance(self, x: Array, u: Array) -> Array:
-        """States (m, S) after a period; not finite where the solver fails."""
+        """Return the states (m, S) one period later; not finite where the solver fails."""
         out = np.empty((len(x), self.size))
         for first in range(0, len(x), AT_ONCE):
             part = slice(first, first + AT_ONCE)
@@ -94,7 +102,7 @@ class Dynamics:
         return out
 
     def jacobians(self, x: Array, u: Array) -> tuple[Array, Array]:
-        """A (m, S, S) and B (m, S, N): derivatives of `advance` by x and u, exact; NaN where a step was halved."""
+        """Return exact derivatives A (m, S, S) by x and B (m, S, N) by u of `advance`; NaN where a step was halved."""
         size, n = self.size, self.n_inputs
         A, B = np.empty((len(x), size, size)), np.empty((len(x), size, n))
         for first in range(0, len(x), AT_ONCE):
@@ -109,20 +117,20 @@ class Dynamics:
         return A, B
 
     def stage(self, k: int, x: Array, u: Array) -> Array:
-        """`advance`, as `ilqr.System` has it: all stages are alike."""
+        """Advance by stage k of a plan (`ilqr.System`); all stages are one period long."""
         return self.advance(x, u)
 
     def linear(self, x: Array, u: Array) -> tuple[Array, Array]:
-        """`jacobians` of all stages: x (T, n, S), u (T, n, N)."""
+        """Return `jacobians` of all stages: x (T, n, S), u (T, n, N)."""
         A, B = self.jacobians(x.reshape(-1, self.size), u.reshape(-1, self.n_inputs))
         return A.reshape(*x.shape, -1), B.reshape(*x.shape, -1)
 
     def rest(self, angles: ArrayLike) -> Array:
-        """States (m, S) of the arm at rest at joint angles (m, N); in space bent by its weight."""
+        """Return the states (m, S) at rest at joint angles (m, N), rad; in space the arm is bent by its weight."""
         return self.still(angles)[0]
 
     def _turned(self, angles: ArrayLike) -> tuple[Array, Array]:
-        """Joint angles (m, N), checked, and states (m, S) of zeros."""
+        """Validate joint angles (m, N), rad; return them and zero states (m, S)."""
         angles = check.floats("joint angles", angles)
         if angles.ndim != 2 or angles.shape[1] != self.n_inputs:
             what = f"must be (m, {self.n_inputs}), a row an arm"
@@ -130,45 +138,45 @@ class Dynamics:
         return angles, np.zeros((len(angles), self.size))
 
     def unbent(self, angles: ArrayLike) -> Array:
-        """States (m, S) of the straight arm without motion, at joint angles (m, N)."""
+        """Return the states (m, S) of the straight, motionless arm at joint angles (m, N), rad."""
         angles, x = self._turned(angles)
         for k in range(self.n_inputs):
             self._turn(x, 0, k, np.repeat(angles[:, k : k + 1], self.nodes, axis=1))
         return x
 
     def still(self, angles: ArrayLike) -> tuple[Array, Array]:
-        """States of the arm at rest at joint angles (m, N), and torques (m, N) over their limits that hold it."""
+        """Return states (m, S) at rest at joint angles (m, N), rad, and holding torques (m, N) over their limits."""
         x = self.unbent(angles)
         return x, np.zeros((len(x), self.n_inputs))
 
     def begun(self, start: Array, goal: Array, periods: int) -> Array:
-        """Controls (T, n, N) that plans from states to others (n, S) begin with."""
+        """Return initial controls (T, n, N) for plans from start to goal states (n, S): zero torques."""
         return np.zeros((periods, len(start), self.n_inputs))
 
     def inertia(self, angles: Array) -> Array:
-        """(m, N, N), kg m^2: of the rigid arm about its joints at angles (m, N)."""
+        """Return the rigid arm's inertia about its joints (m, N, N), kg m^2, at joint angles (m, N), rad."""
         return rigid_inertia(self.arm, angles[:, 1:])
 
     @property
     def first(self) -> float:
-        """Lowest frequency of bending of the straight arm, its joints free, rad/s."""
+        """Lowest bending frequency, rad/s, of the straight arm with free joints."""
         return float(arm_model(self.arm, (0.0,) * (self.n_inputs - 1)).frequencies[0])
 
     def points(self, x: Array) -> tuple[Array, Array]:
-        """`POINTS` of each link, as far apart as its root from the first, (..., P, 2), m; their derivative by x."""
+        """Positions (..., P, 2), m, of `POINTS` equally spaced points per link, and their derivative by x."""
         return self._ahead(x, self._arms)
 
     def places(self, x: Array) -> Array:
-        """`points` without the derivative."""
+        """Return the positions of `points` without their derivative."""
         return self.points(x)[0]
 
     def tip(self, x: Array) -> tuple[Array, Array]:
-        """Tip (..., 2), m, about the root, and its derivative (..., 2, S)."""
+        """Return the tip position about the root (..., 2), m, and its derivative (..., 2, S)."""
         place, slope = self._ahead(x, self._tip[None])
         return place[..., 0, :], slope[..., 0, :, :]
 
     def _ahead(self, x: Array, levers: Array) -> tuple[Array, Array]:
-        """Points (..., P, 2) so far along the nodes' tangents, levers (P, half), and their derivative by x."""
+        """Positions (..., P, 2), m: sums of levers (P, half) times (cos phi, sin phi), and their derivative by x."""
         phi = x[..., : self.half] @ self._angles.T
         cosine, sine = np.cos(phi)[..., None, :] * levers, np.sin(phi)[..., None, :] * levers
         slope = np.zeros((*cosine.shape[:-1], 2, self.size))
@@ -176,7 +184,8 @@ class Dynamics:
         return np.stack([cosine.sum(-1), sine.sum(-1)], axis=-1), slope
 
     def bends(self, x: Array) -> tuple[Array, Array]:
-        """Tip deflections over length (..., N) and their derivative (..., N, S)."""
+        """Return the tip deflections over length (..., N) and their derivative (..., N, S)."""
+        # sum over a link's nodes of weight times sin(phi - phi_root)
         phi = x[..., : self.half] @ self._angles.T
         roots = np.repeat(phi[..., self.joints], self.nodes, axis=-1)
         own = np.cos(phi - roots)[..., None, :] * self._shapes
@@ -185,9 +194,15 @@ class Dynamics:
         slope[..., : self.half] = own @ self._angles
         return np.sin(phi - roots) @ self._shapes.T, slope
 
+    def deflections(self, x: Array) -> Array:
+        """Return the deflections of `bends` without their derivative."""
+        return self.bends(x)[0]
+
     def outputs(self, x: Array) -> tuple[Array, Array]:
-        """Joint angles, their rates, deflections (in space twists too) and their rates, (m, O), and their derivative
-        by x (m, O, S), but for what rates of deflections change by with deflections."""
+        """Return outputs (m, O) and their derivative by x (m, O, S), without that of deflection rates by deflections.
+
+        O: joint angles, their rates, deflections (in space also twists), their rates.
+        """
         half, joints, (bends, slope) = self.half, self.joints, self.bends(x)
         n, many, own = len(joints), bends.shape[1], slope[..., :half]
         C = np.zeros((len(x), 2 * (n + many), self.size))
@@ -197,12 +212,14 @@ class Dynamics:
         return np.concatenate([x[:, joints], x[:, half + joints], bends, rates], axis=1), C
 
     def stage_weight(self, weights: StateWeights) -> Array:
-        """(S, S): cost of a state's distance from rest."""
+        """Return the stage cost matrix (S, S) of a deviation from rest."""
         return weights.stage(self.outputs(np.zeros((1, self.size)))[1][0], self.first, self.n_inputs)
 
     def corrected(self, x: Array, outputs: Array) -> Array:
-        """The states (m, S) that have these outputs (m, 4 N): joint angles, their rates, tip deflections over length,
-        their rates. Made from x: links are turned at their joints, and bent as forces at their tips would bend them."""
+        """Correct states x (m, S) to outputs (m, 4 N): joint angles and rates, deflections over length and their rates.
+
+        Links are turned at their joints and bent in the shape of a force at their tip.
+        """
         half, out = self.half, x.copy()
         angle, rate, bend, bend_rate = np.split(outputs, 4, axis=1)
         for part, wanted, bent in ((0, angle, bend), (half, rate, bend_rate)):
@@ -218,22 +235,26 @@ class Dynamics:
         return out
 
     def _turn(self, x: Array, part: int, k: int, by: Array) -> None:
-        """Turn link k's nodes by angles (m, nodes), and the links beyond it with its tip."""
+        """Turn link k's nodes by angles (m, nodes), and the links beyond by its tip's. part: 0 angles, `half` rates."""
         x[:, part + k * self.nodes : part + (k + 1) * self.nodes] += by
         for later in range(k + 1, self.n_inputs):
             at = part + later * self.nodes
             x[:, at + 1 : at + self.nodes] += by[:, -1:]
 
     def _move(self, x: Array, u: Array, out: Array) -> None:
+        """Advance states x (m, S) under torques u (m, N) in one compiled call; write out (m, S), NaN if failed."""
         batch = self._batch(len(x))
         lanes, m, block = len(batch.lane), len(x), batch.block
         groups, rows = -(-m // lanes), len(batch.system.q0)
         own, many = np.concatenate([self._rows, rows + self._rows]), 2 * rows
         state = np.zeros((groups * lanes, many))
         state[:m, own] = x
+        # states into lane order: (groups, rows, lanes)
         block[:groups, : many * lanes] = state.reshape(groups, lanes, many).transpose(0, 2, 1).reshape(groups, -1)
-        mode = batch.layout.record + MODE * lanes
-        block[:groups, mode : mode + lanes] = RUNNING
+        record = batch.layout.record
+        block[:groups, record + MODE * lanes : record + (MODE + 1) * lanes] = RUNNING
+        # each call starts from other states: as in a first period, the balance of energy begins with theirs
+        block[:groups, record + PERIODS * lanes : record + (PERIODS + 1) * lanes] = 0.0
         batch.action[:m] = u
         batch.action[m:] = 0.0
         batch.compiled_step(batch.address, 0, groups)
@@ -242,7 +263,7 @@ class Dynamics:
         out[batch.table[batch.info_at.reason, :m] != 0.0] = np.nan
 
     def _periods(self, m: int) -> tuple[Periods, Array]:
-        """Of at least m arms, and states of theirs, of which the first numbers are to be filled in."""
+        """Return differentiable control periods of at least m arms, and their state array to be filled."""
         batch = self._batch(m)
         if batch.n not in self._differentiated:
             periods = Periods(batch, alone="none")  # plans that go on through halved steps do not come to rest
@@ -251,6 +272,7 @@ class Dynamics:
         return self._differentiated[batch.n]
 
     def _batch(self, m: int) -> Batch:
+        """Return a batch of at least m arms, its size a power of two from 8; batches are kept."""
         size = 8
         while size < m:
             size *= 2
@@ -264,25 +286,27 @@ class Dynamics:
 
 
 STEP = 1e-5
-"""Of differences: rad, and of strains."""
+"""Step of central differences: rad, and strains."""
 
 GENTLE = StateWeights(1.0, 0.5, 1.0, 0.5)
-"""Of regulators that bring the arm home from afar."""
+"""Weights of the gentle regulators that move an arm to its goal from far away."""
 
 NEWTON = 8
-"""Steps to where the arm rests."""
+"""Newton steps to the arm's static rest."""
 
 
 class SpatialDynamics(Dynamics):
-    """`Dynamics` of an arm on a base that is held, under gravity.
+    """`Dynamics` of an arm in space on a fixed base, under gravity (x, y, z), m/s^2.
 
-    q of a link are its joint's angle, then its strains: `nodes` - 1 polynomials of torsion, bending about y and z.
+    A link's q are its joint angle, then its strains: `nodes` - 1 polynomials of torsion and bending about y and z.
     Deflections are those of its flexible links along y, then z, over their lengths, then their twists, rad.
     """
 
     step = 0.005
 
-    def __init__(self, arm: Arm, period: float, nodes: int, gravity: Vector) -> None:
+    def __init__(self, arm: Arm, period: float, nodes: int, gravity: Vector, step: float | None = None) -> None:
+        """Assemble the elastica of an arm in space. period, step: s; gravity (3,): m/s^2; nodes: of each link."""
+        self.step = self.step if step is None else step
         strains = 3 * (nodes - 1)
         counts = [1 if link.rigid else 1 + strains for link in arm.links]
         rows = 6 + np.arange(sum(counts))  # behind those of the base
@@ -292,13 +316,14 @@ class SpatialDynamics(Dynamics):
         self._strains = np.setdiff1d(np.arange(self.half), self.joints)
 
     def still(self, angles: ArrayLike) -> tuple[Array, Array]:
-        """See `Dynamics.still`: what a period does not move, by Newton's method."""
+        """Find static rests as fixed points of a period, by Newton's method; see `Dynamics.still`."""
         x, n = self.unbent(angles), self.n_inputs
         u, half = np.zeros((len(x), n)), self.half
         u[:] = holding(self.arm, np.array(self.gravity), x[:, self.joints])[0] / self.limits
         weight = np.repeat([1.0 / self.period, 1.0], half)
         for _ in range(NEWTON):
             A, B = self.jacobians(x, u)
+            # unknowns: strains and torques, with the joint angles given
             off = (self.advance(x, u) - x) * weight
             slope = np.concatenate([(A - np.eye(self.size))[:, :, self._strains], B], axis=2) * weight[:, None]
             step = -np.linalg.pinv(slope) @ off[:, :, None]
@@ -307,18 +332,18 @@ class SpatialDynamics(Dynamics):
         return x, u
 
     def unbent(self, angles: ArrayLike) -> Array:
-        """See `Dynamics.unbent`."""
+        """Return the states (m, S) of the arm without strain or motion at joint angles (m, N), rad."""
         angles, x = self._turned(angles)
         x[:, self.joints] = angles
         return x
 
     def homing(self, x: Array, u: Array) -> Array:
-        """Gains (m, N, S) of gentle regulators, u - K dx, about rest at states (m, S) that torques u (m, N) hold."""
+        """Gains K (m, N, S) of gentle regulators u - K dx about rest states (m, S) with holding torques u (m, N)."""
         stage, R = self.stage_weight(GENTLE), np.eye(self.n_inputs)
         return np.stack([riccati(A, B, stage, R)[0] for A, B in zip(*self.jacobians(x, u), strict=True)])
 
     def begun(self, start: Array, goal: Array, periods: int) -> Array:
-        """What gentle regulators do: torques that are held would let an arm fall."""
+        """Return initial controls (T, n, N) by gentle regulators; held torques would let the arm fall."""
         home, held = self.still(goal[:, self.joints])
         K, x, controls = self.homing(home, held), start, np.zeros((periods, *held.shape))
         for k in range(periods):
@@ -327,36 +352,41 @@ class SpatialDynamics(Dynamics):
         return controls
 
     def inertia(self, angles: Array) -> Array:
-        """(m, N, N), kg m^2: of the rigid arm about its joints at angles (m, N)."""
+        """Return the rigid arm's inertia about its joints (m, N, N), kg m^2, at joint angles (m, N), rad."""
         return holding(self.arm, np.array(self.gravity), angles)[1]
 
     @cached_property
     def first(self) -> float:
-        """Lowest frequency of bending of the arm at joint angles 0, its joints free, rad/s."""
+        """Lowest bending frequency, rad/s, of the arm at joint angles 0 with free joints."""
         n = self.n_inputs
         A = held_model(self.arm, np.array(self.gravity), np.zeros(n))[2]
         return float(np.sqrt(np.sort(-np.linalg.eigvals(A[len(A) // 2 :, : len(A) // 2]).real)[n]))
 
     def tip(self, x: Array) -> tuple[Array, Array]:
-        """Tip (..., 3), m, about the root, and its derivative (..., 3, S)."""
+        """Return the tip position about the root (..., 3), m, and its derivative (..., 3, S)."""
         place, slope = self.points(x)
         return place[..., -1, :], slope[..., -1, :, :]
 
     def points(self, x: Array) -> tuple[Array, Array]:
-        """Sections of all links and their tips, (..., P, 3), m about the root, and their derivative by x."""
+        """Positions (..., P, 3), m about the root, of all links' sections and tips, and their derivative by x."""
         return self._seen(x, "shapes")
 
     def places(self, x: Array) -> Array:
-        """`points` without the derivative."""
+        """Return the positions of `points` without their derivative."""
         found = self._read(x[..., : self.half].reshape(-1, self.half), "shapes")
         return found.reshape(*x.shape[:-1], *found.shape[1:])
 
     def bends(self, x: Array) -> tuple[Array, Array]:
-        """Deflections over length and twists (..., 3 F), and their derivative (..., 3 F, S)."""
+        """Return deflections over length and twists, rad, (..., 3 F) and their derivative (..., 3 F, S)."""
         return self._seen(x, "bends")
 
+    def deflections(self, x: Array) -> Array:
+        """Return the deflections and twists of `bends` without their derivative."""
+        found = self._read(x[..., : self.half].reshape(-1, self.half), "bends")
+        return found.reshape(*x.shape[:-1], *found.shape[1:])
+
     def _seen(self, x: Array, what: str) -> tuple[Array, Array]:
-        """Values (..., *) and derivative (..., *, S), by differences."""
+        """Values (..., *) of a quantity of `_read`, and their derivative by x (..., *, S) by central differences."""
         q = x[..., : self.half].reshape(-1, self.half)
         ways = STEP * np.concatenate([np.zeros((1, self.half)), np.eye(self.half), -np.eye(self.half)])
         found = self._read((q + ways[:, None]).reshape(-1, self.half), what)
@@ -367,7 +397,7 @@ class SpatialDynamics(Dynamics):
         return found[0], slope
 
     def _read(self, q: Array, what: str) -> Array:
-        """(m, P, 3): points; (m, 3 F): deflections and twists."""
+        """Points (m, P, 3), m ("shapes"), or deflections over length and twists (m, 3 F) ("bends") at q (m, half)."""
         rows = np.zeros((len(q), 6 + self.half))
         rows[:, 6:] = q
         if what == "shapes":
@@ -377,51 +407,33 @@ class SpatialDynamics(Dynamics):
         return np.concatenate([bent[..., 0], bent[..., 1], twist], axis=1)
 
 
-class Grid:
-    """Stages of one length after a first one that may be shorter.
-
-    first, later: of the same arm and nodes.
-    """
-
-    def __init__(self, first: Dynamics, later: Dynamics) -> None:
-        self.first, self.later = first, later
-        self.size, self.n_inputs = later.size, later.n_inputs
-
-    def stage(self, k: int, x: Array, u: Array) -> Array:
-        """See `ilqr.System`."""
-        return (self.later if k else self.first).advance(x, u)
-
-    def linear(self, x: Array, u: Array) -> tuple[Array, Array]:
-        """See `ilqr.System`."""
-        A, B = self.later.linear(x, u)
-        if self.first is not self.later:
-            A[:1], B[:1] = self.first.linear(x[:1], u[:1])
-        return A, B
-
-
 def dynamics(
-    arm: Arm | str | os.PathLike[str], period: float, nodes: int | None = None, gravity: Vector | None = None
-) -> Dynamics:
-    """`Dynamics`, one for all that ask for the same.
+    arm: Arm | str | os.PathLike[str], period: float, nodes: int | None = None, gravity: Vector | None = None,
+    step: float | None = None,
+) -> Dynamics:  # fmt: skip
+    """Return the cached `Dynamics` of an arm.
 
-    nodes: None: 4; in space 3. gravity: (x, y, z), m/s^2, of an arm in space; in the plane there is none.
+    nodes: None: 4, in space 3. gravity: m/s^2, ignored in the plane. step: longest solver step, s; None: 0.02/3, in
+    space 0.005, which plans of `optimal` halve where they need to.
     """
     arm = arms.resolve(arm)
     period = check.number("period", period, "s", above=0.0)
     usual = 3 if arm.spatial else 4
     nodes = usual if nodes is None else check.integer("nodes", nodes, minimum=3, maximum=12)
-    return _one_for_all(arm, period, nodes, gravity if arm.spatial else None)
+    step = None if step is None else check.number("step", step, "s", above=0.0)
+    return _one_for_all(arm, period, nodes, gravity if arm.spatial else None, step)
 
 
 @lru_cache(maxsize=16)
-def _one_for_all(arm: Arm, period: float, nodes: int, gravity: Vector | None) -> Dynamics:
+def _one_for_all(arm: Arm, period: float, nodes: int, gravity: Vector | None, step: float | None) -> Dynamics:
+    """Create the `Dynamics` or `SpatialDynamics` of an arm, once per set of arguments."""
     if arm.spatial:
-        return SpatialDynamics(arm, period, nodes, gravity or (0.0, 0.0, 0.0))
-    return Dynamics(arm, period, nodes)
+        return SpatialDynamics(arm, period, nodes, gravity or (0.0, 0.0, 0.0), step)
+    return Dynamics(arm, period, nodes, step)
 
 
 def _task(arm: Arm) -> Task:
-    """A task that asks for nothing; of the environments' kind, so that their compiled functions serve."""
+    """Build a task without reward of the environments' kind, so that their compiled functions are reused."""
     n, space = arm.n_links, arm.spatial
     kind = SpaceReach if space else Slew if n == 1 else Reach if n == 2 else Chain
     entries = 3 * n + 6 * sum(not link.rigid for link in arm.links) + 6 if space else 6 if n == 1 else 5 * n + 4

@@ -1,7 +1,7 @@
-"""Trained policies for other machines: one C file for a controller board, ONNX for what runs that.
+"""Export trained policies: one C file for a controller board, ONNX for machines that run it.
 
-Both hold what a `policy.npz` holds and decide as :class:`NumpyPolicy` does, to 1e-6: ONNX sums in double as that does,
-the C file in float32 that carries what is rounded off (Dekker 1971).
+Both contain what a `policy.npz` contains and agree with :class:`NumpyPolicy` to 1e-6: ONNX sums in double as it does,
+the C file in float32 with compensated sums (Dekker 1971).
 """
 
 from __future__ import annotations
@@ -21,15 +21,17 @@ from .. import validation as check
 from ..tasks.program import CLIP
 from .policy import NumpyPolicy
 
+FAR = 1e9
+"""Magnitude to which a policy in C clips an observation's entries, well within float32's range."""
 OPSET, IR_VERSION = 17, 8
-"""Of ONNX: old enough for what is in use."""
+"""ONNX versions, old enough for current runtimes."""
 
 
 @dataclass(frozen=True)
 class Entries:
-    """What a policy observes: names and scales of the entries of one instant, in order (entry = value / scale).
+    """Observation of a policy: names and scales of the entries of one instant, in order (entry = value / scale).
 
-    torque_limits: what an action of 1 stands for, N m a joint; empty where actions are not torques.
+    torque_limits: N m per joint at an action of 1; empty if actions are not torques.
     """
 
     names: tuple[str, ...]
@@ -38,7 +40,7 @@ class Entries:
 
     @classmethod
     def of(cls, policy: NumpyPolicy) -> Entries | None:
-        """As the policy's file says it; None where it does not (those of version 0.1)."""
+        """Read the entries from the policy's metadata; None for files of version 0.1, which do not contain them."""
         scales = policy.meta.get("scales")
         if not scales:
             return None
@@ -48,10 +50,10 @@ class Entries:
 
 # ------------------------------------------------------------------ ONNX
 def onnx_bytes(policy: NumpyPolicy) -> bytes:
-    """The policy as an ONNX model: `observation` (n, entries) float32 to `action` (n, joints) float32 in [-1, 1].
+    """Serialize the policy as an ONNX model: `observation` (n, entries) to `action` (n, joints) in [-1, 1], float32.
 
-    An observation is the environment's own, several instants in one where the policy has a history. Observations are
-    normalised inside. The model's metadata is the policy's `meta`. ImportError where the package onnx is missing.
+    The observation is the environment's own, with all instants of its history, and is normalized inside the model. The
+    model's metadata is the policy's `meta`. ImportError if the package onnx is missing.
     """
     with check.needs("an ONNX file", "onnx", "export"):
         from onnx import TensorProto, checker, helper, numpy_helper
@@ -60,12 +62,13 @@ def onnx_bytes(policy: NumpyPolicy) -> bytes:
     last = "observation"
 
     def then(operator: str, *given: tuple[str, Any], **attributes: Any) -> None:
-        """One more node, of what was last and of named constants."""
+        """Append a node that takes the last output and the given named constants."""
         nonlocal last
         constants.update({name: np.asarray(value, np.float64) for name, value in given})
         before, last = last, f"x{len(nodes)}"
         nodes.append(helper.make_node(operator, [before, *(name for name, _ in given)], [last], **attributes))
 
+    # double precision, normalization, layers, squashing
     then("Cast", to=TensorProto.DOUBLE)
     if policy.normaliser is not None:
         n = policy.normaliser
@@ -100,39 +103,59 @@ def onnx_bytes(policy: NumpyPolicy) -> bytes:
 
 
 # ------------------------------------------------------------------ C
+def check_name(name: str) -> str:
+    """Validate a C identifier; ValueError for any other name."""
+    if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z_]\w{0,59}", name, flags=re.ASCII):
+        raise check.InvalidValue("name", name, "must be a C identifier: letters, digits, _, at most 60")
+    return name
+
+
 def c_name(word: str) -> str:
-    """A C identifier from a file's name."""
+    """Convert a file's name to a C identifier."""
     name = re.sub(r"\W", "_", word, flags=re.ASCII)
     return f"_{name}" if name[:1].isdigit() or keyword.iskeyword(name) else name or "policy"
 
 
 def c_part(part: str) -> str:
-    """A part of what all files are made of: `data/control/c`."""
+    """Read a source fragment from `data/control/c`."""
     return (resources.files("flexarm_env") / "data" / "control" / "c" / f"{part}.c").read_text("utf-8")
 
 
 def c_named(text: str, name: str) -> str:
-    """The text with a name in place of NAME, and UPPER in capitals."""
+    """Replace NAME by a name, and UPPER by the name in capitals, in C source text."""
+    check_name(name)
     return re.sub("NAME|UPPER", lambda word: name if word[0] == "NAME" else name.upper(), text)
 
 
 def c_comment(lines: Iterable[str]) -> str:
-    """A comment of several lines."""
-    return "\n".join(["/*", *(f" * {line}".rstrip() for line in lines), " */"])
+    """Format lines as a C comment, with characters escaped that could end it."""
+    return "\n".join(["/*", *(f" * {harmless(line)}".rstrip() for line in lines), " */"])
+
+
+def harmless(line: str) -> str:
+    """Make a line safe inside a C comment, whatever an arm, a policy's file or a user's keyword is called.
+
+    Comment delimiters are broken up. Backslashes are removed, and so is the C99 trigraph for one (two question marks
+    and a slash): at the end of a line they would join it to the next.
+    """
+    # printable ASCII without backslash
+    line = re.sub(r"[^ -\[\]-~]", "?", line)
+    line = re.sub(r"\?(?=\?)", "? ", line)
+    return re.sub(r"\*(?=/)", "* ", re.sub(r"/(?=\*)", "/ ", line))
 
 
 def c_array(kind: str, name: str, words: Sequence[str], across: int) -> str:
-    """The declaration of a constant array, so many numbers a line."""
+    """Format the declaration of a constant array with `across` numbers per line."""
     rows = ",\n    ".join(", ".join(words[i : i + across]) for i in range(0, len(words), across))
     return f"static const {kind} NAME_{name}[{max(1, len(words))}] = {{\n    {rows or '0'}\n}};"
 
 
 def c_source(policy: NumpyPolicy, entries: Entries, name: str) -> str:
-    """The policy as one C99 file without `main`, float32, all arrays of fixed size.
+    """Generate the policy as one C99 file without `main`: float32, all arrays of fixed size.
 
     Args:
-        entries: of one instant; a policy whose observation holds several of them has a history.
-        name: in front of what the file defines: NAME_decide (the environment's observation to actions), NAME_reset and
+        entries: of one instant; a policy whose observation contains several instants has a history.
+        name: prefix of the file's definitions: NAME_decide (the environment's observation to actions), NAME_reset and
             NAME_act (values in SI units, one instant after the other, to actions), NAME_memory, NAME_OBSERVATION, ...
     Raises:
         ValueError: the policy's observation is no whole number of such entries.
@@ -141,16 +164,18 @@ def c_source(policy: NumpyPolicy, entries: Entries, name: str) -> str:
     count, widths = len(entries.names), [w.shape[1] for w, _ in policy.weights]
     if count == 0 or size % count:
         raise check.InvalidValue("entries", count, f"must be a divisor of {size}, which the policy observes")
+    # constants of the preprocessor
     declared = {
         "ENTRIES": count, "HISTORY": size // count, "OBSERVATION": size, "ACTIONS": joints, "WIDTH": max(size, *widths),
-        "MOST": _number(CLIP),
+        "MOST": _number(CLIP), "FAR": _number(FAR),
     }  # fmt: skip
     text = "\n".join([
         _head(policy, entries, size // count),
         "#include <math.h>", "",
         *(f"#define UPPER_{word} {value}" for word, value in declared.items()), "",
         *_arrays(policy, entries),
-        *map(c_part, ("policy_memory", "policy_layer", *(["policy_normal"] if policy.normaliser is not None else []))),
+        *map(c_part, ("policy_memory", "policy_bounded", "policy_layer")),
+        *([c_part("policy_normal")] if policy.normaliser is not None else []),
         c_part("policy_decide").replace("STEPS", "\n".join(f"    {line}" for line in _steps(policy))),
         c_part("policy_act"),
     ])  # fmt: skip
@@ -158,14 +183,18 @@ def c_source(policy: NumpyPolicy, entries: Entries, name: str) -> str:
 
 
 def _steps(policy: NumpyPolicy) -> Iterator[str]:
-    """Statements from the observation, in `x`, to actions; between layers the values lie in `x` and `y` by turns."""
+    """Generate the C statements from the observation, in `x`, to actions; layers alternate between `x` and `y`."""
+    # observation into x, clipped or normalized, with the remainder in x_rest
     if policy.normaliser is None:
-        yield "for (i = 0; i < UPPER_OBSERVATION; i++) x[i] = observation[i], x_rest[i] = 0.0f;"
+        yield "for (i = 0; i < UPPER_OBSERVATION; i++)"
+        yield "    x[i] = NAME_bounded(observation[i], UPPER_FAR), x_rest[i] = 0.0f;"
     else:
         yield "for (i = 0; i < UPPER_OBSERVATION; i++) x[i] = NAME_normal(i, observation[i], &x_rest[i]);"
     here, there = "x", "y"
     tanh = policy.meta["activation"] == "tanh"
+    # activation; each value is carried as a float32 and its remainder
     law = "{0} = tanhf({0} + {1}), {1} = 0.0f" if tanh else "if ({0} + {1} < 0.0f) {0} = {1} = 0.0f"
+    # layers from one buffer to the other
     for k, (w, _) in enumerate(policy.weights):
         rows, columns = w.shape
         yield f"NAME_layer({here}, {here}_rest, {rows}, NAME_w{k}, NAME_b{k}, {there}, {there}_rest, {columns});"
@@ -179,12 +208,13 @@ def _steps(policy: NumpyPolicy) -> Iterator[str]:
 
 
 def _head(policy: NumpyPolicy, entries: Entries, history: int) -> str:
-    """The comment at the top."""
+    """Generate the comment at the top of a policy's C file."""
     meta = policy.meta
     joints = policy.weights[-1][0].shape[1]
     kwargs = json.dumps(meta["env_kwargs"]) if meta["env_kwargs"] else ""
     limits = ", ".join(f"{limit:g}" for limit in entries.torque_limits)
     mode = meta["env_kwargs"].get("action_mode", "torque")
+    # meaning of an action
     means = f"the joints' torques over {limits} N m" if limits else f'what the environment takes, action_mode "{mode}"'
     of_one = zip(entries.names, entries.scales, strict=True)
     units = [f"    {k}: {one} / {scale:.9g}" for k, (one, scale) in enumerate(of_one)]
@@ -194,11 +224,13 @@ def _head(policy: NumpyPolicy, entries: Entries, history: int) -> str:
         "",
         f"  void NAME_decide(const float observation[UPPER_OBSERVATION], float action[{joints}])",
         f"      the environment's observation ({history} x {len(entries.names)}, the newest instant last) to actions",
+        "      (0 where a number is NaN)",
         "  void NAME_reset(NAME_memory *memory)",
         "      before an episode",
         f"  void NAME_act(NAME_memory *memory, const float measured[{len(entries.names)}], float action[{joints}])",
         "      what is measured now, in SI units, to actions: scaled, clipped"
         + (f", beside the {history - 1} instants before; once a control period" if history > 1 else ""),
+        "      (actions 0 where a number is not finite; that instant is left out)",
         "",
         f"Actions lie in [-1, 1]: {means}.",
         f"Entries of an instant, value / scale, clipped at {CLIP:g}:",
@@ -206,20 +238,16 @@ def _head(policy: NumpyPolicy, entries: Entries, history: int) -> str:
         "",
         "Every sum is carried with what float32 rounds off it (Dekker 1971): compile without -ffast-math.",
     ]
-    return c_comment(map(_harmless, lines))
-
-
-def _harmless(line: str) -> str:
-    """A line of a comment, whatever a policy's file says of itself."""
-    return re.sub(r"[^ -\[\]-~]", "?", line).replace("*/", "* /").replace("/*", "/ *")
+    return c_comment(lines)
 
 
 def _arrays(policy: NumpyPolicy, entries: Entries) -> Iterator[str]:
-    """Declarations of all constants."""
+    """Generate the declarations of all constants: scales, normalization statistics, weights and biases."""
     yield _array("scale", entries.scales)
     if policy.normaliser is not None:
         n = policy.normaliser
         for word, values in (("mean", n["mean"]), ("inverse", 1.0 / np.sqrt(n["variance"] + n["epsilon"]))):
+            # float32 value and its remainder
             first = values.astype(np.float32)
             yield _array(word, first)
             yield _array(f"{word}_rest", values - first)
@@ -230,10 +258,11 @@ def _arrays(policy: NumpyPolicy, entries: Entries) -> Iterator[str]:
 
 
 def _array(name: str, values: Sequence[float] | NDArray[Any]) -> str:
+    """Format a float32 array's declaration, eight numbers per line."""
     return c_array("float", name, [_number(value) for value in values], 8) + "\n"
 
 
 def _number(value: Any) -> str:
-    """A float32 as C writes it, to the last bit."""
+    """Format a number as an exact C float32 literal."""
     text = f"{np.float32(value):.9g}"
     return f"{text}f" if "." in text or "e" in text else f"{text}.0f"

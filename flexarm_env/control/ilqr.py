@@ -1,14 +1,13 @@
-"""Iterative LQR with limits on the controls, for many arms at once (Li & Todorov 2004; limits: Tassa et al. 2014).
+"""Iterative LQR with control limits, for many arms at once (Li & Todorov 2004; limits: Tassa et al. 2014).
 
-What is to be minimised is, for each arm by itself,
+For each arm, minimize
 
     sum_k cost_k(x_k) + 1/2 sum_k weight . (u_k - still)^2   with x_k+1 = f(x_k, u_k), |u| <= bound, k = 0 ... T - 1
 
 (cost_k: up to T).
 
-Every iteration takes the derivatives of all stages of all arms together, solves the linear-quadratic problem backwards
-with controls kept within limits, and tries steps of several lengths at once. Limits on states are costs with
-multipliers (`Limits`).
+Every iteration linearizes all stages of all arms together, solves the linear-quadratic problem backwards with the
+controls' limits, and tries several step lengths at once. State limits are penalties with multipliers (`Limits`).
 """
 
 from collections.abc import Sequence
@@ -21,26 +20,26 @@ from numpy.typing import NDArray
 from flexarm_env.validation import Array
 
 LENGTHS = np.array([1.0, 0.7, 0.45, 0.25, 0.12, 0.05, 0.02, 0.005])
-"""Steps that are tried, over the whole one: as many as arms stand side by side in compiled code."""
+"""Step lengths of the line search, relative to the full step: as many as compiled code has lanes."""
 
 
 class System(Protocol):
-    """What moves: `control.dynamics.Dynamics`, or anything like it."""
+    """Discrete-time system x_k+1 = f(x_k, u_k): `control.dynamics.Dynamics` or a similar class."""
 
     size: int
     n_inputs: int
 
     def stage(self, k: int, x: Array, u: Array) -> Array:
-        """States (m, S) after stage k from states and controls (m, N)."""
+        """Return the states (m, S) after stage k from states x (m, S) and controls u (m, N)."""
 
     def linear(self, x: Array, u: Array) -> tuple[Array, Array]:
-        """A (T, n, S, S) and B (T, n, S, N): derivatives of all stages at states (T, n, S) and controls (T, n, N)."""
+        """Return A (T, n, S, S) and B (T, n, S, N): f's derivatives by states x (T, n, S) and controls u (T, n, N)."""
 
 
 class Astray(ValueError):
-    """No control leads along states that are finite.
+    """Neither the initial guess nor the rest controls lead to finite states.
 
-    Attributes: arms (n,): which arms that is so of.
+    Attributes: arms (n,): the arms concerned.
     """
 
     def __init__(self, arms: NDArray[np.bool_]) -> None:
@@ -49,29 +48,31 @@ class Astray(ValueError):
 
 
 class Cost(Protocol):
-    """A cost of states, stage by stage."""
+    """Cost of states, stage by stage."""
 
     def value(self, x: Array, k: int | slice) -> Array:
-        """Cost (..., n) of states (..., n, S) of stage k, or of stages in a row."""
+        """Cost (..., n) of states (..., n, S) at stage k, or at a slice of stages."""
 
     def slopes(self, x: Array) -> tuple[Array, Array]:
-        """Gradient (T + 1, n, S) and, positive semi-definite, curvature (T + 1, n, S, S) for states (T + 1, n, S)."""
+        """Gradient (T + 1, n, S) and positive semi-definite Hessian (T + 1, n, S, S) at states (T + 1, n, S)."""
 
 
 @dataclass
 class Quadratic:
-    """1/2 (x - goal)' weight (x - goal): goal (n, S) or (T + 1, n, S); weight (T + 1, S, S) or (T + 1, n, S, S)."""
+    """Quadratic cost 1/2 (x - goal)' W (x - goal): goal (n, S) or (T + 1, n, S); weight W (T + 1, [n,] S, S)."""
 
     goal: Array
     weight: Array
 
     def value(self, x: Array, k: int | slice) -> Array:
+        """Cost (..., n) of states (..., n, S) at stage k, or at a slice of stages."""
         goal = self.goal if self.goal.ndim == 2 else self.goal[k]
         off, weight = x - goal, self.weight[k]
         weight = weight if self.weight.ndim == 4 else weight[..., None, :, :]
         return np.asarray(0.5 * np.einsum("...i,...i->...", (weight @ off[..., None])[..., 0], off))
 
     def slopes(self, x: Array) -> tuple[Array, Array]:
+        """Gradient W (x - goal) and Hessian W at states (T + 1, n, S)."""
         off = x - self.goal
         weight = self.weight if self.weight.ndim == 4 else self.weight[:, None]
         weight = np.broadcast_to(weight, (*off.shape, off.shape[-1]))
@@ -80,10 +81,11 @@ class Quadratic:
 
 @dataclass
 class Limits:
-    """low <= g(x) <= high by augmented Lagrangian; with low = high an equality.
+    """Constraints low <= g(x) <= high by the augmented Lagrangian method; low = high is an equality.
 
-    of: x (..., S) -> g (..., G) and its derivative (..., G, S). low, high: (T + 1, n, G), infinite where there is none.
-    alone: x -> g, where that costs much less: only states that a limit pushes back are then differentiated.
+    of: x (..., S) -> g (..., G) and its derivative (..., G, S). low, high: (T + 1, n, G), infinite without a limit.
+    penalty: (n,) factors. alone: x -> g, if that costs much less than `of`: then only states at an active limit are
+    differentiated. above, below: multipliers of the upper and lower limits.
     """
 
     of: Any
@@ -95,23 +97,27 @@ class Limits:
     below: Array = field(init=False)
 
     def __post_init__(self) -> None:
+        """Start with zero multipliers."""
         self.above, self.below = np.zeros(self.high.shape), np.zeros(self.high.shape)
 
     def _values(self, x: Array) -> Array:
+        """Evaluate g (..., G) at states x (..., S)."""
         return np.asarray(self.of(x)[0] if self.alone is None else self.alone(x))
 
     def _active(self, g: Array, k: int | slice) -> tuple[Array, Array]:
-        """Forces (..., n, G) that push back, and where they do."""
+        """Multiplier estimates max(lambda + penalty * violation, 0), (..., n, G), of the upper and the lower limits."""
         stiff = self.penalty[:, None]
         over = self.above[k] + stiff * (g - self.high[k])
         under = self.below[k] + stiff * (self.low[k] - g)
         return np.maximum(over, 0.0), np.maximum(under, 0.0)
 
     def value(self, x: Array, k: int | slice) -> Array:
+        """Augmented Lagrangian term (..., n), sum of squared multiplier estimates over 2 penalty, at stage k."""
         over, under = self._active(self._values(x), k)
         return np.asarray((over**2 + under**2).sum(-1) / (2.0 * self.penalty))
 
     def slopes(self, x: Array) -> tuple[Array, Array]:
+        """Gradient (T + 1, n, S) and Gauss-Newton Hessian (T + 1, n, S, S) of the augmented Lagrangian terms."""
         if self.alone is None:
             g, slope = self.of(x)
             over, under = self._active(g, slice(None))
@@ -120,23 +126,27 @@ class Limits:
             pushed = ((over > 0.0) | (under > 0.0)).any(axis=-1)
             slope = np.zeros((*over.shape, x.shape[-1]))
             slope[pushed] = self.of(x[pushed])[1]
+        # J' (lambda_high - lambda_low);  penalty J' J over the active limits
         gradient = np.einsum("...g,...gs->...s", over - under, slope)
         stiff = self.penalty[:, None] * ((over > 0.0).astype(np.float64) + (under > 0.0))
         return gradient, slope.swapaxes(-1, -2) @ (stiff[..., None] * slope)
 
     def violation(self, x: Array) -> Array:
-        """Largest violation (n,) along trajectories (T + 1, n, S)."""
+        """Largest violation (n,) along trajectories x (T + 1, n, S), in the units of g."""
         g = self._values(x)
         return np.asarray(np.maximum(np.maximum(g - self.high, self.low - g), 0.0).max(axis=(0, 2)))
 
     def update(self, x: Array) -> None:
-        """Multipliers for the next round."""
+        """Set the multipliers for the next round from trajectories x (T + 1, n, S)."""
         self.above, self.below = self._active(self._values(x), slice(None))
 
 
 @dataclass
 class Solution:
-    """Controls (T, n, N), states (T + 1, n, S), cost (n,); gains (T, n, N, S): u = controls + gains (x - states)."""
+    """Solved plan: controls (T, n, N), states (T + 1, n, S), cost (n,), gains K (T, n, N, S).
+
+    Feedback along the plan: u = controls + K (x - states).
+    """
 
     controls: Array
     states: Array
@@ -145,8 +155,9 @@ class Solution:
 
 
 def rollout(system: System, x: Array, controls: Array) -> Array:
-    """States (T + 1, n, S) from x (n, S) under controls (T, n, N)."""
+    """Simulate states (T + 1, n, S) from x (n, S) under controls (T, n, N)."""
     states = np.empty((len(controls) + 1, *x.shape))
+    # x_k+1 = f(x_k, u_k)
     states[0] = x
     for k, u in enumerate(controls):
         states[k + 1] = system.stage(k, states[k], u)
@@ -154,11 +165,15 @@ def rollout(system: System, x: Array, controls: Array) -> Array:
 
 
 def followed(system: System, x: Array, plan: Solution, bound: float = 1.0) -> tuple[Array, Array]:
-    """A plan from another start x (n, S), by its gains: controls (T, n, N), within bounds, and states (T + 1, n, S)."""
+    """Follow a plan by its feedback gains from another start x (n, S).
+
+    Returns controls (T, n, N), clipped to +-bound, and states (T + 1, n, S).
+    """
     controls, states = np.empty(plan.controls.shape), np.empty(plan.states.shape)
     states[0] = x
     with np.errstate(all="ignore"):
         for k, u in enumerate(plan.controls):
+            # u = clip(u_k + K (x - x_k))
             off = states[k] - plan.states[k]
             controls[k] = np.clip(u + (plan.gains[k] @ off[..., None])[..., 0], -bound, bound)
             states[k + 1] = system.stage(k, states[k], controls[k])
@@ -166,7 +181,7 @@ def followed(system: System, x: Array, plan: Solution, bound: float = 1.0) -> tu
 
 
 def total(costs: Sequence[Cost], effort: Array, states: Array, controls: Array, still: Array | float = 0.0) -> Array:
-    """Cost (n,) of trajectories; infinite where they are not finite."""
+    """Total cost (n,) of trajectories, with effort weights (N,) on (controls - still)^2; infinite where not finite."""
     value = 0.5 * np.einsum("tna,a->n", (controls - still) ** 2, effort)
     with np.errstate(all="ignore"):
         for cost in costs:
@@ -178,15 +193,15 @@ def solve(
     system: System, x: Array, guess: Array | Solution, costs: Sequence[Cost], effort: Array, *,
     iterations: int = 50, tolerance: float = 1e-6, bound: float = 1.0, still: Array | float = 0.0,
 ) -> Solution:  # fmt: skip
-    """The controls that cost least, found from a first guess.
+    """Minimize the total cost by iLQR from an initial guess.
 
     Args:
-        x: states (n, S) to start from. guess: controls (T, n, N), or a plan, which is followed by its gains where x is
-            not where it starts. effort (N,): weights, positive.
-        iterations: at most. tolerance: of the cost, over itself: when no arm's falls by more, it is done.
-        bound: of the controls. still (n, N): those that cost nothing.
+        x: states (n, S) to start from. guess: controls (T, n, N), or a plan, which is followed by its gains if it
+            starts elsewhere. effort (N,): positive weights on the controls.
+        iterations: at most. tolerance: stop when no arm's cost falls by a larger share of itself.
+        bound: of the controls. still (n, N): controls without cost.
     Raises:
-        Astray: the first guess leads to states that are not finite, and so does no control.
+        Astray: neither the initial guess nor `still` leads to finite states.
     """
     if isinstance(guess, Solution):
         controls, states = followed(system, x, guess, bound)
@@ -194,6 +209,7 @@ def solve(
         controls = np.clip(guess, -bound, bound)
         states = rollout(system, x, controls)
     cost = total(costs, effort, states, controls, still)
+    # arms with infinite cost: try the plan's open-loop controls, then the rest controls
     for other in (guess.controls if isinstance(guess, Solution) else guess, still):
         if not np.isfinite(cost).all():
             controls = np.where(np.isfinite(cost)[:, None], controls, np.clip(other, -bound, bound))
@@ -201,11 +217,13 @@ def solve(
             cost = total(costs, effort, states, controls, still)
     if not np.isfinite(cost).all():
         raise Astray(~np.isfinite(cost))
+    # Levenberg-Marquardt damping of Quu, one per arm, zero while full steps succeed
     damping = np.full(len(x), 0.0)
     gains = np.zeros((*controls.shape, system.size))
     for _ in range(iterations):
         feed, gains = backward(system, states, controls, costs, effort, damping, bound, still)
         found, moved, costs_of = _forward(system, states, controls, feed, gains, costs, effort, bound, still)
+        # line search: the best of the tried step lengths, accepted if it lowers the cost
         best = np.argmin(costs_of, axis=0)
         arms = np.arange(len(x))
         lower = costs_of[best, arms]
@@ -214,6 +232,7 @@ def solve(
         controls = np.where(better[:, None], moved[:, best, arms], controls)
         states = np.where(better[:, None], found[:, best, arms], states)
         cost = np.where(better, lower, cost)
+        # raise the damping after a rejected or very short step, otherwise lower it
         weak = ~better | (LENGTHS[best] < 0.1)
         damping = np.where(weak, np.maximum(10.0 * damping, 1e-6), np.where(damping > 1e-6, 0.2 * damping, 0.0))
         if ((fall < tolerance) & (better | (damping > 1e3))).all():
@@ -231,32 +250,38 @@ def backward(
     bound: float = 1.0,
     still: Array | float = 0.0,
 ) -> tuple[Array, Array]:
-    """Changes of the controls (T, n, N) and their gains (T, n, N, S) that solve the linear-quadratic problem.
+    """Backward pass: feedforward k (T, n, N) and gains K (T, n, N, S) of du = k + K dx that solve the local LQ problem.
 
-    damping (n,): added to the curvature by the controls.
+    states (T + 1, n, S) and controls (T, n, N): trajectory to linearize about. effort (N,): weights of (u - still)^2.
+    damping (n,): added to the diagonal of Quu. Controls + k stay within +-bound.
     """
     periods, _, count = controls.shape
     A, B = system.linear(states[:-1], controls)
     slopes = [cost.slopes(states) for cost in costs]
+    # V_x and V_xx at the last stage
     gradient, curvature = (np.sum(part, axis=0) if len(part) > 1 else part[0] for part in zip(*slopes, strict=True))
     value, bend = gradient[-1], curvature[-1]
     feed, gains = np.empty(controls.shape), np.empty((*controls.shape, system.size))
     low, high = -bound - controls, bound - controls
+    # R + damping I and R (u - still)
     own = np.eye(count) * (effort + damping[:, None])[:, None, :]
     pull = (controls - still) * effort
     for k in range(periods - 1, -1, -1):
         Ak, Bk = A[k], B[k]
         AT, BT = Ak.swapaxes(1, 2), Bk.swapaxes(1, 2)
+        # Qu = R u + B' Vx, Quu = R + B' Vxx B, Qux = B' Vxx A
         Qu = pull[k] + (BT @ value[:, :, None])[:, :, 0]
         PA = bend @ Ak
         Quu, Qux = own + BT @ (bend @ Bk), BT @ PA
         feed[k], gains[k] = step, gain = _within(Quu, Qu, Qux, low[k], high[k])
+        # Vx = lx + A' Vx + K' (Qu + Quu k) + Qux' k
         GT = gain.swapaxes(1, 2)
         value = (
             gradient[k] + (AT @ value[:, :, None])[:, :, 0]
             + (GT @ (Qu + (Quu @ step[:, :, None])[:, :, 0])[:, :, None])[:, :, 0]
             + (Qux.swapaxes(1, 2) @ step[:, :, None])[:, :, 0]
         )  # fmt: skip
+        # Vxx = lxx + A' Vxx A + K' Quu K + K' Qux + Qux' K, kept symmetric
         cross = GT @ Qux
         bend = curvature[k] + AT @ PA + GT @ (Quu @ gain) + cross + cross.swapaxes(1, 2)
         bend = 0.5 * (bend + bend.swapaxes(1, 2))
@@ -264,11 +289,15 @@ def backward(
 
 
 def _within(Quu: Array, Qu: Array, Qux: Array, low: Array, high: Array) -> tuple[Array, Array]:
-    """Minimiser (n, N) of 1/2 u' Quu u + Qu u between low and high, and the gains of those not at a limit."""
+    """Solve the box-constrained QP min 1/2 u' Quu u + Qu u, low <= u <= high: minimizer (n, N) and gains (n, N, S).
+
+    The gains -Quu^-1 Qux of clamped controls are zero.
+    """
     if Quu.shape[1] == 1:
         step = np.clip(-Qu / Quu[:, 0], low, high)
         free = (step > low) & (step < high)
         return step, np.where(free[:, :, None], -Qux / Quu, 0.0)
+    # unconstrained solution; only arms with a violated limit need more
     both = -np.linalg.solve(Quu, np.concatenate([Qu[:, :, None], Qux], axis=2))
     step, gain = both[:, :, 0], both[:, :, 1:]
     inside = ((step > low) & (step < high)).all(axis=1)
@@ -282,7 +311,10 @@ def _within(Quu: Array, Qu: Array, Qux: Array, low: Array, high: Array) -> tuple
 
 
 def _corner(H: Array, g: Array, low: Array, high: Array) -> Array:
-    """Minimiser of 1/2 u' H u + g u between low and high: of two, the best with one at a limit; more, by turns."""
+    """Minimize 1/2 u' H u + g u between low and high, (n, N), where some limit is active.
+
+    Two controls: the best point with one control at a limit. More: coordinate descent.
+    """
     count = H.shape[1]
     if count == 2:
         tried = []
@@ -293,6 +325,7 @@ def _corner(H: Array, g: Array, low: Array, high: Array) -> Array:
                 u[:, j] = np.clip(-(g[:, j] + H[:, i, j] * u[:, i]) / H[:, j, j], low[:, j], high[:, j])
                 tried.append(u)
         each = np.array(tried)
+        # objective of the four candidates
         worth = np.einsum("cni,cni->cn", each, 0.5 * np.einsum("nij,cnj->cni", H, each) + g)
         return np.asarray(each[np.argmin(worth, axis=0), np.arange(len(g))])
     u = np.clip(np.zeros(g.shape), low, high)
@@ -307,8 +340,9 @@ def _corner(H: Array, g: Array, low: Array, high: Array) -> Array:
 
 
 def _partial(Quu: Array, Qux: Array, free: NDArray[np.bool_]) -> Array:
-    """Gains of the free controls, the others held."""
+    """Gains -Quu^-1 Qux (n, N, S) of the free controls (n, N); clamped ones have zero rows."""
     both = free[:, :, None] & free[:, None, :]
+    # identity rows for the clamped controls
     H = np.where(both, Quu, np.eye(Quu.shape[1]))
     return np.asarray(np.where(free[:, :, None], -np.linalg.solve(H, np.where(free[:, :, None], Qux, 0.0)), 0.0))
 
@@ -324,7 +358,10 @@ def _forward(
     bound: float,
     still: Array | float,
 ) -> tuple[Array, Array, Array]:
-    """States (T + 1, 8, n, S), controls (T, 8, n, N) and costs (8, n) of steps of all `LENGTHS`."""
+    """Forward pass: simulate the new control law with all `LENGTHS` of the feedforward step.
+
+    Returns states (T + 1, 8, n, S), controls (T, 8, n, N) and costs (8, n). feed, gains: of `backward`.
+    """
     periods, n, count = controls.shape
     size, tried = system.size, len(LENGTHS)
     found, moved = np.empty((periods + 1, tried, n, size)), np.empty((periods, tried, n, count))
@@ -333,6 +370,7 @@ def _forward(
     with np.errstate(all="ignore"):
         for k in range(periods):
             off = found[k] - states[k]
+            # u = clip(u_k + length * k + K (x - x_k))
             u = ahead[k] + (gains[k] @ off[..., None])[..., 0]
             moved[k] = u = np.minimum(np.maximum(u, -bound), bound)
             found[k + 1] = system.stage(k, found[k].reshape(-1, size), u.reshape(-1, count)).reshape(tried, n, size)

@@ -1,8 +1,8 @@
-"""Controllers for other machines: one C file each, in double precision, with the numbers of the Python class.
+"""Export controllers: one C file each, in double precision, with the numbers of the Python class.
 
-What a design asks of SciPy, Riccati equations, modes, a linear programme, is solved here; the file holds what comes of
-it, and does in a control period what `Controller.act` does: the parts of it are `data/control/c`. Gains that depend on
-an arm's posture are held for all postures that are asked for, `arm_model.GRID` apart.
+Designs that need SciPy (Riccati equations, modes, a linear program) are solved here. The file contains their results
+and computes in a control period what `Controller.act` computes; its fragments are in `data/control/c`. Gains that
+depend on an arm's posture are tabulated for all requested postures, `arm_model.GRID` apart.
 """
 
 import itertools
@@ -36,26 +36,26 @@ Points = Sequence[Sequence[float]]
 Held = list[tuple[float, ...]]
 
 MOST = 1000
-"""Postures that a file holds gains for, mirror images aside."""
+"""Largest number of postures in a file, mirror images not counted."""
 
 
 def controller_source(
     controller: Controller, name: str, slew: float | None = None, elbows: Pairs | None = None,
     targets: Points | None = None,
 ) -> str:  # fmt: skip
-    """A controller as one C99 file without `main`: double, arrays of fixed size, no allocation.
+    """Generate a controller as one C99 file without `main`: double, arrays of fixed size, no allocation.
 
     Args:
-        controller: of `control.make`. name: in front of what the file defines: NAME_reset, NAME_act (values in SI units
+        controller: of `control.make`. name: prefix of the file's definitions: NAME_reset, NAME_act (values in SI units
             to actions, once a control period), NAME_decide (the same from the environment's observation), ...
-        slew: rad, of TimeOptimal: the slew, to either side, whose plan the file holds.
-        elbows: (low, high), rad, of each elbow's angle at the goal (of LQG: on the way there, too): postures that gains
-            are held for; others take those of the nearest. None: all that two links have.
-        targets: (x, y, z), m, of an arm in space: points whose static rests, those that are found from joints at angles
-            0, the file holds; another target is taken for the nearest of them.
+        slew: rad, of TimeOptimal: the slew, to either side, whose plan the file contains.
+        elbows: (low, high), rad, of each elbow's angle at the goal (of LQG: also on the way there): postures with
+            tabulated gains; others use those of the nearest. None: the full range of a two-link arm.
+        targets: (x, y, z), m, of an arm in space: points whose static rests, found from joint angles 0, the file
+            contains; any other target is replaced by the nearest of them.
     Raises:
-        ValueError: MPC, which solves a programme in each period; no slew; no elbows of three links or more; no targets
-            of an arm in space, or one that its tip finds no rest at.
+        ValueError: MPC, which solves a program in each period; no slew; no elbows for three links or more; no targets
+            for an arm in space, or a target at which its tip finds no rest.
     """
     kind = type(controller)
     if kind not in _BODIES:
@@ -65,27 +65,32 @@ def controller_source(
     many, aimed = setup.n_joints > 1, read.aimed
     plain, space = kind in (PD, SpatialPD), isinstance(controller, AboutRest)
     if not space and targets is not None:
-        raise check.InvalidValue("targets", targets, "must be left out but of an arm in space")
+        raise check.InvalidValue("targets", targets, "requires an arm in space")
     if (plain or space) and elbows is not None:
         what = "gains in space are those at the targets" if space else "gains of PD are the same in all postures"
         raise check.InvalidValue("elbows", elbows, f"must be left out: {what}")
+    # design tables and scalar sizes
     held = [] if plain or space else _postures(controller, elbows)
     known = _in_space(controller, targets) if space else _in_plane(controller, slew, held)
     sizes = {word: value for word, value in known.items() if isinstance(value, int | float)}
+    # positions of the observation's entries
     places = {"SINES": read._sin, "COSINES": read._cos, "RATES": read._rates, "GAUGES": read._gauges}
     places |= {"BENDS": read._bends, "BEND_RATES": read._bend_rates, "ERRORS": read._goals if aimed else read._error}
     declared = {"JOINTS": setup.n_joints, "ENTRIES": len(setup.names), "HISTORY": setup.history, **sizes}
     pointed = many and not aimed
+    # source fragments that the controller needs
     parts = [] if plain or space else ["times"]
     parts += ["rigid"] if kind is ShapedPD or (pointed and not space and setup.n_joints == 2) else []
     if not space:
         parts += ["aim_joints" if aimed else "aim_point" if many else "aim_tip", *(["posture"] if held else [])]
     texts = [c_part("memory").replace("FIELDS", _FIELDS[kind]), *map(c_part, (*parts, *_BODIES[kind], "act"))]
     body = "\n".join(texts).replace("GAUGED", _GAUGED if read._gauges else "").replace("SHARP", repr(SHARP))
+    # fill the placeholders of the fragments
     body = body if held else body.replace(_NEAREST, "")
     body = body.replace("TOLD", c_part("told_joints" if aimed else "told_way").strip())
     body = body.replace("SEEN", _BENDS if kind is SpatialLQR else _CURVATURES if read._gauges else "")
     body = body.replace("GOAL", c_part("goal_two" if setup.n_joints == 2 else "goal_many"))
+    # declare only the arrays that the code uses
     numbers = [_array(word, values) for word, values in known.items() if re.search(rf"(NAME_|OF\(){word}\b", body)]
     numbers += [_places(word, values) for word, values in places.items() if f"NAME_{word.lower()}[" in body]
     text = "\n".join([
@@ -97,13 +102,17 @@ def controller_source(
 
 
 def _postures(own: Controller, elbows: Pairs | None) -> Held:
-    """Those that gains are held for."""
+    """List the postures (elbow angles, rad) with tabulated gains, mirror images merged.
+
+    elbows: (low, high), rad, per elbow; None: the joint limits, or a full turn, of a two-link arm.
+    """
     arm, count = own.setup.arm, own.setup.n_joints - 1
     if elbows is None and count > 1:
         what = f"must be {count} pairs (low, high), rad, an elbow each: gains are held for postures {GRID:g} rad apart"
         raise check.InvalidValue("elbows", elbows, what)
     if elbows is None:
         elbows = [(-math.pi, math.pi) if one is None else one for one in (arm.joint_limits or (None, None))[1:]][:count]
+    # grid of elbow angles between the given limits
     ranges = []
     for k, pair in enumerate(check.sequence("elbows", elbows, f"{count} pairs (low, high), rad", count)):
         ends = check.sequence(f"elbows[{k}]", pair, "two numbers (rad), (low, high)", 2)
@@ -120,12 +129,16 @@ def _postures(own: Controller, elbows: Pairs | None) -> Held:
 
 
 def _in_space(own: Controller, targets: Points | None) -> dict[str, Any]:
-    """Arrays: the rigid arm's bodies and axes, the law's numbers, the rests at the targets; and, as numbers, sizes."""
+    """Collect the tables and sizes of a controller in space: rigid bodies and axes, gains, rests at the targets.
+
+    Arrays become C tables, single numbers become sizes.
+    """
     assert isinstance(own, AboutRest)
     arm, N = own.setup.arm, own.setup.n_joints
     points = check.sequence("targets", () if targets is None else targets, "points (x, y, z), m, of the tip")
     if not points:
-        raise check.InvalidValue("targets", targets, "must be points (x, y, z), m, whose static rests the file holds")
+        raise check.InvalidValue("targets", targets, "must be the controller's targets, points (x, y, z) in m")
+    # static rest of each target
     rests = []
     for i, point in enumerate(points):
         target = np.array(vector(f"targets[{i}]", point, "m"))
@@ -134,6 +147,7 @@ def _in_space(own: Controller, targets: Points | None) -> dict[str, Any]:
             raise check.InvalidValue(f"targets[{i}]", point, f"must be where the tip can rest: {off:.3g} m from there")
         rests.append((target, *rest))
     where, angles, torques = map(np.array, zip(*rests, strict=True))
+    # rigid arm: joint axes, bodies, gravity
     parts = own.bodies
     found = {
         "limit": own.limits, "scale": np.array(own.setup.scales), "length": [link.span for link in arm.links],
@@ -144,9 +158,11 @@ def _in_space(own: Controller, targets: Points | None) -> dict[str, Any]:
         "gravity": own.gravity, "target": where, "rest": angles, "rest_torque": torques,
         "TARGETS": len(points), "BODIES": len(parts),
     }  # fmt: skip
+    # PD, input shaping, and observer designs at each target
     if isinstance(own, SpatialPD):
         gains = own.gains
         found["filter"] = [own.passed, gains.rate**2, 2.0 * gains.ratio * gains.rate]
+    # impulses for each target's rest
     if isinstance(own, SpatialShapedPD):
         shapers = [shaper_in_space(arm, own.gravity, own.shaped, own.kind, angle) for angle in angles]
         found |= _impulses(shapers, own.shaped.effort * own.limits)
@@ -162,7 +178,7 @@ def _in_space(own: Controller, targets: Points | None) -> dict[str, Any]:
 
 
 def _filters(own: LQG, filters: Sequence[Design]) -> dict[str, Any]:
-    """Tables of the designs, one after the other, and their sizes."""
+    """Collect the tables of regulator and filter designs, one after the other, and their sizes."""
     found: dict[str, Any] = {word: np.stack([getattr(e, word) for e in filters]) for word in (*"ABCKL", "rigid")}
     found |= {"by_state": np.stack([e.stopping @ e.A for e in filters]), "coulomb": own.friction}
     found |= {"by_torque": np.stack([e.stopping @ e.B for e in filters])}
@@ -170,7 +186,7 @@ def _filters(own: LQG, filters: Sequence[Design]) -> dict[str, Any]:
 
 
 def _impulses(shapers: Sequence[Shaper], effort: Array) -> dict[str, Any]:
-    """Tables of the shapers, one after the other, with what of the torques a reference may ask for; their size."""
+    """Collect the tables of the shapers, zero-padded, with the torques (N,), N m, that references may use."""
     most = max(len(one.delays) for one in shapers)
     found: dict[str, Any] = {"effort": effort, "IMPULSES": most}
     for word, rows in (("amplitude", [s.amplitudes for s in shapers]), ("delay", [s.delays for s in shapers])):
@@ -179,8 +195,12 @@ def _impulses(shapers: Sequence[Shaper], effort: Array) -> dict[str, Any]:
 
 
 def _in_plane(own: Controller, slew: float | None, held: Held) -> dict[str, Any]:
-    """Arrays, and, as numbers, sizes."""
+    """Collect the tables and sizes of a planar controller; arrays become C tables, single numbers become sizes.
+
+    slew: rad, of TimeOptimal. held: postures with tabulated gains.
+    """
     setup = own.setup
+    # rigid arm: inertia, lengths, limits
     arm, inertia = setup.arm, link_inertia(setup.arm)
     ranges = [(-np.inf, np.inf) if one is None else one for one in arm.joint_limits or (None,) * arm.n_links]
     found: dict[str, Any] = {
@@ -190,6 +210,7 @@ def _in_plane(own: Controller, slew: float | None, held: Held) -> dict[str, Any]
         "posture": np.rint(np.array(held) / GRID),
     }  # fmt: skip
     found |= {"POSTURES": len(held), "GRID": GRID} if held else {}
+    # PD gains, impulses, LQR designs, plan, Kalman filters: one table row per posture
     if isinstance(own, PD | ShapedPD):
         found |= {"kp": own.kp, "kd": own.kd}
     if isinstance(own, ShapedPD):
@@ -211,6 +232,7 @@ def _in_plane(own: Controller, slew: float | None, held: Held) -> dict[str, Any]
 
 
 def _head(own: Controller, slew: float | None, held: Held) -> str:
+    """Generate the comment at the top of a controller's C file."""
     setup = own.setup
     limits = ", ".join(f"{limit:g}" for limit in own.limits)
     kind = f"{type(own).__name__}, {own.kind}" if isinstance(own, Shaped) else type(own).__name__
@@ -247,10 +269,12 @@ def _head(own: Controller, slew: float | None, held: Held) -> str:
 
 
 def _array(name: str, values: Array) -> str:
+    """Format a double array's declaration, five numbers per line, to full precision."""
     return c_array("double", name, [f"{value:.17g}" for value in np.ravel(values).tolist()], 5)
 
 
 def _places(name: str, values: list[int]) -> str:
+    """Format the declaration of an array of entry positions."""
     return f"static const int NAME_{name.lower()}[{len(values)}] = {{{', '.join(map(str, values))}}};"
 
 
@@ -283,4 +307,4 @@ _BODIES: Mapping[type[Controller], tuple[str, ...]] = {
     SpatialShapedPD: ("times", "space", "space_rigid", "reference", "space_pd"),
     **dict.fromkeys((SpatialLQR, SpatialLQG), ("times", "space", "observer", "friction", "space_lqg")),
 }  # fmt: skip
-"""Of each class: what it does at the start of an episode, in a period, and with the torque that was applied."""
+"""Source fragments of each class, for the start of an episode, a period, and the update with the applied torque."""

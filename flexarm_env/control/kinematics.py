@@ -1,4 +1,4 @@
-"""Where an arm's joints are to go, for many arms at once."""
+"""Planar kinematics of the joints' goals, for many arms at once."""
 
 import numpy as np
 
@@ -8,15 +8,15 @@ from ..validation import Array
 
 
 def wrapped(angle: Array) -> Array:
-    """The angle in [-pi, pi)."""
+    """Wrap an angle, rad, to [-pi, pi)."""
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
 def tip_in_hub_frame(arm: Arm, elbows: Array, bends: Array) -> Array:
-    """Tip (n, 2) in m, in the frame that turns with the hub, from elbow angles (n, N - 1) and deflections (n, N) over
-    length.
+    """Compute the tip position (n, 2), m, in the frame that turns with the hub.
 
-    The tip of a link turns by 1.5 times its deflection, as a cantilever's does that is bent by a force at its tip.
+    elbows (n, N - 1): joint angles, rad. bends (n, N): tip deflection over length w of each link. A link's tip lies at
+    L (1 - 0.6 w^2, w) in its root frame and is turned by 1.5 w, as in a cantilever bent by a force at its tip.
     """
     tip, angle = np.zeros((len(bends), 2)), np.zeros(len(bends))
     for k, link in enumerate(arm.links):
@@ -24,14 +24,15 @@ def tip_in_hub_frame(arm: Arm, elbows: Array, bends: Array) -> Array:
         tip[:, 0] += link.span * (along * cosine - across * sine)
         tip[:, 1] += link.span * (along * sine + across * cosine)
         if k + 1 < arm.n_links:
+            # root of the next link: slope at this tip plus elbow angle
             angle = angle + (1.5 * bends[:, k] + elbows[:, k])
     return tip
 
 
 def rigid_times(inertia: Array, to_go: Array, limits: Array) -> Array:
-    """Times (n,), s, that a rigid arm of inertia (n, N, N) takes from rest to rest, its joints in step.
+    """Minimum time (n,), s, of a rigid arm from rest to rest with synchronized joints: 2 sqrt(max_i |I dq|_i / tau_i).
 
-    to_go (n, N): angles that the joints turn by, rad. limits (N,): largest torques, N m.
+    inertia (n, N, N): kg m^2. to_go (n, N): joint displacements dq, rad. limits (N,): largest torques tau, N m.
     """
     load = np.abs(np.einsum("nij,nj->ni", inertia, to_go)) / limits
     times: Array = 2.0 * np.sqrt(load.max(axis=1))
@@ -39,9 +40,11 @@ def rigid_times(inertia: Array, to_go: Array, limits: Array) -> Array:
 
 
 def goal_of(lengths: Array, rates: Array, limits: Array, x: float, y: float, angles: Array) -> Array:
-    """Joint angles (N,) that bring the tip of one arm of straight links to (x, y), as environments choose them.
+    """Joint angles (N,), rad, of one straight-link arm with the tip at (x, y), m, from its root, inertial axes.
 
-    lengths, rates (N,), limits (2 N,) and angles (N,) now: see `tasks.angles`, whose kernels answer.
+    The environments choose the same solution. lengths (N,), m; rates (N,), rad/s: a joint's time is proportional to
+    sqrt(|angle|) / rate; limits (2 N,), rad: low, high of each joint in turn; angles (N,): now, rad. Two links: the
+    solution reached sooner; more: least sum of squares (`tasks.angles`). Out of reach: along the line to the target.
     """
     goal: Array = angles.copy()
     if len(lengths) == 2:
@@ -52,18 +55,19 @@ def goal_of(lengths: Array, rates: Array, limits: Array, x: float, y: float, ang
 
 
 def goal_angles(arm: Arm, angles: Array, target: Array, rates: Array) -> Array:
-    """Joint angles (n, N) of the rigid arm with its tip at the target.
+    """Compute joint angles (n, N), rad, that place the rigid arm's tip at the target.
 
-    Of two links, the one of both solutions that is sooner reached; of more, the solution of least sum of squares
-    (`tasks.angles`), the hub as near as whole turns bring it.
+    With two links, choose the solution reached sooner; with more, the one of least sum of squares (`tasks.angles`) with
+    the hub angle unwrapped to the nearest turn.
 
     Args:
-        angles (n, N): now, rad. target (n, 2): in the frame of the hub as it stands at these angles, m.
-        rates (n, N): time that a joint takes for an angle x is sqrt(|x|) / rate. For two links only.
+        angles (n, N): now, rad. target (n, 2): in hub axes at these angles, m.
+        rates (n, N): a joint takes sqrt(|x|) / rate for an angle x. For two links only.
     A target out of reach is approached along the line to it. Joint limits are kept, and no elbow turns past pi.
     """
     low_high = [(-np.inf, np.inf) if r is None else r for r in arm.joint_limits or (None,) * arm.n_links]
     lengths, limits = np.array([link.span for link in arm.links]), np.array(low_high, np.float64).ravel()
+    # target from hub axes to inertial axes
     hub = angles[:, 0]
     x = np.cos(hub) * target[:, 0] - np.sin(hub) * target[:, 1]
     y = np.sin(hub) * target[:, 0] + np.cos(hub) * target[:, 1]

@@ -1,4 +1,4 @@
-"""Linear-quadratic control with an observer: joints and bending modes together, in discrete time."""
+"""Discrete-time LQR with an observer: joints and bending modes together."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,7 +14,7 @@ from .base import Controller, Gains, Setup, Signals
 
 @dataclass(frozen=True)
 class StateWeights(Gains):
-    """Dimensionless weights, beside a weight of 1 on each torque over its limit.
+    """Dimensionless state weights, relative to a weight of 1 on each torque over its limit.
 
     Args:
         angle: on joint angles (1/rad). rate: on joint rates over the first flexible frequency.
@@ -27,21 +27,25 @@ class StateWeights(Gains):
     bend_rate: float
 
     def stage(self, C: Array, first: float, joints: int) -> Array:
-        """(S, S): cost of a state, by rows C (O, S) of so many angles, their rates, deflections and their rates; first:
-        the model's first flexible frequency, rad/s."""
+        """Build the stage cost matrix Q (S, S), x' Q x, from output rows C (O, S).
+
+        C: rows of `joints` joint angles, their rates, deflections and deflection rates. first: the model's first
+        flexible frequency, rad/s.
+        """
         many = len(C) // 2 - joints
         weights = [self.angle, self.rate / first, self.bend, self.bend_rate / first]
         own = np.diag(np.repeat(weights, [joints, joints, many, many]) ** 2)
+        # a small multiple of I makes Q positive definite
         return np.asarray(C.T @ own @ C + 1e-6 * np.eye(C.shape[1]))
 
 
 @dataclass(frozen=True)
 class LQRGains(StateWeights):
-    """`StateWeights`, and the observer's.
+    """`StateWeights` of the regulator and parameters of the observer.
 
     Args:
-        noise: of the torque that the observer allows for, over the limit.
-        flexible: bending modes in the model; None: one more than joints.
+        noise: standard deviation of the torque disturbance assumed by the observer, over the limit.
+        flexible: number of flexible modes in the model; None: number of joints plus one.
     """
 
     noise: float = 0.05
@@ -49,7 +53,10 @@ class LQRGains(StateWeights):
 
 
 class Design(NamedTuple):
-    """Discrete model and gains: x+ = A x + B u; y = C x; u = -K x; x += L (y - C x)."""
+    """Discrete model and gains: x+ = A x + B u; y = C x; u = -K x; x += L (y - C x).
+
+    A (2n, 2n), B (2n, N), C (4N, 2n), K (N, 2n), L (2n, 4N); model: the continuous `ArmModel`.
+    """
 
     A: Array
     B: Array
@@ -60,21 +67,46 @@ class Design(NamedTuple):
 
 
 SENSOR = 1e-3
-"""Standard deviation of what the observer measures: angles (rad) and tip deflections over length as they stand, their
-rates over the first flexible frequency."""
+"""Standard deviation of the observer's measurements: angles (rad), tip deflections over length, and the rates of both
+over the first flexible frequency."""
 
 
 def riccati(A: Array, B: Array, Q: Array, R: Array) -> tuple[Array, Array]:
-    """K and P of the discrete Riccati equation: u = -K x costs x' P x."""
+    """Solve the discrete algebraic Riccati equation: gain K (u = -K x) and cost matrix P (cost-to-go x' P x).
+
+    A, B: discrete model. Q, R: weights of states and inputs, cost sum x' Q x + u' R u.
+    """
     from scipy.linalg import solve_discrete_are
 
     P = solve_discrete_are(A, B, Q, R)
+    # K = (R + B' P B)^-1 B' P A
     return np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A), P
 
 
+def spread_of(setup: Setup) -> tuple[float, ...]:
+    """Standard deviations (4 N,), SI, of the observation's noise: joint angles, their rates, deflections, their rates.
+
+    Returns () without noise.
+    """
+    if not any(setup.noise):
+        return ()
+    of, joints = dict(zip(setup.names, setup.noise, strict=True)), setup.arm.joint_names
+    # the noise of an angle is that of its sine
+    names = [f"{joint}_sin" for joint in joints], [f"{joint}_rate" for joint in joints]
+    bends = setup.arm.by_link("tip_deflection"), setup.arm.by_link("tip_deflection_rate")
+    return tuple(of.get(name, 0.0) for group in (*names, *bends) for name in group)
+
+
 @lru_cache(maxsize=1024)
-def design(arm: Arm, limits: tuple[float, ...], dt: float, gains: LQRGains, posture: tuple[float, ...] = ()) -> Design:
-    """Regulator and observer gains from the discrete Riccati equations, the elbows at a posture in rad."""
+def design(
+    arm: Arm, limits: tuple[float, ...], dt: float, gains: LQRGains, posture: tuple[float, ...] = (),
+    spread: tuple[float, ...] = (),
+) -> Design:  # fmt: skip
+    """Compute regulator and observer gains from the discrete Riccati equations at a posture (elbow angles, rad).
+
+    limits (N,): torque limits, N m. dt: control period, s. spread: noise of the outputs, see `spread_of`, added to the
+    observer's own allowance (`SENSOR`).
+    """
     from scipy.linalg import solve_discrete_are
 
     model = arm_model(arm, posture, gains.flexible)
@@ -82,39 +114,45 @@ def design(arm: Arm, limits: tuple[float, ...], dt: float, gains: LQRGains, post
     A, B = model.discrete(dt)
     C = model.C
     first = model.frequencies[0]
+    # regulator: torques weighted by 1 / limit^2
     K, _ = riccati(A, B, gains.stage(C, first, n), np.diag(1.0 / np.asarray(limits) ** 2))
+    # process noise through the torques, measurement noise; a small multiple of I keeps W regular
     W = B @ np.diag((gains.noise * np.asarray(limits)) ** 2) @ B.T + 1e-10 * np.eye(len(A))
     V = np.diag(np.repeat([SENSOR, SENSOR * first, SENSOR, SENSOR * first], n) ** 2)
+    if spread:
+        V = V + np.diag(np.square(spread))
+    # stationary Kalman filter: covariance S of the prediction, L = S C' (C S C' + V)^-1
     S = solve_discrete_are(A.T, C.T, W, V)
     L = np.linalg.solve(C @ S @ C.T + V, C @ S).T
     return Design(A, B, C, K, L, model)
 
 
 class Observer:
-    """States of many arms, each about its own goal, from their outputs; one design an arm."""
+    """State estimates of many arms, each about its own goal, from their outputs; one design per arm."""
 
     def __init__(self, designs: list[Design], outputs: Array) -> None:
+        """Stack the designs' matrices and start from the minimum-norm states with outputs (n, 4 N)."""
         matrices = zip(*(d[:5] for d in designs), strict=True)
         self.A, self.B, self.C, self.K, self.L = (np.stack(one) for one in matrices)
         self.x = np.stack([d.model.state_of(y) for d, y in zip(designs, outputs, strict=True)])
 
     def update(self, outputs: Array) -> None:
-        """Take in the outputs (n, 4 N) measured now."""
+        """Correct the estimates with measured outputs (n, 4 N): x += L (y - C x)."""
         self.x = self.x + times(self.L, outputs - times(self.C, self.x))
 
     def predict(self, torques: Array) -> None:
-        """One period on, under these torques (n, N)."""
+        """Advance the estimates by one period under torques (n, N), N m: x = A x + B u."""
         self.x = times(self.A, self.x) + times(self.B, torques)
 
 
 def times(matrices: Array, vectors: Array) -> Array:
-    """Products (n, i) of matrices (n, i, j) and vectors (n, j)."""
+    """Multiply matrices (n, i, j) with vectors (n, j), row by row: (n, i)."""
     product: Array = (matrices @ vectors[:, :, None])[:, :, 0]
     return product
 
 
 class LQR(Controller):
-    """u = -K x, x from the observer; gains of the posture at the goal."""
+    """State feedback u = -K x with x from the observer; gains belong to the posture at the goal."""
 
     needs_bends = True
 
@@ -123,10 +161,10 @@ class LQR(Controller):
         self.gains = gains
 
     def designs(self) -> list[Design]:
-        """The design of each arm, from its elbows' angles at the goal (a mirrored posture has the same)."""
+        """Return each arm's design, chosen by its elbow angles at the goal (a mirrored posture has the same design)."""
         setup = self.setup
         return [
-            design(setup.arm, setup.torque_limits, setup.control_dt, self.gains, posture)
+            design(setup.arm, setup.torque_limits, setup.control_dt, self.gains, posture, spread_of(setup))
             for posture in postures(self.goal)
         ]
 

@@ -1,17 +1,17 @@
-"""Receding-horizon control: in every period the torques of the next ones are planned anew, and the first is applied.
+"""Receding-horizon control: every period plans the torques of the next periods anew and applies the first.
 
-The plan is that of `ilqr` on the elastica, within the torque limits, from the state as it is read. It costs effort, and
-from an instant of arrival on the distance from rest at the goal; behind the horizon stands the linear regulator at the
-goal. (With a cost of the distance from the start on, torques that saturate overshoot.) It goes on from the plan of the
-period before, followed by its gains from where the arm is now, by an iteration. An arrival that a plan misses is put
-off: when an episode begins until none does, later as far as an arm that differs from the nominal one may need. Once the
-regulator stays within the limits by itself, it takes over.
+`ilqr` plans on the elastica, within the torque limits, from the estimated state. The cost is effort and, from an
+arrival instant on, the distance from rest at the goal; the terminal cost is that of the linear regulator at the goal.
+(With a distance cost from the start on, saturated torques overshoot.) Each plan continues the previous one, followed by
+its gains from the present state, by one iteration. If a plan misses its arrival, the arrival is postponed: at the start
+of an episode until a plan succeeds, later as far as an arm that differs from the nominal one may need. Once the
+regulator alone stays within the limits, it takes over.
 
-Read are joint angles, deflections of the tips and their rates. The rest of the state is the model's prediction, drawn
-towards that of a link bent by a force at its tip: the prediction knows the higher modes of the nominal arm, and is
-wrong on another.
+Measurements are joint angles, tip deflections and their rates. The rest of the state is the model's prediction, drawn
+towards the shape of a link bent by a force at its tip: the prediction contains the higher modes of the nominal arm,
+which are wrong for another arm.
 
-Joint limits, and shapes that the arm is to stay out of, cost what plans miss them by.
+Violations of joint limits and of shapes to be avoided are penalized.
 """
 
 from dataclasses import dataclass
@@ -27,34 +27,53 @@ from ..validation import Array
 from . import ilqr
 from .arm_model import GRID
 from .base import Controller, Setup, Signals
-from .dynamics import Dynamics, Grid, SpatialDynamics, dynamics
+from .bounds import Bounds, within
+from .dynamics import Dynamics, SpatialDynamics, dynamics
 from .kinematics import rigid_times
 from .lqr import SENSOR, StateWeights, riccati
-from .optimal import Bounds, within
 from .space import AboutRest
 
 LATEST = 2.0
-"""Times the arrival first planned at which it is not put off any more: whatever an arm of a quarter of the stiffness,
-or four times the mass, does takes twice as long. For ever a few periods ahead, it would leave the vibration before it,
-which costs nothing, to grow where damping does not stop it."""
+"""Latest arrival over the first planned one: an arm of a quarter of the stiffness, or four times the mass, takes twice
+as long. An arrival postponed forever would let the vibration before it, which costs nothing, grow where damping does
+not stop it."""
 
 STIFF = 100.0
-"""Times the penalties that optimal plans begin with: here nobody learns multipliers."""
+"""Factor on the initial penalties of optimal plans, since no multipliers are updated here."""
 
 MOST = 60
-"""First plans that are made at most."""
+"""Largest number of attempts at an episode's first plan."""
+
+
+class Grid:
+    """Stages of one length after a first stage that may be shorter; both `Dynamics` have the same arm and nodes."""
+
+    def __init__(self, first: Dynamics, later: Dynamics) -> None:
+        self.first, self.later = first, later
+        self.size, self.n_inputs = later.size, later.n_inputs
+
+    def stage(self, k: int, x: Array, u: Array) -> Array:
+        """Advance by stage k (`ilqr.System`)."""
+        return (self.later if k else self.first).advance(x, u)
+
+    def linear(self, x: Array, u: Array) -> tuple[Array, Array]:
+        """Return A and B of all stages (`ilqr.System`)."""
+        A, B = self.later.linear(x, u)
+        if self.first is not self.later:
+            A[:1], B[:1] = self.first.linear(x[:1], u[:1])
+        return A, B
 
 
 @dataclass(frozen=True)
 class MPCGains(StateWeights):
-    """`StateWeights`, and how plans are made.
+    """`StateWeights` and parameters of the planner.
 
     Args:
-        memory: share of the prediction that is kept in a period, of what is not read.
-        allowed: cost of the distance from the goal at which a plan has arrived.
-        block: control periods over which planned torques are held. horizon: such blocks that are planned.
-        iterations: of a decision. first: of an episode's first plan.
-        margin: by which plans stay out of shapes, over the arm's length, and within joint limits, rad.
+        memory: share of the predicted state kept per period in the unmeasured part.
+        allowed: cost of the distance from the goal below which a plan has arrived.
+        block: control periods over which planned torques are held. horizon: number of such blocks in a plan.
+        iterations: per decision. first: of an episode's first plan.
+        margin: distance of plans from shapes, over the arm's length, and from joint limits, rad.
     """
 
     memory: float = 1.0
@@ -67,7 +86,7 @@ class MPCGains(StateWeights):
 
 
 class Regulator(NamedTuple):
-    """Of the arm about rest: u = -K dx costs 1/2 dx' P dx, and keeps its limits where dx' P dx <= reach."""
+    """LQR about rest: u = -K dx costs 1/2 dx' P dx and stays within the torque limits where dx' P dx <= reach."""
 
     K: Array
     P: Array
@@ -76,50 +95,59 @@ class Regulator(NamedTuple):
 
 @lru_cache(maxsize=512)
 def regulator(arm: Arm, period: float, gains: MPCGains, posture: tuple[float, ...]) -> Regulator:
-    """The regulator at a posture (elbow angles, rad)."""
+    """Compute the regulator of an arm at rest at a posture (elbow angles, rad); period: s."""
     plant = dynamics(arm, period)
     rest = plant.still(np.array([(0.0, *posture)]))
     return regulators(plant, *rest, plant.stage_weight(gains))[0]
 
 
 def regulators(plant: Dynamics, x: Array, u: Array, stage: Array) -> list[Regulator]:
-    """Those about rest at states x (n, S), held by torques u (n, N) over their limits."""
+    """Compute the regulators about rest states x (n, S) held by torques u (n, N) over their limits.
+
+    stage (S, S): stage cost matrix.
+    """
     found = []
     for A, B, held in zip(*plant.jacobians(x, u), u, strict=True):
         K, P = riccati(A, B, stage, np.eye(plant.n_inputs))
+        # reach = min_i (1 - |u_i|)^2 / (K P^-1 K')_ii: largest P-ellipsoid in which no torque saturates
         left = (1.0 - np.minimum(np.abs(held), 1.0)) ** 2
         found.append(Regulator(K, P, float(np.min(left / np.einsum("is,is->i", K, np.linalg.solve(P, K.T).T)))))
     return found
 
 
 class MPC(Controller):
-    """Plans over a horizon, in every period.
+    """Receding-horizon controller on the nonlinear elastica model.
 
-    Attributes: x (n, S): states as they are taken to be (see `dynamics.Dynamics`). plan: torques (H, n, N) over their
-        limits, with gains; the first are held for another `left` periods. arrival (n,): control periods from the start,
-        put off until it is `latest` (n,) at most.
+    Attributes: x (n, S): estimated states (see `dynamics.Dynamics`). plan: torques (H, n, N) over their limits, with
+        gains; the first block is held for another `left` periods. arrival (n,): control periods from the episode's
+        start, postponed up to `latest` (n,).
     """
 
     needs_bends = True
     wild, ahead, put_off = np.inf, 1.0, 0.03
-    """What a plan misses its goal by that is taken for none; times the rigid arm's time at which an episode's first
-    plan is to be there; share of its time by which an arrival is put off while it is made."""
+    """Miss cost above which a plan is discarded; first arrival tried, over the rigid arm's minimum time; share of its
+    time by which an arrival is postponed during an episode's first plan."""
 
     def __init__(self, setup: Setup, gains: MPCGains) -> None:
+        """Prepare the dynamics, cost and bounds; they do not depend on the episode."""
         super().__init__(setup)
         self.gains = gains
         arm, dt = setup.arm, setup.control_dt
         own = setup.gravity if arm.spatial else None
+        # blocks of 1 ... `block` periods; a plan's first stage is what remains of the current block
         held = [dynamics(arm, k * dt, gravity=own) for k in range(1, gains.block + 1)]
         self.plant, self.grids = held[0], [Grid(first, held[-1]) for first in held]
         self.stage = self.plant.stage_weight(gains)
+        # joint limits narrowed by the margin, at most a tenth of their range on either side
         ends = [(-np.inf, np.inf) if one is None else one for one in arm.joint_limits or ()]
         joints = [(low + near, high - near) for low, high in ends for near in [min(gains.margin, 0.1 * (high - low))]]
         self.bounds = Bounds(joints=joints, keep_out=setup.keep_out, margin=gains.margin * arm.total_length)
         self.effort = np.full(setup.n_joints, float(gains.block))
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
+        """Find rests, regulators and first plans of new episodes."""
         n, gains, setup = len(to_go), self.gains, self.setup
+        # rests at the goals, holding torques, terminal costs
         self.home, self.still = self.plant.still(self.goal)
         owned = self._regulators()
         self.K, self.P = np.stack([r.K for r in owned]), np.stack([r.P for r in owned])
@@ -133,7 +161,7 @@ class MPC(Controller):
         self.latest = LATEST * self.arrival
 
     def _begin(self, to_go: Array) -> None:
-        """The episodes' first plans: from the rigid arm's time on the arrival is put off, until there is a plan."""
+        """Make the episodes' first plans: start at the rigid arm's minimum time, postpone until a plan arrives."""
         n, gains = len(to_go), self.gains
         quickest = rigid_times(self._inertia(), to_go, self.limits)
         self.arrival = np.ceil(self.ahead * quickest / self.setup.control_dt)
@@ -143,14 +171,17 @@ class MPC(Controller):
             late = (missed > gains.allowed) & (self.arrival < self._ends[-2])
             if not late.any():
                 break
+            # postpone by a share of the arrival, at least one period
             self.arrival[late] += np.maximum(1.0, np.round(self.put_off * self.arrival[late]))
             iterations = 3
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
+        """Improve plans from the estimated states; near the goal apply the regulator. Returns torques (n, N), N m."""
         self.plan.states[0] = self.x
         self.x = self._estimate(signals, to_go)
         off = self.x - self.home
         shares = self.still - (self.K @ off[:, :, None])[:, :, 0]
+        # outside dx' P dx <= reach the regulator would saturate: plan there
         far = np.einsum("ni,nij,nj->n", off, self.P, off) > self.reach
         if far.any():
             missed = self._improve(far, self.gains.iterations)
@@ -158,14 +189,18 @@ class MPC(Controller):
             wild[far] = missed > self.wild
             self._give_up(wild)
             shares[far] = self.plan.controls[0][far]
+            # postpone missed arrivals by one period, up to `latest`
             self.arrival[far] += (missed > self.gains.allowed) & (self.arrival[far] < self.latest[far])
         return np.asarray(shares * self.limits)
 
     def predict(self, torques: Array) -> None:
+        """Advance the estimate by one period under the applied torques; shift the plans at the end of a block."""
         self.x = self.plant.advance(self.x, torques / self.limits)
+        # restart at the goal where the model failed
         lost = ~np.isfinite(self.x).all(axis=1)
         self.x[lost] = self.home[lost]
         self.left -= 1
+        # shift the plans by one block; the last block holds the arm
         if not self.left:
             plan, self.left = self.plan, self.gains.block
             for values in (plan.controls, plan.gains, plan.states):
@@ -174,12 +209,17 @@ class MPC(Controller):
 
     @property
     def _ends(self) -> Array:
-        """Instants (H + 1,) at the ends of the plan's stages, periods from the episode's start."""
+        """Instants (H + 1,) at the ends of the plan's stages, in periods from the episode's start."""
         stages = np.arange(self.gains.horizon)
         return self.step + np.concatenate([[0.0], self.left + self.gains.block * stages])
 
     def _improve(self, chosen: NDArray[np.bool_], iterations: int) -> Array:
-        """Go on with the plans of some arms, from where they are; by how much they miss the goal at their arrival."""
+        """Improve the plans of the chosen arms from their present states; return each arm's miss at arrival, dx' P dx.
+
+        chosen (n,): mask of arms. iterations: of iLQR. The result has one number per chosen arm, inf where planning
+        failed.
+        """
+        # stage cost from the arrival on, terminal cost P of the regulator
         there = self._ends[:, None] >= self.arrival[chosen]
         weight = (self.gains.block * there)[:, :, None, None] * self.stage
         weight[-1] = self.P[chosen]
@@ -201,64 +241,69 @@ class MPC(Controller):
             return missed
         plan.controls[:, chosen], plan.states[:, chosen] = found.controls, found.states
         plan.gains[:, chosen] = found.gains
+        # miss: cost-to-go of the first planned state at or after the arrival
         at = np.where(there.any(axis=0), np.argmax(there, axis=0), len(there) - 1)
         off = found.states[at, np.arange(len(at))] - self.home[chosen]
         return np.asarray(np.einsum("ni,nij,nj->n", off, self.P[chosen], off))
 
     def _standing(self, signals: Signals, to_go: Array) -> Array:
-        """States (n, S) with what is read, the links bent by forces at their tips."""
+        """States (n, S) with the measured outputs, the links bent in the shape of forces at their tips."""
         return self.plant.corrected(self.plant.unbent(self.goal - to_go), signals.outputs(self.goal - to_go))
 
     def _inertia(self) -> Array:
-        """(n, N, N), kg m^2: of the rigid arm at its goal."""
+        """Inertia (n, N, N), kg m^2, of the rigid arm at its goal."""
         return rigid_inertia(self.setup.arm, self.goal[:, 1:])
 
     def _give_up(self, chosen: NDArray[np.bool_]) -> None:
-        """What is begun with where there is no plan: no torque."""
+        """Discard the plans of the chosen arms (mask): zero torques and gains."""
         self.plan.controls[:, chosen], self.plan.gains[:, chosen] = 0.0, 0.0
 
     def _estimate(self, signals: Signals, to_go: Array) -> Array:
-        """States (n, S), from what was predicted and what is read."""
+        """Estimate states (n, S): blend prediction and measured shape, then match the measured outputs."""
         kept = self.gains.memory
         guess = kept * self.x + (1.0 - kept) * self._standing(signals, to_go)
         return self.plant.corrected(guess, signals.outputs(self.goal - to_go))
 
     def _regulators(self) -> list[Regulator]:
-        """Of each arm."""
+        """Return each arm's regulator, for its goal's posture on the design grid."""
         own = self.setup.arm, self.setup.control_dt, self.gains
         postures = np.round(self.goal[:, 1:] / GRID) * GRID
         return [regulator(*own, tuple((0.0 + row).tolist())) for row in postures]
 
 
 SOONER, SPARE = 0.9, 1.2
-"""Share of an arrival that a plan has which is tried next; times the soonest found: what is asked for."""
+"""Factor on a successful arrival to be tried next; arrival finally planned over the soonest one found."""
 
 NOISE, UNSEEN = 0.02, 3e-4
-"""What the filter allows for in a period: of torques over their limits; of angles and strains, rad, and of their rates
-over the first frequency."""
+"""Process noise of the filter per period: torques over their limits; angles and strains, rad, and their rates over the
+first frequency."""
 
 RATES, UNKNOWN = 10.0, 9.0
-"""Times `SENSOR`: what rates are trusted to; times the variances of `UNSEEN`: those of a state at the start."""
+"""Standard deviation of measured rates over `SENSOR`; initial state variances over those of `UNSEEN`."""
 
 
 class SpatialMPC(MPC, AboutRest):
-    """`MPC` about the arm's rest at its target, and the torques that hold it there.
+    """`MPC` in space, about the arm's rest at its target under gravity, with an extended Kalman filter.
 
-    Attributes: spread (n, S, S): covariance of the states' errors.
+    Attributes: spread (n, S, S): covariance of the estimated states' errors.
     """
 
     wild, ahead, put_off = 1e3, 2.0, 0.1
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
+        """Set the filter's noise and initial covariances, then find rests, regulators and first plans."""
         plant, n = self.plant, self.setup.n_joints
         many = signals.bends.shape[1]
+        # measurement variances of angles, rates, deflections and their rates; process noise of the state
         self.seen = np.square(np.repeat([SENSOR, RATES * SENSOR * plant.first] * 2, [n, n, many, many]))
         self.unseen = np.diag(np.square(np.repeat([UNSEEN, UNSEEN * plant.first], plant.half)))
         self.spread = np.broadcast_to(UNKNOWN * self.unseen, (len(to_go), *self.unseen.shape))
         super().initialise(signals, to_go)
 
     def _estimate(self, signals: Signals, to_go: Array) -> Array:
+        """Correct the predicted states (n, S) with the measured outputs (extended Kalman filter) and the covariance."""
         values, C = self.plant.outputs(self.x)
+        # L = P C' (C P C' + V)^-1;  P <- P - L C P
         S = self.spread @ C.swapaxes(1, 2)
         L = np.linalg.solve(C @ S + np.diag(self.seen), S.swapaxes(1, 2)).swapaxes(1, 2)
         self.spread = self.spread - L @ S.swapaxes(1, 2)
@@ -268,10 +313,11 @@ class SpatialMPC(MPC, AboutRest):
         return self.plant.inertia(self.goal)
 
     def _give_up(self, chosen: NDArray[np.bool_]) -> None:
-        """What gentle regulators do, who are there at the horizon's end."""
+        """Replace the plans of the chosen arms by gentle regulators, with the arrival at the horizon's end."""
         plan = self.plan
         plan.gains[:, chosen], plan.states[:, chosen] = -self.gentle[chosen], self.home[chosen]
         plan.controls[:, chosen] = self.still[chosen]
+        # the present block: feedback from the present state, saturated
         off = self.x[chosen] - self.home[chosen]
         now = self.still[chosen] - (self.gentle[chosen] @ off[:, :, None])[:, :, 0]
         plan.controls[0, chosen], plan.states[0, chosen] = np.clip(now, -1.0, 1.0), self.x[chosen]
@@ -281,8 +327,10 @@ class SpatialMPC(MPC, AboutRest):
         return self.plant.unbent(self.goal - to_go)
 
     def predict(self, torques: Array) -> None:
+        """Advance estimate and covariance, P+ = A P A' + B N B' + W, by one period under the applied torques."""
         A, B = self.plant.jacobians(self.x, torques / self.limits)
         moved = A @ self.spread @ A.swapaxes(1, 2) + NOISE**2 * B @ B.swapaxes(1, 2) + self.unseen
+        # restart the covariance where the model failed
         lost = ~np.isfinite(moved).all(axis=(1, 2), keepdims=True)
         self.spread = np.where(lost, UNKNOWN * self.unseen, 0.5 * (moved + moved.swapaxes(1, 2)))
         super().predict(torques)
@@ -291,13 +339,15 @@ class SpatialMPC(MPC, AboutRest):
         return regulators(self.plant, self.home, self.still, self.stage)
 
     def _begin(self, to_go: Array) -> None:
-        """As soon as there is a plan, and some more."""
+        """Make the episodes' first plans: find the soonest arrival that a plan can meet, then allow some more time."""
         gains, plan, held, everyone = self.gains, self.plan, self.grids[-1].first, np.ones(len(to_go), np.bool_)
         assert isinstance(held, SpatialDynamics)
         self.gentle = held.homing(self.home, self.still)
+        # start from gentle regulators with the latest arrival
         self.arrival = np.zeros(len(to_go))
         self._give_up(everyone)
         super()._begin(to_go)
+        # shorten successful arrivals until a plan fails, and restore the last success
         on = self._improve(everyone, 1) <= gains.allowed
         while on.any():
             kept, before = (plan.controls.copy(), plan.gains.copy(), plan.states.copy()), self.arrival.copy()

@@ -1,8 +1,8 @@
-"""The quickest slew that leaves the arm at rest, its bending modes included: a bang-bang plan, then LQR along it.
+"""Time-optimal slews to rest, bending modes included: a bang-bang plan, then LQR along it.
 
-For one link, the linear model of `arm_model` and torques held over a control period: the least number of periods for
-which torques within the limit bring rigid motion and bending modes to rest at the goal is found by bisection over
-linear programmes (HiGHS, through SciPy).
+For one link, with the linear model of `arm_model` and torques held over a control period: bisection over linear
+programs (HiGHS, through SciPy) finds the smallest number of periods in which limited torques bring rigid motion and
+bending modes to rest at the goal.
 """
 
 from dataclasses import dataclass, field
@@ -18,7 +18,10 @@ from .lqr import LQR, LQRGains, times
 
 @dataclass(frozen=True)
 class Plan:
-    """torques (n, N) in N m, one row a period; states (n + 1, m), the last one zero: at rest at the goal."""
+    """Torque plan of n periods to rest at the goal.
+
+    torques (n, N): N m, one row per period; states (n + 1, m): relative to the goal, the last one zero.
+    """
 
     torques: Array
     states: Array
@@ -30,7 +33,7 @@ class Plan:
 
 
 def rigid_time(inertia: float, angle: float, limit: float) -> float:
-    """Time in s of the rigid time-optimal slew, 2 sqrt(I angle / torque): no rigid arm of this inertia is quicker.
+    """Time, s, of the rigid time-optimal slew, 2 sqrt(I angle / torque): the lower bound for a rigid arm.
 
     inertia: kg m^2 about the hub. angle: rad. limit: N m.
     """
@@ -38,7 +41,7 @@ def rigid_time(inertia: float, angle: float, limit: float) -> float:
 
 
 def plan(A: Array, B: Array, start: Array, limits: Array, least: int = 1, most: int | None = None) -> Plan:
-    """The quickest plan from a state to zero.
+    """Find the shortest plan from a state to zero.
 
     Args:
         A (m, m), B (m, N): discrete model. start (m,): the state. limits (N,): N m.
@@ -55,12 +58,14 @@ def plan(A: Array, B: Array, start: Array, limits: Array, least: int = 1, most: 
     high, most = least, check.integer("most", max(1000, 4 * least) if most is None else most, minimum=least)
     found = _feasible(A, B, start, limits, high)
     low = high if found is None else least - 1
+    # grow by 1.3 until feasible
     while found is None:
         if high >= most:
             raise ValueError(f"most = {most}: no plan of so few periods brings the arm to rest at its goal")
         low, high = high, min(most, int(1.3 * high) + 1)
         found = _feasible(A, B, start, limits, high)
     shortest = found
+    # bisect: low infeasible, high feasible
     while high - low > 1:
         middle = (low + high) // 2
         tried = _feasible(A, B, start, limits, middle)
@@ -73,10 +78,11 @@ def plan(A: Array, B: Array, start: Array, limits: Array, least: int = 1, most: 
 
 
 def _feasible(A: Array, B: Array, start: Array, limits: Array, periods: int) -> Array | None:
-    """Torques (periods, N) that lead to zero, or None."""
+    """Find torques (periods, N), N m, that lead from `start` to zero, by a linear program; None if there are none."""
     from scipy.optimize import linprog
 
     n_inputs = B.shape[1]
+    # columns of [A^(n-1) B ... B] times the limits; rows scaled to a largest entry of 1
     columns, block = np.empty((len(A), periods * n_inputs)), B * limits
     for k in reversed(range(periods)):
         columns[:, k * n_inputs : (k + 1) * n_inputs] = block
@@ -90,35 +96,39 @@ def _feasible(A: Array, B: Array, start: Array, limits: Array, periods: int) -> 
 
 
 def slew_plan(setup: Setup, angle: float, effort: float = 1.0, flexible: int | None = None) -> Plan:
-    """The quickest plan of one link, rest to rest.
+    """Find the shortest rest-to-rest plan of one link.
 
     setup: arm, period and torque limit. angle: rad. effort: share of the torque limit. flexible: see `LQRGains`.
-    ValueError where none is found.
+    ValueError if none is found.
     """
     model, limits = arm_model(setup.arm, (), flexible), np.asarray(setup.torque_limits)
     least = int(rigid_time(float(model.inertia[0, 0]), angle, float(limits[0])) / setup.control_dt)
+    # rigid slew by -angle from the goal, without deflection
     start = model.state_of(np.array([-angle, 0.0, 0.0, 0.0]))
     return plan(*model.discrete(setup.control_dt), start, effort * limits, max(1, least))
 
 
 @dataclass(frozen=True)
 class TimeOptimalGains(LQRGains):
-    """Those of the LQR that keeps the arm on its plan, and `effort`: share of the torque limit that plans take."""
+    """Gains of the LQR that keeps the arm on its plan, and `effort`: share of the torque limit used by plans."""
 
     effort: float = field(kw_only=True)
 
 
 class TimeOptimal(LQR):
-    """The plan's torques, and LQR about the plan's states; after its end LQR about the goal."""
+    """Time-optimal controller of one link: the plan's torques plus LQR about the plan's states, then about the goal."""
 
     def __init__(self, setup: Setup, gains: TimeOptimalGains) -> None:
+        """Check that the arm has one link, and store the effort."""
         if setup.n_joints != 1:
             raise ValueError(f"time_optimal plans for one link; this arm has {setup.n_joints}")
         super().__init__(setup, gains)
         self.effort = gains.effort
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
+        """Make each arm's plan from its estimated state, and pad all plans with zeros to the same length."""
         super().initialise(signals, to_go)
+        # a plan cannot be shorter than the rigid arm's minimum time at full torque
         limits, observer = self.effort * self.limits, self.observer
         inertia = float(self.designs()[0].model.inertia[0, 0])
         rigid = [rigid_time(inertia, float(angle), float(self.limits[0])) for angle in to_go[:, 0]]
@@ -133,7 +143,9 @@ class TimeOptimal(LQR):
             self.plan_states[: p.periods, i] = p.states[:-1]
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
+        """Return the plan's torques plus LQR feedback on the deviation from its states, (n, N), N m."""
         self.observer.update(signals.outputs(-to_go))
+        # after its end the plan is zero: LQR about the goal
         k = min(self.step, len(self.plan_torques) - 1)
         torques: Array = self.plan_torques[k] - times(self.observer.K, self.observer.x - self.plan_states[k])
         return torques

@@ -67,6 +67,9 @@ class Arms(Periods):
         self.environment = made
         if "cost" in made.plan.kind.rewards:
             raise check.InvalidValue("reward.cost", keywords["reward"]["cost"], "must be left out: steps have no slope")
+        if any(name.startswith("previous_action") for name in made.plan.names):
+            what = "must be observed otherwise here: states have no actions in them"
+            raise check.InvalidValue("observation", "previous_action", what)
         self.observation_space, self.action_space = made.single_observation_space, made.single_action_space
         self._parts: list[Part] = []
         self._led: list[Any] = []

@@ -17,6 +17,7 @@ from ..physics.model import (
     STIFFNESSES,
     Elastica,
     ExactBeam,
+    Floating,
     FloatingChain,
     Jointed,
 )
@@ -156,7 +157,7 @@ class Periods:
         if WIDEST is SINGLE:
             raise RuntimeError("derivatives are compiled: there are none where compilation is disabled")
         self._batch, self.parameters, self._guided = batch, parameters, guided
-        task, program, extras = batch.task, batch.program, batch.extras
+        task, program, extras = batch.task, batch.program._replace(watched=None), batch.extras
         if guided is not None:
             program = program_of(program, guided[1])
         self.n = program.n
@@ -176,10 +177,11 @@ class Periods:
         joined = model.algebraic is not None  # by multipliers, whose matrix has no lanes
         lane = SINGLE if joined or guided or alone == "all" else WIDEST
         lanes, columns = len(lane), core + self.action_size
-        turned = getattr(model, "base", None) is not None  # by what keeps its momentum, too
+        # a floating base: a step's end is moved by what keeps the momentum, too
+        turned = any(isinstance(part, Floating) for part in getattr(model, "contributions", ()))
         taken = fitted or joined or kept or turned or alone == "all"  # not by a step's equations alone
-        decided = model.correction is None and not taken
-        implied = decided and getattr(model, "friction", None) is None
+        decided = model.newton.period_correction is None and not taken
+        implied = decided and model.newton.friction is None
         at_once = -(-columns // -(-columns // MOST_AT_ONCE)) if implied or len(lane) == 1 else 1
         self._derivative, chunks = (implicit, -(-columns // at_once)) if implied else (derivative.tangents, 1)
         both = dual(lane, at_once)
@@ -429,7 +431,7 @@ def _goes_back(model: Any, controls: bool, parameters: bool) -> bool:
     if isinstance(model, FloatingChain):
         return isinstance(model.mesh.n, tuple) and model.loads is None
     if isinstance(model, Jointed):
-        dry = model.friction is not None and isinstance(model.arm, FloatingChain)
+        dry = model.newton.friction is not None and isinstance(model.arm, FloatingChain)
         return not parameters and not dry and _goes_back(model.arm, controls, parameters)
     in_space = isinstance(model, SpatialBeam) and model.frames is None and model.loads is None
     return in_space or isinstance(model, ExactBeam)

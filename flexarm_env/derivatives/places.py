@@ -46,8 +46,8 @@ def places_of(
     rows, links = int(size(model.n)), len(task.links)
     fixed = set(model.fixed.tolist())
     work = uncompiled(unpack)((0,) * stride, model, np.arange(layout.par, dtype=np.float64), 0)
-    afresh = not kept and isinstance(model.predictor, tuple)
-    friction = getattr(model, "friction", None) is not None
+    afresh = not kept and model.newton.resolved is not None
+    friction = model.newton.friction is not None
     moving: list[_Place] = []
     forces = set() if model.algebraic is None else set(model.algebraic.tolist())
     # rigid links' rows follow others, and nothing looks at them

@@ -74,7 +74,7 @@ class Run:
         between = [t for t in scene.kinks if np.abs(self.t - t).min(initial=np.inf) > 1e-9 * max(1.0, t)]
         for there, what in (
             (model.algebraic is not None, "joints by multipliers"),
-            (model.correction is not None, "the correction of the period"),
+            (model.newton.period_correction is not None, "the correction of the period"),
             (simulation.settings.step_tolerance is not None, "steps fitted to a tolerance"),
             (simulation.work.counts[HALVINGS] > 0.0, "a step that had to be halved"),
             (bool(np.diff(self.t).max(initial=0.0) > 1.001 * simulation.dt), "more steps than are kept"),
@@ -181,4 +181,6 @@ def _kind(model: Any) -> Any:
         return model.dtype, model.shape
     if hasattr(model, "_fields"):
         return type(model), tuple(_kind(part) for part in model)
-    return model if isinstance(model, tuple | int) else type(model)
+    if isinstance(model, tuple):
+        return tuple(map(_kind, model))
+    return model if isinstance(model, int) else type(model)

@@ -25,7 +25,7 @@ FAINT: Color = (120, 132, 147)
 
 
 def pygame_module() -> Any:
-    """pygame, imported when first drawn with. Raises DependencyNotInstalled where there is none."""
+    """Import pygame and return it. Raises DependencyNotInstalled if it is missing."""
     try:
         import pygame
     except ImportError as error:
@@ -43,6 +43,10 @@ class Sheet:
     """
 
     def __init__(self, size: tuple[int, int], reach: float, margin: float, center: Array, cell: float) -> None:
+        """Draw on paper of size (width, height), pixels, around `center` (2,), m, with a grid of squares of `cell` m.
+
+        reach: m; half of the shorter side is margin * reach (`scale_of`).
+        """
         self.pg = pygame_module()
         self.size, self.center = size, center
         self.scale = scale_of(size, reach, margin) * SUPERSAMPLING
@@ -50,19 +54,19 @@ class Sheet:
         self.canvas = _paper(size, reach, self.scale, (float(center[0]), float(center[1])), cell).copy()
 
     def pixels(self, points: ArrayLike) -> Array:
-        """Canvas coordinates (..., 2) of points in m."""
+        """Convert points (..., 2), m, to canvas coordinates (..., 2)."""
         return _pixels(points, self.size, self.scale, self.center)
 
     def disc(self, at: ArrayLike, radius: float, color: Color) -> None:
-        """A filled disc; radius in points."""
+        """Draw a filled disc; radius in points."""
         self.pg.draw.circle(self.canvas, color, self.pixels(at), radius * self.point)
 
     def ring(self, at: ArrayLike, radius: float, width: float, color: Color) -> None:
-        """A circle; outer radius and width in points."""
+        """Draw a circle; outer radius and width in points."""
         self.pg.draw.circle(self.canvas, color, self.pixels(at), radius * self.point, max(1, round(width * self.point)))
 
     def band(self, points: Array, root: float, tip: float, color: Color, shift: float = 0.0) -> None:
-        """A stroke along points (n, 2) with round ends; its width goes from `root` to `tip` points."""
+        """Draw a stroke along points (n, 2) with round ends; its width changes from `root` to `tip` points."""
         line = self.pixels(points) + shift * self.point
         widths = np.linspace(root, tip, len(line)) * self.point
         self.pg.draw.polygon(self.canvas, color, ribbon(line, widths))
@@ -70,19 +74,19 @@ class Sheet:
             self.pg.draw.circle(self.canvas, color, line[end], 0.5 * widths[end])
 
     def area(self, corners: Array, color: Color, edge: Color) -> None:
-        """A filled polygon (n, 2) with a fine edge."""
+        """Draw a filled polygon (n, 2) with a thin edge."""
         seen = self.pixels(corners)
         self.pg.draw.polygon(self.canvas, color, seen)
         self.pg.draw.lines(self.canvas, edge, True, seen, max(1, round(1.4 * self.point)))
 
     def trace(self, points: Array, colors: list[Color], width: float) -> None:
-        """A line through points (n, 2), one colour a piece (n - 1)."""
+        """Draw a line through points (n, 2), with one color for each of its n - 1 pieces."""
         line = self.pixels(points)
         for k, color in enumerate(colors):
             self.pg.draw.line(self.canvas, color, line[k], line[k + 1], max(1, round(width * self.point)))
 
     def dashes(self, start: Array, end: Array, width: float, color: Color) -> None:
-        """A broken line."""
+        """Draw a dashed line; width in points."""
         a, b = self.pixels(start), self.pixels(end)
         count = max(1, round(float(np.hypot(*(b - a))) / (9.0 * self.point)))
         wide = max(1, round(width * self.point))
@@ -90,24 +94,24 @@ class Sheet:
             self.pg.draw.line(self.canvas, color, a + (b - a) * (k / count), a + (b - a) * ((k + 0.5) / count), wide)
 
     def picture(self) -> Any:
-        """The surface of the picture's own size, strokes smooth."""
+        """Return the surface in the picture's own size, smoothed down from the supersampled canvas."""
         return self.pg.transform.smoothscale(self.canvas, self.size)
 
 
 def write(picture: Any, text: str, at: tuple[float, float], height: float, color: Color, side: str) -> None:
-    """Words on a surface; `side` names the attribute of their pygame.Rect that comes to lie at `at`."""
+    """Write text on a surface. side: attribute of the text's pygame.Rect that is placed at `at`, such as "topleft"."""
     image = _label(text, max(7, round(height)), color)
     picture.blit(image, image.get_rect(**{side: (round(at[0]), round(at[1]))}))
 
 
 def array_of(picture: Any) -> NDArray[np.uint8]:
-    """Pixels (height, width, 3) of a surface, a new array."""
+    """Return the pixels (height, width, 3) of a surface as a new array."""
     data = pygame_module().image.tobytes(picture, "RGB")
     return np.frombuffer(data, dtype=np.uint8).reshape(picture.get_height(), picture.get_width(), 3).copy()
 
 
 def scale_of(size: tuple[int, int], reach: float, margin: float) -> float:
-    """Pixels of the picture a metre."""
+    """Return the picture's scale, pixels per m."""
     return min(size) / (2.0 * margin * reach)
 
 
@@ -119,7 +123,7 @@ def _pixels(points: ArrayLike, size: tuple[int, int], scale: float, center: Arra
 
 @lru_cache(maxsize=4)
 def _paper(size: tuple[int, int], reach: float, scale: float, center: tuple[float, float], cell: float) -> Any:
-    """The empty sheet: grid, axes, and the circle within reach of the origin."""
+    """Return the empty sheet: grid, axes, and a circle of radius `reach` about the origin."""
     pg = pygame_module()
     width, height = size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING
     paper = pg.Surface((width, height), 0, 32)
@@ -139,6 +143,7 @@ def _paper(size: tuple[int, int], reach: float, scale: float, center: tuple[floa
 
 @lru_cache(maxsize=512)
 def _label(text: str, height: int, color: Color) -> Any:
+    """Render a text of a given height, pixels: drawn four times as large, then smoothed down."""
     pg = pygame_module()
     if not pg.font.get_init():
         _font.cache_clear()
@@ -155,7 +160,10 @@ def _font(pixels: int) -> Any:
 
 # -------------------------------------------------------------------- geometry
 def smooth(points: Array, root_angle: float, tip_angle: float, pieces: int = 6) -> Array:
-    """A C1 cubic through points (n, 2) that leaves the first and reaches the last in the given directions (rad)."""
+    """Return a C1 cubic curve through points (n, 2) with given directions (rad) at its ends.
+
+    pieces: of each interval.
+    """
     if len(points) < 2:
         return np.repeat(points, 2, axis=0)
     steps = np.hypot(*np.diff(points, axis=0).T)
@@ -170,7 +178,7 @@ def smooth(points: Array, root_angle: float, tip_angle: float, pieces: int = 6) 
 
 
 def ribbon(line: Array, widths: Array) -> Array:
-    """Outline (2 n, 2) of a stroke of the given widths (n,) along a line (n, 2)."""
+    """Return the outline (2 n, 2) of a stroke with widths (n,) along a line (n, 2)."""
     along = np.empty_like(line)
     along[1:-1] = line[2:] - line[:-2]
     along[0], along[-1] = line[1] - line[0], line[-1] - line[-2]
@@ -180,17 +188,17 @@ def ribbon(line: Array, widths: Array) -> Array:
 
 
 def length_of(line: Array) -> float:
-    """Length of a line (n, 2)."""
+    """Return the length of a line (n, 2)."""
     return float(np.hypot(*np.diff(line, axis=0).T).sum())
 
 
 def round_step(value: float) -> float:
-    """The largest of 1, 2, 5 times a power of ten that is not above value."""
+    """Return the largest of 1, 2, 5 times a power of ten that does not exceed value."""
     power = 10.0 ** math.floor(math.log10(value) + 1e-9)
     return next(m * power for m in (5.0, 2.0, 1.0) if m * power <= value * (1.0 + 1e-9))
 
 
 def blend(first: Color, second: Color, share: float) -> Color:
-    """A colour on the way from the first to the second."""
+    """Return a color between two; share: 0 for the first, 1 for the second."""
     red, green, blue = (round(a + (b - a) * share) for a, b in zip(first, second, strict=True))
     return red, green, blue

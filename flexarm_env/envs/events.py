@@ -32,11 +32,11 @@ EVENTS = ("cost", "pushes", "payload_change", "keep_out")
 """Keywords, and fields of `Extras`, that add to info."""
 
 
-def cost(frame: Frame, given: Any) -> Cost | None:
-    """Limits on tip deflections (over their link's length) and strains (of the links' surfaces)."""
-    if given is None:
+def cost(frame: Frame, value: Any) -> Cost | None:
+    """Read `cost`: limits on tip deflections (over the link's length) and on strains of the links' surfaces."""
+    if value is None:
         return None
-    table = table_of("cost", given, ("deflection", "strain"))
+    table = table_of("cost", value, ("deflection", "strain"))
     if not table:
         raise check.MissingKey("cost.deflection", "a cost needs a limit: deflection (over a link's length) or strain")
     limits = rows = None
@@ -48,8 +48,12 @@ def cost(frame: Frame, given: Any) -> Cost | None:
 
 
 def _strains(frame: Frame, limit: float) -> Array:
-    """Rows for strain of the surface at the stations of each link over the limit, (4 N, n); in space of each link that
-    bends two a station, of bending in the x-y plane and in the x-z plane."""
+    """Return rows for `protocol.strain_gauge` that read the surface strain at each link's stations over the limit.
+
+    limit: strain, without unit. In the plane (4 N, n), 4 stations on each of N flexible links; the strain over the
+    limit is row . q. In space each station has two rows of a `GAUGE` record, for bending in the link's x-y and x-z
+    planes.
+    """
     space = frame.kind.space
     planes = ("xy", "xz") if space else ("xy",)
     bending = [k for k, link in enumerate(frame.arm.links) if not link.rigid]
@@ -69,36 +73,36 @@ def _strains(frame: Frame, limit: float) -> Array:
     return np.asarray(table * np.array(distances)[:, None] / limit)
 
 
-def shapes_of(space: bool, given: Any) -> tuple[Shape, ...]:
-    """The shapes that `keep_out` names; none where it is not given."""
-    if given is None:
+def shapes_of(space: bool, value: Any) -> tuple[Shape, ...]:
+    """Return the shapes of `keep_out`, () if there are none."""
+    if value is None:
         return ()
-    rows = given.get("shapes") if isinstance(given, Mapping) and "shapes" in given else given
+    rows = value.get("shapes") if isinstance(value, Mapping) and "shapes" in value else value
     rows, path = [rows] if isinstance(rows, Shape | Mapping) else rows, "keep_out"
     what = "shapes (flexarm_env.shapes, or tables such as {'shape': 'sphere', 'center': ..., 'radius': ...})"
     rows = check.sequence(path, rows, what)
     if not rows:
-        raise check.InvalidValue(path, given, f"must hold {what}")
+        raise check.InvalidValue(path, value, f"must hold {what}")
     return tuple(shape_of(f"{path}[{k}]", row, 3 if space else 2) for k, row in enumerate(rows))
 
 
-def keep_out(frame: Frame, given: Any) -> KeepOut | None:
-    """Shapes that the arm, or its tip, is to stay out of."""
-    shapes = shapes_of(frame.kind.space, given)
+def keep_out(frame: Frame, value: Any) -> KeepOut | None:
+    """Read `keep_out`: shapes that the arm or its tip must not enter."""
+    shapes = shapes_of(frame.kind.space, value)
     if not shapes:
         return None
-    table = dict(given) if isinstance(given, Mapping) and "shapes" in given else {}
+    table = dict(value) if isinstance(value, Mapping) and "shapes" in value else {}
     check.known_keys("keep_out", table, ("shapes", "margin", "of"))
     margin = check.number("keep_out.margin", table.get("margin", 0.0), "m", minimum=0.0)
     only_tip = check.choice("keep_out.of", table.get("of", PARTS[0]), PARTS) == "tip"
     return KeepOut(packed(shapes), margin, (0,) if only_tip else None)
 
 
-def pushes(frame: Frame, given: Any) -> Pushes | None:
-    """Forces on the tip at random times."""
-    if given is None:
+def pushes(frame: Frame, value: Any) -> Pushes | None:
+    """Read `pushes`: forces on the tip at random times."""
+    if value is None:
         return None
-    table = table_of("pushes", given, ("wait", "force", "lasting", "until"))
+    table = table_of("pushes", value, ("wait", "force", "lasting", "until"))
     wait, force = _range("pushes", table, "wait", "s"), _range("pushes", table, "force", "N")
     lasting = check.number("pushes.lasting", table.get("lasting", frame.period), "s", above=0.0)
     periods = round(lasting / frame.period)
@@ -111,16 +115,16 @@ def pushes(frame: Frame, given: Any) -> Pushes | None:
 
 
 def _range(path: str, table: dict[str, Any], key: str, unit: str, minimum: float = 0.0) -> Array:
-    """A table's range (low, high), which it must have."""
+    """Return a table's required range (low, high)."""
     value = check.needed(path, table, key, f"must be two numbers{f' ({unit})' if unit else ''}, (low, high)")
     return np.array(check.limits(f"{path}.{key}", value, unit, minimum=minimum))
 
 
-def payload_change(frame: Frame, given: Any) -> PayloadChange | None:
-    """A payload that is gripped or let go once in an episode."""
-    if given is None:
+def payload_change(frame: Frame, value: Any) -> PayloadChange | None:
+    """Read `payload_change`: a payload that is gripped or released once in an episode."""
+    if value is None:
         return None
-    table = table_of("payload_change", given, ("time", "factor", "gripped"))
+    table = table_of("payload_change", value, ("time", "factor", "gripped"))
     time = _range("payload_change", table, "time", "s", frame.period)
     factor = _range("payload_change", table, "factor", "")
     if frame.arm.payload.mass <= 0.0:
@@ -131,8 +135,10 @@ def payload_change(frame: Frame, given: Any) -> PayloadChange | None:
 
 
 def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool, drawn: int) -> dict[str, Any]:
-    """Fields of the task's record that say what is asked for, where it is not the usual. drawn: the last place of what
-    is drawn, or -1."""
+    """Return the task record's fields for success, turns and info that differ from the usual ones.
+
+    drawn: last index of the drawn numbers in info, or -1.
+    """
     kind = frame.kind
     table = table_of("success", success, (*kind.bands, "hold", "once", "paid"))
     paid = check.flag("success.paid", table.get("paid", False))
@@ -168,13 +174,12 @@ def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool,
     return changes
 
 
-def starts(kind: Kind, arm: Arm, given: Any) -> tuple[Starts, bool]:
-    """What fresh starts are drawn from, with what is given in the place of the kind's own; whether target angles are
-    drawn as they stand, and not from where the arm starts."""
+def starts(kind: Kind, arm: Arm, value: Any) -> tuple[Starts, bool]:
+    """Return the ranges of fresh starts, and whether target angles are absolute instead of relative to the start."""
     usual = kind.starts(arm)
-    if given is None:
+    if value is None:
         return usual, False
-    table, n = table_of("starts", given, ("angles", "target", "straight", "absolute")), arm.n_links
+    table, n = table_of("starts", value, ("angles", "target", "straight", "absolute")), arm.n_links
     changes: dict[str, Any] = {}
     if "angles" in table:
         rows = check.sequence("starts.angles", table["angles"], f"{n} pairs (low, high), rad", n)
@@ -193,6 +198,10 @@ def starts(kind: Kind, arm: Arm, given: Any) -> tuple[Starts, bool]:
 
 
 def _joint(arm: Arm, k: int, row: Any, of: str = "angles") -> Pair:
+    """Return joint k's range (low, high), rad, of `starts.<of>`; `InvalidValue` where it leaves the joint's limits.
+
+    row: the user's pair of angles, rad. of: the table's key, for messages.
+    """
     low, high = check.limits(f"starts.{of}[{k}]", row, "rad", **ANGLE)
     own = None if arm.joint_limits is None else arm.joint_limits[k]
     if own is not None and not own[0] <= low <= high <= own[1]:
@@ -202,7 +211,10 @@ def _joint(arm: Arm, k: int, row: Any, of: str = "angles") -> Pair:
 
 
 def _target(kind: Kind, arm: Arm, value: Any) -> list[Pair]:
-    """Two ranges: of the angle, or of distance (m) and bearing (rad) of the point."""
+    """Return the two ranges of `starts.target`: of the angle, or of a point's distance (m) and bearing (rad).
+
+    In space: a range of each joint angle, rad.
+    """
     if kind.space:
         rows = check.sequence("starts.target", value, f"{arm.n_links} pairs of joint angles, rad", arm.n_links)
         return [_joint(arm, k, row, "target") for k, row in enumerate(rows)]
@@ -218,7 +230,7 @@ def _target(kind: Kind, arm: Arm, value: Any) -> list[Pair]:
 
 
 def unguided(extras: Extras, path: str, value: Any) -> None:
-    """ValueError where a prescribed motion meets what only an arm that moves by itself can undergo."""
+    """Raise `InvalidValue` if a prescribed motion is combined with events that need a freely moving arm."""
     for name in EVENTS:
         if getattr(extras, name) is not None:
             raise check.InvalidValue(path, value, f"must not be given in an environment with {name}")

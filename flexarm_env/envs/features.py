@@ -28,7 +28,7 @@ LONGEST = 1000
 
 @dataclass(frozen=True)
 class Frame:
-    """What features are made for."""
+    """Properties of the environment that keywords are read for."""
 
     kind: Kind
     arm: Arm
@@ -37,15 +37,15 @@ class Frame:
     gravity: tuple[float, ...] | None
 
 
-def table_of(path: str, given: Any, keys: Sequence[str]) -> dict[str, Any]:
-    """A keyword's table, of these keys alone; an empty one for None."""
-    table = {} if given is None else check.table_of(path, given)
+def table_of(path: str, value: Any, keys: Sequence[str]) -> dict[str, Any]:
+    """Return a keyword's table after checking its keys; {} for None."""
+    table = {} if value is None else check.table_of(path, value)
     check.known_keys(path, table, keys)
     return table
 
 
 def for_each(path: str, value: Any, n: int, unit: str = "", **bounds: float) -> Array:
-    """One number for all of n links or joints, or one each."""
+    """Return one number for each of n links or joints, from one number or n."""
     many = check.several(value)
     values = check.sequence(path, value, f"{n} numbers{f' ({unit})' if unit else ''}", n) if many else (value,) * n
     names = [f"{path}[{k}]" if many else path for k in range(n)]
@@ -53,7 +53,7 @@ def for_each(path: str, value: Any, n: int, unit: str = "", **bounds: float) -> 
 
 
 def whole(path: str, value: Any, step: float, name: str, **bounds: float) -> int:
-    """A time as a whole number of steps."""
+    """Convert a time (s) to a whole number of steps."""
     time = check.number(path, value, "s", **bounds)
     if not time / step < LONGEST + 0.5:
         raise check.InvalidValue(path, value, f"must be at most {LONGEST} {name} = {LONGEST * step:g} s")
@@ -64,7 +64,7 @@ def whole(path: str, value: Any, step: float, name: str, **bounds: float) -> int
 
 
 def _late(path: str, value: Any, step: float, name: str) -> tuple[int, int]:
-    """A delay as a whole number of steps: the least and the most that may be drawn for an episode."""
+    """Convert a delay, or a range of delays (s), to its smallest and largest whole number of steps."""
     if not check.several(value):
         return (whole(path, value, step, name, minimum=0.0),) * 2
     limits = enumerate(check.limits(path, value, "s", minimum=0.0))
@@ -74,7 +74,7 @@ def _late(path: str, value: Any, step: float, name: str) -> tuple[int, int]:
 
 # --- controllers -------------------------------------------------------------------------------------
 def controller(frame: Frame, mode: Any, share: Any) -> Controller | None:
-    """The joint controllers under the action, or None where the action is a torque, a current or a voltage.
+    """Return the joint controllers under the action, or None if the action is a torque, a current or a voltage.
 
     Stiffness: the full torque at an error of pi/4. Damping: critical for the rigid arm beyond the joint, straight.
     """
@@ -89,7 +89,7 @@ def controller(frame: Frame, mode: Any, share: Any) -> Controller | None:
 
 
 def amplified(arm: Arm, mode: Any) -> tuple[Arm, Amplifier | None]:
-    """The arm with the viscous friction that voltages make of back_emf, and what turns actions into torques.
+    """Return the arm with the viscous friction of back-emf added, and the amplifier that converts actions to torques.
 
     Raises ValueError where a joint lacks a motor, its limit, or for voltages its resistance.
     """
@@ -122,9 +122,9 @@ def amplified(arm: Arm, mode: Any) -> tuple[Arm, Amplifier | None]:
 _ACTUATOR = ("lag", "delay", "jitter", "saturation", "viscous", "coulomb")
 
 
-def with_friction(arm: Arm, given: Any) -> Arm:
-    """The arm with the friction that `actuator` gives its joints, beside what they have."""
-    table, joints = table_of("actuator", given, _ACTUATOR), [arm.joint(k) for k in range(arm.n_links)]
+def with_friction(arm: Arm, value: Any) -> Arm:
+    """Return the arm with the friction of `actuator` added to its joints' own."""
+    table, joints = table_of("actuator", value, _ACTUATOR), [arm.joint(k) for k in range(arm.n_links)]
     for name, unit in (("viscous", "N m s/rad"), ("coulomb", "N m")):
         more = for_each(f"actuator.{name}", table.get(name, 0.0), arm.n_links, unit, minimum=0.0)
         if arm.base is not None and more[0]:
@@ -139,9 +139,11 @@ def with_friction(arm: Arm, given: Any) -> Arm:
 
 
 def with_hub(arm: Arm, drawn: Any) -> tuple[Arm, float]:
-    """The arm whose hub is drawn, and the hub's inertia about its axis: what there is more or less of it is drawn as
-    inertia of joint 0's rotor, which is the same on a base that does not turn; behind an elastic gear for itself. Where
-    nothing else gives joint 0 a law, a rotor next to nothing does."""
+    """Return the arm prepared for a drawn hub inertia, and the nominal inertia about the hub's axis, kg m^2.
+
+    The difference from the nominal hub is drawn as inertia of joint 0's rotor, which has the same effect on a base that
+    does not turn. Where joint 0 has no other law, a negligible rotor gives it one.
+    """
     if drawn is None:
         return arm, 0.0
     if arm.base is not None:
@@ -156,14 +158,14 @@ def with_hub(arm: Arm, drawn: Any) -> tuple[Arm, float]:
     return replace(arm, joints=joints), hub
 
 
-def actuator(frame: Frame, given: Any) -> Actuator | None:
-    """The motors, or None where they are ideal."""
-    if given is None:
+def actuator(frame: Frame, value: Any) -> Actuator | None:
+    """Read `actuator`: the motors, or None if they are ideal."""
+    if value is None:
         return None
-    table = table_of("actuator", given, _ACTUATOR)
+    table = table_of("actuator", value, _ACTUATOR)
     arm, dt = frame.arm, frame.settings.dt
     assert dt is not None and arm.torque_limits is not None
-    lag = check.number("actuator.lag", table.get("lag", 0.0), "s", minimum=0.0)
+    short, lag = _lag(table.get("lag", 0.0))
     least, steps = _late("actuator.delay", table.get("delay", 0.0), dt, "dt")
     more = whole("actuator.jitter", table.get("jitter", 0.0), dt, "dt", minimum=0.0)
     per_period = round(frame.period / dt)
@@ -184,7 +186,15 @@ def actuator(frame: Frame, given: Any) -> Actuator | None:
         jitter=(float(more), float(per_period), oldest) if more or drawn else None,
         drawn=(float(least), float(steps)) if drawn else None,
         within=(0,) if within else None,
+        lag=(short / dt, lag / dt) if short < lag else None,
     )
+
+
+def _lag(value: Any) -> tuple[float, float]:
+    """Return the smallest and largest time constant, s, that an episode may draw."""
+    if check.several(value):
+        return check.limits("actuator.lag", value, "s", minimum=0.0)
+    return (check.number("actuator.lag", value, "s", minimum=0.0),) * 2
 
 
 # --- sensors -----------------------------------------------------------------------------------------
@@ -192,11 +202,13 @@ _SENSORS = ("noise", "delay", *description.KEYS)
 
 
 def sensors(
-    frame: Frame, given: Any, gauges: Sequence[description.StrainGauge], names: Sequence[str], scales: Sequence[float]
+    frame: Frame, value: Any, gauges: Sequence[description.StrainGauge], names: Sequence[str], scales: Sequence[float]
 ) -> Sensors | None:
-    """Noise and delay of all entries, and the gauges; None where there is nothing of it. names, scales: of all entries,
-    gauges last."""
-    table = table_of("sensors", None if isinstance(given, description.Sensors) else given, _SENSORS)
+    """Read noise and delay of all entries, and the gauges; None if all is ideal.
+
+    names, scales: of all entries, gauges last.
+    """
+    table = table_of("sensors", None if isinstance(value, description.Sensors) else value, _SENSORS)
     places = [gauge.spot for gauge in gauges]
     rows = gauge_table(frame.arm, frame.settings, frame.gravity, places) if places else np.zeros((0, 0))
     noise = _noise(table.get("noise", 0.0), names, scales)
@@ -213,7 +225,7 @@ _STIFFNESS = {"xz": "EI_y", "torsion": "GJ"}
 
 
 def gauge_scales(frame: Frame, gauges: Sequence[description.StrainGauge]) -> list[float]:
-    """Scale of each gauge, 1/m: the curvature, or the twist, under the full torque of the link's joint."""
+    """Return each gauge's scale, 1/m: the curvature, or twist, under the full torque of the link's joint."""
     limits, links = frame.arm.torque_limits, frame.arm.links
     assert limits is not None
     sizes = []
@@ -224,29 +236,32 @@ def gauge_scales(frame: Frame, gauges: Sequence[description.StrainGauge]) -> lis
     return sizes
 
 
-def _noise(given: Any, names: Sequence[str], scales: Sequence[float]) -> Array:
-    """Standard deviations in scales: one share of the scale for all, or by name in the entry's unit."""
-    if not isinstance(given, Mapping):
-        return np.full(len(names), check.number("sensors.noise", given, minimum=0.0))
-    check.known_keys("sensors.noise", given, names, "entry of the observation")
+def _noise(deviations: Any, names: Sequence[str], scales: Sequence[float]) -> Array:
+    """Return standard deviations in scales, from one share of the scale for all, or by name in the entry's unit."""
+    if not isinstance(deviations, Mapping):
+        return np.full(len(names), check.number("sensors.noise", deviations, minimum=0.0))
+    check.known_keys("sensors.noise", deviations, names, "entry of the observation")
     sizes = dict(zip(names, scales, strict=True))
-    noise = {name: check.number(f"sensors.noise.{name}", value, minimum=0.0) for name, value in given.items()}
+    noise = {name: check.number(f"sensors.noise.{name}", value, minimum=0.0) for name, value in deviations.items()}
     return np.array([noise.get(name, 0.0) / sizes[name] for name in names])
 
 
 # --- moving targets ----------------------------------------------------------------------------------
-def reference(frame: Frame, given: Any, periods: int) -> Reference:
-    """The target's path: what is given, sampled at the control instants, or drawn anew each episode, within ranges that
-    may be given."""
+def reference(frame: Frame, value: Any, periods: int) -> Reference:
+    """Read `reference`: a given path, sampled at the control instants, or the ranges from which episodes draw paths."""
     target, arm = frame.kind.target, frame.arm
-    told = given if isinstance(given, Mapping) and "t" not in given else {}
-    shape, ranges = target.drawn(told, arm)
-    given = None if told else given
+    drawn = value if isinstance(value, Mapping) and "t" not in value else {}
+    value = None if drawn else value
+    if value is None:
+        shape, ranges = target.drawn(drawn, arm)
+    else:  # a given path: nothing is drawn, the usual ranges need not suit the arm
+        shape = next(iter(target.paths))
+        ranges = target.ranges(arm, shape)
     ahead = np.array([max(1, round(time / frame.period)) for time in AHEAD], np.int64)
     table = np.zeros(0)
-    if given is not None:
+    if value is not None:
         t = np.arange(periods + int(ahead.max()) + 1, dtype=np.float64) * frame.period
-        path = target.path(given, arm, t)
+        path = target.path(value, arm, t)
         table = np.column_stack([f(t) for f in path] + [f(t, 1) for f in path]).ravel()
     scales = np.array([scale for _, scale in target.entries(arm)])
     line = (0,) if shape == "line" else None

@@ -18,17 +18,17 @@ _HELD = {
 """Keywords that ask for a root that is held, and why."""
 
 
-def with_base(arm: Arm, given: Any, space: bool) -> Arm:
-    """The arm on the base that `base` asks for, a Base or its table; None: as it is."""
-    if given is None:
+def with_base(arm: Arm, value: Any, space: bool) -> Arm:
+    """Return the arm on the floating base of the keyword `base`, a Base or its table; None leaves the arm unchanged."""
+    if value is None:
         return arm
     if space:
-        raise check.InvalidValue("base", given, "must be left out in space, where the root is held")
-    return replace(arm, base=given if isinstance(given, Base) else arms.base_of(given))
+        raise check.InvalidValue("base", value, "must be left out in space, where the root is held")
+    return replace(arm, base=value if isinstance(value, Base) else arms.base_of(value))
 
 
 def check_afloat(frame: Frame, task: str, mode: str, wanted: Any, **arguments: Any) -> None:
-    """ValueError for what an arm on a base that floats cannot be asked for; arguments: those of `_HELD`."""
+    """Raise ValueError for keywords that an arm on a floating base does not support. arguments: those of `_HELD`."""
     arm = frame.arm
     if arm.base is None:
         return

@@ -13,12 +13,12 @@ PACKAGE = "flexarm_env"
 
 
 def own_ids() -> tuple[str, ...]:
-    """Ids of the environments that this package has registered and that simulate."""
+    """Return the ids of this package's registered environments that simulate."""
     return tuple(key for key, spec in registry.items() if str(spec.entry_point).startswith(f"{PACKAGE}.envs."))
 
 
-def made(make: Callable[..., Any], env_id: str, /, **keywords: Any) -> Any:
-    """What `gymnasium.make` or `make_vec` makes of an id. ValueError for one that is not registered, or is no id."""
+def make_registered(make: Callable[..., Any], env_id: str, /, **keywords: Any) -> Any:
+    """Call `gymnasium.make` or `make_vec` with an id. Raises ValueError for one that is not registered or not an id."""
     try:
         return make(env_id, **keywords)
     except DependencyNotInstalled:
@@ -28,7 +28,7 @@ def made(make: Callable[..., Any], env_id: str, /, **keywords: Any) -> Any:
 
 
 def permitted(path: str, env_id: Any, env_kwargs: Any, named: str | None = None) -> tuple[str, dict[str, Any]]:
-    """An environment's id and keywords that a file brings, if `gymnasium.make` may have them.
+    """Return the environment id and keywords of a file, after checking that `gymnasium.make` may receive them.
 
     Args:
         path: what they are called in a message. named: an id that the caller names himself, whatever it is.

@@ -16,10 +16,11 @@ import numpy as np
 from .. import scenes, time_functions
 from .. import validation as check
 from ..accuracy import in_steps
-from ..batch import CLIP, View
+from ..batch import CLIP, FLOOR, View, is_unbalanced
+from ..compiler import SINGLE, uncompiled
 from ..physics.equations import read_gauges, read_poses
 from ..physics.gauges import Spot, curvature_rows, over
-from ..physics.layout import DISSIPATED, SPACE_POSE, WORK_DONE
+from ..physics.layout import BEYOND, DISSIPATED, SPACE_POSE, WORK_DONE
 from ..physics.model import DIVERGED
 from ..physics.space.reading import read
 from ..scene import Motion, Scene
@@ -45,7 +46,7 @@ class Prescribed:
 
 
 def prescribed(value: Any, n_links: int, interpolation: str | None = None, path: str = "options.motion") -> Prescribed:
-    """Motions of one arm from what a user gives under the key `path`, which every ValueError names."""
+    """Return the joint motions of one arm from a user's value under the key `path`, which every ValueError names."""
     if isinstance(value, Prescribed):
         return value
     if isinstance(value, Scene):
@@ -77,7 +78,7 @@ def _joint(path: str, key: Any, n_links: int) -> int:
 
 
 def _by_joint(entries: dict[int, Any], paths: tuple[str, ...], interpolation: str | None) -> Prescribed:
-    """Each joint's function; a scene gives its hub's."""
+    """Return each joint's function; a scene contributes its hub's."""
     functions, end = dict[int, TimeFunction](), 0.0
     for joint, entry in entries.items():
         if entry is None:
@@ -93,16 +94,17 @@ def _by_joint(entries: dict[int, Any], paths: tuple[str, ...], interpolation: st
 
 
 def _is_scene(value: Any) -> bool:
-    """A name or a TOML file."""
+    """Return whether a value is a scene's name or TOML file."""
     return isinstance(value, str | os.PathLike) and not os.fspath(value).endswith(".csv")
 
 
 def is_table(value: Any) -> bool:
-    """Rows of numbers, rather than one entry a joint."""
+    """Return whether a value is rows of numbers, not one entry per joint."""
     return all(isinstance(row, list | tuple) and all(isinstance(x, int | float) for x in row) for row in value)
 
 
 def _scene(path: str, name: Any) -> Scene:
+    """Return the named scene; errors name the keyword `path` and list the scenes that have motions."""
     try:
         return scenes.resolve(name)
     except check.InvalidValue as error:
@@ -113,7 +115,7 @@ def _scene(path: str, name: Any) -> Scene:
 
 
 def _joints(path: str, scene: Scene, n_links: int) -> tuple[tuple[int, TimeFunction], ...]:
-    """The joint motions of a scene."""
+    """Return the joint motions of a scene."""
     if scene.root == "free":
         raise check.InvalidValue(path, scene.name, "must be a scene of an arm that is pinned, not of a free body")
     found = []
@@ -128,12 +130,13 @@ def _joints(path: str, scene: Scene, n_links: int) -> tuple[tuple[int, TimeFunct
 
 
 def function_of(path: str, entry: Any, interpolation: str | None = None) -> TimeFunction:
-    """A function of time from a table, a file or a TimeFunction."""
+    """Return a function of time from a table, a file or a TimeFunction; errors name the key `path`."""
     with check.under(path):
         return _function(entry, interpolation)
 
 
 def _function(entry: Any, interpolation: str | None) -> TimeFunction:
+    """Make a TimeFunction without jumps of one, a table, an array (n, 2) of t (s) and value, or a .csv path."""
     if isinstance(entry, TimeFunction):
         entry.check_no_jump()
         return entry
@@ -161,7 +164,7 @@ ANGLE = {"minimum": -FARTHEST, "maximum": FARTHEST}
 
 
 class Guide:
-    """One arm that follows a prescribed motion.
+    """An arm that follows a prescribed motion, simulated outside of the batch.
 
     Args:
         scene: arm, motions and loads. settings: with dt. period: control period, s. limits: torque limits, N m.
@@ -175,6 +178,11 @@ class Guide:
         self, scene: Scene, settings: Settings, period: float, limits: Array,
         gauges: tuple[Spot, ...] = (), gauge_scales: tuple[float, ...] = (),
     ) -> None:  # fmt: skip
+        """Assemble the scene's simulation and start it.
+
+        period: s, control period; the steps of settings are made to divide it. limits (N,): N m, by which shown torques
+        are clipped. gauges, gauge_scales: places of the strain gauges, and their scales, 1/m.
+        """
         self.scene, self.period, self.limits = scene, period, limits
         self.settings = in_steps(scene, settings, scene.duration, period)
         self.simulation = Simulation(scene, self.settings)
@@ -191,14 +199,14 @@ class Guide:
         self.simulation.reset()
         self.start_energy = float(self.simulation.observe()[1].sum())
 
-    def set_parameters(self, par: Array) -> None:
-        """The arm's own payload, stiffness and damping (see `physics.model.PAYLOAD_MASS`), before the first step."""
-        if not np.array_equal(par, self.simulation.par):
-            self.simulation.par[:] = par
+    def set_parameters(self, parameters: Array) -> None:
+        """Set the arm's own payload, stiffness and damping (see `physics.model.PAYLOAD_MASS`) before the first step."""
+        if not np.array_equal(parameters, self.simulation.par):
+            self.simulation.par[:] = parameters
             self._start()
 
     def advance(self, torques: Array) -> int:
-        """One control period with these torques (N m) on the joints that are free; the status reached.
+        """Advance one control period with torques (N,), N m, on the free joints; return the status code.
 
         `runtime.guided.follow_motions` is the same for derivatives.
         """
@@ -209,12 +217,23 @@ class Guide:
             simulation.set_torques(torques, fresh=False)
         self.steps += 1
         self.moved = simulation.advance_to(min(self.steps * self.period, self.scene.duration))
-        if self.moved and simulation.gained(self.start_energy):
+        if self.moved and (simulation.gained(self.start_energy) or self._is_unbalanced()):
             simulation.work.flag[0] = DIVERGED
         return simulation.status
 
+    def _is_unbalanced(self) -> bool:
+        """Return whether the energy exceeds that of start and work, as `runtime.energy_balance` decides."""
+        kinetic, strain, gravity = self.simulation.observe()[1].tolist()
+        accounted = self.start_energy + float(self.simulation.work.books[WORK_DONE])
+        exchanged = abs(self.start_energy) + self.simulation.gross
+        floor = FLOOR * float(self.limits.sum())
+        return bool(uncompiled(is_unbalanced)(SINGLE, kinetic + strain, gravity, accounted, exchanged, floor))
+
     def report(self) -> dict[str, Array]:
-        """Where the arm is, as `Batch.take_report` has it; motors: of the joints where the gears do not give."""
+        """Return the arm's position as `Batch.take_report` stores it.
+
+        Motor angles are the joints' where gears are rigid.
+        """
         simulation, work = self.simulation, self.simulation.work
         poses, energies = simulation.observe()
         if self.scene.spatial:
@@ -227,23 +246,23 @@ class Guide:
             bent = self.gauges @ work.q
         return {
             "poses": poses, "torque": simulation.joint_torques(), "motors": places["motor_angles"][0],
-            "energies": np.array([*energies, work.books[DISSIPATED], work.books[WORK_DONE]]),
+            "energies": np.array([*energies, work.books[DISSIPATED] + work.books[BEYOND], work.books[WORK_DONE]]),
             "gauges": np.clip(bent.ravel(), -CLIP, CLIP),
         }  # fmt: skip
 
     def _read(self) -> dict[str, Any]:
-        """What is read off the state, in space."""
+        """Return what observations of an arm in space read from the state."""
         work = self.simulation.work
         return read(self.scene.arm, self.settings, work.q[None], work.v[None])
 
     def starts(self) -> Array:
-        """Joint angles (N,) where the motion begins, rad."""
+        """Return the joint angles (N,), rad, at the motion's start."""
         if self.scene.spatial:
             return np.array(self.scene.angles)
         return joint_angles(self.simulation.observe()[0])[0]
 
     def view(self, target: Array) -> View:
-        """Where the arm is."""
+        """Return the arm's present shape as a `View`, with a target."""
         simulation, poses = self.simulation, self.report()["poses"]
         if self.scene.spatial:
             seen = self._read()
@@ -263,6 +282,7 @@ class Guide:
         return kept | {"memory": numbers}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
+        """Assemble the simulation again, which is not pickled, and copy the pickled state into it."""
         flat, par, t, gross, level, levels, restarted = state["memory"]
         vars(self).update({k: v for k, v in state.items() if k != "memory"})
         self.simulation = Simulation(self.scene, self.settings)
@@ -272,7 +292,7 @@ class Guide:
 
 
 def guide(plan: Any, motion: Prescribed, starts: Array) -> Guide:
-    """The arm of an environment (`options.Plan`) under a motion. starts (N,): of joints left free, NaN: 0."""
+    """Return the guide of an environment's arm (`options.Plan`). starts (N,): angles of free joints, rad; NaN: 0."""
     arm, scene = plan.arm, motion.scene
     if scene is None:
         scene = _moved(plan, motion, starts)
@@ -283,7 +303,7 @@ def guide(plan: Any, motion: Prescribed, starts: Array) -> Guide:
 
 
 def _moved(plan: Any, motion: Prescribed, starts: Array) -> Scene:
-    """A scene of the environment's arm under motions of its joints."""
+    """Return the scene of the environment's arm with motions of its joints."""
     functions = dict(motion.functions)
     for k, function in functions.items():
         check.number(f"options.motion: joint{k} at t = 0", function.start, "rad", **ANGLE)

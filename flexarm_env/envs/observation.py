@@ -16,6 +16,8 @@ from .features import Frame, gauge_scales
 from .task import Kind
 
 FULL, MEASURED = "full", "measured"
+ACTED = "previous_action"
+"""Name of the entry, one a joint, that holds the action of the period that has just ended; 0 at a start."""
 LONGEST_HISTORY = 1000
 
 Entries = list[tuple[str, float]]
@@ -23,28 +25,32 @@ Entries = list[tuple[str, float]]
 
 @dataclass(frozen=True)
 class Sight:
-    """names, scales (S,): of all entries, gauges last. chosen (C,): which are observed, in order; None: all, as they
-    stand. instruments: sensors that read by a law, or None."""
+    """Entries of the observation: names and scales of all, gauges and previous actions last.
+
+    chosen (C,): which are observed, in order; None: all, as they stand. instruments: sensors that read by a law, or
+    None. read: how many of these entries sensors read.
+    """
 
     names: tuple[str, ...]
     scales: tuple[float, ...]
     chosen: tuple[int, ...] | None
     instruments: Instruments | None
+    read: int
 
     def of(self, values: Sequence[Any]) -> tuple[Any, ...]:
-        """Of one value for each entry those of the observed ones."""
+        """Select the observed entries' values from one value per entry."""
         return tuple(values) if self.chosen is None else tuple(values[k] for k in self.chosen)
 
     def selection(self, history: int) -> Selection | None:
-        """For `history` observations in one; None: as they stand."""
+        """Return the indices of the observed entries in `history` observations; None: all, in order."""
         if self.chosen is None and history == 1:
             return None
         chosen = range(len(self.names)) if self.chosen is None else self.chosen
         return Selection(np.array(chosen, np.int64), history)
 
 
-def asked(observation: Any, history: Any) -> tuple[str | tuple[str, ...], int]:
-    """The arguments, checked as far as they can be alone."""
+def checked_observation(observation: Any, history: Any) -> tuple[str | tuple[str, ...], int]:
+    """Check `observation` and `history` as far as possible without the arm."""
     count = check.integer("history", history, minimum=1, maximum=LONGEST_HISTORY)
     if isinstance(observation, str):
         if observation in (FULL, MEASURED):
@@ -61,7 +67,7 @@ def asked(observation: Any, history: Any) -> tuple[str | tuple[str, ...], int]:
 
 
 def sensors_of(arm: Arm, observation: str | tuple[str, ...], given: Any) -> description.Sensors:
-    """The sensors that an environment has: what it is given, and where "full" is not asked for those of the arm.
+    """Return the environment's sensors: those given, else the arm's own unless the observation is "full".
 
     Under "measured" an arm that names none has ideal ones, and one that names no encoders has ideal encoders.
     """
@@ -85,8 +91,8 @@ def sensors_of(arm: Arm, observation: str | tuple[str, ...], given: Any) -> desc
     return found
 
 
-def sight(frame: Frame, observation: str | tuple[str, ...], own: description.Sensors, further: Entries) -> Sight:
-    """All of it, for these sensors. further: entries of a moving target."""
+def sight(frame: Frame, observation: str | tuple[str, ...], sensors: description.Sensors, further: Entries) -> Sight:
+    """Return all entries that can be observed with these sensors. further: entries of a moving target."""
     kind, arm = frame.kind, frame.arm
     task = kind.entries(arm)
     goals = goal_entries(kind, arm)
@@ -95,28 +101,32 @@ def sight(frame: Frame, observation: str | tuple[str, ...], own: description.Sen
     push = rate_scale(arm, 0) ** 2 * arm.total_length
     sizes = {"accelerometer": push, "gyroscope": rate_scale(arm, 0), "camera": arm.total_length}
     for sensor, readings in description.OF_THE_TIP[kind.space].items():
-        if getattr(own, sensor) is not None:
+        if getattr(sensors, sensor) is not None:
             entries += [(name, 1.0 if "_rise_" in name else sizes[sensor]) for name in readings]
-    gauges = _gauge_entries(frame, own.strain_gauges)
+    gauges = _gauge_entries(frame, sensors.strain_gauges)
     entries += gauges
     names, scales = tuple(name for name, _ in entries), tuple(scale for _, scale in entries)
     joints = [[names.index(f"{joint}_{of}") for of in ("sin", "cos", "rate")] for joint in arm.joint_names]
     added = len(entries) - len(task) - len(further) - len(gauges)
-    instruments = _instruments(frame, own, aimed, joints, entries, [scale for _, scale in gauges], added)
-    return Sight(names, scales, _chosen(observation, names, len(task), joints), instruments)
+    instruments = _instruments(frame, sensors, aimed, joints, entries, [scale for _, scale in gauges], added)
+    read, acted = len(names), arm.by_link(ACTED)
+    if isinstance(observation, tuple) and any(name in observation for name in acted):
+        names, scales = (*names, *acted), (*scales, *(1.0 for _ in acted))
+    return Sight(names, scales, _chosen(observation, names, len(task), joints, acted), instruments, read)
 
 
 def goal_entries(kind: Kind, arm: Arm) -> Entries:
-    """Joint angles at the goal less encoder angles; where the target is a point, that too."""
+    """Return the entries for joint angles at the goal less encoder angles, and for a target point itself."""
     axes = "xyz"[: kind.target.numbers] if kind.target.numbers > 1 else ""
     point = [(f"target_{axis}", arm.total_length) for axis in axes]
     return [*((f"{joint}_error", 1.0) for joint in arm.joint_names), *point]
 
 
 def _chosen(
-    observation: str | tuple[str, ...], names: tuple[str, ...], task: int, joints: list[list[int]]
+    observation: str | tuple[str, ...], names: tuple[str, ...], task: int, joints: list[list[int]],
+    acted: Sequence[str],
 ) -> tuple[int, ...] | None:
-    """Which entries are observed. ValueError for a name that there is not."""
+    """Return the indices of the observed entries. Raises ValueError for an unknown name."""
     if observation == FULL:
         return None
     if observation == MEASURED:
@@ -124,12 +134,13 @@ def _chosen(
         return tuple(k for k in range(len(names)) if k in measured or k >= task)
     for i, name in enumerate(observation):
         if name not in names:
-            raise check.UnknownKey(f"observation[{i}] = {name!r}", names, "entry of the observation")
+            known = (*names, *(one for one in acted if one not in names))
+            raise check.UnknownKey(f"observation[{i}] = {name!r}", known, "entry of the observation")
     return tuple(names.index(name) for name in observation)
 
 
 def _gauge_entries(frame: Frame, gauges: Sequence[description.StrainGauge]) -> Entries:
-    """Name and scale of each gauge, in its unit."""
+    """Return name and scale of each gauge, in its unit."""
     found = []
     for i, (gauge, scale) in enumerate(zip(gauges, gauge_scales(frame, gauges), strict=True)):
         with check.under(f"sensors.strain_gauges[{i}]"):
@@ -139,27 +150,27 @@ def _gauge_entries(frame: Frame, gauges: Sequence[description.StrainGauge]) -> E
 
 def _instruments(
     frame: Frame,
-    own: description.Sensors,
+    sensors: description.Sensors,
     aimed: bool,
     joints: list[list[int]],
     entries: Entries,
     sizes: list[float],
     added: int,
 ) -> Instruments | None:
-    """What reads by a law; gauges that are ideal do not."""
+    """Return the sensors that read by a law, or None; ideal gauges have no law."""
     motors: list[int] = []
     laws, period, length = [], frame.period, frame.arm.total_length
-    if own.encoders:
-        each = [own.encoder(k).behind(frame.arm.joint(k).gear_ratio) for k in range(len(joints))]
+    if sensors.encoders:
+        each = [sensors.encoder(k).behind(frame.arm.joint(k).gear_ratio) for k in range(len(joints))]
         laws += [law_of(encoder, 1.0, period, f"sensors.encoders[{k}]") for k, encoder in enumerate(each)]
         motors = [int(encoder.side == "motor" and frame.arm.joint(k).elastic) for k, encoder in enumerate(each)]
     scales, space = dict(entries), frame.kind.space
     for sensor, readings in description.OF_THE_TIP[space].items():
-        if getattr(own, sensor) is not None:
-            laws += [law_of(getattr(own, sensor), scales[name], period, f"sensors.{sensor}") for name in readings]
-    lawful = not all(gauge.is_ideal for gauge in own.strain_gauges)
+        if getattr(sensors, sensor) is not None:
+            laws += [law_of(getattr(sensors, sensor), scales[name], period, f"sensors.{sensor}") for name in readings]
+    lawful = not all(gauge.is_ideal for gauge in sensors.strain_gauges)
     if lawful:
-        sized = zip(own.strain_gauges, sizes, strict=True)
+        sized = zip(sensors.strain_gauges, sizes, strict=True)
         laws += [law_of(g, size, period, f"sensors.strain_gauges[{i}]") for i, (g, size) in enumerate(sized)]
     if not laws and not aimed:
         return None
@@ -171,10 +182,10 @@ def _instruments(
         entries=added,
         room=room_of(table),
         goals=(0,) if aimed else None,
-        encoders=np.array(joints, np.int64).ravel() if own.encoders else None,
+        encoders=np.array(joints, np.int64).ravel() if sensors.encoders else None,
         motors=np.array(motors, np.int64) if any(motors) else None,
-        accelerometer=None if own.accelerometer is None else np.array([*gravity, scales["tip_acceleration_x"]]),
-        camera=None if own.camera is None else length,
-        gauges=(0,) * len(own.strain_gauges) if lawful else None,
-        gyroscope=None if own.gyroscope is None else scales["gyroscope_x"],
+        accelerometer=None if sensors.accelerometer is None else np.array([*gravity, scales["tip_acceleration_x"]]),
+        camera=None if sensors.camera is None else length,
+        gauges=(0,) * len(sensors.strain_gauges) if lawful else None,
+        gyroscope=None if sensors.gyroscope is None else scales["gyroscope_x"],
     )

@@ -4,6 +4,7 @@ import dataclasses
 import inspect
 import math
 import os
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,22 +15,28 @@ import numpy as np
 from .. import arms
 from .. import validation as check
 from ..batch import ALWAYS, CLIP, FACTOR_NAMES, FURTHER, Batch, Extras, Starts, Task
+from ..compiler import compiling
+from ..control.timescales import timescales
 from ..parameters import Arm, Base
 from ..physics import precision
 from ..physics.gauges import Spot
 from ..sensors import Law, Sensors
-from ..settings import Settings, check_options, default_options, merged
+from ..settings import FORMULATIONS, PRESETS, Settings, default_options, expand_preset, merged
 from ..shapes import Shape
-from . import events
+from . import events, resolution
+from .attainable import needs_of, path_needs
 from .features import ACTION_MODES, Frame, amplified, controller, gauge_scales, table_of, with_friction, with_hub
 from .features import actuator as make_actuator
 from .features import reference as make_reference
 from .features import sensors as make_sensors
 from .floating import check_afloat, with_base
 from .motion import Prescribed, prescribed
-from .observation import asked, sensors_of, sight
+from .observation import ACTED, checked_observation, sensors_of, sight
+from .resolution_warnings import warn
+from .small_motions import Drive
 from .space import check_arm
-from .task import COST, Entry, Kind, afloat, info_entries, priced, reward_weights
+from .task import COST, RULES, Entry, Kind, afloat, info_entries, priced, reward_weights, with_own_terms
+from .trials import Trial, shipped, trials_of
 from .vibration import shake, swing
 
 INFO_LEVELS = ("standard", "full", "numbers")
@@ -40,18 +47,22 @@ DEFAULT_OPTIONS: dict[str, dict[str, Any]] = {
     "elastica": {"nodes": 4, "dt": 0.02 / 3.0, "tolerance": 1e-5},
     "geometrically_exact": {"elements": 3, "dt": 0.0025, "tolerance": 1e-6},
     "floating_frame": {"segments": 2, "dt": 0.0025, "tolerance": 1e-6},
+    "paper": {"segments": 5, "dt": 0.0025, "tolerance": 1e-6},
 }
 OF_MODES: dict[str, Any] = {"dt": 0.005, "tolerance": 1e-6}
 """What the environments use where nothing is said; where links are reduced to modes, `OF_MODES`.
 
 benchmarks/choose_default.py is the reason."""
 
+LEAST_TURNS = 1.5
+"""Quickest quarter turns of an arm of one's own that the usual duration is to have time for."""
+
 MOST_PERIODS, MOST_STEPS = 10**9, 10**4
 """Control periods of an episode, and the solver's steps in one of them: a fraction of a second that Ctrl-C waits."""
 
 
 class Given:
-    """The mark of an argument that was not given, where None means something."""
+    """Marker of an argument that was not given, where None has a meaning."""
 
     def __repr__(self) -> str:
         return "<the arm's>"
@@ -62,13 +73,14 @@ OF_THE_ARM = Given()
 
 @dataclass(frozen=True)
 class Plan:
-    """A checked environment: all that a Batch is made from, and what its outside looks like.
+    """A checked environment: the arguments of a Batch, and names and scales of the entries that users see.
 
-    names, scales: of the entries of one observation; history: how many of these stand in what is observed, the oldest
-    first. record: of the task. gauges, gauge_scales: link and place of each strain gauge, 1/m. limit: control periods
-    to `duration` or max_episode_steps; max_steps: the latter. motion: of every episode of task="replay". entries: of
-    info. full: energies in it; words: words in it. action_mode: what an action stands for. keep_out: shapes that it is
-    to stay out of.
+    names, scales: of the entries of one observation; history: number of these in an observation, the oldest first.
+    record: of the task. gauges, gauge_scales: link and place of each strain gauge, 1/m. limit: control periods to
+    `duration` or max_episode_steps; max_steps: the latter. motion: of every episode of task="replay". entries: of info.
+    full: info has energies; words: info has words. action_mode: meaning of an action. keep_out: shapes that the arm
+    must not enter. estimate: error of the tip due to mesh and step, over the arm's length. coarse: a warning if that is
+    large, or "".
     """
 
     kind: Kind
@@ -96,13 +108,19 @@ class Plan:
     entries: tuple[Entry, ...]
     action_mode: str
     keep_out: tuple[Shape, ...]
+    estimate: float
+    coarse: str
 
-    def batch(self, n: int, threads: int = 1) -> Batch:
-        """n arms of this environment."""
-        return Batch(
-            self.arm, self.settings, n, self.record, self.starts,
-            period=self.period, gravity=self.gravity, books=self.full, threads=threads, extras=self.extras,
-        )  # fmt: skip
+    def batch(self, n: int, threads: int | None = 1) -> Batch:
+        """Return a batch of n arms of this environment."""
+        with compiling(self.kind.id, 2):
+            made = Batch(
+                self.arm, self.settings, n, self.record, self.starts,
+                period=self.period, gravity=self.gravity, account=self.full, threads=threads, extras=self.extras,
+                left=self.estimate,
+            )  # fmt: skip
+        warn(self.coarse)  # what is refused by name is not warned of before
+        return made
 
     @cached_property
     def farthest(self) -> float:
@@ -111,15 +129,14 @@ class Plan:
 
     @property
     def deflection_bound(self) -> float:
-        """Tip deflection over length beyond which the formulation stops; infinite but for a reduction to modes in the
-        plane."""
+        """Tip deflection over length beyond which the formulation stops: finite for modes in the plane only."""
         return math.inf if self.kind.space else self.settings.deflection_bound
 
     @property
     def observation_bounds(self) -> np.ndarray[Any, np.dtype[np.float32]]:
         """Largest value of each entry of the observation: CLIP scales; 1 for sines and cosines without noise."""
         noisy = self.extras.sensors is not None and self.extras.sensors.noise.any()
-        exact = [name.endswith(("_sin", "_cos")) and not noisy for name in self.names]
+        exact = [(name.endswith(("_sin", "_cos")) and not noisy) or name.startswith(ACTED) for name in self.names]
         return np.array([1.0 if one else CLIP for one in exact] * self.history, np.float32)
 
 
@@ -137,6 +154,8 @@ def plan(
     reference: Any = None,
     motion: Any = None,
     reward: Mapping[str, float] | None = None,
+    reward_terms: Mapping[str, Any] | None = None,
+    rules: int = RULES[-1],
     randomization: Mapping[str, Sequence[float]] | None = None,
     observation: str | Sequence[str] = "full",
     history: int = 1,
@@ -159,29 +178,38 @@ def plan(
 ) -> Plan:
     """Check the arguments of an environment (see its class); a ValueError names key, value and what is allowed."""
     own = with_friction(with_base(_arm(kind, arm, joint_limits), base, kind.space), actuator)
-    kind = priced(afloat(kind, own), reward)
+    kind = priced(with_own_terms(afloat(kind, own), reward_terms), reward)
     factors = _factors(randomization, own)
     own, hub = with_hub(own, (randomization or {}).get("hub_inertia"))
     own, amplifier = amplified(own, check.choice("action_mode", action_mode, ACTION_MODES))
     period = check.number("control_dt", kind.period if control_dt is None else control_dt, "s", above=0.0)
-    settings = _settings(kind, formulation, period, options)
+    drive = Drive.of(own, action_mode, residual_share, amplifier)
+    down = _gravity(kind, gravity)
+    # one link is tried under a PD loop alone, which may chatter
+    tried = own.n_links > 1 or drive.residual is not None
+    measured = not tried or arms.resolve(kind.arm if arm is None else arm) in shipped()
+    trial = None if measured else trials_of(kind, own, period, down, action_mode, residual_share, amplifier, factors)
+    settings, estimate, coarse = _settings(kind, formulation, period, options, own, drive, factors, trial)
     length = check.number("duration", kind.duration if duration is None else duration, "s", minimum=period)
     if not length / period <= MOST_PERIODS:
         what = f"must be at most {MOST_PERIODS:.0e} control periods of {period:g} s"
         raise check.InvalidValue("duration", length, what)
     limit = max(1, math.floor(length / period * (1.0 + 1e-9)))
+    if duration is None and max_episode_steps is None and not _packaged(arm):
+        _warn_of_times(own, length)
     if max_episode_steps is not None:
         max_episode_steps = check.integer("max_episode_steps", max_episode_steps, minimum=1)
         limit = min(limit, max_episode_steps)
     if render_mode is not None:
         check.choice("render_mode", render_mode, RENDER_MODES)
+    version = check.integer("rules", rules, minimum=RULES[0], maximum=RULES[-1])
     level = check.choice("info_level", info_level, INFO_LEVELS)
     full, words = level == "full", level != "numbers"
     word = check.choice("task", kind.task if task is None else task, (kind.task, "track", "replay"))
     _only_with("reference", reference, word, "track")
     _only_with("motion", motion, word, "replay")
-    frame = Frame(kind, own, settings, period, _gravity(kind, gravity))
-    wanted, frames = asked(observation, history)
+    frame = Frame(kind, own, settings, period, down)
+    wanted, frames = checked_observation(observation, history)
     check_afloat(
         frame, word, action_mode, wanted, pushes=pushes, payload_change=payload_change, gravity=gravity,
         initial_vibration=initial_vibration,
@@ -193,7 +221,7 @@ def plan(
         controller=controller(frame, action_mode, residual_share),
         amplifier=amplifier,
         actuator=make_actuator(frame, actuator),
-        sensors=make_sensors(frame, sensors, gauges, seen.names, seen.scales),
+        sensors=make_sensors(frame, sensors, gauges, seen.names[: seen.read], seen.scales[: seen.read]),
         reference=make_reference(frame, reference, limit) if word == "track" else None,
         instruments=seen.instruments,
         selection=seen.selection(frames),
@@ -204,7 +232,7 @@ def plan(
     )
     if word == "replay":
         events.unguided(extras, "task", word)
-    weights = reward_weights(kind, reward)
+    weights = reward_weights(kind, reward, own.n_links, period, limit, version)
     if COST in kind.rewards and extras.cost is None and extras.keep_out is None:
         what = "must be given with `cost` or `keep_out`, which say what costs"
         raise check.InvalidValue("reward.cost", dict(reward or {})[COST], what)
@@ -216,9 +244,13 @@ def plan(
         modes = swing(own, settings) if kind.space else shake(own, settings, frame.gravity)
     begun = dataclasses.replace(begun, drawn=factors, laws=laws, hub=hub, vibration=vibration, shake=modes)
     drawn = {name: k for k, name in enumerate(FACTOR_NAMES) if name in (randomization or {})}
-    drawn |= _told(extras, carried.readings(own, kind.space))
+    drawn |= _drawn_offsets(extras, carried.readings(own, kind.space))
     aims = events.aims(frame, extras, success, turns, absolute, max(drawn.values(), default=-1))
-    record = kind.build(own, weights, period, aims)
+    record = kind.build(own, weights, period, aims, version)
+    if version > 1 and word == kind.task:
+        begun = dataclasses.replace(begun, attainable=needs_of(frame, record, begun, extras))
+    if version > 1 and word == "track":
+        extras = dataclasses.replace(extras, reference=path_needs(frame, record, begun, extras, limit))
     return Plan(
         kind=kind, task=word, arm=own, settings=settings, period=period, duration=length, limit=limit,
         max_steps=max_episode_steps, gravity=frame.gravity, full=full, words=words, render_mode=render_mode,
@@ -230,24 +262,42 @@ def plan(
             kind, record, full, full and own.jointed and word != "replay", extras, settings.step_tolerance is not None,
             drawn,
         ),
-        action_mode=action_mode, keep_out=events.shapes_of(kind.space, keep_out),
+        action_mode=action_mode, keep_out=events.shapes_of(kind.space, keep_out), estimate=estimate,
+        coarse=coarse,
     )  # fmt: skip
 
 
-def _told(extras: Extras, readings: Mapping[str, tuple[str, Law]]) -> dict[str, int]:
-    """Where delays and gains that are drawn stand behind the factors, by name. readings: `Sensors.readings`."""
+def with_starts(plan: Plan, ranges: Mapping[str, Any] | None) -> Plan:
+    """Return the plan with other ranges for fresh starts (keyword `starts`)."""
+    begun, absolute = events.starts(plan.kind, plan.arm, ranges)
+    if plan.kind.target.numbers == 1 and absolute != (plan.record.relative == 0.0):
+        raise check.InvalidValue("starts.absolute", absolute, "must stay as the environment was made with")
+    begun = dataclasses.replace(plan.starts, start=begun.start, target=begun.target, straight=begun.straight)
+    if plan.record.nearness is not None and plan.task == plan.kind.task:
+        frame = Frame(plan.kind, plan.arm, plan.settings, plan.period, plan.gravity)
+        begun = dataclasses.replace(begun, attainable=needs_of(frame, plan.record, begun, plan.extras))
+    return dataclasses.replace(plan, starts=begun)
+
+
+def _drawn_offsets(extras: Extras, readings: Mapping[str, tuple[str, Law]]) -> dict[str, int]:
+    """Return the offsets of drawn delays, lags and gains behind the factors in info, by name.
+
+    readings: of the sensors.
+    """
     first, found, late = FURTHER.told - FURTHER.drawn, {}, extras.sensors
     if extras.actuator is not None and extras.actuator.jitter is not None:
         found["command_delay"] = first
+    if extras.actuator is not None and extras.actuator.lag is not None:
+        found["command_lag"] = first + 2
     if late is not None and late.drawn is not None:
         found["observation_delay"] = first + 1
     channels = [(name, law) for name, (place, law) in readings.items() if "encoders" not in place or "_angle" in name]
-    gains = {f"{name}_gain": k for k, (name, law) in enumerate(channels, first + 2) if law.gains[0] < law.gains[1]}
+    gains = {f"{name}_gain": k for k, (name, law) in enumerate(channels, first + 3) if law.gains[0] < law.gains[1]}
     return found | gains
 
 
 def _replayed(kind: Kind, n_links: int, motion: Any) -> Prescribed:
-    """What every episode of task="replay" follows."""
+    """Return the motion that every episode of task="replay" follows."""
     if motion is not None:
         return prescribed(motion, n_links, path="motion")
     usual = prescribed(kind.replays, n_links, path="motion")
@@ -255,13 +305,29 @@ def _replayed(kind: Kind, n_links: int, motion: Any) -> Prescribed:
     return dataclasses.replace(usual, functions=(*usual.functions, *((k, function) for k in range(last + 1, n_links))))
 
 
+def _packaged(arm: Any) -> bool:
+    """Return whether an arm is one of the package's, or the environment's usual one."""
+    return arm is None or (isinstance(arm, str) and arm in arms.names())
+
+
+def _warn_of_times(arm: Arm, duration: float) -> None:
+    """Warn if the default duration is shorter than 1.5 of the arm's fastest quarter turns."""
+    own = timescales(arm)
+    if duration < LEAST_TURNS * own.slew:
+        what = f"arm {arm.name!r} takes at least {own.slew:.3g} s for a quarter turn, and an episode has {duration:g} s"
+        fits = f"duration={own.duration:g} fits, with control_dt={own.control_dt:g} (flexarm arm says more)"
+        warnings.warn(f"{what}: {fits}", UserWarning, stacklevel=6)
+
+
 def _only_with(name: str, value: Any, task: str, wanted: str) -> None:
+    """Raise `InvalidValue` where a keyword is given with another task than the one that uses it."""
     if value is not None and task != wanted:
         raise check.InvalidValue(name, value, f'must be given with task="{wanted}" only')
 
 
-def _arm(kind: Kind, given: Any, joint_limits: Any) -> Arm:
-    arm = arms.resolve(kind.arm if given is None else given)
+def _arm(kind: Kind, value: Any, joint_limits: Any) -> Arm:
+    """Return the arm of an environment: resolved, checked against the kind, with the joint limits that are given."""
+    arm = arms.resolve(kind.arm if value is None else value)
     check_arm(arm, kind) if kind.space else arm.check_planar()
     least, most = kind.links
     if arm.n_links < least or (most is not None and arm.n_links > most):
@@ -278,18 +344,23 @@ def _arm(kind: Kind, given: Any, joint_limits: Any) -> Arm:
     return arm
 
 
-def _settings(kind: Kind, formulation: str | None, period: float, options: dict[str, Any]) -> Settings:
+def _settings(
+    kind: Kind, formulation: str | None, period: float, options: dict[str, Any], arm: Arm, drive: Drive,
+    drawn: Mapping[str, tuple[float, float]], trial: Trial | None,
+) -> tuple[Settings, float, str]:  # fmt: skip
+    """Return settings completed by `resolution`, their error over the arm's length, and a warning or ""."""
     default = DEFAULT_FORMULATION if kind.settings is None else "geometrically_exact"
     chosen = default if formulation is None else formulation
-    if kind.space and isinstance(chosen, str) and chosen == "elastica":
+    if kind.space and isinstance(chosen, str) and chosen in ("elastica", *PRESETS):
         what = "must be 'geometrically_exact' or 'floating_frame' in space"
         raise check.InvalidValue("formulation", chosen, what)
-    check_options(chosen, [name for name in options if name in ARGUMENTS])
+    expand_preset(chosen, {name: value for name, value in options.items() if name in ARGUMENTS})
     for name in options:
         if name not in ARGUMENTS:
             raise check.UnknownArgument(name, ARGUMENTS)
     usual = DEFAULT_OPTIONS | ({} if kind.settings is None else {"geometrically_exact": dict(kind.settings)})
     base = dict(usual[chosen]) if options.get("modes") is None else OF_MODES
+    chosen, options = expand_preset(chosen, options)
     settings = Settings.make(chosen, **merged(base, options))
     assert settings.dt is not None
     steps = period / settings.dt
@@ -297,17 +368,20 @@ def _settings(kind: Kind, formulation: str | None, period: float, options: dict[
         if not steps <= MOST_STEPS:
             what = f"must be at most {MOST_STEPS} steps of dt = {settings.dt:g} s"
             raise check.InvalidValue("control_dt", period, what)
-        return settings.dividing(period)
-    if not steps <= MOST_STEPS:
+    elif not steps <= MOST_STEPS:
         what = f"must be at least {period / MOST_STEPS:g} s, {MOST_STEPS} steps in a control period of {period!r} s"
         raise check.InvalidValue("dt", options["dt"], what)
-    if round(steps) < 1 or abs(steps - round(steps)) > 1e-6 * steps:
+    elif round(steps) < 1 or abs(steps - round(steps)) > 1e-6 * steps:
         what = f"must divide control_dt = {period!r} s into a whole number of steps"
         raise check.InvalidValue("dt", options["dt"], what)
-    return settings
+    found = resolution.resolve(arm, drive, period, chosen, base, options, drawn, trial)
+    # the rule does not know the foreshortening that the couplings "paper" and "linear" leave out
+    known = found.settings.coupling in (None, "von_karman")
+    return found.settings, found.estimate if known else math.inf, found.warning
 
 
 def _gravity(kind: Kind, given: Any) -> tuple[float, ...] | None:
+    """Return gravity (2,), in space (3,), m/s^2: the kind's own where it is not given."""
     if given is None:
         return kind.gravity
     what = "three numbers (m/s^2), (x, y, z)" if kind.space else "two numbers (m/s^2), (x, y)"
@@ -323,11 +397,17 @@ LATER = FACTOR_NAMES[FACTOR_NAMES.index("hub_inertia") :]
 """Factors that are drawn only where one of them is given."""
 
 
-def _factors(given: Any, arm: Arm) -> dict[str, events.Pair]:
-    """Ranges of the factors of `randomization`, in their order: of those that every arm draws; where any other is given
-    of all before `LATER`; and where one of these is of all that the arm has."""
+def _factors(value: Any, arm: Arm) -> dict[str, events.Pair]:
+    """Return the ranges of `randomization`'s factors, in order.
+
+    They are the factors that every arm draws; those before `LATER` too if any of these is given; and all that the arm
+    supports if one of `LATER` is given.
+    """
     names = [name for name in FACTOR_NAMES if arm.spatial or name not in OF_SPACE]
-    table, found = table_of("randomization", given, names), {}
+    if isinstance(value, Mapping) and "length" in value:
+        what = "is no factor, since the arms of a batch share their mesh: flexarm_env.envs.lengths and"
+        raise check.InvalidValue("randomization.length", value["length"], f"{what} make_sb3_vec(..., lengths=...)")
+    table, found = table_of("randomization", value, names), {}
     joints = [arm.joint(k) for k in range(arm.n_links)]
     there = {
         "friction": any(joint.friction_viscous > 0.0 or joint.friction_coulomb > 0.0 for joint in joints),
@@ -354,5 +434,5 @@ def _factors(given: Any, arm: Arm) -> dict[str, events.Pair]:
 
 ARGUMENTS = (
     *list(inspect.signature(plan).parameters)[1:-1],
-    *dict.fromkeys(name for f in DEFAULT_OPTIONS for name in default_options(f)),
+    *dict.fromkeys(name for f in FORMULATIONS for name in default_options(f)),
 )

@@ -26,7 +26,7 @@ MOST = 16
 
 
 def renderer(plan: Plan, mode: str, size: tuple[int, int] = (SIDE, SIDE)) -> Renderer:
-    """A Renderer that fits an environment: its bars hold what the full torque bends a link whose root is held."""
+    """Return a Renderer for an environment; its bars end at the deflection of a clamped link under full torque."""
     arm, limits = plan.arm, plan.arm.torque_limits
     assert limits is not None
     softest = [min(float(link.along(x * link.length).EI) for x in (0.0, 0.5, 1.0)) for link in arm.links]
@@ -44,12 +44,12 @@ def renderer(plan: Plan, mode: str, size: tuple[int, int] = (SIDE, SIDE)) -> Ren
 
 
 def bending(arm: Arm) -> list[str]:
-    """Names of the links that bend."""
+    """Return the names of the flexible links."""
     return [f"link {k + 1}" for k, link in enumerate(arm.links) if not link.rigid]
 
 
 def bent(arm: Arm, deflection: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How far the tips of links that bend are off, over their lengths, of (N, 2): along y and z."""
+    """Return deflections (2 per flexible link) over the length, along y and z, from those of all links (N, 2)."""
     y, z = deflection[[not link.rigid for link in arm.links]].T
     return np.asarray(np.hypot(y, z))
 
@@ -62,6 +62,7 @@ class Wall:
     """
 
     def __init__(self, plan: Plan, count: int) -> None:
+        """Lay out tiles for up to `MOST` of count environments in a square, and open a window for them."""
         shown = min(count, MOST)
         self.columns = math.ceil(math.sqrt(shown))
         self.tile = SIDE if shown == 1 else max(240, 960 // self.columns)
@@ -71,7 +72,7 @@ class Wall:
         self.window = renderer(plan, "human", (self.columns * self.tile, rows * self.tile))
 
     def draw(self, view_of: Callable[[int], View]) -> None:
-        """Show the arms as they are now; view_of: what arm i looks like."""
+        """Draw the present arms; view_of: returns arm i's `View`."""
         if not self.window.ready():
             return
         pg = pygame_module()
@@ -89,7 +90,7 @@ class Wall:
 
 
 def draw(pen: Renderer, plan: Plan, view: View) -> Any:
-    """A picture of an arm as it is now."""
+    """Draw an arm's present shape; returns the picture."""
     target = plan.kind.target.place(plan.arm, view.target)
     limits = np.array(plan.arm.torque_limits)
     if isinstance(pen, SpaceRenderer):
@@ -107,7 +108,7 @@ def draw(pen: Renderer, plan: Plan, view: View) -> Any:
 
 
 def chain(points: NDArray[np.float64], poses: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """Points from root to tip of the whole arm divided into its links, at the points nearest to the hinges."""
+    """Split points from root to tip into links at the points nearest to the hinges."""
     cuts = [0]
     for pose in poses[1:]:
         distance = np.hypot(*(points[cuts[-1] + 1 : -1] - pose[ROOT][:2]).T)

@@ -86,6 +86,11 @@ class Renderer:
         deflection: float = 0.2,
         torque: float = 1.0,
     ) -> None:
+        """Check the arguments, which are those of the class; the window opens with the first frame.
+
+        Raises:
+            ValueError: an unknown mode, or a reach (m) that is not positive and finite.
+        """
         if mode not in MODES:
             raise ValueError(f"render_mode = {mode!r}: must be one of {', '.join(MODES)}")
         if not 0.0 < reach < math.inf:
@@ -115,7 +120,7 @@ class Renderer:
         self._trace: deque[Array] = deque(maxlen=TRACE)
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy has no window until it draws."""
+        """Return the state without the window: a copy opens its own when it draws."""
         return self.__dict__ | {"_window": None, "_clock": None, "_opened": False}
 
     # ------------------------------------------------------------ a picture
@@ -171,12 +176,12 @@ class Renderer:
         return self._window is not None
 
     def held(self, key: str) -> bool:
-        """Whether a key is held in the window; its name as pygame has it: "left", "left shift", "escape"."""
+        """Return whether a key is pressed in the window; names are pygame's: "left", "left shift", "escape"."""
         keys = pygame_module().key
         return self.visible and bool(keys.get_pressed()[keys.key_code(key)])
 
     def close(self) -> None:
-        """Close the window, if there is one; nothing is drawn any more."""
+        """Close the window; later frames draw nothing."""
         self.closed = True
         if self._window is not None:
             self._window = self._clock = None
@@ -184,12 +189,13 @@ class Renderer:
 
     # --------------------------------------------------------------- window
     def ready(self) -> bool:
-        """Whether a picture would be seen; opens the window where there is to be one."""
+        """Return whether a picture would be shown; opens the window on the first call in "human" mode."""
         if self.mode == "human" and not self._opened:
             self._open()
         return not self.closed and (self.mode == "rgb_array" or self._window is not None)
 
     def _open(self) -> None:
+        """Open the window; without a display log one warning and draw nothing."""
         pg = pygame_module()
         self._opened = True
         try:
@@ -217,7 +223,7 @@ class Renderer:
         self._clock.tick(self.fps)
 
     def _go_on(self, time: float, points: Array | None) -> None:
-        """The view moves as little as it takes to keep the arm inside, and the trace goes on to its tip.
+        """Shift the view by the least distance that keeps the arm inside, and extend the trace to its tip.
 
         points (n, 2), in space (n, 3): from root to tip; None where they are not finite.
         """
@@ -232,6 +238,7 @@ class Renderer:
 
     # ----------------------------------------------------------------- arm
     def _draw_links(self, sheet: Sheet, chain: list[Array]) -> None:
+        """Draw the links with their shade, the motors and the payload; chain: points (n, 2), m, of each link."""
         widths = [stroke_widths(k, len(chain)) for k in range(len(chain))]
         for line, (root, tip) in zip(chain, widths, strict=True):
             sheet.band(line, root, tip, SHADE, shift=2.5)
@@ -252,8 +259,10 @@ class Renderer:
     def _with_panels(
         self, picture: Any, time: float, torques: ArrayLike | None, deflection: ArrayLike | None, good: bool
     ) -> NDArray[np.uint8] | None:
-        """The picture with time, scale, deflections and torques, in the corners that the circle of reach leaves free:
-        its pixels, or None where it is shown in a window."""
+        """Add time, scale, deflections and torques in the picture's corners.
+
+        Returns its pixels, or None where a window shows them.
+        """
         pg, u = pygame_module(), max(0.75, min(self.size) / 640.0)
         width, height = self.size
         write(picture, f"{time:.2f} s", (14 * u, 12 * u), 28 * u, INK, "topleft")
@@ -289,18 +298,20 @@ class Renderer:
 
 # ----------------------------------------------------------------------- parts
 def end_of_scale(largest: float) -> float:
-    """The first of FULL_SCALES that holds a value, or the last."""
+    """Return the first of FULL_SCALES that is at least a value, or the last."""
     return next((end for end in FULL_SCALES if end >= largest * (1.0 - 1e-9)), FULL_SCALES[-1])
 
 
 def stroke_widths(k: int, n: int) -> tuple[float, float]:
-    """Stroke of link k of n at its root and tip, points: one taper along the whole arm."""
+    """Return the stroke widths of link k of n at its root and tip, points: one taper along the whole arm."""
     return 12.0 - 6.0 * k / n, 12.0 - 6.0 * (k + 1) / n
 
 
 def rigid_arm(chain: Sequence[Array], ends: Array) -> list[Array]:
-    """Straight links (2, 2) of the chain's lengths, turned by its joint angles; ends (N, 2): angles of the tangents at
-    roots and tips, rad."""
+    """Return straight links (2, 2) with the chain's lengths and joint angles.
+
+    ends (N, 2): angles of the tangents at roots and tips, rad.
+    """
     at, angle, before = chain[0][0], 0.0, 0.0
     arm = []
     for line, (root, tip) in zip(chain, ends.tolist(), strict=True):
@@ -326,7 +337,7 @@ def _draw_trace(sheet: Sheet, trace: deque[Array]) -> None:
 
 
 def _draw_target(sheet: Sheet, at: Array, chain: list[Array]) -> None:
-    """The target; for an arm of one link also its direction from the root."""
+    """Draw the target; for an arm of one link also its direction from the root."""
     if len(chain) == 1:
         root = chain[0][0]
         sheet.dashes(root, root + (at - root) * 1.07, 1.4, TARGET)
@@ -336,7 +347,7 @@ def _draw_target(sheet: Sheet, at: Array, chain: list[Array]) -> None:
 
 
 def _draw_base(sheet: Sheet, hub: Array, attitude: float) -> None:
-    """A body that floats, with panels to both sides, and a mark where it points to."""
+    """Draw a floating base with two panels and a mark of its attitude, rad."""
     turn = np.array([[math.cos(attitude), math.sin(attitude)], [-math.sin(attitude), math.cos(attitude)]])
     box = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * sheet.point / sheet.scale
     fold = np.array([[0.0, -1.0], [0.0, 1.0]]) * sheet.point / sheet.scale
@@ -348,7 +359,7 @@ def _draw_base(sheet: Sheet, hub: Array, attitude: float) -> None:
 
 
 def _draw_motor(sheet: Sheet, line: Array, radius: float) -> None:
-    """A joint, with a mark on the side to which its link goes."""
+    """Draw a joint with a mark on the side of its link; radius in points."""
     at, along = line[0], line[1] - line[0]
     for share, color in ((1.0, INK), (0.86, STEEL), (0.5, blend(STEEL, WHITE, 0.75)), (0.2, INK)):
         sheet.disc(at, radius * share, color)
@@ -359,8 +370,10 @@ def _draw_motor(sheet: Sheet, line: Array, radius: float) -> None:
 def _draw_bars(
     picture: Any, u: float, left: float, note: str, names: list[str], shares: Array, values: Array, color: Color
 ) -> None:
-    """Above the lower edge: rows of a name, a bar from the middle (share -1 to 1) and a number in per cent. Beyond
-    the end a point stands on the bar."""
+    """Draw rows of a name, a bar (share -1 to 1) and a percentage above the lower edge.
+
+    A point marks a bar that is cut off.
+    """
     pg = pygame_module()
     top = picture.get_height() - (30 + 18 * len(values)) * u
     write(picture, note, (left, top), 17 * u, FAINT, "topleft")

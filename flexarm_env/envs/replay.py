@@ -20,7 +20,7 @@ _ENVIRONMENTS: dict[int, Any] = {1: FlexibleArmEnv, 2: TwoLinkFlexArmEnv}
 
 
 def through_env(scene: Scene, settings: Settings, sample: float | None = None, error_limit: float = 0.05) -> Trajectory:
-    """The Trajectory of a scene whose arm moves in an environment, a control period a sample.
+    """Simulate a scene through an environment, one control period a sample; return the Trajectory.
 
     Args:
         scene: pinned, driven by joint motions or joint torques.
@@ -64,7 +64,7 @@ def through_env(scene: Scene, settings: Settings, sample: float | None = None, e
 
 
 def _check(scene: Scene) -> None:
-    """A sentence for a scene that no environment can represent."""
+    """Raise ValueError for a scene that no environment can represent."""
     why = ""
     if scene.root == "free":
         why = "its arm is a free body"

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..batch import ACTION_NOT_FINITE, FURTHER, GUIDED, Batch
+from .attainable import check_target
 from .events import unguided
 from .motion import ANGLE, Guide, Prescribed, guide, prescribed
 from .options import Plan
@@ -20,7 +21,7 @@ KEYS = ("start", "target", "vibration", "motion", "interpolation")
 
 @dataclass(frozen=True)
 class Request:
-    """What a reset asks for; NaN where it is to be drawn.
+    """Options of one reset; NaN: drawn at random.
 
     angles (N,): at the start, rad. target (2,): as in the record; in space (N,): joint angles that reach it.
     vibration (1,): over L; in space (3,): of each mode. motion: prescribed.
@@ -31,42 +32,49 @@ class Request:
     vibration: NDArray[np.float64]
     motion: Prescribed | None = None
 
+    def copy(self) -> "Request":
+        """Return the request with its own arrays."""
+        return Request(self.angles.copy(), self.target.copy(), self.vibration.copy(), self.motion)
+
 
 def request_of(plan: Plan, options: Any) -> Request:
-    """Checked options of one reset. ValueError names the key, the value and what is allowed."""
+    """Check the options of one reset. ValueError names key, value and rule."""
     n = plan.arm.n_links
     numbers = n if plan.kind.space else 2
     modes = 3 if plan.kind.space else 1
-    asked = Request(np.full(n, np.nan), np.full(numbers, np.nan), np.full(modes, np.nan), plan.motion)
+    request = Request(np.full(n, np.nan), np.full(numbers, np.nan), np.full(modes, np.nan), plan.motion)
     if options is None:
-        return asked
+        return request
     table = check.table_of("options", options)
     check.known_keys("options", table, KEYS, "option")
     given = {key: value for key, value in table.items() if value is not None}
     if "start" in given:
-        asked.angles[:] = _start(plan, given["start"])
+        request.angles[:] = _start(plan, given["start"])
     if "target" in given:
-        asked.target[:] = plan.kind.target.read(plan.arm, given["target"])
+        request.target[:] = plan.kind.target.read(plan.arm, given["target"], plan.gravity)
+        if not plan.kind.space and plan.arm.base is None and plan.arm.joint_limits is not None:
+            check_target(plan.record, request.angles, (float(request.target[0]), float(request.target[1])), plan.arm)
     if "vibration" in given:
-        asked.vibration[:] = _vibration(given["vibration"], modes)
+        request.vibration[:] = _vibration(given["vibration"], modes)
     if "motion" in given:
-        asked = dataclasses.replace(asked, motion=prescribed(given["motion"], n, given.get("interpolation")))
+        request = dataclasses.replace(request, motion=prescribed(given["motion"], n, given.get("interpolation")))
     elif "interpolation" in given:
         raise check.InvalidValue("options.interpolation", given["interpolation"], "must be given with options.motion")
-    if asked.motion is not None:
+    if request.motion is not None:
         unguided(plan.extras, "options.motion", given.get("motion"))
-    if "vibration" in given and asked.motion is not None:
+    if "vibration" in given and request.motion is not None:
         raise check.InvalidValue("options.vibration", given["vibration"], "must not be given together with a motion")
-    if "vibration" in given and asked.vibration.any() and plan.starts.shake is None:
+    if "vibration" in given and request.vibration.any() and plan.starts.shake is None:
         what = "must be 0 in an environment without initial_vibration"
         raise check.InvalidValue("options.vibration", given["vibration"], what)
     if "target" in given and plan.task == "track":
         what = 'must not be given with task="track", where the reference says where the target is'
         raise check.InvalidValue("options.target", given["target"], what)
-    return asked
+    return request
 
 
 def _vibration(value: Any, modes: int) -> Any:
+    """Read options['vibration']: amplitude of each mode, as tip deflection over the arm's length, -0.5 to 0.5."""
     unit, bound = "tip deflection over L", {"minimum": -0.5, "maximum": 0.5}
     if modes == 1:
         return check.number("options.vibration", value, unit, **bound)
@@ -76,6 +84,7 @@ def _vibration(value: Any, modes: int) -> Any:
 
 
 def _start(plan: Plan, value: Any) -> list[float]:
+    """Read options['start']: joint angles, rad, within the joint limits and the angles that the solver can resolve."""
     n = plan.arm.n_links
     if n == 1 and not check.several(value):
         value = [value]
@@ -92,57 +101,59 @@ def _start(plan: Plan, value: Any) -> list[float]:
     return angles
 
 
-def guide_of(plan: Plan, asked: Request) -> Guide | None:
-    """The arm of an episode with prescribed motion; None for an ordinary episode."""
-    if asked.motion is None:
+def guide_of(plan: Plan, request: Request) -> Guide | None:
+    """Return the guide of an episode with prescribed motion; None for an ordinary episode."""
+    if request.motion is None:
         return None
     if plan.arm.base is not None:
         raise check.InvalidValue("options.motion", "a motion", "must not be given on a base that floats")
     if plan.starts.laws:
         what = "must not be given in an environment that draws friction, backlash, motor_inertia or hub_inertia"
         raise check.InvalidValue("options.motion", "a motion", what)
-    own = guide(plan, asked.motion, asked.angles)
+    own = guide(plan, request.motion, request.angles)
     starts = own.starts().tolist()
-    for k, angle in enumerate(asked.angles.tolist()):
+    for k, angle in enumerate(request.angles.tolist()):
         if not math.isnan(angle) and abs(angle - starts[k]) > 1e-9:
             what = f"must be where the motion begins, {starts[k]:g} rad, or be left out"
             raise check.InvalidValue(f"options.start[{k}]", angle, what)
-    asked.angles[:] = starts
-    if np.isnan(asked.target[0]):
-        asked.target[:] = _end_of(plan, own)
+    request.angles[:] = starts
+    if np.isnan(request.target[0]):
+        request.target[:] = _end_of(plan, own)
     return own
 
 
-def _end_of(plan: Plan, own: Guide) -> Sequence[float]:
-    """The target that the rigid arm reaches where the motion ends; in space its joint angles."""
+def _end_of(plan: Plan, guided: Guide) -> Sequence[float]:
+    """Return the target that the rigid arm reaches at the motion's end; in space its joint angles, rad."""
     angles = []
     for name in (f"joint{k}" for k in range(plan.arm.n_links)):
-        motion = own.scene.motion_of(name)
-        angles.append(own.scene.initial_value(name) if motion is None else motion(own.scene.duration))
+        motion = guided.scene.motion_of(name)
+        angles.append(guided.scene.initial_value(name) if motion is None else motion(guided.scene.duration))
     return angles if plan.kind.space else plan.kind.target.reached(plan.arm, angles)
 
 
-def start_episode(batch: Batch, i: int, key: int, plan: Plan, asked: Request, own: Guide | None, mode: int) -> None:
+def start_episode(
+    batch: Batch, i: int, key: int, plan: Plan, request: Request, guided: Guide | None, mode: int
+) -> None:
     """Start an episode of arm i, in the batch or under its guide."""
-    batch.ask(asked.angles, asked.target, asked.vibration)
-    if own is None:
+    batch.ask(request.angles, request.target, request.vibration)
+    if guided is None:
         batch.start((i,), (key,), limit=plan.limit, mode=mode)
         return
-    limit = own.limit if plan.max_steps is None else min(own.limit, plan.max_steps)
+    limit = guided.limit if plan.max_steps is None else min(guided.limit, plan.max_steps)
     batch.start((i,), (key,), limit=limit, mode=GUIDED)
-    own.set_parameters(batch.parameters(i))
-    batch.take_report(i, -1, np.zeros(len(own.free)), own.report())
+    guided.set_parameters(batch.parameters(i))
+    batch.take_report(i, -1, np.zeros(len(guided.free)), guided.report())
 
 
-def follow(batch: Batch, i: int, own: Guide) -> None:
-    """One control period of arm i under its guide, with the action that stands in the batch."""
-    action = np.where(own.free, batch.action[i].astype(np.float64), 0.0)
+def follow(batch: Batch, i: int, guided: Guide) -> None:
+    """Advance arm i by one control period under its guide, with the batch's action."""
+    action = np.where(guided.free, batch.action[i].astype(np.float64), 0.0)
     if not np.isfinite(action).all():
-        batch.take_report(i, ACTION_NOT_FINITE, action, own.report())
+        batch.take_report(i, ACTION_NOT_FINITE, action, guided.report())
         return
     action = np.clip(action, -1.0, 1.0)
-    own.simulation.step_error = 0.0
-    status = own.advance(action * own.limits)
-    batch.take_report(i, status, action, own.report())
+    guided.simulation.step_error = 0.0
+    status = guided.advance(action * guided.limits)
+    batch.take_report(i, status, action, guided.report())
     if batch.settings.step_tolerance is not None:
-        batch.table[batch.info_at.further + FURTHER.step_error, i] = own.simulation.step_error
+        batch.table[batch.info_at.further + FURTHER.step_error, i] = guided.simulation.step_error

@@ -8,7 +8,7 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..batch import MODE, OVER, REASONS, RUNNING, STATUS_WORDS, SUCCESS, View
+from ..batch import CROWDED, MODE, OVER, REASONS, RUNNING, STATUS_WORDS, SUCCESS, View
 from ..validation import Array32
 from .motion import Guide
 from .resets import follow, guide_of, request_of, start_episode
@@ -16,25 +16,32 @@ from .spec import Specified
 from .states import LinearModel, check_state, linear_model, put_state, state_of
 
 F32 = np.dtype(np.float32)
+IN_USE = "in use"
+"""`_over` while a thread is inside `step` or `reset`: one check says both that an episode goes on and that nobody else
+is inside. Between the check and the mark Python does not change threads."""
 
 
 class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
-    """What the single environments have in common.
+    """Common base of the single environments.
 
-    They name gymnasium.Env (and their vector forms VectorEnv) as a base once more: there are libraries, skrl one of
-    them, that tell an environment by its class's own bases.
+    The environments also name gymnasium.Env (the vector forms VectorEnv) as a direct base: some libraries, such as
+    skrl, recognize an environment by its class's direct bases.
     """
 
     def __init__(self, **arguments: Any) -> None:
+        """Check the keywords (`options.plan`) and compile or load the batch of one arm."""
         self.action_space, self.observation_space = self._prepare(arguments)
         self.batch = self.plan.batch(1)
         self._renderer: Any = None
         self.guide: Guide | None = None
-        self._over = True
+        self._over: bool | str = True
+        self._bind()
+
+    def _rebind(self) -> None:
         self._bind()
 
     def _bind(self) -> None:
-        """Names that a step reads, short to reach."""
+        """Store the objects that `step` reads as attributes, which saves look-ups."""
         batch = self.batch
         self._step, self._address = batch.compiled_step, batch.address
         self._action, self._shape = batch.action[0], batch.action[0].shape
@@ -55,34 +62,55 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
         """
         asked = request_of(self.plan, options)
         own = guide_of(self.plan, asked)
-        super().reset(seed=None if seed is None else check.integer("seed", seed, minimum=0))
-        self.guide = own
-        key = int(self.np_random.bit_generator.random_raw())
-        start_episode(self.batch, 0, key, self.plan, asked, own, RUNNING)
-        if self.render_mode == "human":
-            self.render()
+        before = self._free()
+        try:
+            self._over = IN_USE
+            super().reset(seed=None if seed is None else check.integer("seed", seed, minimum=0))
+            self.guide = own
+            key = int(self.np_random.bit_generator.random_raw())
+            start_episode(self.batch, 0, key, self.plan, asked, own, RUNNING)
+            if self.render_mode == "human":
+                self.render()
+            seen, info = self._seen.copy(), self._outcome()[0]
+        except BaseException:
+            self._over = before
+            raise
         self._over = False
-        return self._seen.copy(), self._outcome()[0]
+        return seen, info
+
+    def _free(self) -> bool | str:
+        """Return whether the episode is over; RuntimeError while another thread uses the environment."""
+        over = self._over
+        if over is IN_USE:
+            raise RuntimeError(CROWDED)
+        return over
 
     def step(self, action: Array32) -> tuple[Array32, float, bool, bool, dict[str, Any]]:
-        """One control period. A wrong shape or kind of action is a ValueError, and nothing has moved."""
+        """Advance one control period. An action of wrong shape or kind raises ValueError before anything moves."""
         if type(action) is not np.ndarray or action.dtype is not F32 or action.shape != self._shape:
             action = checked_action(action, self._shape)
         if self._over:
+            self._free()
             raise ResetNeeded("The episode has ended (or none has begun): call reset() first")
-        self._action[:] = action
-        if self.guide is None:
-            self._step(self._address, 0, 1)
-        else:
-            follow(self.batch, 0, self.guide)
-        if self.render_mode == "human":
-            self.render()
-        info, reward, terminated, truncated = self._outcome()
+        self._over = IN_USE
+        try:
+            self._action[:] = action
+            if self.guide is None:
+                self._step(self._address, 0, 1)
+            else:
+                follow(self.batch, 0, self.guide)
+            if self.render_mode == "human":
+                self.render()
+            info, reward, terminated, truncated = self._outcome()
+            seen = self._seen.copy()
+        except BaseException:  # Ctrl-C, say: the episode goes on
+            self._over = False
+            raise
         self._over = terminated or truncated
-        return self._seen.copy(), reward, terminated, truncated, info
+        return seen, reward, terminated, truncated, info
 
     def _outcome(self) -> tuple[dict[str, Any], float, bool, bool]:
-        """info, reward, terminated, truncated, from one copy of the numbers."""
+        """Return info, reward, terminated and truncated from one copy of the batch's numbers."""
         numbers = self._numbers.copy()
         values = numbers.tolist()
         at = self._at
@@ -101,7 +129,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
         return info, values[at.reward], reason != 0.0, values[at.truncated] != 0.0
 
     def render(self) -> Any:
-        """A picture (height, width, 3) uint8 in "rgb_array" mode; None otherwise."""
+        """Return a picture (height, width, 3) uint8 in "rgb_array" mode; None otherwise."""
         if self.render_mode is None:
             gym.logger.warn('render() draws nothing: make the environment with render_mode="rgb_array" or "human"')
             return None
@@ -116,30 +144,35 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
         return self._renderer
 
     def snapshot(self) -> View:
-        """Where the arm is: points, poses, target, torques, coordinates (`flexarm_env.batch.View`)."""
+        """Return the arm's points, poses, target, torques and coordinates (`flexarm_env.batch.View`)."""
         view = self.batch.view(0)
         return view if self.guide is None else self.guide.view(view.target)
 
     def close(self) -> None:
-        """Close the window and let go of what was held."""
+        """Close the window and release resources."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
 
     # --- states --------------------------------------------------------------------------------------
     def get_state(self) -> dict[str, Any]:
-        """Everything that the future depends on, a copy: the arm with its integrator's history, sensors, motors and
-        target, the generator, the motion it follows. It can be pickled."""
+        """Return a copy of everything that determines the future.
+
+        It holds the arm with its integrator's history, sensors, motors and target, the generator, and the prescribed
+        motion. It can be pickled.
+        """
+        self._free()
         return state_of(self.batch, 0, self.np_random, self.np_random_seed, self.guide)
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Continue from a state that `get_state` gave, in this or a like environment, bit for bit."""
+        """Continue bit for bit from a state of `get_state`, of this or an equal environment."""
+        self._free()
         check_state(self.batch, state)
         self.np_random, self._np_random_seed, self.guide = put_state(self.batch, 0, state)
         self._over = bool(self.batch.record(0)[MODE] == OVER)
 
     def linearize(self, discrete: float | None = None) -> LinearModel:
-        """The linear model of the arm at its present state and torques (see `flexarm_env.linear.linearize`).
+        """Return the arm's linear model at its present state and torques (see `flexarm_env.linear.linearize`).
 
         discrete: period, s, over which torques are held; None for the continuous model.
         """
@@ -160,7 +193,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
 
 
 def checked_action(action: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """The action as float32 of this shape, far beyond +-1 clipped, or a ValueError."""
+    """Return the action as float32 of the given shape, clipped far beyond +-1, or raise ValueError."""
     try:
         values = np.asarray(action)
     except (TypeError, ValueError):

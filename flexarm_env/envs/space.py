@@ -3,7 +3,8 @@
 import dataclasses
 import itertools
 import math
-from collections.abc import Sequence
+import warnings
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,23 +19,27 @@ from ..validation import Array
 from .targets import POINT, Pair, Target, coordinates
 from .task import REACH, Kind, at_zero, within
 
+SHARES = (1.0, 0.75, 0.5, 0.25)
+"""Shares of the usual ranges' widths that are tried for paths of an arm with joint limits."""
+
 
 def check_arm(arm: Arm, kind: Kind) -> None:
-    """ValueError for an arm of the plane."""
+    """Raise `InvalidValue` for a planar arm."""
     if not arm.spatial:
         what = f"must leave the x-y plane for {kind.id}; FlexibleArm-v0 and MultiLinkFlexArm-v0 have arms of the plane"
         raise check.InvalidValue("arm", arm.name, what)
 
 
 class Place(Target):
-    """A place of the tip in space, (x, y, z) in m. Asked for by joint angles of the rigid arm there."""
+    """A position of the tip in space, (x, y, z) in m, requested by joint angles of the rigid arm there."""
 
     numbers = 3
     paths: ClassVar = {name: (*entries, ("elevation", "rad")) for name, entries in POINT.paths.items()}
 
-    def read(self, arm: Arm, value: Any) -> Any:
+    def read(self, arm: Arm, value: Any, gravity: Sequence[float] | None = None) -> Any:
+        """Return joint angles (N,), rad, with the rigid tip at a point, held against gravity where possible."""
         point = check.numbers("options.target", value, "three numbers (m), (x, y, z)", 3, "m")
-        angles = angles_at(arm, np.array(point))
+        angles = angles_at(arm, np.array(point), gravity)
         if angles is None:
             raise check.InvalidValue("options.target", point, "must be a point that the rigid arm's tip reaches")
         return angles
@@ -49,15 +54,41 @@ class Place(Target):
         return POINT.entries(arm, "xyz")
 
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
+        """Return ranges for a path of this shape: distances as shares of the arm's length, times by its rates."""
         _, *others, bearing = POINT.ranges(arm, path)
         far = arm.total_length
         if path == "circle":
             others[-1] = (0.05 * far, 0.15 * far)
         return [(0.45 * far, 0.65 * far), *others, bearing, (math.pi / 6, math.pi / 3)]
 
+    def narrowed(self, ranges: list[Pair], options: Mapping[str, Any], arm: Arm, path: str) -> list[Pair]:
+        """Narrow the usual ranges about their middles, with a warning, where joint limits exclude some of their paths.
+
+        Ranges that are given stay. Raises `InvalidValue` if no share in `SHARES` of the others' widths fits.
+        """
+        names = [name for name, _ in self.paths[path]]
+        free = [name in ("distance", "radius", "bearing", "elevation") and name not in options for name in names]
+        for share in SHARES if arm.joint_limits else (1.0,):
+            tried = [_about_middle(one, share) if own else one for one, own in zip(ranges, free, strict=True)]
+            try:
+                self.check_ranges(tried, arm, path)
+            except check.InvalidValue:
+                if share == SHARES[-1] or not arm.joint_limits:
+                    raise
+                continue
+            if share < 1.0:
+                narrow = [(n, *pair) for n, pair, own in zip(names, tried, free, strict=True) if own]
+                used = ", ".join(f'"{n}": ({low:.3g}, {high:.3g})' for n, low, high in narrow)
+                what = f"reference: the usual paths lead beyond the joint limits of {arm.name!r}; those within"
+                warnings.warn(f"{what} {{{used}}} are drawn", UserWarning, stacklevel=8)
+            return tried
+        raise AssertionError
+
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
-        """Circles keep within reach, and so does the point of a line that is nearest to the root; looked at are points
-        all around the middles and ends of the ranges."""
+        """Check that circles, and a line's point nearest to the root, stay within reach and joint limits.
+
+        The check samples points around the middles and ends of the ranges.
+        """
         distance, _, (_, radius), *turns = ranges
         bearing, elevation = (np.linspace(*pair, 5) for pair in turns)
         r, b, e = (grid.ravel() for grid in np.meshgrid(np.linspace(*distance, 3), bearing, elevation))
@@ -68,23 +99,33 @@ class Place(Target):
             places = (places[:, None] + around).reshape(-1, 3)
         wrong = beyond_reach(arm, places)
         if wrong is not None:
-            what = f"must keep the path, or a line's nearest point, within reach: {_said(places[wrong])} is not"
-            raise check.InvalidValue("reference.distance", distance, what)
+            limits = " and the joint limits" * bool(arm.joint_limits)
+            what = f"must keep the path, or a line's nearest point, within reach{limits}"
+            raise check.InvalidValue("reference.distance", distance, f"{what}: {_as_text(places[wrong])} is not")
 
-    def path(self, given: Any, arm: Arm, t: Array) -> list[TimeFunction]:
-        all_three = coordinates(given, "three functions of time, x, y and z (m), or a table (n, 4): t, x, y, z", 3)
+    def path(self, reference: Any, arm: Arm, t: Array) -> list[TimeFunction]:
+        """Return x, y and z, m, as functions of time; ValueError names the first instant that is out of reach."""
+        all_three = coordinates(reference, "three functions of time, x, y and z (m), or a table (n, 4): t, x, y, z", 3)
         places = np.stack([f(t) for f in all_three], axis=1)
         wrong = beyond_reach(arm, places)
         if wrong is not None:
-            raise ValueError(f"reference = {_said(places[wrong])} at {t[wrong]:g} s: must be a point within reach")
+            what = "must be a point within reach" + " and the joint limits" * bool(arm.joint_limits)
+            raise ValueError(f"reference = {_as_text(places[wrong])} at {t[wrong]:g} s: {what}")
         return all_three
 
 
-def _said(place: Array) -> str:
+def _about_middle(pair: Pair, share: float) -> Pair:
+    """Return a range with the same middle and a share of the width."""
+    middle, half = 0.5 * (pair[0] + pair[1]), 0.5 * share * (pair[1] - pair[0])
+    return middle - half, middle + half
+
+
+def _as_text(place: Array) -> str:
     return "({:g}, {:g}, {:g}) m".format(*place)
 
 
 def _entries(arm: Arm) -> list[tuple[str, float]]:
+    """Return name and scale of each entry of the observation, as `tasks.space.space_observe` writes them."""
     hub, length, joints = rate_scale(arm, 0), arm.total_length, arm.joint_names
     bending = [("tip_deflection_y", 0.1), ("tip_deflection_z", 0.1), ("tip_deflection_rate_y", 0.3 * hub)]
     bending += [("tip_deflection_rate_z", 0.3 * hub), ("twist", 0.1), ("twist_rate", 0.3 * hub)]
@@ -103,6 +144,7 @@ def _record(arm: Arm) -> type[Task]:
 
 
 def _starts(arm: Arm) -> Starts:
+    """Return the ranges of starts and targets: joint angles, rad, within the joint limits."""
     rest = 3.6 / arm.n_links
     return Starts(
         start=within(arm, [(-1.0, 1.0)] + [(-rest, rest)] * (arm.n_links - 1)),

@@ -27,9 +27,13 @@ ROUND = 10
 
 
 class Camera:
-    """Where points appear. center (3,): m, in the middle of the picture. Lengths named in points: see `Sheet`."""
+    """Perspective view; center (3,), m, appears in the middle. Lengths in points: see `Sheet`."""
 
     def __init__(self, size: tuple[int, int], reach: float, center: Array) -> None:
+        """Place a camera that looks at center (3,), m, from `FAR` times reach (m) away.
+
+        size: of the picture, pixels.
+        """
         c, s, up = math.cos(AZIMUTH), math.sin(AZIMUTH), math.sin(ELEVATION)
         flat = math.cos(ELEVATION)
         self.toward = np.array([c * flat, s * flat, up])  # the eye, seen from the center
@@ -40,7 +44,10 @@ class Camera:
         self.eye = self.center + self.far * self.toward
 
     def see(self, points: ArrayLike) -> tuple[Array, Array]:
-        """Canvas coordinates (..., 2), and distances (...) along the way that it looks, m."""
+        """Project points (..., 3), m, to canvas coordinates (..., 2).
+
+        Returns the distances (...) along the viewing direction, m, too.
+        """
         x, y, z = np.moveaxis((np.asarray(points, np.float64) - self.center) @ self.axes.T, -1, 0)
         away = np.maximum(self.far - z, 0.05 * self.far)
         middle = 0.5 * SUPERSAMPLING * np.array(self.size)
@@ -60,6 +67,11 @@ class SpaceRenderer(Renderer):
         self, mode: str, reach: float, size: tuple[int, int] = (640, 640), fps: float = 50.0, *,
         sides: Array, ground: float = 0.0, links: Sequence[str] = (), payload: bool = True, **more: Any,
     ) -> None:  # fmt: skip
+        """Check the arguments (`Renderer`, too).
+
+        sides (N, 2): m, width and thickness of each link, 0 for a rigid one. ground: m, height of the shadows. links:
+        names of the links whose deflections have bars.
+        """
         super().__init__(mode, reach, size, fps, payload=payload, **more)
         least = np.array([0.03, 0.007]) * self.reach
         self.half = 0.5 * np.where(np.asarray(sides) > 0.0, np.maximum(sides, least), 0.06 * self.reach)
@@ -102,6 +114,11 @@ class SpaceRenderer(Renderer):
     def _draw_scene(
         self, canvas: Any, camera: Camera, chain: Sequence[tuple[Array, Array]], target: ArrayLike | None, rigid: Any
     ) -> None:
+        """Draw the scene from back to front: shadows, target, rigid arm, trace of the tip, shapes and the arm itself.
+
+        chain: points and cross-section axes of each link (`ribbons`). target (3,), m, or None. rigid: points of the
+        rigid arm, or None.
+        """
         pg, tip = pygame_module(), chain[-1][0][-1]
         for (points, across), half in zip(chain, self.half, strict=True):
             flat = _quads(_ring(points, across, half))
@@ -131,7 +148,7 @@ class SpaceRenderer(Renderer):
         self._draw_faces(canvas, camera, [face for face in around if _facing(face, camera.eye)])
 
     def _draw_faces(self, canvas: Any, camera: Camera, faces: Sequence[Array]) -> None:
-        """Faces of what is kept out of, seen through."""
+        """Draw transparent faces of the shapes that the arm must not enter."""
         pygame_module()
         from pygame import gfxdraw
 
@@ -141,7 +158,7 @@ class SpaceRenderer(Renderer):
             gfxdraw.aapolygon(canvas, seen, (*KEEP_OUT, 150 if len(faces) < 12 else 36))
 
     def _plumb(self, canvas: Any, camera: Camera, at: Array, color: Color) -> None:
-        """A broken line from a point to the ground, and a cross there."""
+        """Draw a dashed line from a point to the ground, and a cross there."""
         pg, foot = pygame_module(), np.array([at[0], at[1], self.ground])
         (a, b), wide = camera.see(np.stack([at, foot]))[0], max(1, round(1.1 * camera.point))
         pale = blend(color, GROUND, 0.45)
@@ -158,7 +175,7 @@ class SpaceRenderer(Renderer):
         pg.draw.circle(canvas, TARGET, seen, 2.6 * camera.point)
 
     def _pieces(self, canvas: Any, camera: Camera, chain: Sequence[tuple[Array, Array]]) -> list[tuple[float, Any]]:
-        """Parts of the arm with their distances, to be drawn from far to near."""
+        """Return the arm's parts as (distance, function that draws it)."""
         pieces: list[tuple[float, Any]] = []
         for k, ((points, across), half) in enumerate(zip(chain, self.half, strict=True)):
             solid = half[0] == half[1]
@@ -190,7 +207,7 @@ class SpaceRenderer(Renderer):
         return pieces
 
     def _ball(self, canvas: Any, camera: Camera, at: Array, share: float, color: Color) -> tuple[float, Any]:
-        """A sphere; its radius in reaches."""
+        """Draw a sphere; share: its radius over the reach."""
         pg, (seen, away) = pygame_module(), camera.see(at)
         radius = share * self.reach * camera.scale / float(away)
         color = color if at[2] >= self.ground else blend(color, GROUND, 0.6)
@@ -204,7 +221,7 @@ class SpaceRenderer(Renderer):
 
 
 def _facing(face: Array, eye: Array) -> bool:
-    """Whether it is seen from outside; of a free face, a wall's, from behind."""
+    """Return whether a face is seen from outside; a single square of a wall: from behind."""
     return bool(np.cross(face[1] - face[0], face[2] - face[1]) @ (eye - face[0]) > 0.0)
 
 
@@ -213,13 +230,13 @@ def _polygon(canvas: Any, color: Color, corners: Array) -> Any:
 
 
 def _lit(color: Color, light: float) -> Color:
-    """A colour in this share of the light, from 0 to 1."""
+    """Return a color under a share of light, 0 to 1."""
     over = (light - 0.6) / 0.4 if light > 0.6 else (0.6 - light) / 0.6
     return blend(color, WHITE, 0.45 * over) if light > 0.6 else blend(color, INK, 0.75 * over)
 
 
 def _ring(points: Array, across: Array, half: Array, corners: int = 4) -> Array:
-    """(P, corners, 3): outlines of the sections along a line; of four the first side is that of +y."""
+    """Return section outlines (P, corners, 3) along a line; with four corners the first side is that of +y."""
     along = np.gradient(points, axis=0) if len(points) > 2 else np.repeat(points[1:] - points[:1], len(points), axis=0)
     along /= np.maximum(np.linalg.norm(along, axis=1), 1e-300)[:, None]
     up = np.cross(across, along)
@@ -234,14 +251,14 @@ def _ring(points: Array, across: Array, half: Array, corners: int = 4) -> Array:
 
 
 def _quads(ring: Array) -> Array:
-    """Faces (F, 4, 3) between outlines, those of one part after the other."""
+    """Return the faces (F, 4, 3) between consecutive outlines, one part after the other."""
     after = np.roll(ring, -1, axis=1)
     return np.stack([ring[:-1], ring[1:], after[1:], after[:-1]], axis=2).reshape(-1, 4, 3)
 
 
 @lru_cache(maxsize=4)
 def _empty(size: tuple[int, int], reach: float, center: tuple[float, ...], ground: float, cell: float) -> Any:
-    """The picture without an arm: a round piece of ground with a grid, and its axes."""
+    """Return the picture without an arm: a round piece of ground with a grid, and its axes."""
     pg, camera = pygame_module(), Camera(size, reach, np.array(center))
     canvas = pg.Surface((size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING), 0, 32)
     canvas.fill(PAPER)

@@ -12,17 +12,21 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec, registry
 from gymnasium.spaces import Box
 
-from .options import Plan, plan
+from ..batch import Batch
+from .options import Plan, plan, with_starts
 from .task import Kind
 
 MAKERS = (gym.make.__code__, gym.make_vec.__code__)
 FROZEN = "flexarm"
 """Namespace of ids that name a frozen task."""
 FREE = (
-    "duration", "max_episode_steps", "reward", "info_level", "render_mode", "threads", "autoreset_mode", "num_envs",
-    "vectorization_mode", "vector_kwargs", "wrappers",
+    "duration", "max_episode_steps", "reward", "reward_terms", "info_level", "render_mode", "threads", "autoreset_mode",
+    "num_envs", "vectorization_mode", "vector_kwargs", "wrappers",
 )  # fmt: skip
 """Keywords of a frozen task that need no warning: what training is free to choose, and how it is made and shown."""
+
+CHANGEABLE = ("starts",)
+"""Keywords that are attributes, too, which may be set while an environment is used."""
 
 
 class ArmSpec(EnvSpec):
@@ -38,7 +42,7 @@ class ArmSpec(EnvSpec):
 
     @classmethod
     def of(cls, spec: EnvSpec | None, limit: int) -> ArmSpec | None:
-        """The spec that `gymnasium.make` has set, for episodes of at most `limit` control periods."""
+        """Return the spec of `gymnasium.make` for episodes of at most `limit` control periods."""
         if spec is None:
             return None
         made = cls(**{field.name: getattr(spec, field.name) for field in dataclasses.fields(spec) if field.init})
@@ -58,7 +62,7 @@ class ArmSpec(EnvSpec):
 
 
 def changed(spec: EnvSpec) -> list[str]:
-    """Keywords that make another task of a frozen one."""
+    """Return the keywords by which a made suite task differs from the frozen one."""
     if spec.namespace != FROZEN or spec.id not in registry:
         return []
     own = registry[spec.id].kwargs
@@ -66,7 +70,7 @@ def changed(spec: EnvSpec) -> list[str]:
 
 
 def same(one: Any, other: Any) -> bool:
-    """Whether both are equal; arrays inside count as different."""
+    """Return whether two values are equal; arrays inside count as different."""
     try:
         return bool(one == other)
     except ValueError:
@@ -77,28 +81,52 @@ warned: set[tuple[str, ...]] = set()
 
 
 class Specified:
-    """What single and vector environments have in common: plan, spaces of one arm, spec."""
+    """Common base of single and vector environments: plan, spaces of one arm, spec."""
 
     kind: ClassVar[Kind]
     plan: Plan
+    batch: Batch
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012
     _spec: ArmSpec | None = None
 
     def _prepare(self, arguments: dict[str, Any]) -> tuple[Any, Any]:
-        """The plan of these arguments; spaces of one arm's actions and observations."""
+        """Check the arguments and store the plan; return the spaces of one arm's actions and observations."""
         self.plan = plan(self.kind, **arguments)
+        self._starts = arguments.get("starts")
         self.render_mode = self.plan.render_mode
         self.metadata = self.metadata | {"render_fps": max(1, round(1.0 / self.plan.period))}
         bounds = self.plan.observation_bounds
         return Box(-1.0, 1.0, (self.plan.arm.n_links,), np.float32), Box(-bounds, bounds, dtype=np.float32)
 
     @property
+    def starts(self) -> Any:
+        """Ranges of fresh starts, as the keyword of the environment; {} for the usual ones.
+
+        They may be set at any time, as in a curriculum: the next reset draws from them.
+        """
+        return self._starts or {}
+
+    @starts.setter
+    def starts(self, ranges: Any) -> None:
+        """Draw fresh starts from other ranges, from the next reset on."""
+        self.plan = with_starts(self.plan, ranges)
+        self._starts = ranges
+        self.batch.set_starts(self.plan.starts)
+        if self._spec is not None:
+            self._spec.kwargs = {**self._spec.kwargs, "starts": ranges}
+        self._rebind()
+
+    def _rebind(self) -> None:
+        """Renew references to the batch's arrays after they were replaced."""
+
+    @property
     def spec(self) -> Any:
-        """The spec that `gymnasium.make` has given the environment, and how long its episodes are; None otherwise."""
+        """The spec set by `gymnasium.make`, with the episodes' length; None without it."""
         return self._spec
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
+        """Store a registered spec; warn once where a suite task was made with other keywords than its own."""
         if spec is not None and (own := changed(spec)) and (spec.id, *own) not in warned:
             warned.add((spec.id, *own))
             text = f"{spec.id} with {', '.join(own)} of one's own is another task: its scores are not the suite's"

@@ -30,7 +30,7 @@ KEYS = ("arm", "generator", "seed", "guide")
 def state_of(
     batch: Batch, i: int, generator: np.random.Generator, seed: int | None, guide: Guide | None
 ) -> dict[str, Any]:
-    """Everything that the future of arm i depends on, a copy."""
+    """Return a copy of everything that determines arm i's future."""
     return {
         "arm": batch.get_state(i),
         "generator": copy.deepcopy(generator),
@@ -40,7 +40,7 @@ def state_of(
 
 
 def check_state(batch: Batch, state: Any) -> None:
-    """A state of an arm of another kind is a ValueError."""
+    """Raise ValueError for a state of another kind of arm."""
     table = check.table_of("state", state)
     check.known_keys("state", table, KEYS)
     for key in KEYS:
@@ -67,8 +67,11 @@ def check_state(batch: Batch, state: Any) -> None:
 
 
 def _check_block(batch: Batch, block: Array) -> None:
-    """An arm's `block` whose mode or reason is no such word, whose record (what sensors and motors remember) is not
-    finite, or that is itself too stiff for double precision, is a ValueError."""
+    """Raise ValueError for an arm's `block` that is inconsistent.
+
+    Its mode or reason is unknown, its record (memory of sensors and motors) is not finite, or its parameters are too
+    stiff for double precision.
+    """
     at, lanes = batch.layout, len(batch.lane)
     par = len(block) - (at.end - at.par) // lanes
     for section, number, known in ((at.record, MODE, MODES), (at.info, batch.info_at.reason, tuple(REASONS))):
@@ -84,20 +87,20 @@ def _check_block(batch: Batch, block: Array) -> None:
 
 
 def put_state(batch: Batch, i: int, state: dict[str, Any]) -> tuple[np.random.Generator, Any, Guide | None]:
-    """Make arm i what the state says; returns its generator, seed and guide."""
+    """Set arm i to a state; return its generator, seed and guide."""
     batch.set_state(i, state["arm"])
     return copy.deepcopy(state["generator"]), state["seed"], copy.deepcopy(state["guide"])
 
 
 def _nominal(batch: Batch) -> None:
-    """ValueError where joints are drawn: linear models have those of the arm."""
+    """Raise ValueError if joint parameters are drawn: linear models use the nominal arm's."""
     if batch.starts.laws:
         what = "must not be drawn for linear models"
         raise check.InvalidValue("randomization", "friction, backlash, motor_inertia or hub_inertia", what)
 
 
 def linear_model(plan: Plan, batch: Batch, i: int, guide: Guide | None, discrete: float | None) -> LinearModel:
-    """The linear model of arm i at its present state and torques."""
+    """Return the linear model of arm i at its present state and torques."""
     from ..linear.state_space import linearize
 
     _nominal(batch)
@@ -114,7 +117,7 @@ def linear_model(plan: Plan, batch: Batch, i: int, guide: Guide | None, discrete
 def linear_models(
     plan: Plan, batch: Batch, guides: dict[int, Guide], discrete: float | None, kept: dict[float | None, Linearizer]
 ) -> LinearModels:
-    """Those of all arms; what makes them of elasticas is kept, by period."""
+    """Return the linear models of all arms. kept: compiled linearizations of elasticas, by period."""
     from ..linear.many import Linearizer, compiled, stacked
 
     _nominal(batch)

@@ -21,57 +21,66 @@ AHEAD = (0.1, 0.3)
 
 
 class Target(ABC):
-    """numbers: that a target has; two are kept of any, an angle's second is 0. paths: shapes that its path may have,
-    the usual one first; of each the numbers that it is drawn by (four at most, in space five), and their units."""
+    """Kind of a task's target: an angle or a point.
+
+    numbers: length of a target; records hold two at least, an angle's second is 0. paths: shapes of drawn paths, the
+    usual one first, with the names and units of the numbers that define each (four at most, in space five).
+    """
 
     numbers: int
     paths: ClassVar[Mapping[str, tuple[tuple[str, str], ...]]]
 
     @abstractmethod
-    def read(self, arm: Arm, value: Any) -> Pair:
-        """options["target"] of reset, checked."""
+    def read(self, arm: Arm, value: Any, gravity: Sequence[float] | None = None) -> Pair:
+        """Check options["target"] of reset and return it.
+
+        gravity: m/s^2, against which the motors must hold the arm.
+        """
 
     @abstractmethod
     def reached(self, arm: Arm, angles: Sequence[float]) -> Pair:
-        """The target that the rigid arm reaches with its joints at these angles, rad."""
+        """Return the target that the rigid arm reaches at joint angles, rad."""
 
     @abstractmethod
     def place(self, arm: Arm, target: Array) -> Array:
-        """Where a picture shows it: (2,) m."""
+        """Return where a picture shows the target, (2,) m."""
 
     @abstractmethod
     def entries(self, arm: Arm) -> list[tuple[str, float]]:
-        """Names and scales of what a moving target adds to the observation: its rate, its ways ahead."""
+        """Return names and scales of the entries for a moving target: its rate and its displacements ahead."""
 
     @abstractmethod
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
-        """What the numbers of a path of this shape lie within that is drawn (`draw_path`, `draw_line` of the
-        task)."""
+        """Return the ranges of the numbers that define a drawn path of this shape (`draw_path`, `draw_line`)."""
 
-    def drawn(self, given: Mapping[str, Any], arm: Arm) -> tuple[str, list[Pair]]:
-        """Shape and ranges of paths that are drawn, with the ranges that are given, by name, in the usual ones' place.
+    def drawn(self, options: Mapping[str, Any], arm: Arm) -> tuple[str, list[Pair]]:
+        """Return shape and ranges of drawn paths: the usual ranges, replaced by those that are given by name.
 
         Raises:
             ValueError: an unknown name, a range that is none, a path that may lead out of reach.
         """
-        shape = check.choice("reference.path", given.get("path", next(iter(self.paths))), tuple(self.paths))
-        check.known_keys("reference", given, ("path", *(name for name, _ in self.paths[shape])))
+        shape = check.choice("reference.path", options.get("path", next(iter(self.paths))), tuple(self.paths))
+        check.known_keys("reference", options, ("path", *(name for name, _ in self.paths[shape])))
         ranges = self.ranges(arm, shape)
         for k, (name, unit) in enumerate(self.paths[shape]):
-            if name in given:
+            if name in options:
                 turns = name in ("bearing", "elevation")
                 bounds = {"above": 0.0} if name == "period" else {} if turns else {"minimum": 0.0}
                 bounds = ANGLE | bounds if unit.startswith("rad") else bounds
-                ranges[k] = check.limits(f"reference.{name}", given[name], unit, **bounds)
-        self.check_ranges(ranges, arm, shape)
-        return shape, ranges
+                ranges[k] = check.limits(f"reference.{name}", options[name], unit, **bounds)
+        return shape, self.narrowed(ranges, options, arm, shape)
+
+    def narrowed(self, ranges: list[Pair], options: Mapping[str, Any], arm: Arm, path: str) -> list[Pair]:
+        """Check ranges, of which `options` names those that a user gave; return them, or narrower ones that fit."""
+        self.check_ranges(ranges, arm, path)
+        return ranges
 
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:  # noqa: B027
-        """ValueError where paths within these ranges lead out of reach."""
+        """Raise ValueError if paths within these ranges lead out of reach."""
 
     @abstractmethod
-    def path(self, given: Any, arm: Arm, t: Array) -> list[TimeFunction]:
-        """A given reference as one function of time for each number; t: where it will be read, s."""
+    def path(self, reference: Any, arm: Arm, t: Array) -> list[TimeFunction]:
+        """Return a given reference as one function of time for each number; t: instants that are read, s."""
 
 
 class Angle(Target):
@@ -80,7 +89,7 @@ class Angle(Target):
     numbers = 1
     paths: ClassVar = {"swing": (("width", "rad"), ("period", "s")), "line": (("behind", "rad"), ("rate", "rad/s"))}
 
-    def read(self, arm: Arm, value: Any) -> Pair:
+    def read(self, arm: Arm, value: Any, gravity: Sequence[float] | None = None) -> Pair:
         if check.several(value) and len(value) == 1:
             value = value[0]
         return check.number("options.target", value, "rad", **ANGLE), 0.0
@@ -101,14 +110,14 @@ class Angle(Target):
             return [(0.5, 1.0), (0.1 * rate, 0.3 * rate), (0.0, 0.0), (0.0, 0.0)]
         return [(0.3, math.pi / 2), (10.0 / rate, 20.0 / rate), (0.0, 0.0), (0.0, 0.0)]
 
-    def path(self, given: Any, arm: Arm, t: Array) -> list[TimeFunction]:
-        angle = function_of("reference", given)
+    def path(self, reference: Any, arm: Arm, t: Array) -> list[TimeFunction]:
+        angle = function_of("reference", reference)
         check.number("reference", max(angle(t).min(), angle(t).max(), key=abs), "rad", **ANGLE)
         return [angle]
 
 
 class Point(Target):
-    """A place of the tip, (x, y) in m."""
+    """A position of the tip, (x, y) in m."""
 
     numbers = 2
     paths: ClassVar = {
@@ -116,7 +125,8 @@ class Point(Target):
         "line": (("distance", "m"), ("time", "s"), ("speed", "m/s"), ("bearing", "rad")),
     }
 
-    def read(self, arm: Arm, value: Any) -> Pair:
+    def read(self, arm: Arm, value: Any, gravity: Sequence[float] | None = None) -> Pair:
+        """Return the target (x, y), m; `InvalidValue` where it is out of reach."""
         x, y = check.sequence("options.target", value, "two numbers (m), (x, y)", 2)
         x, y = check.number("options.target[0]", x, "m"), check.number("options.target[1]", y, "m")
         near, far = reach(arm)
@@ -126,6 +136,7 @@ class Point(Target):
         return x, y
 
     def reached(self, arm: Arm, angles: Sequence[float]) -> Pair:
+        """Return the tip (x, y), m, of the rigid arm at joint angles, rad."""
         angle, x, y = 0.0, 0.0, 0.0
         for link, turn in zip(arm.links, angles, strict=True):
             angle += turn
@@ -141,6 +152,7 @@ class Point(Target):
         return [(f"{name}_{axis}", scale) for name, scale in named for axis in axes]
 
     def ranges(self, arm: Arm, path: str) -> list[Pair]:
+        """Return ranges for a path of this shape: distances as shares of the arm's length, times by its rates."""
         rate, far = rate_scale(arm, 0), arm.total_length
         turns = (-math.pi / 3, math.pi / 3)
         if path == "line":
@@ -148,7 +160,7 @@ class Point(Target):
         return [(0.5 * far, 0.75 * far), (12.0 / rate, 24.0 / rate), (0.05 * far, 0.2 * far), turns]
 
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
-        """Circles keep within reach, and so does the point of a line that is nearest to the root."""
+        """Check that circles, and a line's point nearest to the root, stay within reach."""
         (nearest, farthest), _, (_, radius), _ = ranges
         near, far = reach(arm)
         wide = radius if path == "circle" else 0.0
@@ -156,8 +168,9 @@ class Point(Target):
             what = f"must keep the path within reach, {near:g} to {far:g} m from the root, or a line's nearest point"
             raise check.InvalidValue("reference.distance", ranges[0], what)
 
-    def path(self, given: Any, arm: Arm, t: Array) -> list[TimeFunction]:
-        both = coordinates(given, "two functions of time, x and y (m), or a table (n, 3): t, x, y", 2)
+    def path(self, reference: Any, arm: Arm, t: Array) -> list[TimeFunction]:
+        """Return x and y, m, as functions of time; ValueError names the first instant that is out of reach."""
+        both = coordinates(reference, "two functions of time, x and y (m), or a table (n, 3): t, x, y", 2)
         x, y = (f(t) for f in both)
         near, far = reach(arm)
         distance = np.hypot(x, y)
@@ -168,15 +181,15 @@ class Point(Target):
         return both
 
 
-def coordinates(given: Any, what: str, numbers: int) -> list[TimeFunction]:
-    """A point's path as one function of time for each number; of a table the first column is t, s."""
+def coordinates(value: Any, what: str, numbers: int) -> list[TimeFunction]:
+    """Return a point's path as one function of time per number; a table's first column is t, s."""
     try:
-        rows = np.asarray(given)
+        rows = np.asarray(value)
     except ValueError:
         rows = np.array(None)
     if rows.dtype.kind in "fiu" and rows.ndim == 2 and rows.shape[1] == 1 + numbers:
-        given = [rows[:, [0, 1 + d]] for d in range(numbers)]
-    return [function_of(f"reference[{d}]", f) for d, f in enumerate(check.sequence("reference", given, what, numbers))]
+        value = [rows[:, [0, 1 + d]] for d in range(numbers)]
+    return [function_of(f"reference[{d}]", f) for d, f in enumerate(check.sequence("reference", value, what, numbers))]
 
 
 ANGLE_OF_TIP, POINT = Angle(), Point()

@@ -1,14 +1,17 @@
 """The tasks as data: arm, spaces, scales, rewards and starts; what single and vector environments share."""
 
+import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from .. import validation as check
-from ..batch import FURTHER, Chain, Extras, Reach, Slew, Starts, Task, info_places
+from ..batch import FURTHER, TERM_ARGUMENTS, Chain, Extras, Reach, Slew, Starts, Task, info_places, with_terms
+from ..files import imported
 from ..parameters import Arm
 from ..physics.layout import BASE_POSE
 from ..rigid import centre_shift, rate_scale
@@ -21,6 +24,9 @@ HOLD_TIME = 0.5
 REWARDS = ("accuracy", "settle", "distance", "effort", "vibration", "failure")
 """Names of the reward terms of slew and reach, in order."""
 
+FAILURE = "failure"
+"""Name of the term that is paid once, in the period that ends an episode by failure."""
+
 CHANGE, COST = "change", "cost"
 """Names of the terms for what actions change by and for `cost`, which stand before failure where they are asked for."""
 
@@ -30,15 +36,15 @@ ATTITUDE = "attitude"
 
 @dataclass(frozen=True)
 class Kind:
-    """What an environment is, for arms of `links` (at least, at most; None: any number) links.
+    """A task as data, for arms of `links` (at least, at most; None: any number) links.
 
-    id: of the registry. task: default task's name. arm: default arm's name. duration: s. target: what is to be
-    reached. rewards: names and default weights of the reward's terms, in the order in which the task's `judge` pays
-    them; the last is paid for failure. entries: names and scales of the observation of an arm, in the order in which
-    `observe` shows them. record: class of the task's record for an arm, which says the kernels. starts: what fresh
-    starts are drawn from. bands: of success, by name: the usual bound, its unit. replays: motion that task="replay"
-    follows where none is given; joints beyond those that it moves follow the last of them. space: arms leave the plane.
-    period: of control, s. gravity: m/s^2, where none is said. settings: where no formulation is said, in space.
+    id: of the registry. task: default task's name. arm: default arm's name. duration: s. target: kind of target.
+    rewards: names and default weights of the reward's terms, in the order in which the task's `judge` computes them;
+    the last is for failure. entries: names and scales of an arm's observation, in the order of `observe`. record: class
+    of the task's record for an arm, by which kernels are chosen. starts: ranges of fresh starts. bands: of success, by
+    name: the usual bound, its unit. replays: default motion of task="replay"; joints beyond its own follow its last
+    one. space: arms leave the plane. period: of control, s. gravity: m/s^2, by default. settings: default settings in
+    space.
     """
 
     id: str
@@ -58,9 +64,11 @@ class Kind:
     gravity: tuple[float, ...] | None = None
     settings: Mapping[str, Any] | None = None
 
-    def build(self, arm: Arm, weights: Array, period: float, aims: Mapping[str, Any]) -> Task:
-        """The record of the task for an arm. weights: of the rewards. period: of control, s. aims: of its fields those
-        that are not the usual."""
+    def build(self, arm: Arm, weights: Array, period: float, aims: Mapping[str, Any], rules: int = 2) -> Task:
+        """Return the task's record for an arm.
+
+        weights: of the reward's terms. period: of control, s. aims: fields that differ from the usual ones.
+        """
         assert arm.torque_limits is not None
         scales = [scale for _, scale in self.entries(arm)]
         limits = [(-math.inf, math.inf) if r is None else r for r in arm.joint_limits or (None,) * arm.n_links]
@@ -81,11 +89,13 @@ class Kind:
             acted=(0,) * arm.n_links if CHANGE in self.rewards else (),
             charged=(0,) if COST in self.rewards else None,
             base=(0,) * (BASE_POSE.end if arm.base else 0),
+            nearness=(0,) if rules > 1 else None,
         )
         return usual._replace(**aims)
 
 
 def _slew_entries(arm: Arm) -> list[tuple[str, float]]:
+    """Return name and scale of each entry of a one-link observation, as `tasks.slew` writes them."""
     rate = rate_scale(arm, 0)
     return [
         ("hub_sin", 1.0), ("hub_cos", 1.0), ("hub_rate", rate), ("tip_deflection", 0.1),
@@ -94,6 +104,7 @@ def _slew_entries(arm: Arm) -> list[tuple[str, float]]:
 
 
 def _reach_entries(arm: Arm) -> list[tuple[str, float]]:
+    """Return name and scale of each entry of the observation, as `tasks.reach` writes them."""
     hub, length, joints = rate_scale(arm, 0), arm.total_length, arm.joint_names
     return [
         *((f"{joint}_{of}", 1.0) for joint in joints for of in ("sin", "cos")),
@@ -107,8 +118,11 @@ def _reach_entries(arm: Arm) -> list[tuple[str, float]]:
 
 
 def _base_entries(arm: Arm) -> list[tuple[str, float]]:
-    """Of a base that floats: of its rate the scale is that of a quarter turn by the hub's full torque, as `rate_scale`
-    has it of links; the hub moves by the arm's share of all the mass."""
+    """Return the entries of a floating base.
+
+    Its rate's scale is that of a quarter turn by the hub's full torque (`rate_scale`); the hub's velocity scale
+    contains the arm's share of the total mass.
+    """
     if arm.base is None:
         return []
     assert arm.torque_limits is not None
@@ -130,7 +144,7 @@ def _reach_record(arm: Arm) -> type[Task]:
 
 
 def within(arm: Arm, ranges: Sequence[Pair]) -> list[Pair]:
-    """Ranges of joint angles within the joints' limits; the limits where the two have nothing in common."""
+    """Intersect ranges of joint angles with the joint limits; where they are disjoint, return the limits."""
     found = []
     for (low, high), own in zip(ranges, arm.joint_limits or (None,) * arm.n_links, strict=True):
         least, most = own or (low, high)
@@ -140,7 +154,7 @@ def within(arm: Arm, ranges: Sequence[Pair]) -> list[Pair]:
 
 
 def at_zero(arm: Arm) -> float:
-    """Share of starts with all joints at 0: a half, or none where their limits do not allow it."""
+    """Return the share of starts with all joints at 0: 0.5, or 0 where the limits exclude the angle 0."""
     return 0.5 * all(own is None or own[0] <= 0.0 <= own[1] for own in arm.joint_limits or ())
 
 
@@ -149,6 +163,7 @@ def _slew_starts(arm: Arm) -> Starts:
 
 
 def _reach_starts(arm: Arm) -> Starts:
+    """Return the ranges of starts (joint angles, rad) and targets (distance, m, and bearing, rad)."""
     length, elbow = arm.total_length, 3.6 / arm.n_links
     far = 0.95 * (length - 2.0 * centre_shift(arm))  # wherever the arm starts: the centre of mass of all stays there
     return Starts(
@@ -193,7 +208,7 @@ CHAIN = replace(REACH, id="MultiLinkFlexArm-v0", links=(2, None), arm="three_str
 
 @dataclass(frozen=True)
 class Entry:
-    """One key of info: where it stands in the info section; count None: one number, a float."""
+    """An entry of info: name, first row in the info section, count (None: one number, a float)."""
 
     name: str
     first: int
@@ -203,10 +218,11 @@ class Entry:
 def info_entries(
     kind: Kind, task: Task, full: bool, motors: bool, extras: Extras, fitted: bool, drawn: Mapping[str, int]
 ) -> tuple[Entry, ...]:
-    """Numbers in info, in order; the words (success, range, status, reason) are made from codes beside them.
+    """Return the numeric entries of info, in order.
 
-    full: energies. motors: with their angles and rates, where joints are not ideal. extras: what more there is to be
-    told of. fitted: steps are, to a tolerance. drawn: where factors that are drawn stand among all of them, by name.
+    Words (success, range, status, reason) are made from codes. full: energies. motors: motor angles and rates, for
+    joints that are not ideal. extras: options with their own entries. fitted: steps follow a tolerance. drawn: index of
+    each drawn factor, by name.
     """
     n, targets, at = len(task.links), len(task.targets), info_places(task)
     entries = [
@@ -243,7 +259,7 @@ def info_entries(
 
 
 def afloat(kind: Kind, arm: Arm) -> Kind:
-    """The kind for an arm on a base that floats, if it has one: the base's attitude costs, and may be bounded."""
+    """Return the kind for an arm on a floating base: its attitude costs, and success may bound it."""
     if arm.base is None:
         return kind
     terms = list(kind.rewards.items())
@@ -254,17 +270,77 @@ def afloat(kind: Kind, arm: Arm) -> Kind:
 
 
 def priced(kind: Kind, reward: Any) -> Kind:
-    """The kind, with terms for cost and for the change of actions where `reward` has weights for them."""
+    """Return the kind with the terms `cost` and `change` if `reward` gives them weights."""
     more = [(name, 0.0) for name in (COST, CHANGE) if isinstance(reward, Mapping) and name in reward]
     terms = list(kind.rewards.items())
     return replace(kind, rewards=dict([*terms[:-1], *more, terms[-1]])) if more else kind
 
 
-def reward_weights(kind: Kind, given: Mapping[str, float] | None) -> Array:
-    """Weights of the reward's terms: the kind's, with what is given in their place."""
-    weights = dict(kind.rewards)
-    table = {} if given is None else check.table_of("reward", given)
+def with_own_terms(kind: Kind, value: Any) -> Kind:
+    """Return the kind with the user's reward terms (keyword `reward_terms`), of weight 1.
+
+    value: kernels, or their names "module:name", by the term's name.
+    """
+    if value is None:
+        return kind
+    table, terms = check.table_of("reward_terms", value), list(kind.rewards.items())
+    for name, term in table.items():
+        path = check.joined("reward_terms", str(name))
+        if isinstance(term, str):
+            table[name] = term = imported(path, term)
+        if not isinstance(name, str) or not name.isidentifier() or name in (*kind.rewards, COST, CHANGE, ATTITUDE):
+            what = f"must be a name of its own, none of {', '.join((*kind.rewards, COST, CHANGE, ATTITUDE))}"
+            raise check.InvalidValue("reward_terms", name, what)
+        function = getattr(term, "__wrapped__", None)  # a kernel's, also where nothing is compiled
+        if function is None or tuple(inspect.signature(function).parameters) != TERM_ARGUMENTS:
+            what = f"must be a kernel (flexarm_env.compiler.kernel) of ({', '.join(TERM_ARGUMENTS)})"
+            raise check.InvalidValue(path, term, what)
+    record = partial(_record_with, kind.record, tuple(table.values()))
+    return replace(kind, rewards=dict([*terms[:-1], *((name, 1.0) for name in table), terms[-1]]), record=record)
+
+
+def _record_with(record: Callable[[Arm], type[Task]], terms: tuple[Any, ...], arm: Arm) -> type[Task]:
+    return with_terms(record(arm), terms)
+
+
+PAYING = ("accuracy", "settle", "distance", ATTITUDE)
+"""Terms that never cost anything, under rules 2."""
+
+RULES = (1, 2)
+"""Versions of the rules of rewards and drawn targets (keyword `rules`), the present one last: see `reward_weights`."""
+
+
+def reward_weights(
+    kind: Kind, chosen: Mapping[str, float] | None, joints: int, period: float, limit: int, rules: int
+) -> Array:
+    """Return the weights of the reward's terms for one control period: the kind's, replaced by given ones.
+
+    Rules 2: distance and attitude pay for what is left of their bounds (`tasks.task.left_of`), and failure costs by
+    default the most that the other terms can take in a whole episode, so that ending an episode early never pays, and
+    the most that they pay in `HOLD_TIME`: policies learn to stay clear of joint limits for good, not only on average. A
+    weight is that of the kind's own control period; in another all but failure's go in proportion, so that an episode's
+    return does not depend on the period. Rules 1: distance and attitude cost up to 1, weights are those of any period,
+    and failure's is the kind's.
+
+    joints: of the arm. period: of control, s. limit: control periods of an episode.
+    """
+    weights: dict[str, float | None] = dict(kind.rewards) | {FAILURE: None}
+    table = {} if chosen is None else check.table_of("reward", chosen)
     check.known_keys("reward", table, (*kind.rewards, COST, CHANGE), "reward term")
     for name, value in table.items():
         weights[name] = check.number(f"reward.{name}", value, minimum=0.0, maximum=check.LARGEST)
-    return np.array([weights[name] for name in kind.rewards])
+    failure, share = weights.pop(FAILURE), 1.0 if rules == 1 else period / kind.period
+    each = {name: share * weight for name, weight in weights.items() if weight is not None}
+    if failure is None:
+        held = HOLD_TIME / period * sum(each.get(name, 0.0) for name in PAYING)
+        failure = kind.rewards[FAILURE] if rules == 1 else limit * most_lost(each, joints) + held
+    return np.array([(each | {FAILURE: failure})[name] for name in kind.rewards])
+
+
+def most_lost(weights: Mapping[str, float], joints: int) -> float:
+    """Return the most that the terms other than failure can subtract in a period.
+
+    Bounds: effort 1 a joint, change 4 a joint, rewarding terms 0, all others 1.
+    """
+    largest = {**dict.fromkeys(PAYING, 0.0), "effort": joints, CHANGE: 4.0 * joints}
+    return float(sum(largest.get(name, 1.0) * weight for name, weight in weights.items()))

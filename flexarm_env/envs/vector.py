@@ -1,6 +1,5 @@
 """Many arms as a `gymnasium.vector.VectorEnv`, each the very environment that `single` is, bit for bit."""
 
-import os
 from collections.abc import Mapping, Sequence
 from typing import Any, overload
 
@@ -13,7 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..batch import FRESH, REASONS, RUNNING, STATUS_WORDS, SUCCESS, OneAtATime, View, one_at_a_time
+from ..batch import FRESH, REASONS, RUNNING, STATUS_WORDS, SUCCESS, Batch, OneAtATime, Sheet, View, one_at_a_time
 from ..validation import Array32
 from .motion import Guide, is_table
 from .resets import Request, follow, guide_of, request_of, start_episode
@@ -23,21 +22,15 @@ from .states import LinearModel, LinearModels, check_state, linear_model, linear
 
 Flags = NDArray[np.bool_]
 
-ARMS_PER_THREAD = 128
-"""A second thread pays from about this many arms on."""
+HALF = np.array(0.5)
+"""An array, which NumPy compares sooner with than a number of Python's."""
 
 SINGLE_NAMES = {"observation_space": "single_observation_space", "action_space": "single_action_space"}
 """Attributes of a single environment under the names that they have here."""
 
 
-def default_threads(n: int) -> int:
-    """Threads for n arms: as many as there are processors for this process, but none for fewer than ARMS_PER_THREAD."""
-    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, min(available, n // ARMS_PER_THREAD))
-
-
 class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
-    """What the vector forms of the environments have in common.
+    """Common base of the vector environments.
 
     One thread at a time may reset it, step it, or read and set its states; another gets a RuntimeError.
     """
@@ -49,6 +42,12 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         threads: int | None = None,
         **arguments: Any,
     ) -> None:
+        """Check the keywords (`options.plan`) and compile or load the batch.
+
+        Args:
+            num_envs: number of arms. autoreset_mode: when arms that ended start again. threads: None chooses by the
+                clock.
+        """
         self._door = OneAtATime()
         self.closed = True  # there is nothing to close where an argument is wrong
         self.num_envs = check.integer("num_envs", num_envs, minimum=1)
@@ -57,7 +56,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
             autoreset_mode = AutoresetMode(check.choice("autoreset_mode", autoreset_mode, words))
         self.autoreset_mode = autoreset_mode
         self.single_action_space, self.single_observation_space = self._prepare(arguments)
-        wanted = default_threads(num_envs) if threads is None else check.integer("threads", threads, minimum=1)
+        wanted = None if threads is None else check.integer("threads", threads, minimum=1)
         self.batch = self.plan.batch(self.num_envs, wanted)
         self.metadata = self.metadata | {"autoreset_mode": autoreset_mode}
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -104,27 +103,38 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
                 self._seed(i, seeds[i])
         self.batch.renew()
         self._start(chosen, RUNNING, asked, guides)
-        self._ended = [i for i in self._ended if i not in set(chosen)]
+        if self._ended:
+            again = set(chosen)
+            self._ended = [i for i in self._ended if i not in again]
         self._started = self._started or self.batch.started
         if self.render_mode == "human":
             self.render()
         return self.batch.observation.copy(), self._infos(self._mask(chosen))
 
-    @one_at_a_time
     def step(self, actions: Array32) -> tuple[Array32, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
-        """One control period of every arm; those that ended before are started anew as the autoreset mode says."""
+        """Advance all arms by one control period; arms that had ended restart as the autoreset mode requires."""
         batch = self.batch
         if type(actions) is not np.ndarray or actions.dtype is not F32 or actions.shape != batch.action.shape:
             actions = checked_action(actions, batch.action.shape)
+        with self._door:
+            return self._stepped(batch, actions)
+
+    def _stepped(
+        self, batch: Batch, actions: Array32
+    ) -> tuple[Array32, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
+        """Advance all arms by one control period, for the one thread that has entered the environment (see `step`)."""
         if not self._started:
             raise ResetNeeded("No episodes have begun: call reset() first")
-        guided = [(i, own) for i, own in self._guides.items() if i not in self._ended]
+        guided: list[tuple[int, Guide]] = []
+        if self._guides:
+            over = set(self._ended)
+            guided = [(i, own) for i, own in self._guides.items() if i not in over]
         if self._ended and self.autoreset_mode is AutoresetMode.DISABLED:
             raise ResetNeeded(f"Arms {self._ended} have ended: reset them with options['reset_mask']")
         batch.renew(keep=False)
         if self._ended:  # in the step before, or as a state that was put back
             self._start(self._ended, FRESH, *self._requests(self._ended))
-        batch.action[:] = actions
+        batch.action[...] = actions
         attention = batch.step()
         for i, own in guided:
             follow(batch, i, own)
@@ -139,7 +149,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         )  # fmt: skip
 
     def _same_step(self) -> tuple[Array32, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
-        """The step's outcome where some arms ended: these are started anew, their last words kept under final_*."""
+        """Restart the arms that ended in this step; their last observation and info are kept under final_*."""
         batch, ended = self.batch, self._ended
         mask = self._mask(ended)
         reward, terminated, truncated = batch.reward.copy(), batch.terminated.copy(), batch.truncated.copy()
@@ -153,7 +163,10 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         return batch.observation.copy(), reward, terminated, truncated, infos
 
     def render(self) -> tuple[Any, ...] | None:
-        """A picture (height, width, 3) uint8 of every arm in "rgb_array" mode; in "human" mode a window with them."""
+        """Return a picture (height, width, 3) uint8 of each arm in "rgb_array" mode.
+
+        In "human" mode show all in a window.
+        """
         if self.render_mode is None:
             gym.logger.warn('render() draws nothing: make the environment with render_mode="rgb_array" or "human"')
             return None
@@ -172,7 +185,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         return self._guides[i].view(view.target) if i in self._guides else view
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Close windows, end threads."""
+        """Close windows and end threads."""
         for one in (*self._renderers, *([] if self._wall is None else [self._wall])):
             one.close()
         self._renderers, self._wall = [], None
@@ -198,6 +211,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         self._generators[i], self._seeds[i] = seeding.np_random(seed)
 
     def _generator(self, i: int) -> np.random.Generator:
+        """Return arm i's random generator; it is seeded by the system where no seed was given."""
         if self._generators[i] is None:
             self._seed(i, None)
         generator = self._generators[i]
@@ -205,28 +219,34 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         return generator
 
     def _start(
-        self, arms: Sequence[int], mode: int, asked: dict[int, Request] | None, guides: dict[int, Guide]
+        self, arms: Sequence[int], mode: int, requests: dict[int, Request] | None, guides: dict[int, Guide]
     ) -> None:
-        """Start episodes of these arms as `_requests` says."""
+        """Start episodes of these arms as `_requests` returned them."""
         made = self._generators
-        keys = [int((made[i] or self._generator(i)).bit_generator.random_raw()) for i in arms]
+        keys = [(made[i] or self._generator(i)).bit_generator.random_raw() for i in arms]
         if self._guides:
-            self._guides = {i: own for i, own in self._guides.items() if i not in set(arms)}
-        if asked is None:
-            self.batch.request[:] = np.nan
+            again = set(arms)
+            self._guides = {i: own for i, own in self._guides.items() if i not in again}
+        first = None if requests is None else requests[arms[0]]
+        if not guides and (requests is None or all(one is first for one in requests.values())):  # one compiled call
+            if first is None:
+                self.batch.request[:] = np.nan
+            else:
+                self.batch.ask(first.angles, first.target, first.vibration)
             self.batch.start(arms, keys, limit=self.plan.limit, mode=mode)
             return
+        assert requests is not None
         for i, key in zip(arms, keys, strict=True):
             if i in guides:
                 self._guides[i] = guides[i]
-            start_episode(self.batch, i, key, self.plan, asked[i], guides.get(i), mode)
+            start_episode(self.batch, i, key, self.plan, requests[i], guides.get(i), mode)
 
     def _requests(
         self, arms: Sequence[int], options: dict[str, Any] | None = None
     ) -> tuple[dict[int, Request] | None, dict[int, Guide]]:
-        """Checked options of each arm, None where there are none; and the guides of those whose motion is prescribed.
+        """Return the checked options of each arm, or None, and the guides of arms whose motion is prescribed.
 
-        A list of num_envs motions (not rows of a table) holds one each; all else is for all.
+        A list of num_envs motions (not rows of a table) has one per arm; other options are for all.
         """
         if options is None and self.plan.motion is None:
             return None, {}
@@ -237,10 +257,17 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
                 what = f"must be one motion for all arms, or a list of {self.num_envs}, one for each"
                 raise check.InvalidValue("options.motion", motion, what)
             own = dict(enumerate(motion)) if len(motion) == self.num_envs > 1 else {}
-        asked = {i: request_of(self.plan, {**(options or {}), "motion": own[i]} if own else options) for i in arms}
+        if not own:
+            asked = dict.fromkeys(arms, request_of(self.plan, options))  # what they ask for is read and not written to
+        else:
+            asked = {i: request_of(self.plan, {**(options or {}), "motion": own[i]}) for i in arms}
+        if all(one.motion is None for one in asked.values()):
+            return asked, {}
+        asked = {i: one.copy() for i, one in asked.items()}  # a guide sets where its arm starts
         return asked, {i: made for i in arms if (made := guide_of(self.plan, asked[i])) is not None}
 
     def _checked_seeds(self, seed: Any) -> Sequence[int | None]:
+        """Return a seed for each arm, or None: a number seeds arm i with seed + i."""
         n = self.num_envs
         if seed is None:
             return [None] * n
@@ -252,6 +279,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         return [None if s is None else check.integer(f"seed[{i}]", s, minimum=0) for i, s in enumerate(seed)]
 
     def _checked_mask(self, options: dict[str, Any] | None) -> tuple[list[int], dict[str, Any] | None]:
+        """Return the arms that options['reset_mask'] selects, and the other options."""
         if options is None or "reset_mask" not in check.table_of("options", options):
             return list(range(self.num_envs)), options
         mask = options["reset_mask"]
@@ -259,12 +287,13 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         if not right or not mask.any():
             what = f"must be a numpy array of {self.num_envs} bools, at least one of them True"
             raise check.InvalidValue("options.reset_mask", mask, what)
-        return np.flatnonzero(mask).tolist(), {k: v for k, v in options.items() if k != "reset_mask"}
+        rest = {k: v for k, v in options.items() if k != "reset_mask"}
+        return np.flatnonzero(mask).tolist(), rest or None
 
     # --- states --------------------------------------------------------------------------------------
     @one_at_a_time
     def get_state(self, indices: Sequence[int] | None = None) -> list[dict[str, Any]]:
-        """Everything that the future of each arm (or of those in `indices`) depends on, a copy; see `set_state`."""
+        """Return a copy of all that determines the future of each arm, or of those in `indices`."""
         guides = self._guides
         return [
             state_of(self.batch, i, self._generator(i), self._seeds[i], guides.get(i)) for i in self._chosen(indices)
@@ -272,8 +301,10 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
 
     @one_at_a_time
     def set_state(self, states: Sequence[dict[str, Any]], indices: Sequence[int] | None = None) -> None:
-        """Continue from states that `get_state` gave, here or in a single environment, bit for bit. Arms whose episodes
-        had ended begin anew with the next step, but where autoreset is disabled."""
+        """Continue bit for bit from states of `get_state`, of this or a single environment.
+
+        Arms whose episodes had ended restart with the next step, unless autoreset is disabled.
+        """
         chosen = self._chosen(indices)
         if len(states) != len(chosen):
             raise check.InvalidValue("states", f"{len(states)} states", f"must be {len(chosen)}, one for each arm")
@@ -289,6 +320,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         self._started = self.batch.started
 
     def _chosen(self, indices: Sequence[int] | int | None) -> list[int]:
+        """Return the arms that `indices` names: all, one, or several."""
         if indices is None:
             return list(range(self.num_envs))
         if isinstance(indices, int | np.integer):
@@ -300,15 +332,17 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
     @overload
     def linearize(self, index: None = None, discrete: float | None = None) -> LinearModels: ...
     def linearize(self, index: int | None = None, discrete: float | None = None) -> LinearModel | LinearModels:
-        """The linear model of one arm at its present state (see the single environment), or of all arms (None): of
-        elasticas with ideal joints in one compiled call."""
+        """Return the linear model of arm `index` at its present state; None: of all arms.
+
+        Elasticas with ideal joints are then linearized by one compiled call.
+        """
         if index is None:
             return linear_models(self.plan, self.batch, self._guides, discrete, self._linear)
         index = check.integer("index", index, minimum=0, maximum=self.num_envs - 1)
         return linear_model(self.plan, self.batch, index, self._guides.get(index), discrete)
 
     def call(self, name: str, *args: Any, indices: Sequence[int] | None = None, **kwargs: Any) -> tuple[Any, ...]:
-        """What a method or an attribute of the single environment gives for each arm (or for those in `indices`).
+        """Call a method, or return an attribute, of the single environment for each arm, or for those in `indices`.
 
         "get_state", "linearize" and "render", "set_state" with one state for all or a list of one each, and any
         attribute, which all arms share.
@@ -342,27 +376,34 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         return mask
 
     def _infos(self, only: Flags | None = None) -> dict[str, Any]:
-        """info of all arms, or of those in `only` (zeros elsewhere), each key with its mask.
+        """Return the info of all arms, or of those in `only` (zeros elsewhere), each key with its mask.
 
         The values are views of the batch's table, which is a new one at every step; the masks of all keys are one
-        array. What says that nothing is out of the ordinary is one read-only array at every step.
+        array. Where no arm has ended, status and reason are the same read-only arrays at every step.
         """
-        at, table = self.batch.info_at, self.batch.table[:, : self.num_envs]
-        infos: dict[str, Any] = {"is_success": table[SUCCESS] > 0.5, "in_range": table[at.in_range] > 0.5}
-        infos["deflection_bound"] = self._bound
-        if self.plan.words:
-            usual = only is None and not self._ended  # only arms that have just ended have a reason
-            words = self._fine if usual else self._words(table[at.reason])
-            infos["solver_status"], infos["termination_reason"] = words
-        for name, first, last in self._rows:
-            infos[name] = table[first] if last is None else table[first:last].T
+        sheet = self.batch.sheet
+        if not sheet.others:
+            self._show(sheet)
+        success, in_range, reason = sheet.others
+        infos = sheet.told.copy()
+        infos["is_success"], infos["in_range"] = success > HALF, in_range > HALF
+        if self.plan.words and (only is not None or self._ended):  # only arms that have just ended have a reason
+            infos["solver_status"], infos["termination_reason"] = self._words(reason)
         if only is None:
-            return infos | self._masks
+            return infos
         mask = only.copy()
-        return {name: _blanked(values, only) for name, values in infos.items()} | dict.fromkeys(self._masks, mask)
+        return {key: mask if key in self._masks else _blanked(values, only) for key, values in infos.items()}
+
+    def _show(self, sheet: Sheet) -> None:
+        """Make the views of a table that `info` shows."""
+        at, table = self.batch.info_at, sheet.array[:, : self.num_envs]
+        rows = {k: table[first] if last is None else table[first:last].T for k, first, last in self._rows}
+        words = dict(zip(("solver_status", "termination_reason"), self._fine, strict=True)) if self.plan.words else {}
+        usual = {"is_success": None, "in_range": None, "deflection_bound": self._bound, **words}
+        sheet.show({**usual, **rows, **self._masks}, (table[SUCCESS], table[at.in_range], table[at.reason]))
 
     def _words(self, codes: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Solver status and reason of each arm, as words."""
+        """Return solver status and termination reason of each arm, as words."""
         some = np.flatnonzero(codes).tolist()
         if not some:
             return self._fine
@@ -379,7 +420,7 @@ def _blanked(values: NDArray[Any], only: Flags) -> NDArray[Any]:
 
 
 def _constant(value: Any, dtype: Any, n: int) -> NDArray[Any]:
-    """The value n times, read-only."""
+    """Return a read-only array of n equal values."""
     made = np.empty(n, dtype)
     made.fill(value)
     made.flags.writeable = False

@@ -21,12 +21,11 @@ from ..validation import Array
 
 
 def shake(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) -> Array:
-    """Rates that set an arm vibrating in its first mode, of straight links at any absolute angles alpha_k: the
-    (n, 1 + 3 N) matrix S of v = S (1, alpha_k, cos alpha_k, sin alpha_k). The first link's tip will deflect, undamped
-    and to first order, by its length.
+    """Return the matrix S (n, 1 + 3 N) of initial rates v = S (1, alpha_k, cos alpha_k, sin alpha_k), first mode.
 
-    Angles have the rates of the mode of the straight arm. So have tips, and what is within a link, against its root,
-    along axes that turn with it.
+    Links are straight at absolute angles alpha_k. The first link's tip then deflects by its length, undamped and to
+    first order. Angles have the mode's rates of the straight arm; so have tips, and points within a link against its
+    root, along axes that turn with it.
     """
     assert settings.dt is not None
     arm, count = arm.taut, arm.n_links
@@ -52,7 +51,10 @@ def shake(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) -> Ar
 
 
 def _rates(simulation: Simulation) -> tuple[Array, Array]:
-    """The first mode's rates (n,), of the straight arm, and its links' poses; the first link deflects to the left."""
+    """Return the first mode's rates (n,) of the straight arm, and its links' poses.
+
+    The sign is such that the first link deflects to the left.
+    """
     from scipy.linalg import eigh
 
     from ..linear.equations import Equations
@@ -82,12 +84,12 @@ def _rates(simulation: Simulation) -> tuple[Array, Array]:
 
 
 def swing(arm: Arm, settings: Settings) -> Array:
-    """Modes of an arm in space, (n + 2, 3): rates of each as `protocol.stand` takes them; the energy, J, that each has
-    for an amplitude of 1; (c, 0, 0), c in s^2 long beside the square of one over any frequency.
+    """Return initial rates (n + 2, 3) of an arm in space: its lowest modes of bending along y, along z, of torsion.
 
-    They are modes about straight links at joint angles 0, without weight: the lowest one in which most of what strains
-    the links is bending along y, that of bending along z, that of torsion; 0 where there is none. All have the same
-    energy: that with which in the softer bending, to first order, a tip will deflect by its link's length.
+    Rows: n rates for `protocol.set_joint_configuration`; the energy, J, for an amplitude of 1; (c, 0, 0) with c in s^2
+    large against the squared reciprocal of every frequency. The modes are those about straight links at joint angles 0,
+    without weight, in which most of the strain energy is of the named kind; 0 where there is none. All have the energy
+    with which, in the softer bending and to first order, a tip deflects by its link's length.
     """
     from ..linear.space import SmallMotions
     from ..linear.stability import undamped
@@ -119,14 +121,16 @@ def swing(arm: Arm, settings: Settings) -> Array:
 
 
 def _slip(root: Frame, section: Frame) -> Array:
-    """Rates (6,) of a section's place and rotation against another, in that one's axes."""
+    """Return the rates (6,) of a section's position and rotation relative to another, in the other's axes."""
     slip = section.v - root.v - np.cross(root.w, section.r - root.r)
     return np.concatenate([back(root.A, slip)[0], back(root.A, section.w - root.w)[0]])
 
 
 def _within(moving: list[LinkMotion], v: Array) -> tuple[Array, Array]:
-    """Rates v (n,) with those of vertices as `_slip` against their link's root; by how much each element's ends turn
-    against each other (elements, 3)."""
+    """Return rates v (n,) with vertices relative to their link's root (`_slip`).
+
+    Also each element's relative rotation of its ends, (elements, 3).
+    """
     own, strained, i = v.copy(), [], AXES
     for motion in moving:
         root, turned, i = motion.sections[0], np.zeros(3), i + 1

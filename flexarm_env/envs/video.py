@@ -43,7 +43,7 @@ def pictures(
     size: tuple[int, int] = (640, 640),
     mode: str = "rgb_array",
 ) -> Iterator[NDArray[np.uint8]]:
-    """The pictures of a run, one every speed / fps seconds of its time, each of the nearest recorded instant.
+    """Yield the pictures of a run, one every speed / fps seconds of its time, each of the nearest recorded instant.
 
     Args:
         trajectory: a run; record it with sample = speed / fps to see every instant once.
@@ -78,6 +78,7 @@ def pictures(
 
 
 def _in_the_plane(trajectory: Trajectory, mode: str, usual: dict[str, Any]) -> tuple[Renderer, Draw]:
+    """Return a renderer for a planar trajectory, and a function that draws its frame i with given torques."""
     hinges = cuts_of(trajectory.shapes, trajectory.hinges)
     pen = Renderer(mode, trajectory.scene.arm.total_length, **usual)
 
@@ -90,6 +91,7 @@ def _in_the_plane(trajectory: Trajectory, mode: str, usual: dict[str, Any]) -> t
 
 
 def _in_space(trajectory: Trajectory, mode: str, usual: dict[str, Any]) -> tuple[Renderer, Draw]:
+    """Return a renderer for a trajectory in space, and a function that draws its frame i with given torques."""
     arm, found = trajectory.scene.arm, ribbons_of(trajectory)
     ground = min(float(trajectory.shapes[..., 2].min()), 0.0)
     pen = SpaceRenderer(mode, arm.total_length, sides=sides(arm), links=bending(arm), ground=ground, **usual)
@@ -105,7 +107,7 @@ def _in_space(trajectory: Trajectory, mode: str, usual: dict[str, Any]) -> tuple
 
 
 def film_path(path: str | os.PathLike[str]) -> Path:
-    """The path of a film. ValueError for an ending that no film has."""
+    """Return the path of a film. Raises ValueError for an ending without an encoder."""
     target = Path(path)
     if target.suffix.lower() not in (*FILMS, ".gif"):
         raise ValueError(f"video = {os.fspath(path)!r}: must end with one of {', '.join((*FILMS, '.gif'))}")
@@ -139,6 +141,7 @@ def write_film(path: str | os.PathLike[str], frames: Iterable[NDArray[np.uint8]]
 
 
 def _write_ffmpeg(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> None:
+    """Encode frames as H.264, or VP9 for .webm; OSError where the file holds fewer than were written."""
     ffmpeg = _import("imageio_ffmpeg", "imageio-ffmpeg")
     first = _first(frames)
     how: dict[str, Any] = {"quality": 8}
@@ -166,6 +169,7 @@ def _write_ffmpeg(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -
 
 
 def _write_gif(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> None:
+    """Write frames as a GIF with one palette; `InvalidValue` where fps makes it longer than `LONGEST` s."""
     image = _import("PIL.Image", "Pillow")
     every = [_first(frames), *frames]
     if not len(every) / fps <= LONGEST:

@@ -1,4 +1,4 @@
-"""From a measured log to an arm: parameters with uncertainties, judged on runs that no fit has seen."""
+"""System identification: from measured logs to an arm with parameter uncertainties, evaluated on held-out runs."""
 
 from .config import Channel, Config, Parameter, read_config
 from .excite import Excitation, excite

@@ -1,4 +1,4 @@
-"""What a log holds and what is to be fitted: the tables of a small TOML file, checked (docs/identification.md)."""
+"""Description of a log and of the parameters to fit: the tables of a TOML file, validated (docs/identification.md)."""
 
 import math
 import os
@@ -19,28 +19,28 @@ UNITS = {
     "A": 1.0, "mA": 1e-3, "V": 1.0, "mV": 1e-3, "m": 1.0, "mm": 1e-3, "1/m": 1.0, "strain": 1.0, "microstrain": 1e-6,
     "rad/s": 1.0, "deg/s": math.pi / 180.0, "m/s^2": 1.0,
 }  # fmt: skip
-"""Factors on a column that make it SI."""
+"""Factors from a column's unit to SI."""
 
 _ANGLES = "rad", "deg", "mrad"
 _UNITS_OF: dict[str, tuple[str, ...]] = {
     "t": ("s", "ms", "us"), "joint": _ANGLES, "motor": _ANGLES, "angle": _ANGLES, "torque": ("N m", "mN m"),
     "current": ("A", "mA"), "voltage": ("V", "mV"),
 }  # fmt: skip
-"""What a channel of this kind can be in; of others any."""
+"""Accepted units by kind of channel; other kinds accept any unit."""
 
 _CHANNEL = ("column", "unit", "gain", "offset", "shift", "low_pass")
 
 
 @dataclass(frozen=True)
 class Channel:
-    """A column of the log: SI value = gain unit (column - offset), at the column's time less `shift`.
+    """Column of the log: SI value = gain unit (column - offset), at the column's time minus `shift`.
 
     Args:
         name: of the input ("joint0", "motor0", "torque0", "current0", "voltage0") or of the reading ("strain_gauge_1",
             "hub_angle", ...; `Trajectory.measured`).
-        column: of the file. factor: SI over the column's unit, times a gain. offset: in the column's unit; None, of an
-            output: a constant of each run, fitted. shift: s, by which the column is late; positive or negative.
-        low_pass: Hz, cut-off of a Butterworth filter of second order, forwards and backwards; None: none.
+        column: name in the file. factor: SI per unit of the column, times a gain. offset: in the column's unit; None,
+            for outputs: a constant of each run, fitted. shift: delay of the column, s; positive or negative.
+        low_pass: cut-off, Hz, of a zero-phase second-order Butterworth filter; None: none.
     """
 
     name: str
@@ -52,12 +52,12 @@ class Channel:
 
     @property
     def kind(self) -> str:
-        """Of an input, one of `INPUTS`."""
+        """Kind of an input, one of `INPUTS`."""
         return self.name.rstrip("0123456789")
 
     @property
     def joint(self) -> int:
-        """Of an input."""
+        """Joint index of an input."""
         return int(self.name[len(self.kind) :])
 
     @property
@@ -68,14 +68,14 @@ class Channel:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number to be fitted.
+    """Parameter to be fitted.
 
     Args:
         path: its key path, in the arm ("links[0].section.EI"), in its sensors ("sensors.strain_gauge_1.gain"), or in
             the experiment ("loads[0].force_x", "gravity[0]", "inputs.joint0.gain", "outputs.hub_angle.shift").
-        name: a short one. low, high: bounds. start: where the fit begins; None: the value that the arm has.
-        prior: mean and standard deviation of what is known otherwise, or None. size: a change that matters; None: the
-            size of the start. nuisance: it belongs to the logs that are fitted, and has its start in all others.
+        name: short name. low, high: bounds. start: initial value; None: the arm's value.
+        prior: mean and standard deviation of prior knowledge, or None. size: scale of a significant change; None: the
+            size of the start. nuisance: it belongs to the fitted logs only and keeps its start in all others.
     """
 
     path: str
@@ -90,8 +90,10 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Config:
-    """All of the file. time: column of the instants; start: of a run, as of a `Scene`; skip: s at its start that are
-    not compared."""
+    """Contents of the config file.
+
+    time: column of the instants; start: of a run, as of a `Scene`; skip: initial time, s, that is not compared.
+    """
 
     time: Channel
     inputs: tuple[Channel, ...]
@@ -110,7 +112,7 @@ class Config:
     seed: int = 0
 
     def chosen(self, names: tuple[str, ...] | None = None) -> tuple[Parameter, ...]:
-        """The parameters to be fitted, by name or key path."""
+        """Return the parameters to be fitted, by name or key path; names None: the config's own choice."""
         wanted = self.fit if names is None else names
         known = {key: p for p in self.parameters for key in (p.name, p.path)}
         for name in wanted:
@@ -128,7 +130,10 @@ _KEYS = (
 
 
 def read_config(source: str | os.PathLike[str] | Config, arm: Arm) -> Config:
-    """The Config in a TOML file or text, for an arm. Raises ValueError that names file, key path and value."""
+    """Read and validate the Config in a TOML file or text, for an arm.
+
+    Raises ValueError that names file, key path and value.
+    """
     if isinstance(source, Config):
         return source
     table, path = read_toml(source)
@@ -137,28 +142,35 @@ def read_config(source: str | os.PathLike[str] | Config, arm: Arm) -> Config:
 
 
 def _config(table: dict[str, Any], arm: Arm) -> Config:
+    """Build the Config from the file's table; ValueError that names key path and value."""
     check.known_keys("", table, _KEYS)
     n = arm.n_links
+    # inputs: one channel per driven joint
     inputs = _channels("inputs", table, False)
     for channel in inputs:
         if channel.name not in {f"{kind}{k}" for kind in INPUTS for k in range(n)}:
             what = f"must be {', '.join(f'{kind}K' for kind in INPUTS)}, with joint K from 0 to {n - 1}"
             raise check.InvalidValue("inputs", channel.name, what)
+    # at most one input per joint
     joints = [channel.joint for channel in inputs]
     if len(set(joints)) < len(joints):
         raise check.InvalidValue("inputs", [c.name for c in inputs], "must have one entry for each joint")
+    # sensors of the config, of the arm, or ideal ones
     sensors = table.get("sensors")
     own = arm.sensors or Sensors.ideal(arm.links)
     carried = own if sensors is None else from_table(check.table_of("sensors", sensors))
     experiment: dict[str, Any] = {key: table[key] for key in ("gravity", "loads") if key in table}
+    # the experiment decides whether the arm is computed in space
     space = arm.spatial or _leaves_the_plane(experiment)
     with check.under("sensors"):
         carried.check_for(arm.links, space)
+    # parameters with unique names
     parameters = tuple(_parameter(p, v) for p, v in check.table_of("parameters", table.get("parameters", {})).items())
     names = [p.name for p in parameters]
     for p in parameters:
         if names.count(p.name) > 1:
             raise check.InvalidValue(f'parameters."{p.path}".name', p.name, "must be the name of one parameter alone")
+    # solver, with the default formulation of plane or space
     usual = "geometrically_exact" if space else "elastica"
     solver = {"formulation": usual, **check.table_of("solver", table.get("solver", {}))}
     good = check.number("good", table.get("good", 70.0), "%", maximum=100.0)
@@ -174,6 +186,7 @@ def _config(table: dict[str, Any], arm: Arm) -> Config:
         evaluations=check.integer("evaluations", table.get("evaluations", 60), minimum=1), good=good,
         seed=check.integer("seed", table.get("seed", 0), minimum=0),
     )  # fmt: skip
+    # every output has to be a reading of some sensor
     known = carried.readings(arm, space)
     for channel in config.outputs:
         if channel.name not in known:
@@ -182,7 +195,7 @@ def _config(table: dict[str, Any], arm: Arm) -> Config:
 
 
 def _leaves_the_plane(experiment: Mapping[str, Any]) -> bool:
-    """Whether gravity has three numbers, or a load a force along z."""
+    """Whether the experiment needs an arm in space: gravity has three components, or a load has a force along z."""
     loads = check.sequence("loads", experiment.get("loads", ()), "tables")
     return np.size(experiment.get("gravity", ())) == 3 or any(
         "force_z" in check.table_of(f"loads[{i}]", load) for i, load in enumerate(loads)
@@ -190,6 +203,7 @@ def _leaves_the_plane(experiment: Mapping[str, Any]) -> bool:
 
 
 def _channels(what: str, table: Mapping[str, Any], offsets: bool) -> tuple[Channel, ...]:
+    """Read a table of channels, "inputs" or "outputs"; offsets: whether offsets may be fitted."""
     entries = check.table_of(what, check.needed("", table, what, "must be a table of channels and their columns"))
     if not entries:
         raise check.InvalidValue(what, entries, "must name at least one channel")
@@ -197,16 +211,21 @@ def _channels(what: str, table: Mapping[str, Any], offsets: bool) -> tuple[Chann
 
 
 def _channel(path: str, name: str, entry: Any, offsets: bool, keys: tuple[str, ...] = _CHANNEL) -> Channel:
-    """offsets: "fit" is allowed, and is what holds where nothing is said."""
+    """Read one channel, a column's name or a table.
+
+    offsets: whether offset = "fit" is allowed and the default. keys: accepted keys.
+    """
     table = {"column": entry} if isinstance(entry, str) else check.table_of(path, entry)
     check.known_keys(path, table, keys)
     column = check.text(f"{path}.column", check.needed(path, table, "column", "must be a column of the log"))
     kind = "angle" if name.endswith("_angle") else name.rstrip("0123456789")
+    # accepted units depend on the kind of channel
     known = _UNITS_OF.get(kind, tuple(UNITS))
     unit = UNITS[check.choice(f"{path}.unit", table["unit"], known)] if "unit" in table else 1.0
     gain = check.number(f"{path}.gain", table.get("gain", 1.0), "SI over the unit")
     if gain == 0.0:
         raise check.InvalidValue(f"{path}.gain", gain, "must not be 0, or nothing is left of the column")
+    # offset = "fit" (stored as None): a constant of each run
     offset, low_pass = table.get("offset", "fit" if offsets else 0.0), table.get("low_pass")
     fitted = offsets and offset == "fit"
     return Channel(
@@ -219,6 +238,7 @@ def _channel(path: str, name: str, entry: Any, offsets: bool, keys: tuple[str, .
 
 
 def _parameter(path: str, entry: Any) -> Parameter:
+    """Read one entry of the table of parameters and validate its bounds, start and prior."""
     where = f'parameters."{path}"'
     table = check.table_of(where, entry)
     check.known_keys(where, table, ("name", "low", "high", "start", "prior", "size", "nuisance"))
@@ -228,6 +248,7 @@ def _parameter(path: str, entry: Any) -> Parameter:
     )
     if not low < high:
         raise check.InvalidValue(where, (low, high), "must have low < high")
+    # optional start, prior (mean, standard deviation) and size
     start, prior, size = table.get("start"), table.get("prior"), table.get("size")
     if prior is not None:
         mean, spread = check.sequence(f"{where}.prior", prior, "mean and standard deviation", 2)

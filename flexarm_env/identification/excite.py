@@ -1,9 +1,9 @@
-"""Torques that make an arm tell what it is, within bounds: safe to be played to a real one, rich enough to fit to.
+"""Excitation torques for identification, within bounds: safe for a real arm, and informative.
 
-A sum of sines of random phases (Schroeder 1970; Ljung 1999, section 13.3) is the acceleration of a rigid arm's joints,
-every joint with frequencies of its own. It comes to rest at its end, where it began: what drifts is the difference
-between the arm and a rigid one alone. The torques are those of the rigid arm; how far they turn the flexible one, and
-some that differ from it, is simulated, and all is made smaller until it is within the bounds.
+The acceleration of a rigid arm's joints is a multisine with random phases (Schroeder 1970; Ljung 1999, section 13.3),
+each joint with its own frequencies. The motion begins and ends at rest in the same place, so that any drift measures
+the difference between the arm and a rigid one. The torques are the rigid arm's inverse dynamics. Simulations of the
+flexible arm, and of some perturbed arms, measure how far they turn; torques are reduced until all bounds hold.
 """
 
 import dataclasses
@@ -27,26 +27,26 @@ from flexarm_env.time_functions import linear_table
 from flexarm_env.validation import Array
 
 LINES = 12
-"""Frequencies of a joint."""
+"""Frequencies per joint."""
 SLOWEST = 3.0
-"""Periods of the lowest frequency in the whole."""
+"""Periods of the lowest frequency in the whole excitation."""
 BEYOND = 1.4
-"""The highest frequency, over that of the last mode that is to be excited."""
+"""Highest frequency over that of the highest mode to be excited."""
 FASTEST = 0.2
-"""No frequency is above this share of the rate."""
+"""Upper limit of all frequencies over the sampling rate."""
 TAPER = 0.1
-"""Share of the time that it takes to begin, and to end."""
+"""Duration of the fade-in, and of the fade-out, over the whole."""
 TRIES = 8
 
 
 @dataclass(frozen=True)
 class Excitation:
-    """What is played, and what was found of it.
+    """Excitation signal and its simulated effect.
 
     Attributes:
-        t (n,): s, evenly spaced. torques (n, N): N m, each held until the next. band: rad/s, the lowest and the highest
-            frequency. modes (M,): rad/s, frequencies of the arm's modes, joints free, that lie in it. angle: rad, by
-            how much a joint turns at most, of the arm and of those drawn. deflection: of a tip over its link, likewise.
+        t (n,): s, evenly spaced. torques (n, N): N m, each held until the next. band: rad/s, lowest and highest
+            frequency. modes (M,): rad/s, frequencies of the arm's modes in the band, joints free. angle: rad, largest
+            joint rotation of the arm and the perturbed arms. deflection: largest tip deflection over its link's length.
     """
 
     t: Array
@@ -57,7 +57,7 @@ class Excitation:
     deflection: float
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """A CSV file with the columns t, torque0, ..., whole or not at all. Raises OSError."""
+        """Write a CSV file atomically with the columns t, torque0, .... Raises OSError."""
         names = ["t", *(f"torque{k}" for k in range(self.torques.shape[1]))]
         rows = (",".join(f"{x:.12g}" for x in row) for row in np.column_stack([self.t, self.torques]).tolist())
         write_text(Path(path), "\n".join([",".join(names), *rows]) + "\n")
@@ -68,18 +68,18 @@ def excite(
     most_angle: float = 0.5, most_torque: float | None = None, most_deflection: float = 0.15, drawn: int = 8,
     spread: float = 2.0, seed: int = 0, **options: Any,
 ) -> Excitation:  # fmt: skip
-    """Torques for `flexarm run FILE.csv --to HOST:PORT`, or for any other player, that excite an arm within bounds.
+    """Design torques that excite an arm within bounds, for `flexarm run FILE.csv --to HOST:PORT` or any other player.
 
     Args:
-        arm: what is known of it; a name or a TOML file as well. Its joints are straight, at rest, and without gravity.
-        seconds: how long. rate: Hz, at which torques change. modes: how many flexible modes are to lie in the band, as
-            many as a fifth of the rate allows. most_angle: rad that a joint may turn to either side. most_torque: N m
-            that a motor may give; default: half of each one's limit. drawn: arms beside the given one for which the
-            bounds must hold, their EI, masses at the tip, hub inertia and damping each up to `spread` times more
-            or less. most_deflection: of each tip over its link's length, likewise. seed:
-            of phases and of these arms. options: of the solver, as `simulate` has them.
+        arm: prior knowledge of it; a name or a TOML file is accepted too. It starts straight, at rest, without gravity.
+        seconds: duration. rate: Hz, at which torques change. modes: number of flexible modes in the band, as far as a
+            fifth of the rate allows. most_angle: largest joint rotation to either side, rad. most_torque: largest motor
+            torque, N m; default: half of each joint's limit. drawn: number of perturbed arms for which the bounds must
+            hold too; their EI, tip masses, hub inertia and damping vary each by factors up to `spread`.
+            most_deflection: largest tip deflection over its link's length. seed: of phases and perturbed arms.
+            options: of the solver, as in `simulate`.
     Raises:
-        ValueError: a value that is not allowed; an arm without torque limits, where most_torque is not given.
+        ValueError: an invalid value; an arm without torque limits and no most_torque.
     """
     given = arms.resolve(arm)
     if given.spatial:
@@ -100,6 +100,7 @@ def excite(
     rng = np.random.default_rng(check.integer("seed", seed, minimum=0))
     scene = Scene("excited", given, duration=seconds, dt=0.25 / rate)
     options = {"formulation": "elastica", "nodes": 5, "estimate_error": False, **options}
+    # frequency band: from SLOWEST periods in the record to beyond the last mode, limited by the rate
     found = modes_of(scene, given.n_links + count, options["formulation"], nodes=5).frequencies[given.n_links :]
     low, fastest = 2.0 * np.pi * SLOWEST / seconds, 2.0 * np.pi * FASTEST * rate
     within = found[found < fastest]
@@ -109,10 +110,12 @@ def excite(
         raise check.InvalidValue("seconds", seconds, what)
     t = np.arange(round(seconds * rate) + 1) / rate
     motion = _motion(t, given.n_links, low, high, rng)
+    # the arm and its perturbed copies; first scale the torques to their limits
     lot = [given, *(_drawn(given, factor, rng) for _ in range(draws))]
     torques = _torques(given, motion, min(1.0, angle))
     torques *= min(1.0, float((most / np.abs(torques).max(axis=0)).min()))
     for _ in range(TRIES):
+        # simulate all arms; reduce the torques until both bounds hold
         turned, bent = np.array([_reach(one, scene, t, torques, options) for one in lot]).max(axis=0)
         if turned <= angle and bent <= bending:
             return Excitation(t, torques, (low, high), within, float(turned), float(bent))
@@ -122,13 +125,18 @@ def excite(
 
 
 def _motion(t: Array, joints: int, low: float, high: float, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-    """Angles, rates and accelerations (n, joints) of a rigid arm, the largest angle 1: at rest at both ends."""
+    """Generate angles, rates, accelerations (n, joints) of a rigid arm, at rest at both ends, largest angle 1.
+
+    t (n,): s. low, high: band, rad/s. Angles are sums of sin(w t + phase) / w^2 under a smooth window.
+    """
     length = t[-1]
     wanted = np.geomspace(low, high, LINES * joints) * length / (2.0 * np.pi)
     numbers = np.maximum.accumulate(np.round(wanted)) + 0.0
-    for k in range(1, len(numbers)):  # whole periods of the length, and no two alike
+    # whole periods in the record, all different
+    for k in range(1, len(numbers)):
         numbers[k] = max(numbers[k], numbers[k - 1] + 1.0)
     w = 2.0 * np.pi * numbers / length
+    # window: 10 e^3 - 15 e^4 + 6 e^5 at both ends, with its first and second derivative
     edge = np.clip(np.minimum(t, length - t) / (TAPER * length), 0.0, 1.0)
     speed = np.where(t < 0.5 * length, 1.0, -1.0) * (edge < 1.0) / (TAPER * length)
     window = edge**3 * (10.0 - 15.0 * edge + 6.0 * edge**2)
@@ -136,6 +144,7 @@ def _motion(t: Array, joints: int, low: float, high: float, rng: np.random.Gener
     bend = speed**2 * 60.0 * edge * (1.0 - edge) * (1.0 - 2.0 * edge)
     q, v, a = (np.zeros((len(t), joints)) for _ in range(3))
     for k, line in enumerate(w):
+        # product rule: each line goes to one joint in turn
         phase = line * t + rng.uniform(0.0, 2.0 * np.pi)
         s, c = np.sin(phase) / line**2, np.cos(phase) / line
         joint = k % joints
@@ -147,14 +156,15 @@ def _motion(t: Array, joints: int, low: float, high: float, rng: np.random.Gener
 
 
 def _torques(arm: Arm, motion: tuple[Array, Array, Array], angle: float) -> Array:
-    """Of the rigid arm, the largest angle of the motion being `angle`."""
+    """Inverse dynamics of the rigid arm (n, N), N m, for a motion scaled to a largest angle `angle`, rad."""
     q, v, a = (angle * x for x in motion)
     torques: Array = np.einsum("njk,nk->nj", rigid_inertia(arm, q[:, 1:]), a) + coriolis(arm, q[:, 1:], v)
     return torques
 
 
 def _drawn(arm: Arm, spread: float, rng: np.random.Generator) -> Arm:
-    """An arm whose stiffness, payload, hub and damping are up to so many times more or less, each by itself."""
+    """Draw a perturbed arm: stiffness, payload, hub inertia and damping each times a random factor 1/spread ...
+    spread."""
     stiff, heavy, hub, damping = spread ** rng.uniform(-1.0, 1.0, 4)
     payload = dataclasses.replace(arm.payload, mass=heavy * arm.payload.mass, inertia=heavy * arm.payload.inertia)
     links = tuple(dataclasses.replace(link, section=_stiffer(link.section, stiff)) for link in arm.links)
@@ -164,6 +174,7 @@ def _drawn(arm: Arm, spread: float, rng: np.random.Generator) -> Arm:
 
 
 def _stiffer(section: Any, factor: float) -> Any:
+    """Scale the bending stiffness of a section, a taper, or a list of (place, section)."""
     if isinstance(section, Section):
         return dataclasses.replace(section, EI=factor * section.EI)
     if isinstance(section, Taper):
@@ -172,7 +183,10 @@ def _stiffer(section: Any, factor: float) -> Any:
 
 
 def _reach(arm: Arm, scene: Scene, t: Array, torques: Array, options: dict[str, Any]) -> tuple[float, float]:
-    """The largest angle that a joint turns by, rad, and the largest deflection of a tip over its link."""
+    """Simulate an arm under the torques (n, N): largest joint rotation, rad, and tip deflection over length.
+
+    Both are inf if the simulation fails.
+    """
     loads = tuple(JointTorque(k, linear_table(t, torques[:, k])) for k in range(arm.n_links))
     run = simulate(dataclasses.replace(scene, arm=arm, loads=loads), sample=float(t[1]), **options)
     if not run.finished:

@@ -1,4 +1,4 @@
-"""Least squares: parameters for which an arm's readings come closest to those of the logs."""
+"""Least-squares fit: parameters for which an arm's readings are closest to those of the logs."""
 
 import hashlib
 import json
@@ -16,89 +16,98 @@ from .log import Run
 from .model import Experiment
 
 FIRST = 8
-"""Evaluations that each start gets before the best of them goes on alone."""
+"""Evaluations per start, before only the best one is continued."""
 
 HORIZONS = (0.05, 0.15, 0.4)
-"""Shares of the readings' variance up to which a run is fitted before all of it is. What rings for many periods fits
-in many wrong places where some periods more or less hardly matter; a few periods fit in one."""
+"""Shares of the readings' variance up to which a run is fitted before the whole run. A long vibration has many local
+minima that differ by whole periods; a few periods have one."""
 
 SPREAD = 0.5
-"""Further starts are drawn so many sizes around the first."""
+"""Further starts are drawn within this many sizes around the first."""
 
 ROUGH = 0.1
-"""What is taken for the relative size of residuals, as priors weigh against them, before it is known."""
+"""Assumed relative size of the residuals, against which priors are weighed, before it is known."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Residuals over parameters z = (value - start) / size, relative to each reading's standard deviation."""
+    """Least-squares problem in z = (value - start) / size; residuals relative to each reading's standard deviation."""
 
     experiment: Experiment
     runs: Sequence[Run]
 
     @property
     def sizes(self) -> Array:
-        """What a change of 1 in z is."""
+        """Parameter changes (p,) that correspond to a change of 1 in z."""
         found = []
         for p, x in zip(self.experiment.parameters, self.experiment.start, strict=True):
+            # given size, or start value, or a tenth of the bounds' distance
             found.append(p.size or abs(x) or 0.1 * (p.high - p.low))
         return np.array(found)
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """Of z."""
+        """Lower and upper bounds of z, (p,) each."""
         low, high = (np.array([getattr(p, end) for p in self.experiment.parameters]) for end in ("low", "high"))
         start, size = self.experiment.start, self.sizes
         return (low - start) / size, (high - start) / size
 
     def values(self, z: Array) -> Array:
-        """The parameters themselves."""
+        """Convert z (p,) to parameter values in their own units."""
         return np.asarray(self.experiment.start + self.sizes * z)
 
     def errors(self, z: Array) -> list[Array]:
-        """Prediction less log of each run (kept, outputs), over the log's standard deviation, offsets taken out."""
+        """Prediction minus log of each run (kept, outputs), over the log's standard deviation, no fitted offsets."""
         return [self._of_run(z, run) for run in self.runs]
 
     def _of_run(self, z: Array, run: Run) -> Array:
+        """Errors of one run (kept, outputs); see `errors`."""
         predicted = self.experiment.predict(self.values(z), run)
         columns = []
         for channel in self.experiment.config.outputs:
             y = run.outputs[channel.name][run.kept]
+            # prediction minus log, over the log's standard deviation
             e = predicted[channel.name][run.kept] - y
             columns.append((e - e.mean() if channel.offset is None else e) / y.std())
         return np.array(columns).T
 
     def slopes(self, z: Array, careful: bool = False) -> Array:
-        """Derivatives of all errors in a row by z, (n, p); careful: see `Experiment.slopes`."""
+        """Derivatives (n, p) of all errors by z, runs concatenated; careful: see `Experiment.slopes`."""
         blocks = []
         for run in self.runs:
             columns, found = [], self.experiment.slopes(self.values(z), run, self.sizes, careful)
             for channel in self.experiment.config.outputs:
                 d, scale = found[channel.name][run.kept], run.outputs[channel.name][run.kept].std()
                 columns.append((d - d.mean(axis=0) if channel.offset is None else d) / scale)
-            blocks.append(np.stack(columns, axis=1).reshape(-1, len(z)))  # an instant's outputs follow each other
+            # order of rows: by instant, then by output
+            blocks.append(np.stack(columns, axis=1).reshape(-1, len(z)))
         return np.concatenate(blocks)
 
     def priors(self, z: Array) -> Array:
-        """(value - mean) / deviation where there is a prior, otherwise 0."""
+        """Prior residuals (p,): (value - mean) / deviation for parameters with a prior, otherwise 0."""
         known = zip(self.experiment.parameters, self.values(z), strict=True)
         return np.array([0.0 if p.prior is None else (x - p.prior[0]) / p.prior[1] for p, x in known])
 
     def residuals(self, z: Array, noise: float) -> Array:
-        """All of them in a row, the priors at the end."""
+        """All errors and, at the end, the priors times `noise`, in one vector."""
         return np.concatenate([*(e.ravel() for e in self.errors(z)), noise * self.priors(z)])
 
     def jacobian(self, z: Array, noise: float) -> Array:
-        """Their derivatives by z."""
+        """Derivatives of `residuals` by z, (n + p, p)."""
         known = zip(self.experiment.parameters, self.sizes, strict=True)
+        # derivative of the priors, diagonal
         own = [0.0 if p.prior is None else noise * size / p.prior[1] for p, size in known]
         return np.concatenate([self.slopes(z), np.diag(own)])
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The best z, its cost, the costs of all starts, how many evaluations they took and how the last one ended; runs of
-    the arm, and parameters that were differentiated by runs of their own, with the reason."""
+    """Result of a fit.
+
+    z: best point. cost: sum of squared residuals. starts: costs of all starts. evaluations: their number. ended: the
+    optimizer's message. runs: number of simulations. by_differences: parameters differentiated by finite differences of
+    whole runs, with the reason.
+    """
 
     z: Array
     cost: float
@@ -110,11 +119,12 @@ class Fit:
 
 
 class Solver:
-    """Fits a problem from several starts; keeps what it has in a file, from which it goes on."""
+    """Fit a problem from several starts; the state is kept in a file, from which an interrupted fit resumes."""
 
     def __init__(
         self, problem: Problem, *, progress: Callable[[float], None] | None = None, state: Path | None = None
     ) -> None:
+        """Prepare a fit; progress: called with the share done. state: file of the saved state, or None."""
         self.problem, self.progress, self.state_file = problem, progress, state
         self.config = problem.experiment.config
         self.count, self.done = 0, 0.0
@@ -122,11 +132,12 @@ class Solver:
         self.state = self._read()
 
     def run(self) -> Fit:
-        """The best fit of all starts."""
+        """Fit from all starts and refine the best one."""
         noise, costs = ROUGH, []
         for k, z in enumerate(self._starts()):
             found = self.state["starts"][k] if k < len(self.state["starts"]) else None
             if found is None:
+                # short horizons first, except from the first start
                 for share in HORIZONS if k > 0 else ():
                     z = self._least_squares(z, noise, FIRST, share)[0]
                 z, cost, _ = self._least_squares(z, noise, FIRST)
@@ -134,9 +145,11 @@ class Solver:
                 self.state["starts"].append(found)
                 self._keep()
             costs.append(found[0])
+        # continue with the best start; priors are weighed again with the residuals' actual size
         best = self.state["starts"][int(np.argmin(costs))]
         z = np.array(self.state.get("best", best[1]))
         z, cost, ended = self._least_squares(z, noise, self.config.evaluations)
+        # weigh the priors against the residuals found
         if any(p.prior is not None for p in self.problem.experiment.parameters):
             errors = np.concatenate([e.ravel() for e in self.problem.errors(z)])
             z, cost, ended = self._least_squares(z, float(errors.std()), self.config.evaluations)
@@ -145,19 +158,36 @@ class Solver:
         return Fit(z, cost, tuple(costs), self.count, ended, own.runs, dict(own.by_differences))
 
     def _starts(self) -> list[Array]:
+        """Starting points z: the config's start, twice (the second goes through short horizons), then random ones."""
         low, high = self.problem.bounds
         rng = np.random.default_rng(self.config.seed)
         n = len(low)
+        # random starts within SPREAD sizes
         drawn = [np.clip(SPREAD * rng.uniform(-1.0, 1.0, n), low, high) for _ in range(self.config.starts - 2)]
         return [np.zeros(n), np.zeros(n), *drawn][: self.config.starts]
 
-    def _least_squares(self, z: Array, noise: float, most: int, share: float = 1.0) -> tuple[Array, float, str]:
-        """The best z from a z, its cost, how it ended; share: of the runs that are fitted."""
-        from scipy.optimize import least_squares
+    def polish(self, problem: Problem, z: Array, most: int) -> tuple[Array, float, str]:
+        """Fit a problem that differs little from this solver's, from a nearby z; returns z, cost and message.
 
+        most: number of evaluations.
+        """
+        errors = np.concatenate([e.ravel() for e in problem.errors(z)])
+        return self._search(problem, z, float(errors.std()), most)
+
+    def _least_squares(self, z: Array, noise: float, most: int, share: float = 1.0) -> tuple[Array, float, str]:
+        """Fit from z with at most `most` evaluations; returns z, cost and message. share: fitted part of the runs."""
         problem = self.problem
         if share < 1.0:
             problem = Problem(problem.experiment, [run.until(share) for run in problem.runs])
+        return self._search(problem, z, noise, most)
+
+    def _search(self, problem: Problem, z: Array, noise: float, most: int) -> tuple[Array, float, str]:
+        """Minimize the problem's residuals from z by a trust-region reflective method; returns z, cost and message.
+
+        noise: weight of the priors. most: number of evaluations.
+        """
+        from scipy.optimize import least_squares
+
         low, high = problem.bounds
 
         def f(x: Array) -> Array:
@@ -165,25 +195,30 @@ class Solver:
             return problem.residuals(x, noise)
 
         def slopes(x: Array) -> Array:
+            """Jacobian of the residuals at x; saves x during the final fit."""
+            # the final fit saves every iterate, so that it can be resumed
             if len(self.state["starts"]) == self.config.starts:  # the last fit, from the best of them
                 self.state["best"] = x.tolist()
                 self._keep()
             self._show_share(0.0)
             return problem.jacobian(x, noise)
 
+        # the method needs a strictly interior start
         inside = np.clip(z, low + 1e-9 * (high - low), high - 1e-9 * (high - low))
         found = least_squares(f, inside, slopes, bounds=(low, high), method="trf", max_nfev=most, ftol=1e-6, xtol=1e-5)
         return found.x, 2.0 * float(found.cost), str(found.message).strip()
 
     def _show_share(self, share: float) -> None:
+        """Report the progress, at least `share`, from the number of evaluations."""
         if self.progress is not None:
             whole = FIRST * (4 * self.config.starts - 3) + self.config.evaluations
             self.done = max(self.done, share, min(self.count / whole, 0.99))
             self.progress(self.done)
 
     def _key(self) -> str:
-        """Of what is fitted to what: a kept state of something else is not gone on from."""
+        """Hash of the problem and its data: a saved state of another problem is ignored."""
         config = self.config
+        # config, arm, parameters, then all data
         seed = repr((config, self.problem.experiment.arm, self.problem.experiment.parameters)).encode()
         digest = hashlib.sha256(seed)
         for run in self.problem.runs:
@@ -192,6 +227,7 @@ class Solver:
         return digest.hexdigest()
 
     def _read(self) -> dict[str, Any]:
+        """Read the saved state, or a fresh one if there is none for this problem."""
         fresh: dict[str, Any] = {"key": self.key, "starts": []}
         if self.state_file is None or not self.state_file.is_file():
             return fresh
@@ -202,5 +238,6 @@ class Solver:
         return kept if isinstance(kept, dict) and kept.get("key") == self.key else fresh
 
     def _keep(self) -> None:
+        """Save the state, if there is a file."""
         if self.state_file is not None:
             write_whole(self.state_file, json.dumps(self.state).encode())

@@ -1,4 +1,4 @@
-"""A run: the columns of a CSV file that a Config names, in SI, checked; what cannot be a good log is refused."""
+"""Measured runs: the columns of a CSV file named by a Config, in SI and validated; unusable logs are rejected."""
 
 from __future__ import annotations
 
@@ -16,15 +16,18 @@ from ..validation import Array
 from .config import Channel, Config
 
 UNEVEN = 0.02
-"""Share of the sampling interval by which instants may be off."""
+"""Accepted deviation of instants from even spacing, over the sampling interval."""
 
 SATURATED = 4
-"""So many samples in a row at the largest or smallest value of a column that moves are a sensor at its end."""
+"""Number of consecutive samples at a column's extreme value that indicates a saturated sensor."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """A log in SI: t (n,) from 0 on, evenly spaced; inputs and outputs (n,) by name; kept (n,): what is compared."""
+    """Log in SI units.
+
+    t (n,): s, from 0, evenly spaced; inputs and outputs (n,) by name; kept (n,): mask of the samples that are compared.
+    """
 
     stem: str
     t: Array
@@ -33,12 +36,16 @@ class Run:
     kept: NDArray[np.bool_]
 
     def until(self, share: float) -> Run:
-        """The run up to where its compared readings have so much of their variance."""
+        """Return the run up to the instant at which its compared readings have a share of their variance."""
+        # cumulative squared deviation of all readings
         power = np.zeros(len(self.t))
         for y in self.outputs.values():
             own = np.where(self.kept, y - y[self.kept].mean(), 0.0) ** 2
             power += own / own.sum()
-        n = max(int(np.searchsorted(np.cumsum(power), share * power.sum())), int(np.argmax(self.kept)) + 20) + 1
+        # at least 20 samples after the first change of each reading: an encoder may count nothing for a while
+        moved = [int(np.argmax(self.kept & (y != y[self.kept][0]))) for y in self.outputs.values()]
+        # first index with the share of the total
+        n = max(int(np.searchsorted(np.cumsum(power), share * power.sum())), max(moved) + 20) + 1
         inputs, outputs = ({name: x[:n] for name, x in of.items()} for of in (self.inputs, self.outputs))
         return Run(self.stem, self.t[:n], inputs, outputs, self.kept[:n])
 
@@ -49,14 +56,18 @@ class Run:
 
 
 class BadLog(ValueError):
-    """A log from which nothing can be learnt, in a sentence that names the file, the column and the row."""
+    """A log is unusable; the message names the file, the column and the row."""
 
 
 def read_run(path: str | os.PathLike[str], config: Config) -> Run:
-    """The run in a CSV file. Rows are those of the file: 1 names the columns. Raises BadLog, OSError."""
+    """Read and validate the run in a CSV file.
+
+    Rows are counted as in the file: row 1 names the columns. Raises BadLog, OSError.
+    """
     header, lines = csv_lines(path)
     where = os.fspath(path)
     channels = (config.time, *config.inputs, *config.outputs)
+    # every column once, every row complete
     for channel in channels:
         if header.count(channel.column) != 1:
             have = listed(header)
@@ -67,12 +78,14 @@ def read_run(path: str | os.PathLike[str], config: Config) -> Run:
         if any(cell.strip() for cell in line[len(header) :]):
             what = f"row {i + 2} has {len(line)} cells, and the header {len(header)}: are there commas in numbers?"
             raise BadLog(f"{where}: {what}")
+    # numbers, an exactly even time axis, and channels in SI
     columns = {c.name: _numbers(where, header.index(c.column), c, lines) for c in channels}
     t = columns[config.time.name] * config.time.factor
     period = _even(where, config.time.column, t)
     t = np.asarray(np.arange(len(t)) * period, np.float64)
     inputs = {c.name: _prepared(where, c, columns[c.name], t) for c in config.inputs}
     outputs = {c.name: _prepared(where, c, columns[c.name], t) for c in config.outputs}
+    # the initial `skip` seconds are not compared
     kept = t >= config.skip
     if kept.sum() < 20:
         raise BadLog(f"{where}: {t[-1]:.3g} s long, of which the first {config.skip:g} s are skipped: nothing is left")
@@ -82,6 +95,7 @@ def read_run(path: str | os.PathLike[str], config: Config) -> Run:
 
 
 def _numbers(where: str, k: int, channel: Channel, lines: list[list[str]]) -> Array:
+    """Parse column k (n,); BadLog for a cell that is not a finite number."""
     values = np.empty(len(lines))
     for i, line in enumerate(lines):
         cell = line[k].strip() if k < len(line) else ""
@@ -96,8 +110,9 @@ def _numbers(where: str, k: int, channel: Channel, lines: list[list[str]]) -> Ar
 
 
 def _even(where: str, column: str, t: Array) -> float:
-    """The sampling interval, s."""
+    """Validate the instants t (n,), s, and return the sampling interval, s; BadLog unless evenly spaced."""
     steps = np.diff(t)
+    # increasing, without gaps, and close to a straight line
     bad = np.flatnonzero(steps <= 0.0)
     if len(bad):
         i = int(bad[0])
@@ -120,7 +135,10 @@ def _even(where: str, column: str, t: Array) -> float:
 
 
 def _prepared(where: str, channel: Channel, values: Array, t: Array) -> Array:
-    """In SI, filtered, at the instants."""
+    """Convert a channel's values to SI, filter them, and shift them in time.
+
+    values (n,): of the column. t (n,): s.
+    """
     values = channel.factor * (values - (channel.offset or 0.0))
     period = t[1]
     if abs(channel.shift) >= t[-1]:
@@ -133,15 +151,17 @@ def _prepared(where: str, channel: Channel, values: Array, t: Array) -> Array:
             ends = f"{1.0 / t[-1]:.4g} Hz, one period in the log, and {0.5 / period:.4g} Hz, half the rate of samples"
             what = f"low_pass = {channel.low_pass:g} Hz must be between {ends}"
             raise BadLog(f"{where}: column {channel.column!r}: {what}")
+        # zero-phase low-pass
         values = sosfiltfilt(butter(2, channel.low_pass, fs=1.0 / period, output="sos"), values)
     return np.asarray(np.interp(t + channel.shift, t, values) if channel.shift else values)
 
 
 def _moves(where: str, channel: Channel, values: Array, kept: NDArray[np.bool_]) -> None:
-    """A column that never moves tells nothing; one that stays at its end is a saturated sensor."""
+    """Reject a column that never changes, or that stays at an extreme value because the sensor is saturated."""
     if np.ptp(values[kept]) == 0.0:
         since = "" if kept.all() else " where it is compared"
         raise BadLog(f"{where}: column {channel.column!r} never changes from {values[-1]:g}{since}")
+    # saturation: a plateau at the extreme value reached at high speed
     change = np.abs(np.diff(values))
     least, most = change[change > 0.0].min(), change.max()
     for end in (values.max(), values.min()):
@@ -151,7 +171,8 @@ def _moves(where: str, channel: Channel, values: Array, kept: NDArray[np.bool_])
             if values[j] != end or not (values[i : j + 1] == end).all() or (i > 0 and values[i - 1] == end):
                 continue
             steep = change[i - 2] if i >= 2 else 0.0
-            if steep > 20.0 * least and steep > 0.1 * most:  # a peak of its own would have slowed down before
+            # a true peak would have slowed down before
+            if steep > 20.0 * least and steep > 0.1 * most:
                 what = (
                     f"the value {end:g} stands for {SATURATED} samples and more: the sensor is at the end of its range"
                 )

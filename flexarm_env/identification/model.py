@@ -1,9 +1,11 @@
-"""From numbers to readings: an arm and an experiment with parameters put in by key path, run through a log's inputs."""
+"""Forward model of the fit: an arm and an experiment with parameters set by key path, simulated with a log's inputs."""
+
+from __future__ import annotations
 
 import dataclasses
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from copy import deepcopy
+from copy import copy, deepcopy
 from typing import Any
 
 import numpy as np
@@ -11,12 +13,13 @@ import numpy as np
 from flexarm_env import arms
 from flexarm_env import sensors as sensing
 from flexarm_env import validation as check
-from flexarm_env.accuracy import in_steps
+from flexarm_env.accuracy import finer_mesh, in_steps
 from flexarm_env.derivatives.runs import NotDifferentiable
 from flexarm_env.derivatives.runs import Run as Played
 from flexarm_env.parameters import Arm, Joint
 from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene
 from flexarm_env.sensors import Encoder
+from flexarm_env.settings import Settings
 from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import TimeFunction, constant, linear_table, spline_table
 from flexarm_env.trajectory import Trajectory
@@ -26,33 +29,30 @@ from .config import Channel, Config, Parameter
 from .log import Run
 
 OFFSET = 1e-5
-"""Of a parameter, in its sizes, between models whose equations are compared: see `runtime.sensitivity`."""
-
+"""Step of a parameter, in its sizes, for derivatives of a model's equations: see `runtime.sensitivity`."""
 STEP = 1e-4
-"""Likewise between whole runs, where nothing else serves."""
-
+"""Step for finite differences of whole runs, the fallback."""
 BEGUN: dict[str, Any] = {"low": -0.2, "high": 0.2, "start": 0.0, "size": 0.05, "nuisance": True}
-"""Of a joint's angle, rad, beyond its first reading, as a parameter."""
-
+"""Parameter of a joint's initial angle, rad, relative to its first reading."""
 LOST = 1e3
 """Readings, over their scale, of an arm whose run fails: far from any log."""
-
 _LOAD = {"link": 0, "end": "tip", "force_x": 0.0, "force_y": 0.0, "force_z": 0.0}
 
 
 class Experiment:
-    """An arm with its sensors, what acts on it beside the log's inputs, and the parameters that are to be found.
+    """An arm with its sensors, its loads beside the log's inputs, and the parameters to be found.
 
-    A joint that is driven starts where its first reading says. That one is off like all others: of each log that is
-    fitted (logs: their stems) the angle is a parameter too, where the reading is taken as it is (offset = 0.0).
+    A joint without prescribed angle starts at its first reading, which has the same error as all others. If the reading
+    is used as it is (offset = 0.0), the initial angle of each fitted log (logs: their stems) is a parameter too.
 
     Attributes:
-        parameters (p,): those that are asked for, then these.
-        start (p,): the values that the parameters begin with. runs: how many runs of the arm there were.
-        by_differences: parameters that were differentiated by whole runs, and why.
+        parameters (p,): the requested ones, then the initial angles. start (p,): their initial values.
+        runs: number of simulations. refinements: how often the config's time step ("step") was halved and its mesh
+            refined ("mesh"). by_differences: parameters differentiated by whole runs, with the reason.
     """
 
     def __init__(self, arm: Arm, config: Config, parameters: Sequence[Parameter], logs: Sequence[str] = ()) -> None:
+        """Build the experiment's table, locate every parameter in it, and validate start values and bounds."""
         assert config.sensors is not None
         self.arm, self.config = arm, config
         begun = [(log, k) for log in logs for k, offset in self._read_at_start().items() if offset is not None]
@@ -82,6 +82,7 @@ class Experiment:
             if any(place[0] == word for place in self._places):
                 self._table.setdefault(word, [{} for _ in range(count)])
         self.runs, self.by_differences = 0, dict[str, str]()
+        self.refinements = {"step": 0, "mesh": 0}
         self._kept: dict[tuple[str, int], tuple[bytes, Played | None]] = {}
         self._places_needed = any(not c.name.startswith("strain_gauge") for c in config.outputs)
         self._motions: dict[tuple[str, int], dict[str, TimeFunction]] = {}
@@ -96,7 +97,7 @@ class Experiment:
                 self._check_bound(k, f'parameters."{p.path}".{end}', getattr(p, end))
 
     def _check_bound(self, k: int, path: str, bound: float) -> None:
-        """ValueError where there is no such arm as a fit may come to."""
+        """Raise ValueError unless the arm exists with parameter k at this bound."""
         values = self.start.copy()
         values[k] = bound
         try:
@@ -108,7 +109,7 @@ class Experiment:
         return zip(self.parameters, self._places, strict=True)
 
     def _sensor_names(self) -> dict[str, tuple[Any, ...]]:
-        """Readings to places in the table of sensors."""
+        """Map names of readings to places in the table of sensors."""
         found = self.config.sensors
         assert found is not None
         names: dict[str, tuple[Any, ...]] = {
@@ -120,7 +121,7 @@ class Experiment:
         return names
 
     def _usual(self, parameter: Parameter, place: tuple[Any, ...]) -> float:
-        """The value that the arm, its sensors or the experiment have."""
+        """Return the value of the arm, its sensors or the experiment at a parameter's place."""
         value = _got(self._table, place)
         if value is None:
             value = _got(_whole(self.arm, self.config), place)
@@ -129,36 +130,36 @@ class Experiment:
         return float(value)
 
     def table(self, values: Array) -> dict[str, Any]:
-        """The experiment's table with the parameters at these values."""
+        """Return the experiment's table with the parameters at these values (p,)."""
         table = deepcopy(self._table)
         for place, value in zip(self._places, values, strict=True):
             _put(table, place, float(value))
         return table
 
     def arm_of(self, values: Array) -> Arm:
-        """The arm with its sensors. Raises ValueError where a value is none that an arm can have."""
+        """Return the arm with its sensors at these values (p,). Raises ValueError for values that no arm can have."""
         own = ("inputs", "outputs", "gravity", "loads", "starts")
         return arms.from_table({key: value for key, value in self.table(values).items() if key not in own})
 
     def elsewhere(self, values: Array) -> Array:
-        """The values for logs that were not fitted: what is a nuisance has its start."""
+        """Return the values (p,) for logs that were not fitted: nuisance parameters at their start."""
         return np.where([p.nuisance for p in self.parameters], self.start, values)
 
     def predict(self, values: Array, run: Run) -> dict[str, Array]:
-        """What the sensors read at the run's instants, by output, (n,); LOST where the arm's run fails."""
+        """Predict the sensors' readings at the run's instants, by output, (n,); `LOST` if the simulation fails."""
         return self._read(self._played(values, run), values, run)
 
     def _read(self, played: Played | None, values: Array, run: Run) -> dict[str, Array]:
+        """Return the readings of a simulation, by output (n,); None, a failed one, reads `LOST`."""
         if played is None:
             far = LOST * np.sign(run.t - run.t.mean())
             return {name: far * y.std() for name, y in run.outputs.items()}
         return self._readings(played.trajectory, self.table(values), run)
 
     def slopes(self, values: Array, run: Run, sizes: Array, careful: bool = False) -> dict[str, Array]:
-        """What `predict` changes by with each parameter over its size, by output, (n, p); 0 where the arm's run fails.
+        """Derivatives of `predict` by each parameter over its size, by output, (n, p); 0 if the simulation fails.
 
-        By `derivatives.Run`; of what has no derivative by differences of whole runs (named in `by_differences`),
-        forward ones, or with `careful` central ones of fourth order.
+        By `derivatives.Run`, else by differences of whole runs, forward or (`careful`) fourth-order central.
         """
         found = {name: np.zeros((len(run.t), len(values))) for name in run.outputs}
         played = self._played(values, run)
@@ -179,15 +180,17 @@ class Experiment:
         return found
 
     def _tangent(self, played: Played, here: Any, values: Array, run: Run, k: int, step: float) -> dict[str, Array]:
-        """What is read by parameter k: what is moved along, read by sensors that change as well."""
+        """Derivative of the readings (n,) by parameter k, by output: readings of the tangent motion of `played`."""
         around = self._around(values, k, step)
         others = [self._simulation(self._at(values, k, offset), run) for offset, _ in around]
+        # sensor parameters do not change the motion
         own, change = self._places[k][0] in ("sensors", "outputs"), np.zeros(())
         if not own:
             change = played.slopes([(other, *pair) for other, pair in zip(others, around, strict=True)])
         centre = -sum(weight for _, weight in around)
         total = {name: centre * y for name, y in here.items()}
         for other, (offset, weight) in zip(others, around, strict=True):
+            # readings of the linearly displaced motion, weighted
             trajectory = dataclasses.replace(played.trajectory, scene=other.scene)
             if not own:
                 trajectory = played.moved(other, offset * change, self._places_needed)
@@ -196,7 +199,7 @@ class Experiment:
         return total
 
     def _around(self, values: Array, k: int, step: float) -> list[tuple[float, float]]:
-        """Offsets of parameter k and weights; on one side next to a bound."""
+        """Offsets of parameter k and difference weights: central, or one-sided of second order next to a bound."""
         p = self.parameters[k]
         up, down = values[k] + step <= p.high, values[k] - step >= p.low
         if up and down:
@@ -213,13 +216,14 @@ class Experiment:
     def _difference(
         self, here: Mapping[str, Array], values: Array, run: Run, k: int, sizes: Array, careful: bool
     ) -> dict[str, Array]:
-        """The same by whole runs, away from a bound that is near."""
+        """Derivative of the readings (n,) by parameter k over its size, by output, by differences of whole runs."""
         p, step = self.parameters[k], STEP * sizes[k]
 
         def at(times: float) -> dict[str, Array]:
             moved = self._at(values, k, times * step)
             return self._read(self._play(moved, run), moved, run)
 
+        # fourth-order central difference
         if careful and p.low <= values[k] - 2.0 * step and values[k] + 2.0 * step <= p.high:
             a, b, c, d = at(1.0), at(-1.0), at(2.0), at(-2.0)
             return {n: (8.0 * (a[n] - b[n]) - (c[n] - d[n])) / (12.0 * STEP) for n in here}
@@ -227,7 +231,7 @@ class Experiment:
         return {name: (y - here[name]) / (ahead * STEP) for name, y in at(ahead).items()}
 
     def _readings(self, trajectory: Trajectory, table: Mapping[str, Any], run: Run) -> dict[str, Array]:
-        """What the outputs show of a trajectory."""
+        """Return the outputs' readings (n,) of a trajectory, with the channels' gain and delay."""
         sensors = trajectory.scene.arm.sensors
         assert sensors is not None
         read = trajectory.measured(_quiet(sensors, run.outputs))
@@ -238,25 +242,42 @@ class Experiment:
             found[name] = own["gain"] * (np.interp(run.t - late, run.t, read[name]) if late else read[name])
         return found
 
+    def anew(self, kind: str | None = None) -> Experiment:
+        """Copy without stored runs; with half the time step (kind "step") or a finer mesh ("mesh")."""
+        other = copy(self)
+        other._kept, other._motions = {}, {}
+        if kind is not None:
+            other.refinements = {**self.refinements, kind: self.refinements[kind] + 1}
+        return other
+
+    def settings(self, scene: Scene) -> Settings:
+        """Return the config's solver settings with the refinements applied."""
+        settings = scene.settings(**self.config.solver)
+        assert settings.dt is not None
+        for _ in range(self.refinements["mesh"]):
+            settings = finer_mesh(settings)
+        return settings.replace(dt=settings.dt / 2 ** self.refinements["step"])
+
     def _simulation(self, values: Array, run: Run) -> Simulation:
         scene = self._scene(self.arm_of(values), self.table(values), run)
-        return Simulation(scene, in_steps(scene, scene.settings(**self.config.solver), scene.duration, run.period))
+        return Simulation(scene, in_steps(scene, self.settings(scene), scene.duration, run.period))
 
     def _played(self, values: Array, run: Run) -> Played | None:
-        """The run of the arm; the last of each log is kept."""
+        """Return the simulation of a run; the last one of each log is cached."""
         key, at = (run.stem, len(run.t)), values.tobytes()
         if self._kept.get(key, (None, None))[0] != at:
             self._kept[key] = at, self._play(values, run)
         return self._kept[key][1]
 
     def _play(self, values: Array, run: Run) -> Played | None:
-        """The run of the arm; None where it fails. `simulate` would look for its errors as well."""
+        """Simulate a run once, without `simulate`'s error estimate; None if it fails."""
         self.runs += 1
         played = Played.of(self._simulation(values, run), run.period)
         good = played.trajectory.status == "ok" and len(played.trajectory.t) == len(run.t)
         return played if good else None
 
     def _scene(self, arm: Arm, table: Mapping[str, Any], run: Run) -> Scene:
+        """Build the run's scene: motions and torques from the log's inputs, loads, gravity, initial angles (rad)."""
         motions, angles, before = [], [0.0] * arm.n_links, 0.0
         loads: list[JointTorque | PointLoad] = []
         for channel in self.config.inputs:
@@ -273,6 +294,7 @@ class Experiment:
             forces = {name: constant(load[name]) for name in load if name.startswith("force")}
             loads.append(PointLoad(load["link"], load["end"], **forces))
         begun = table["starts"].get(run.stem, [0.0] * arm.n_links)
+        # joints without prescribed angle start at their first reading plus their parameter
         for k in self._read_at_start():
             angles[k] = float(run.outputs[f"{arm.joint_names[k]}_angle"][0]) + begun[k]
         absolute = []
@@ -286,14 +308,14 @@ class Experiment:
         )  # fmt: skip
 
     def _read_at_start(self) -> dict[int, float | None]:
-        """Joints that start where their reading says, and the offset that it has."""
+        """Return the joints that start at their first reading, with the reading's offset."""
         inputs, read = self.config.inputs, {c.name: c.offset for c in self.config.outputs}
         known = {} if all(c.moves for c in inputs) else dict(enumerate(self.arm.joint_names))
         driven = [c.joint for c in inputs if c.moves]
         return {k: read[of] for k, name in known.items() if (of := f"{name}_angle") in read and k not in driven}
 
     def _function(self, run: Run, channel: Channel, own: Mapping[str, float], kind: str) -> TimeFunction:
-        """The input over time: a spline of angles, straight lines of torques; kept while its numbers are the same."""
+        """Interpolate an input over time: splines for angles, straight lines for torques; cached for equal numbers."""
         kept, numbers = self._motions.setdefault((run.stem, len(run.t)), {}), (own["gain"], own["offset"], own["shift"])
         key = f"{channel.name} {numbers}"
         if key not in kept:
@@ -306,10 +328,7 @@ class Experiment:
 
 
 def _drive(arm: Arm, k: int, kind: str) -> tuple[float, Arm]:
-    """Joint torque per unit of a torque, current or voltage, and the arm that it acts on.
-
-    A voltage makes a current less by back_emf rate / resistance, which is viscous friction on the motor's side.
-    """
+    """Return the joint torque per unit of a torque, current or voltage, and the arm with back-emf as motor friction."""
     joint = arm.joint(k)
     if kind == "torque":
         return 1.0, arm
@@ -323,6 +342,7 @@ def _drive(arm: Arm, k: int, kind: str) -> tuple[float, Arm]:
     if joint.elastic and joint.friction_side == "link" and (joint.friction_viscous or joint.friction_coulomb):
         what = 'must be "motor" where a voltage drives an elastic gear: its back-emf brakes the motor\'s side'
         raise check.InvalidValue(f"joints[{k}].friction_side", joint.friction_side, what)
+    # torque = k n (U - k_e n rate) / R with gear ratio n
     emf = joint.motor.torque_constant if joint.motor.back_emf is None else joint.motor.back_emf
     brake = factor * emf * joint.gear_ratio / joint.motor.resistance
     own = dataclasses.replace(
@@ -333,8 +353,7 @@ def _drive(arm: Arm, k: int, kind: str) -> tuple[float, Arm]:
 
 
 def _quiet(given: sensing.Sensors, names: Iterable[str]) -> sensing.Sensors:
-    """The sensors that readings of these names need, without what is drawn and without steps: smooth functions of the
-    parameters."""
+    """Return the sensors needed for these readings, without noise and quantization: smooth functions of parameters."""
 
     def still(law: Any) -> Any:
         gain, bias = 0.5 * sum(law.gains), 0.5 * sum(law.biases)
@@ -357,7 +376,7 @@ def _quiet(given: sensing.Sensors, names: Iterable[str]) -> sensing.Sensors:
 
 # ------------------------------------------------------------------------------------------------- key paths
 def _place(path: str, sensors: Mapping[str, tuple[Any, ...]], arm: Arm) -> tuple[Any, ...]:
-    """ "links[0].section.EI" -> ("links", 0, "section", "EI"); ValueError where an arm has no such thing."""
+    """Parse a key path, "links[0].section.EI" -> ("links", 0, "section", "EI"); ValueError if an arm has none."""
     if not re.fullmatch(r"\w+(\[\d+\])*(\.\w+(\[\d+\])*)*", path):
         raise check.InvalidValue("parameters", path, "must be a key path such as links[0].section.EI")
     words: list[Any] = [int(w) if w.isdigit() else w for w in re.findall(r"\w+", path)]
@@ -371,7 +390,7 @@ def _place(path: str, sensors: Mapping[str, tuple[Any, ...]], arm: Arm) -> tuple
 
 
 def _check_place(path: str, place: Sequence[Any], table: Any) -> None:
-    """ValueError unless the table has such a place; what is optional, and not there, may come to be."""
+    """Raise ValueError unless the table has such a place, or one that is optional and absent."""
     where = ""
     for word in place:
         if table is None:
@@ -393,6 +412,7 @@ def _check_place(path: str, place: Sequence[Any], table: Any) -> None:
 
 
 def _got(table: Any, place: Sequence[Any]) -> Any:
+    """Return the entry of a nested table at a place, None if absent."""
     for word in place:
         try:
             table = table[word]
@@ -402,23 +422,24 @@ def _got(table: Any, place: Sequence[Any]) -> Any:
 
 
 def _put(table: Any, place: Sequence[Any], value: float) -> None:
+    """Set the number at a place of a nested table; of a symmetric tensor, both entries."""
     *before, last = place
     for word in before:
         above, table = table, table.setdefault(word, {}) if isinstance(table, dict) else table[word]
     table[last] = value
-    if isinstance(last, int) and isinstance(before[-1], int):  # of a tensor, which is symmetric
+    if isinstance(last, int) and isinstance(before[-1], int):
         above[last][before[-1]] = value
 
 
 def _lists(table: Any) -> Any:
-    """A table in which all can be put."""
+    """Copy a table with lists in place of tuples, so that entries can be set."""
     if isinstance(table, Mapping):
         return {key: _lists(value) for key, value in table.items()}
     return [_lists(value) for value in table] if isinstance(table, list | tuple) else table
 
 
 def _whole(arm: Arm, config: Config) -> dict[str, Any]:
-    """All numbers of an arm and its sensors, defaults among them, to be found by key path."""
+    """Return all numbers of an arm and its sensors by key path, defaults included."""
     table: dict[str, Any] = _lists(dataclasses.asdict(dataclasses.replace(arm, sensors=config.sensors)))
     joints = [dataclasses.asdict(arm.joint(k) if arm.joints else Joint()) for k in range(arm.n_links)]
     for i, link in enumerate(arm.links):

@@ -1,4 +1,4 @@
-"""What comes of an identification, and what it leaves behind: lines, a page, an arm's file, figures."""
+"""Result of an identification and its output: printed lines, a report page, an arm file, figures."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -24,7 +24,7 @@ from .uncertainty import Direction, Uncertainty
 
 @dataclass(frozen=True)
 class Prediction:
-    """Of one run by one model: readings by output; VAF and NRMSE, %, by output."""
+    """Prediction of one run by one model: readings (n,) by output; VAF and NRMSE, %, by output."""
 
     run: Run
     readings: Mapping[str, Array]
@@ -34,19 +34,19 @@ class Prediction:
 
 @dataclass(frozen=True, repr=False)
 class Identification:
-    """What came of it.
+    """Result of an identification.
 
     Attributes:
-        arm: as fitted, its sensors those of the arm that was given. given: that arm.
-        parameters, values (p,), start (p,): what was fitted, what came out, what the arm had. uncertainty: of values.
-        verdict: "good", or a sentence on why the fit is not to be trusted.
-        train, held_out: Predictions by the fitted arm, of runs held out without nuisances. unfitted, baseline: of the
-            same runs, training first, by the arm that was given and by one oscillator an output. oscillators: those:
-            frequency (Hz) and damping ratio, by output.
-        frequencies, damping: of the fitted arm with the prescribed joints held, Hz and ratios; seen: ringing read off
-            the runs, by output.
-        fit: how the fit went. ranges: factors for `randomization`. experiment: what was fitted, joints' angles at the
-            starts of logs with it. files: of the runs.
+        arm: as fitted, with the sensors of the given arm. given: that arm.
+        parameters, values (p,), start (p,): fitted parameters, their values, the arm's values before. uncertainty: of
+            the values. verdict: "good", or a sentence on why the fit should not be trusted.
+        train, held_out: Predictions by the fitted arm, of held-out runs without nuisances. unfitted, baseline: of the
+            same runs, training first, by the given arm and by one oscillator per output. oscillators: their frequency
+            (Hz) and damping ratio, by output.
+        frequencies, damping: of the fitted arm with the prescribed joints held, Hz and ratios; seen: ringing measured
+            in the runs, by output.
+        fit: record of the fit. ranges: factors for `randomization`. experiment: the fitted model, with the joints'
+            initial angles of the logs. files: of the runs.
     """
 
     arm: Arm
@@ -71,12 +71,13 @@ class Identification:
     files: Mapping[str, str]
 
     def __repr__(self) -> str:
+        """Show the arm's name, the verdict and the fitted values."""
         values = ", ".join(f"{p.name} {value:.4g}" for p, value in zip(self.parameters, self.values, strict=True))
         return f"<Identification of {self.given.name}: {self.verdict}; {values}>"
 
     @property
     def good(self) -> bool:
-        """Whether the fit is to be trusted."""
+        """Whether the fit can be trusted."""
         return self.verdict == "good"
 
     def save(self, folder: str | os.PathLike[str]) -> None:
@@ -93,15 +94,17 @@ class Identification:
                 draw(row, figure.subplots(2 * len(names), 1, sharex=True, height_ratios=[2, 1] * len(names)))
 
     def lines(self) -> dict[str, Any]:
-        """What the command prints, `name: value`: held-out runs plainly, all else under prefixes."""
+        """Return the command's output as `name: value`: held-out runs without prefix, everything else with one."""
         worth = self.uncertainty
         told: dict[str, Any] = {"verdict": self.verdict}
+        # parameters with their 95 % half widths
         for p, value, half in zip(self.parameters, self.values, worth.half, strict=True):
             told[f"parameter.{p.name}"] = (
                 f"{value:.6g} +- {half:.2g}" if np.isfinite(half) else f"{value:.6g} (at its bound)"
             )
         told["condition"] = worth.condition
         told["untold"] = ", ".join(worth.unidentifiable) or "none"
+        # unidentifiable combinations, and the best known ones of the same parameters
         for i, (blind, known) in enumerate(_pairs(self)):
             told[f"untold.{i + 1}"] = f"{direction(blind)}; told: {direction(known) if known else 'nothing of it'}"
         told["evaluations"], told["runs"] = self.fit.evaluations, self.fit.runs
@@ -109,6 +112,7 @@ class Identification:
         told["frequencies_hz"] = [round(float(f), 4) for f in self.frequencies]
         told["damping"] = [round(float(z), 5) for z in self.damping]
         n = len(self.train)
+        # VAF and NRMSE of the fitted arm, of the given arm and of one oscillator per output
         for prefix, rows in (
             ("train.", self.train), ("unfitted.train.", self.unfitted[:n]), ("baseline.train.", self.baseline[:n]),
             ("unfitted.", self.unfitted[n:]), ("baseline.", self.baseline[n:]),
@@ -122,35 +126,37 @@ class Identification:
 
 
 def _pairs(result: Identification) -> list[tuple[Direction, Direction | None]]:
-    """What is not told, and what of the same parameters is."""
+    """Pair each unidentifiable direction with the best known combination of the same parameters, or None."""
     worth = result.uncertainty
     by_names = {frozenset(known.shares): known for known in worth.identifiable}
     return [(blind, by_names.get(frozenset(blind.shares))) for blind in worth.directions]
 
 
 def direction(of: Direction) -> str:
-    """ "EI_1 +1.00, elbow +0.97 (95 %: +-0.004)": relative changes that go together, or are weighed together."""
+    """Format a direction as "EI_1 +1.00, elbow +0.97 (+-0.004)": relative changes that go together, 95 % half width."""
     parts = ", ".join(f"{name} {share:+.2f}" for name, share in of.shares.items())
     return f"{parts} (+-{of.deviation:.2g})"
 
 
 def draw(row: Prediction, axes: Any) -> None:
-    """Measured and predicted, and the residual below, for each output of a run."""
+    """Draw measured and predicted readings, and the residual below, for each output of a run."""
     run = row.run
     for k, name in enumerate(row.readings):
         above, below = axes[2 * k], axes[2 * k + 1]
+        # a wide gray line stays visible under a good fit
         above.plot(run.t, run.outputs[name], lw=2.6, color="#9a9a9a", label="measured")  # wide: seen under a good fit
         above.plot(run.t, row.readings[name], lw=0.9, color="#d1591b", label="predicted")
         above.set_title(f"{run.stem}, {name}: {row.vaf[name]:.1f} % of the variance")
         below.plot(run.t, run.outputs[name] - row.readings[name], lw=0.8, color="#1f5fa8", label="residual")
         for axis in (above, below):
+            # samples that are not compared
             axis.axvspan(0.0, run.t[~run.kept].max(initial=0.0), color="#eeeeee", lw=0)
             axis.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2, frameon=False)
     axes[-1].set_xlabel("t (s)")
 
 
 def arm_text(result: Identification) -> str:
-    """The fitted arm as a TOML file: [arm] with its source, [randomization], [identification]."""
+    """Format the fitted arm as a TOML file: [arm] with its source, [randomization], [identification]."""
     import tomli_w
 
     table = arms.to_table(result.arm)
@@ -158,6 +164,7 @@ def arm_text(result: Identification) -> str:
     paths = ", ".join(
         p.path for p in result.parameters if not p.path.startswith(("inputs", "outputs", "loads", "gravity"))
     )
+    # provenance of the numbers
     table["source"] = (
         f"flexarm identify on {datetime.now(UTC):%Y-%m-%d}: {paths} fitted to {trained}; the rest is that of "
         f"{result.given.name}: {result.given.source}"
@@ -171,18 +178,19 @@ def arm_text(result: Identification) -> str:
         "vaf_train": {row.run.stem: dict(row.vaf) for row in result.train},
         "vaf_held_out": {row.run.stem: dict(row.vaf) for row in result.held_out},
     }
+    # factors for domain randomization
     ranges = {key: list(value) for key, value in result.ranges.items()}
     return tomli_w.dumps({"arm": table, "randomization": ranges, "identification": own})
 
 
 def table_of(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A Markdown table."""
+    """Format a Markdown table."""
     text = ["| " + " | ".join(map(str, row)) + " |" for row in (header, ["---"] * len(header), *rows)]
     return "\n".join(text)
 
 
 def page(result: Identification) -> str:
-    """The report, Markdown."""
+    """Format the report as Markdown: parameters, correlations, predictions, frequencies and damping."""
     worth = result.uncertainty
     rows = [
         (f"`{p.path}`", p.name if p.name != p.path else "", f"{x0:.4g}", f"{x:.5g}",
@@ -199,6 +207,7 @@ def page(result: Identification) -> str:
         "independent samples.",
         _correlations(result),
     ]
+    # nuisance parameters belong to the fitted runs only
     own = [f"`{p.path}`" for p in result.parameters if p.nuisance]
     if own:
         parts.append(f"{', '.join(own)}: of the fitted runs alone; runs held out are predicted without.")
@@ -208,6 +217,7 @@ def page(result: Identification) -> str:
             parts.append(f"What is told of these: the sum of changes weighed {direction(known)}.")
     names = [c.name for c in result.config.outputs]
     n = len(result.train)
+    # VAF / NRMSE of each run by the fitted arm, the given arm and one oscillator
     judged: list[tuple[str, ...]] = []
     for i, row in enumerate((*result.train, *result.held_out)):
         for kind, of in (("fitted", row), ("before", result.unfitted[i]), ("one oscillator", result.baseline[i])):
@@ -222,12 +232,15 @@ def page(result: Identification) -> str:
 
 
 def _correlations(result: Identification) -> str:
+    """Format the lower triangle of the correlation matrix as a Markdown table."""
     names, c = [p.name for p in result.parameters], result.uncertainty.correlation
+    # lower triangle, padded to full rows
     rows = [(name, *(f"{c[i, j]:+.2f}" for j in range(i + 1))) for i, name in enumerate(names)]
     return table_of(("correlation", *names), [(*row, *[""] * (len(names) + 1 - len(row))) for row in rows])
 
 
 def _vibration(result: Identification) -> str:
+    """Format the frequencies (Hz) and damping ratios of the fitted arm, oscillators and measured ringing as a table."""
     rows = [(f"fitted arm, mode {k + 1}, prescribed joints held", f"{f:.3f}", f"{z:.4f}", "")
             for k, (f, z) in enumerate(zip(result.frequencies, result.damping, strict=True))]  # fmt: skip
     rows += [(f"one oscillator, {name}", f"{f:.3f}", f"{z:.4f}", "") for name, (f, z) in result.oscillators.items()]

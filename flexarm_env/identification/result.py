@@ -1,4 +1,4 @@
-"""The whole of it: logs in, a fit, what it is worth, and how well it predicts (`report.Identification`)."""
+"""Identification as a whole: read logs, fit, estimate uncertainty, evaluate predictions (`report.Identification`)."""
 
 import dataclasses
 import os
@@ -16,16 +16,18 @@ from flexarm_env.parameters import Arm
 from flexarm_env.scene import Scene
 
 from ..validation import Array
+from .channels import deviations
 from .config import Config, Parameter, read_config
+from .discretization import Resolved, resolve
 from .fit import Fit, Problem, Solver
 from .log import BadLog, Run, read_run
 from .model import Experiment
 from .report import Identification, Prediction
 from .signals import nrmse, oscillator, read_off, vaf
-from .uncertainty import Uncertainty, uncertainty
+from .uncertainty import Uncertainty
 
 FAR_OFF = 100.0
-"""A log whose readings or the arm's are so many times the other's is in another unit."""
+"""Ratio of a log's readings to the arm's, or its inverse, above which the log must be in another unit."""
 
 
 def identify(
@@ -38,20 +40,21 @@ def identify(
     out: str | os.PathLike[str] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Identification:
-    """Fit an arm to logs, and judge it on others.
+    """Fit an arm to logs and evaluate it on others.
 
     Args:
-        arm: where the fit begins: an Arm, a name, a TOML file. config: a TOML file or its text.
-        data, hold_out: CSV files, to fit to and to judge by. fit: names or key paths of the parameters to fit; None:
-            the config's. out: a folder for `Identification.save`; a fit that was interrupted goes on from there.
+        arm: initial guess: an Arm, a name, a TOML file. config: a TOML file or its text.
+        data, hold_out: CSV files for the fit and for the evaluation. fit: names or key paths of the parameters to fit;
+            None: the config's. out: a folder for `Identification.save`; an interrupted fit resumes from there.
         progress: called with the share done, 0 to 1.
     Raises:
-        ValueError: a value that is not allowed, by key path. BadLog (a ValueError): a log that cannot be used, by file,
-            column and row. OSError: a file that cannot be read or written.
+        ValueError: an invalid value, with its key path. BadLog (a ValueError): an unusable log, with file, column and
+            row. OSError: a file that cannot be read or written.
     """
     given = arms.resolve(arm)
     setup = read_config(config, given)
     parameters = setup.chosen(None if fit is None else tuple(fit))
+    # read the logs
     runs = [read_run(path, setup) for path in data]
     others = [read_run(path, setup) for path in hold_out]
     if not runs:
@@ -61,15 +64,20 @@ def identify(
         if stems.count(stem) > 1:
             raise check.InvalidValue("data", stem, "must be there once: two logs of one name cannot be told apart")
     files = {run.stem: os.fspath(p) for run, p in zip((*runs, *others), (*data, *hold_out), strict=True)}
+    # plausible units, then fit, then refine time step and mesh
     experiment = Experiment(given, setup, parameters, [run.stem for run in runs])
     for run in (*runs, *others):
         _units(experiment, run, files[run.stem])
+    # fit, then refine step and mesh
     problem = Problem(experiment, runs)
     state = None if out is None else Path(out) / "fit.json"
-    best = Solver(problem, progress=progress, state=state).run()
-    values = problem.values(best.z)
-    whole, n = uncertainty(problem, best.z), len(parameters)  # behind them stand the angles at the starts
+    solver = Solver(problem, progress=progress, state=state)
+    resolved = resolve(solver, solver.run())
+    problem, experiment, best, whole = resolved.problem, resolved.problem.experiment, resolved.fit, resolved.uncertainty
+    # the joints' initial angles follow the fitted parameters; they are not reported
+    values, n = problem.values(best.z), len(parameters)
     worth = dataclasses.replace(whole, half=whole.half[:n], correlation=whole.correlation[:n, :n])
+    # predictions of all runs by the fitted arm, the given arm and one oscillator per output
     everything = (*runs, *others)
     train = tuple(_judged(run, experiment.predict(values, run), setup) for run in runs)
     held = tuple(_judged(run, experiment.predict(experiment.elsewhere(values), run), setup) for run in others)
@@ -80,11 +88,12 @@ def identify(
     simple = {c.name: oscillator(runs, c.name, laws[c.name]) for c in setup.outputs}
     baseline = tuple(_judged(run, {n: o.predict(run) for n, o in simple.items()}, setup) for run in everything)
     found = experiment.arm_of(values)
+    # modes of the fitted arm with the prescribed joints held
     frequencies, damping = _modes(found, setup)
     result = Identification(
         arm=dataclasses.replace(found, sensors=given.sensors), given=given, config=setup, parameters=parameters,
         values=values[:n], start=experiment.start[:n], uncertainty=worth,
-        verdict=_verdict(problem, best, train, baseline), train=train, held_out=held, unfitted=unfitted,
+        verdict=_verdict(resolved, train, baseline), train=train, held_out=held, unfitted=unfitted,
         baseline=baseline, oscillators={name: (o.frequency, o.damping) for name, o in simple.items()},
         frequencies=frequencies, damping=damping,
         seen={c.name: [r for run in everything for r in read_off(run, c.name)] for c in setup.outputs},
@@ -96,13 +105,14 @@ def identify(
 
 
 def _units(experiment: Experiment, run: Run, where: str) -> None:
-    """A log is in the units that the config says, or it looks like no motion of this arm."""
+    """Raise BadLog if a log's values look like another unit than the config's, compared with the arm's own motion."""
     for name, values in run.inputs.items():
         if name.startswith(("joint", "motor")) and np.abs(values).max() > 100.0:
             raise BadLog(f"{where}: {name} reaches {np.abs(values).max():.4g} rad: another unit than the config says?")
     predicted = experiment.predict(experiment.start, run)
     for channel in experiment.config.outputs:
         y, own = run.outputs[channel.name], predicted[channel.name]
+        # ratio of standard deviations, log over arm
         ratio = float(np.std(y[run.kept])) / max(float(np.std(own[run.kept])), 1e-300)
         if not 1.0 / FAR_OFF < ratio < FAR_OFF:
             angle = ", ".join(f"{c.column!r}" for c in experiment.config.inputs)
@@ -113,9 +123,11 @@ def _units(experiment: Experiment, run: Run, where: str) -> None:
 
 
 def _judged(run: Run, readings: Mapping[str, Array], config: Config) -> Prediction:
+    """Evaluate predicted readings of a run: VAF and NRMSE, %, by output; a fitted offset is added to the readings."""
     explained, error, shown = {}, {}, {}
     for channel in config.outputs:
         y, own = run.outputs[channel.name], readings[channel.name]
+        # the fitted offset of a run
         if channel.offset is None:
             own = own + float(np.mean((y - own)[run.kept]))
         shown[channel.name] = own
@@ -125,26 +137,29 @@ def _judged(run: Run, readings: Mapping[str, Array], config: Config) -> Predicti
 
 
 def _modes(arm: Arm, config: Config) -> tuple[Array, Array]:
-    """Of the arm as it lies straight, prescribed joints held, Hz and damping ratios."""
+    """Frequencies, Hz, and damping ratios of the straight arm's modes with the prescribed joints held."""
     held = tuple(c.joint for c in config.inputs if c.moves)
     solver = {key: value for key, value in config.solver.items() if key not in ("formulation", "dt")}
     rest = Scene("rest", arm, duration=1.0, dt=0.005, space=config.space)
     try:
         found = modes(rest, 4, config.solver["formulation"], clamped=held, **solver)
-    except ValueError:  # an elastic gear whose motor has no inertia, driven by nothing
+    except ValueError:  # an elastic gear with a massless, undriven motor
         return np.zeros(0), np.zeros(0)
     moving = found.frequencies > 1e-6
     return found.frequencies[moving] / (2.0 * np.pi), found.damping[moving]
 
 
 BEATEN = 4.0
-"""A fit is poor that leaves so many times what one oscillator leaves of an output unexplained, and more than 2 %."""
+"""A fit is poor if its unexplained variance exceeds this many times one oscillator's, and 2 %."""
 
 
-def _verdict(problem: Problem, best: Fit, train: Sequence[Prediction], baseline: Sequence[Prediction]) -> str:
-    """Whether a fit may be presented as good."""
+def _verdict(resolved: Resolved, train: Sequence[Prediction], baseline: Sequence[Prediction]) -> str:
+    """Return "good", or a sentence that starts with "poor" or "suspect" and explains why."""
+    problem, best = resolved.problem, resolved.fit
     least = problem.experiment.config.good
     poor = [f"{p.vaf[n]:.1f} % of {n} in {p.run.stem}" for p in train for n in p.vaf if not p.vaf[n] >= least]
+    # tests in order of severity: swapped columns, low VAF, worse than one oscillator, coarse mesh, contradicting
+    # columns
     swapped = _swapped(problem, best)
     if swapped:
         return f"poor: the readings follow {swapped} better: are columns swapped?"
@@ -155,17 +170,23 @@ def _verdict(problem: Problem, best: Fit, train: Sequence[Prediction], baseline:
             if 100.0 - share > max(2.0, BEATEN * (100.0 - simple.vaf[n])):
                 what = f"explains {share:.1f} % of {n} in {p.run.stem}, one oscillator {simple.vaf[n]:.1f} %"
                 return f"poor: the fitted arm {what}: a number that is not fitted may be wrong"
-    return "good"
+    if resolved.coarse:
+        what = f"time step and mesh move {', '.join(resolved.coarse)} by more than the 95 % interval"
+        return f"poor: {what}: take a smaller `dt` or a finer mesh in [solver]"
+    told = [one for one in deviations(problem, best.z) if one.contradicts]
+    return f"suspect: {told[0].sentence}: {told[0].remedy}" if told else "good"
 
 
 def _swapped(problem: Problem, best: Fit) -> str:
-    """The columns in whose places the outputs' ones would fit better, the parameters following; "" where none would."""
+    """Name two columns whose exchange would fit better, with the parameters adjusted to first order; "" if none."""
     pairs = combinations(problem.experiment.config.outputs, 2)
+    # only outputs of the same kind can be confused
     alike = [(a, b) for a, b in pairs if a.name.split("_")[:2] == b.name.split("_")[:2]]
     if not alike:
         return ""
 
     def errors(runs: Sequence[Run], z: Array) -> Array:
+        """Concatenate the errors of runs at z."""
         return np.concatenate([e.ravel() for e in Problem(problem.experiment, runs).errors(z)])
 
     J = problem.slopes(best.z)
@@ -175,6 +196,7 @@ def _swapped(problem: Problem, best: Fit) -> str:
         for run in problem.runs:
             outputs = {**run.outputs, a.name: run.outputs[b.name], b.name: run.outputs[a.name]}
             changed.append(dataclasses.replace(run, outputs=outputs))
+        # residual after one Gauss-Newton step
         e = errors(changed, best.z)
         if float(np.square(e - J @ np.linalg.lstsq(J, e, rcond=None)[0]).sum()) < 0.7 * own:
             return f"{b.column!r} and {a.column!r} the other way round"
@@ -183,13 +205,14 @@ def _swapped(problem: Problem, best: Fit) -> str:
 
 # ------------------------------------------------------------------------------------------------- randomization
 def _ranges(parameters: Sequence[Parameter], values: Array, worth: Uncertainty) -> dict[str, tuple[float, float]]:
-    """Factors on the fitted arm: the widest 95 % interval of what each key of `randomization` scales."""
+    """Randomization factors on the fitted arm: the widest 95 % interval among the parameters of each key."""
     kinds = {"EI": "EI", "payload": "mass", "damping": "tau_d", "torque_constant": "torque_constant"}
     found: dict[str, tuple[float, float]] = {}
     for p, value, half in zip(parameters, values, worth.half, strict=True):
         for key, word in kinds.items():
             mine = p.path.endswith(f".{word}") or p.path == word
             if mine and (key != "payload" or p.path.startswith("payload")) and value > 0.0 and np.isfinite(half):
+                # relative half width, at most 0.5
                 share = min(half / value, 0.5)
                 low, high = found.get(key, (1.0, 1.0))
                 found[key] = float(min(low, round(1.0 - share, 4))), float(max(high, round(1.0 + share, 4)))
@@ -197,7 +220,7 @@ def _ranges(parameters: Sequence[Parameter], values: Array, worth: Uncertainty) 
 
 
 def randomization(path: str | os.PathLike[str]) -> dict[str, tuple[float, float]]:
-    """The ranges in an arm.toml that `identify` wrote, for an environment's `randomization`. Raises ValueError."""
+    """Read the randomization ranges from an arm.toml written by `identify`, for an environment. Raises ValueError."""
     table, _ = read_toml(path)
     with check.in_file(path):
         ranges = check.table_of("randomization", check.needed("", table, "randomization", "must be a table of ranges"))

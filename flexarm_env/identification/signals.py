@@ -1,4 +1,4 @@
-"""Numbers about signals: how much of one another explains, ringing, decay by amplitude; the simplest of models."""
+"""Signal measures: variance accounted for, NRMSE, ringing, amplitude-dependent decay, and a one-oscillator model."""
 
 from dataclasses import dataclass
 
@@ -15,20 +15,21 @@ from .log import Run
 def vaf(measured: Array, predicted: Array) -> float:
     """Variance accounted for, %: 100 (1 - var(measured - predicted) / var(measured)); offsets do not count.
 
-    Raises ValueError for a log that does not move, or a prediction of another length; so does `nrmse`.
+    Raises ValueError for a constant log, or a prediction of another length; so does `nrmse`.
     """
     measured, predicted = _comparable(measured, predicted)
     return float(100.0 * (1.0 - np.var(measured - predicted) / np.var(measured)))
 
 
 def nrmse(measured: Array, predicted: Array, offset: bool) -> float:
-    """Root mean square of the error over the log's standard deviation, %; offset: of the error less its mean."""
+    """Root mean square error over the log's standard deviation, %; offset: whether the error's mean is removed."""
     measured, predicted = _comparable(measured, predicted)
     e = measured - predicted
     return float(100.0 * np.sqrt(np.mean((e - e.mean() if offset else e) ** 2)) / np.std(measured))
 
 
 def _comparable(measured: Array, predicted: Array) -> tuple[Array, Array]:
+    """Validate two signals of equal length, the measured one not constant."""
     measured, predicted = check.array("measured", measured, ("n",)), check.floats("predicted", predicted)
     if predicted.shape != measured.shape:
         raise check.InvalidValue("shape of predicted", predicted.shape, f"must be that of measured, {measured.shape}")
@@ -40,8 +41,11 @@ def _comparable(measured: Array, predicted: Array) -> tuple[Array, Array]:
 # -------------------------------------------------------------------------------------------- ringing, free decay
 @dataclass(frozen=True)
 class Ringing:
-    """A damped cosine found in a stretch of a signal: frequency (Hz), damping ratio, amplitude at the stretch's start;
-    start: s; error: of the cosine, over the stretch's standard deviation."""
+    """Damped cosine fitted to an interval of a signal.
+
+    start: s. frequency: undamped, Hz. damping: ratio. amplitude: at the interval's start, in the signal's unit. error:
+    root mean square of the fit's residual, over the interval's standard deviation.
+    """
 
     start: float
     frequency: float
@@ -51,12 +55,13 @@ class Ringing:
 
 
 def ringing(t: Array, y: Array, low: float = 0.0, high: float = np.inf) -> Ringing | None:
-    """The strongest damped cosine of a signal between two frequencies (Hz), or None where there is none.
+    """Fit the strongest damped cosine of a signal y (n,) between two frequencies, Hz; None if there is none.
 
     A spectrum's peak, then least squares of offset + exp(-d t) (a cos w t + b sin w t).
     """
     from scipy.optimize import least_squares
 
+    # zero-padded spectrum with a Hann window; at least 1.5 periods in the interval
     s, dt = t - t[0], (t[-1] - t[0]) / (len(t) - 1)
     n = 8 * len(y)
     power = np.abs(np.fft.rfft((y - y.mean()) * np.hanning(len(y)), n)) ** 2
@@ -67,17 +72,20 @@ def ringing(t: Array, y: Array, low: float = 0.0, high: float = np.inf) -> Ringi
     peak = f[allowed][power[allowed].argmax()]
 
     def parts(x: Array) -> tuple[Array, Array]:
+        """Solve for the linear coefficients (a, b, offset), given x = (w, d) in rad/s and 1/s."""
         wave = np.exp(-x[1] * s)[:, None] * np.array([np.cos(x[0] * s), np.sin(x[0] * s)]).T
         table = np.column_stack([wave, np.ones_like(s)])
         return table, np.linalg.lstsq(table, y, rcond=None)[0]
 
     def error(x: Array) -> Array:
+        """Residual of the fit over the signal's standard deviation."""
         table, c = parts(x)
         return np.asarray((table @ c - y) / (y.std() + 1e-300))
 
     w = 2.0 * np.pi * peak
     found = least_squares(error, [w, 0.02 * w], bounds=([0.7 * w, -0.2 * w], [1.3 * w, 0.5 * w]), x_scale=[w, 0.02 * w])
     c = parts(found.x)[1]
+    # undamped frequency sqrt(w^2 + d^2), damping ratio d over it
     natural = float(np.hypot(*found.x))
     return Ringing(
         float(t[0]), natural / (2.0 * np.pi), float(found.x[1] / natural), float(np.hypot(c[0], c[1])),
@@ -86,13 +94,13 @@ def ringing(t: Array, y: Array, low: float = 0.0, high: float = np.inf) -> Ringi
 
 
 def free_decay(t: Array, y: Array, *, periods: float = 4.0, high: float = np.inf) -> list[Ringing]:
-    """Frequency and damping by amplitude of a decay record: a Ringing for each stretch, the largest amplitude first.
+    """Measure frequency and damping by amplitude in a decay record: one Ringing per interval, largest amplitude first.
 
     Args:
-        t (n,): s, evenly spaced. y (n,): what rings, in any unit. periods: of the ringing in each stretch.
-        high: Hz, above which nothing is looked for.
+        t (n,): s, evenly spaced. y (n,): vibration signal, in any unit. periods: vibration periods per interval.
+        high: upper limit of the frequency, Hz.
     Raises:
-        ValueError: fewer than two stretches, or nothing rings.
+        ValueError: fewer than two intervals, or no vibration.
     """
     t, y = check.column("t", t, "s"), check.column("y", y)
     if len(t) != len(y) or len(t) < 20:
@@ -101,9 +109,11 @@ def free_decay(t: Array, y: Array, *, periods: float = 4.0, high: float = np.inf
     if not 0.0 < steps.max() < 1.5 * np.median(steps) or steps.min() < 0.5 * np.median(steps):
         raise check.InvalidValue("t", t, "must be evenly spaced instants, each after the one before (s)")
     periods = check.number("periods", periods, above=0.0)
+    # dominant frequency of the whole record, which sets the intervals' length
     whole = ringing(t, y, high=high)
     if whole is None or whole.error > 0.9:
         raise check.InvalidValue("y", y, "must ring: no damped cosine is found in it")
+    # half-overlapping intervals of equal length
     size = round(periods / whole.frequency / (t[1] - t[0]))
     if size < 8 or len(t) < 2 * size:
         what = f"must hold two stretches of {periods:g} periods of {whole.frequency:.3g} Hz, of 8 samples and more each"
@@ -115,11 +125,12 @@ def free_decay(t: Array, y: Array, *, periods: float = 4.0, high: float = np.inf
 
 
 STILL = 0.02
-"""Inputs are still where their rates are below this share of their largest."""
+"""Inputs count as still while their rates are below this share of their largest rate."""
 
 
 def read_off(run: Run, name: str) -> list[Ringing]:
-    """Ringing of an output wherever the run's inputs are still for 1.5 s."""
+    """Fit the ringing of an output in every interval in which the run's inputs are still for at least 1.5 s."""
+    # intervals with all inputs still
     still = np.ones(len(run.t), bool)
     for values in run.inputs.values():
         rate = np.abs(np.gradient(values, run.period))
@@ -127,6 +138,7 @@ def read_off(run: Run, name: str) -> list[Ringing]:
     size, found = round(1.5 / run.period), []
     width = max(1, round(0.1 / run.period))
     still &= run.kept
+    # ignore interruptions shorter than 0.1 s
     smooth = np.convolve(still, np.ones(width), "same") > 0.7 * width
     for first, end in np.flatnonzero(np.diff(smooth, prepend=False, append=False)).reshape(-1, 2):
         if end - first >= size:
@@ -138,8 +150,10 @@ def read_off(run: Run, name: str) -> list[Ringing]:
 # -------------------------------------------------------------------------------------------- one oscillator
 @dataclass(frozen=True)
 class Oscillator:
-    """y'' + 2 damping w y' + w^2 y = sum of gains times the inputs (accelerations where angles are prescribed),
-    through the sensor's filter; w = 2 pi frequency."""
+    """Linear oscillator y'' + 2 damping w y' + w^2 y = sum of gains times inputs, with the sensor's filter; w = 2 pi f.
+
+    frequency f: Hz. Inputs that prescribe angles count with their accelerations.
+    """
 
     frequency: float
     damping: float
@@ -147,15 +161,19 @@ class Oscillator:
     law: Law
 
     def predict(self, run: Run) -> Array:
-        """Its reading, (n,)."""
+        """Return the oscillator's reading (n,) for a run's inputs."""
         return np.asarray(_through(run, self.frequency, self.damping, self.law) @ np.array(self.gains))
 
 
 def _through(run: Run, frequency: float, damping: float, law: Law) -> Array:
-    """What the oscillator makes of each input, (n, inputs)."""
+    """Filter each input by the oscillator with unit gain and the sensor's low-pass, (n, inputs).
+
+    frequency: Hz. damping: ratio. law: of the sensor.
+    """
     from scipy.signal import cont2discrete, lfilter, ss2tf
 
     def second(w: float, damping: float, gain: float) -> tuple[Array, Array]:
+        """State space (A, B) of y'' + 2 damping w y' + w^2 y = gain u with states (y, y'/w)."""
         return np.array([[0.0, w], [-w, -2.0 * damping * w]]), np.array([[0.0], [gain / w]])
 
     filters = [second(2.0 * np.pi * frequency, damping, 1.0)]
@@ -165,9 +183,11 @@ def _through(run: Run, frequency: float, damping: float, law: Law) -> Array:
         filters.append(own)
     columns = []
     for name, u in run.inputs.items():
-        if name.startswith(("joint", "motor")):  # an angle, whose acceleration is felt
+        # angles excite the oscillator by their acceleration
+        if name.startswith(("joint", "motor")):
             u = spline_table(run.t, u)(run.t, derivative=2)
         for A, B in filters:
+            # first-order-hold discretization, then filtering
             C = np.zeros((1, len(A)))
             C[0, 0] = 1.0
             a, b, c, d, _ = cont2discrete((A, B, C, [[0.0]]), run.period, "foh")
@@ -178,18 +198,23 @@ def _through(run: Run, frequency: float, damping: float, law: Law) -> Array:
 
 
 def oscillator(runs: list[Run], name: str, law: Law) -> Oscillator:
-    """The one that comes closest to an output of all runs, offsets left out; law: of its sensor."""
+    """Fit the oscillator closest to an output of all runs, without offsets; law: of its sensor.
+
+    Grid over the frequency (25 values, 0.3 to 30 Hz), then least squares in log frequency and log damping.
+    """
     from scipy.optimize import least_squares
 
     target = np.concatenate([y - y.mean() for y in (run.outputs[name][run.kept] for run in runs)])
 
     def solved(x: Array) -> tuple[Array, Array]:
+        """Relative residual, and the gains, which are linear; x: logarithms of frequency and damping ratio."""
         tables = [_through(run, float(np.exp(x[0])), float(np.exp(x[1])), law)[run.kept] for run in runs]
         table = np.concatenate([columns - columns.mean(axis=0) for columns in tables])
         gains = np.linalg.lstsq(table, target, rcond=None)[0]
         return np.asarray(table @ gains - target) / target.std(), gains
 
     top = 0.4 / max(run.period for run in runs)
+    # frequencies up to 0.4 of the sampling rate
     grid = [
         np.array([np.log(f), np.log(0.03)]) for f in np.geomspace(max(0.3, 2.0 / runs[0].t[-1]), min(top, 30.0), 25)
     ]

@@ -1,9 +1,9 @@
-"""What a fit is worth: intervals of its parameters, which of them the logs cannot tell, which combinations they can.
+"""Uncertainty of a fit: parameter intervals, unidentifiable parameters, and identifiable combinations.
 
-Residuals of a model that is not quite right, and of filtered sensors, are alike from sample to sample. The covariance
-is the sandwich (J'J)^-1 S (J'J)^-1 of a heteroskedasticity- and autocorrelation-consistent S (Newey & West 1987), with
-the bandwidth of Andrews (1991) and quantiles of Student's t with as many degrees of freedom as S has (Kiefer &
-Vogelsang 2005: 1.5 n over the bandwidth of Bartlett's kernel); it is never less than that of independent residuals.
+Residuals of a slightly wrong model, and of filtered sensors, are correlated between samples. The covariance is the
+sandwich (J'J)^-1 S (J'J)^-1 with a heteroskedasticity- and autocorrelation-consistent S (Newey & West 1987), the
+bandwidth of Andrews (1991), and quantiles of Student's t with the degrees of freedom of S (Kiefer & Vogelsang 2005:
+1.5 n over the bandwidth of Bartlett's kernel). It is never smaller than that of independent residuals.
 """
 
 from collections.abc import Sequence
@@ -16,21 +16,24 @@ from ..validation import Array
 from .fit import Problem
 
 UNTOLD = 0.5
-"""A parameter whose 95 % interval reaches further than so many of its sizes to either side is not told."""
+"""A parameter is unidentifiable if its 95 % half width exceeds this many of its sizes."""
 
 SHOWN = 0.2
-"""Parameters whose share in a direction, over the largest, is less are not named."""
+"""Smallest share of a parameter in a direction, over the largest share, at which it is named."""
 
 AT_BOUND = 1e-4
-"""A parameter is at a bound where it is nearer to it than so much of their distance."""
+"""A parameter is at a bound if its distance is below this share of the bounds' distance."""
 
 SMALLEST = 1e-7
-"""Singular values of the derivatives are taken as at least this over the largest."""
+"""Lower limit of the derivatives' singular values over the largest."""
 
 
 @dataclass(frozen=True)
 class Direction:
-    """Changes of parameters in sizes of theirs, the largest 1, that go together; deviation: 95 %, of the largest."""
+    """Combination of parameter changes in units of their sizes, the largest 1.
+
+    deviation: 95 % half width of the combination, in units of the largest change.
+    """
 
     shares: dict[str, float]
     deviation: float
@@ -38,17 +41,18 @@ class Direction:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Of a fit.
+    """Uncertainty of a fit.
 
     Attributes:
         half (p,): half widths of the 95 % intervals, in the parameters' units. correlation (p, p).
-        condition: of the derivatives by parameters in their sizes. at_bound: names of parameters that ended there; they
-            have no interval (nan).
-        unidentifiable: names of those the logs cannot tell, at a bound or not. directions: changes of several
-            parameters that change hardly anything; identifiable: for each, the combination of the same parameters that
-            is known best.
-        noise: root mean square of the residuals over the readings' standard deviation. samples: independent ones that
-            the residuals amount to.
+        condition: of the derivatives by parameters in their sizes. at_bound: names of parameters at a bound; they have
+            no interval (nan).
+        unidentifiable: names of the parameters that the logs do not determine, at a bound or not. directions: changes
+        of
+            several parameters with almost no effect; identifiable: for each, the best known combination of the same
+            parameters.
+        noise: root mean square of the residuals over the readings' standard deviation. samples: equivalent number of
+            independent residuals.
     """
 
     half: Array
@@ -63,7 +67,7 @@ class Uncertainty:
 
 
 def uncertainty(problem: Problem, z: Array) -> Uncertainty:
-    """The Uncertainty of a fit at its end."""
+    """Compute the uncertainty of a fit at its solution z (p,)."""
     from scipy.stats import t as student
 
     low, high = problem.bounds
@@ -75,13 +79,15 @@ def uncertainty(problem: Problem, z: Array) -> Uncertainty:
     J = problem.slopes(z, careful=True)
     noise2 = float(flat @ flat) / max(len(flat) - len(free), 1)
     larger = np.maximum(1.0, np.abs(problem.values(z) / problem.sizes))  # sizes are those of the values found
-    # what the logs can tell does not depend on where a search along a blind direction was stopped
+
+    # all parameters: what the logs determine does not depend on where a search along a blind direction stopped
     whole, freedom, _, _ = _covariance(J, errors, noise2)
     quantile = float(student.ppf(0.975, freedom))
     wide = quantile * np.sqrt(np.diag(whole)) / larger > UNTOLD
     lost = tuple(name for name, out in zip(names, wide, strict=True) if out)
     directions, known = _directions(whole / np.outer(larger, larger), quantile, names)
     half, correlation, condition, samples = np.full(len(z), np.nan), np.eye(len(z)), 1.0, float(len(flat))
+    # free parameters alone: intervals, with priors, and correlations
     if len(free):
         covariance, freedom, condition, alike = _covariance(J[:, free], errors, noise2)
         quantile, spread = float(student.ppf(0.975, freedom)), np.sqrt(np.diag(covariance))
@@ -95,8 +101,29 @@ def uncertainty(problem: Problem, z: Array) -> Uncertainty:
     )  # fmt: skip
 
 
+def interval_of_last(J: Array, errors: Sequence[Array]) -> tuple[float, float]:
+    """Gauss-Newton value of the last parameter of J (n, p), and the half width of its 95 % interval.
+
+    errors: residuals of each run (samples, outputs).
+    """
+    from scipy.stats import t as student
+
+    flat = np.concatenate([e.ravel() for e in errors])
+    step = -np.linalg.lstsq(J, flat, rcond=SMALLEST)[0]
+    # residuals after the step, split into runs
+    rest, left, at = flat + J @ step, [], 0
+    for e in errors:
+        left.append(rest[at : at + e.size].reshape(e.shape))
+        at += e.size
+    covariance, freedom, _, _ = _covariance(J, left, float(rest @ rest) / max(len(rest) - J.shape[1], 1))
+    return float(step[-1]), float(student.ppf(0.975, freedom) * np.sqrt(covariance[-1, -1]))
+
+
 def _with_priors(problem: Problem, free: NDArray[np.intp], covariance: Array) -> Array:
-    """Standard deviations of some parameters, in their sizes: of what the logs say and what was known, together."""
+    """Standard deviations of the free parameters, in their sizes, from the logs and the priors together.
+
+    covariance: from the logs alone. Information matrices are added: (C^-1 + diag(1 / s^2))^-1.
+    """
     alone = np.sqrt(np.diag(covariance))
     prior = [problem.experiment.parameters[i].prior for i in free]
     if all(known is None for known in prior):
@@ -108,28 +135,45 @@ def _with_priors(problem: Problem, free: NDArray[np.intp], covariance: Array) ->
 
 
 def _covariance(J: Array, errors: Sequence[Array], noise2: float) -> tuple[Array, float, float, float]:
-    """Covariance of the parameters by which J is the derivative, its degrees of freedom, the condition of J, and how
-    many samples tell as much as one that is independent."""
+    """Covariance (p, p) of the parameters by the sandwich formula, from J (n, p) and the residuals of each run.
+
+    noise2: mean squared residual. Returns covariance, degrees of freedom, condition of J, and the number of residuals
+    that amount to one independent residual.
+    """
     p = J.shape[1]
     _, values, right = np.linalg.svd(J, full_matrices=False)
     kept = np.maximum(values, SMALLEST * values.max(initial=0.0))
     inverse = (right.T / kept**2) @ right  # (J'J)^-1
+    channels = errors[0].shape[1]
+    squares, counts, products = np.zeros(channels), 0, np.zeros((channels, p, p))
     scores, at = [], 0
+    # scores J' e per instant, and J'J per output channel
     for e in errors:
         block = J[at : at + e.size].reshape(*e.shape, p)
         scores.append(np.einsum("tcp,tc->tp", block, e))
+        squares += np.square(e).sum(axis=0)
+        products += np.einsum("tcp,tcq->cpq", block, block)
+        counts += len(e)
         at += e.size
+    # robust covariance, scaled up where it is below that of independent residuals
     S, freedom = _long_run(scores)
     robust = inverse @ S @ inverse
-    grow = np.sqrt(np.maximum(1.0, noise2 * np.diag(inverse) / np.maximum(np.diag(robust), 1e-300)))
+    # independent residuals with a variance per channel: a pooled one would treat a fine encoder like a noisy gauge
+    noises = squares / max(counts - p / channels, 1.0)
+    independent = inverse @ np.einsum("c,cpq->pq", noises, products) @ inverse
+    grow = np.sqrt(np.maximum(1.0, np.diag(independent) / np.maximum(np.diag(robust), 1e-300)))
     alike = float(np.trace(inverse @ S) / max(p, 1)) / noise2
     return robust * np.outer(grow, grow), freedom, float(values.max() / max(values.min(), 1e-300)), alike
 
 
 def _long_run(scores: Sequence[Array]) -> tuple[Array, float]:
-    """Sum of the scores' covariances over all lags, Bartlett's weights; and its degrees of freedom."""
+    """Long-run covariance S (p, p) of the scores with Bartlett weights, and its degrees of freedom.
+
+    scores: (samples, p) of each run.
+    """
     n = sum(len(g) for g in scores)
     numerator = denominator = 0.0
+    # bandwidth of Andrews (1991) from AR(1) fits of each score
     for k in range(scores[0].shape[1]):
         own = [g[:, k] / (np.sqrt(sum((h[:, k] ** 2).sum() for h in scores)) + 1e-300) for g in scores]
         past, now = np.concatenate([g[:-1] for g in own]), np.concatenate([g[1:] for g in own])
@@ -138,6 +182,7 @@ def _long_run(scores: Sequence[Array]) -> tuple[Array, float]:
         numerator += 4.0 * rho**2 * rest**2 / ((1.0 - rho) ** 6 * (1.0 + rho) ** 2)
         denominator += rest**2 / (1.0 - rho) ** 4
     width = min(1.1447 * (numerator / max(denominator, 1e-300) * n) ** (1.0 / 3.0), n / 8.0)
+    # S = sum over lags of w(lag) (Gamma + Gamma'), w = 1 - lag / (width + 1)
     S = np.zeros((scores[0].shape[1],) * 2)
     for g in scores:
         S += g.T @ g
@@ -150,9 +195,13 @@ def _long_run(scores: Sequence[Array]) -> tuple[Array, float]:
 def _directions(
     covariance: Array, quantile: float, names: list[str]
 ) -> tuple[tuple[Direction, ...], tuple[Direction, ...]]:
-    """Combinations that are not told, and for the parameters of each the one that is told best."""
+    """Find unidentifiable combinations of parameters, and for each the best known combination of the same parameters.
+
+    covariance (p, p): in units of the parameters' sizes. quantile: of Student's t, 97.5 %.
+    """
     values, vectors = np.linalg.eigh(covariance)
     blind, told = [], []
+    # eigenvectors of the covariance, the largest variance first
     for value, vector in zip(values[::-1], vectors.T[::-1], strict=True):
         vector = vector / vector[np.abs(vector).argmax()]
         deviation = quantile * float(np.sqrt(max(value, 0.0) / (vector @ vector)))

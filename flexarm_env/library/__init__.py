@@ -1,4 +1,4 @@
-"""An arm as a C library, or as a functional mock-up unit: the very programs that Python steps, linked."""
+"""An arm as a C library or a functional mock-up unit (FMU), linked from the compiled programs that Python steps."""
 
 from .build import Built, write
 from .fmu import write_controller_fmu, write_fmu

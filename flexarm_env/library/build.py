@@ -1,7 +1,6 @@
-"""From an environment to a folder with a shared object, a header, an example, a CMake file and a pkg-config file."""
+"""Build a C library from an environment: a folder with shared object, header, example, CMake and pkg-config file."""
 
 import platform
-import re
 import shutil
 import subprocess
 from collections.abc import Sequence
@@ -15,6 +14,7 @@ from .. import validation as check
 from ..compiler import UNCOMPILED
 from ..compiler.image import Image
 from ..compiler.program import is_processor, linkable
+from ..control.export import check_name
 from ..derivatives import Periods
 from ..files import write_whole
 from ..physics.model import Jointed
@@ -23,21 +23,27 @@ from ..tasks.program import Models, complete
 from .source import Source
 
 CPU = "x86-64-v2"
-"""What is built for unless another processor is named: every x86-64 since about 2009."""
+"""Default target processor: every x86-64 since about 2009."""
 
 CHANGING = (
     "block", "action", "queue", "observation", "table", "reward", "terminated", "truncated", "stream", "request",
 )  # fmt: skip
-"""Arrays of a `tasks.program.Program` that stepping and starting write to."""
+"""Arrays of a `tasks.program.Program` that stepping and starting write to; all others are constant data."""
+
+TAKEN = ("example", "m", "c")
+"""Names that a library cannot have: the example beside it, and the libraries that it is linked with."""
 
 LAWS = ("model.data", *(f"models.{word}.data" for word in Models._fields))
-"""And those that hold the numbers of joints, which may be set."""
+"""Arrays of the joints' parameters, which a user of the library may set."""
 
 
 @dataclass(frozen=True)
 class Built:
-    """What was written. files: names in the folder; objects: those that hold programs; library: the shared object's, or
-    None, and then why not. source: the texts."""
+    """Result of `write`.
+
+    files: names of the files in the folder. objects: those that hold compiled programs. source: the generated texts.
+    library: name of the shared object, or None; `why` then gives the reason.
+    """
 
     folder: Path
     name: str
@@ -49,41 +55,46 @@ class Built:
 
 
 def write(env: Any, folder: Path, name: str, cpu: str | None = None, derivatives: bool = True) -> Built:
-    """The arm of an environment with its task as a library in C.
+    """Write an environment's arm and task as a C library into a folder.
 
-    Its bits are those of the environment: the same arm, random streams and task; actions are float64, energies kept.
-    There is no time limit: whoever steps it ends.
+    The library computes the same bits as the environment: same arm, random streams and task; actions are float64 and
+    the energy balance is kept. There is no time limit: the caller ends an episode.
 
     Args:
-        env: single, of this package; without a prescribed motion. folder: is made where it is not there. name: a C
-            identifier, in front of all that the library defines. cpu: by LLVM's name, "native" for this machine;
-            default `CPU`. derivatives: jvp and vjp of a period, where the arm has them.
+        env: single environment of this package, without a prescribed motion. folder: created if missing. name: C
+            identifier, prefix of all that the library defines. cpu: LLVM's name of the processor, "native" for this
+            machine; default `CPU`. derivatives: include jvp and vjp of a control period, where the arm has them.
     Raises:
-        ValueError: another environment; a machine that is not Linux on x86-64; nothing is compiled here.
+        ValueError: another environment; a machine other than Linux on x86-64; uncompiled mode.
     """
     system = f"{platform.system()} {platform.machine()}"
     if system != "Linux x86_64":
-        raise ValueError(f"libraries are built on Linux x86-64, where they have been tried; this is {system}")
+        raise ValueError(f"libraries can only be built on Linux x86-64; this is {system}")
     if UNCOMPILED:
-        raise ValueError("FLEXARM_COMPILER=python: a library is made of compiled programs, and nothing is compiled")
+        raise ValueError("FLEXARM_COMPILER=python: a library needs compiled programs, but compilation is switched off")
     plain = getattr(env, "unwrapped", env)
     batch, plan = getattr(plain, "batch", None), getattr(plain, "plan", None)
+    # validate environment, name and processor before anything is compiled
     if batch is None or plan is None or batch.n != 1:
         raise ValueError(f"env = {env}: must be a single environment of flexarm_env")
     if plan.motion is not None:
         raise check.InvalidValue(
             "motion", plan.motion, "must be left out: a library's arm is moved by its motors alone"
         )
-    check_name(name)
+    if check_name(name) in TAKEN:
+        raise check.InvalidValue("name", name, f"must not be {', '.join(TAKEN)}, which are other files or libraries")
     target = None if cpu == "native" else CPU if cpu is None else cpu
     if target not in (None, CPU) and not is_processor(target):
         raise check.InvalidValue("cpu", cpu, "must be native, or x86-64-v3, znver4, ... as LLVM calls them")
-    folder.mkdir(parents=True, exist_ok=True)  # what cannot be written is told before anything is compiled
+    # fail before compiling if the folder cannot be written
+    folder.mkdir(parents=True, exist_ok=True)
+    # world 0: data of stepping and starting, with float64 actions and the energy balance
     program = complete(batch.program)._replace(action=np.zeros(batch.action.size), books=(0,))
     worlds = [Image.of(program, (*CHANGING, *(LAWS if isinstance(program.model, Jointed) else ())))]
     made = [(f"{name}_step_program", episode.step), (f"{name}_start_program", starts.start_episodes)]
     periods, absent = _periods(batch) if derivatives else (None, "left out")
     images = [worlds[0], worlds[0]]
+    # world 1: data of the derivatives, whose arrays are written to, except places, twice and chosen
     if periods is not None:
         given = periods._program
         own = [key for key, value in zip(given._fields, given, strict=True) if isinstance(value, np.ndarray)]
@@ -92,6 +103,7 @@ def write(env: Any, folder: Path, name: str, cpu: str | None = None, derivatives
         if periods.backwards:
             made.append((f"{name}_adjoint_program", adjoint.adjoint))
         images += [worlds[1]] * (len(made) - 2)
+    # compile each program to an object file, with the memory layout of its world
     objects = {
         f"{symbol}.o": linkable(kernel, image.layout, symbol, target)
         for (symbol, kernel), image in zip(made, images, strict=True)
@@ -104,40 +116,40 @@ def write(env: Any, folder: Path, name: str, cpu: str | None = None, derivatives
     return Built(folder, name, (*files, *([library] if library else [])), tuple(objects), source, library, why)
 
 
-def check_name(name: str) -> None:
-    """ValueError for what C has for no name."""
-    if not re.fullmatch(r"[A-Za-z_]\w{0,59}", name, flags=re.ASCII):
-        raise check.InvalidValue("name", name, "must be a C identifier: letters, digits, _, at most 60")
-
-
 def _periods(batch: Any) -> tuple[Periods | None, str]:
-    """The derivatives of the batch's one arm, or why there are none."""
+    """Return the derivatives of the batch's arm and "", or None and the reason why there are none."""
     try:
         periods = Periods(batch, whole=True)
     except (ValueError, NotImplementedError) as error:
         return None, " ".join(str(error).split())
+    # stacked observations depend on earlier periods, which a derivative of one period lacks
     if periods._memory.frames:
         periods.close()
         return None, "an observation here shows what was before"
     return periods, ""
 
 
-def told(stderr: str) -> str:
-    """The first error of a compiler, or the last thing it said."""
+def first_error(stderr: str) -> str:
+    """Return the first error line of a compiler's stderr, or its last line, at most 500 characters."""
     lines = stderr.strip().splitlines() or ["no word"]
     return next((line for line in lines if "error" in line.lower()), lines[-1])[:500]
 
 
 def linked(folder: Path, library: str, parts: Sequence[str]) -> tuple[str | None, str]:
-    """A shared object of files of C and objects, made by the machine's C compiler; None and why."""
+    """Compile and link C files and objects into a shared object; return its name, or None and the reason.
+
+    Raises:
+        OSError: the C compiler reports an error.
+    """
     compiler = next((word for word in ("cc", "gcc", "clang") if shutil.which(word)), None)
     if compiler is None:
         return None, f"no C compiler is there; where one is: cmake -S {folder} -B build && cmake --build build"
+    # -ffp-contract=off: no fused multiply-add, so that bits equal Python's
     command = [
         compiler, "-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-Wall", "-Wextra",
         f"-Wl,-soname,{library}", "-o", library, *parts, "-lm",
     ]  # fmt: skip
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode:
-        raise OSError(done.returncode, f"{compiler} ends with {told(done.stderr)}", str(folder / library))
+        raise OSError(done.returncode, f"{compiler} ends with {first_error(done.stderr)}", str(folder / library))
     return library, ""

@@ -1,10 +1,10 @@
-"""An arm as a functional mock-up unit: co-simulation by FMI 2.0 or 3.0, around the library."""
+"""Write an arm or a controller as a co-simulation FMU, FMI 2.0 or 3.0, around the C library."""
 
 import hashlib
 import io
 import tempfile
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
@@ -13,15 +13,16 @@ import numpy as np
 
 from .. import validation as check
 from ..control.base import Controller, Setup
+from ..control.export import check_name
 from ..control.in_c import Pairs, Points, controller_source
 from ..files import write_whole
 from ..layout import Layout
 from ..tasks.program import ENERGIES, INFO
-from .build import Built, check_name, linked, write
+from .build import Built, linked, write
 from .source import VERSION, fill, flat, number
 
 FORMS = {"2.0": "linux64", "3.0": "x86_64-linux"}
-"""Versions of the standard that are written, and what they call Linux on x86-64."""
+"""Supported versions of the FMI standard, and each one's folder name for Linux on x86-64."""
 
 UNITS: dict[str, dict[str, int]] = {
     "m": {"m": 1}, "s": {"s": 1}, "kg": {"kg": 1}, "rad": {"rad": 1}, "m/s": {"m": 1, "s": -1},
@@ -29,17 +30,21 @@ UNITS: dict[str, dict[str, int]] = {
     "N m": {"kg": 1, "m": 2, "s": -2}, "N m/rad": {"kg": 1, "m": 2, "s": -2, "rad": -1},
     "N m s/rad": {"kg": 1, "m": 2, "s": -1, "rad": -1},
 }  # fmt: skip
-"""In the base units of SI."""
+"""Units of variables, as exponents of SI base units."""
 
 UNIT = "co-simulation.c"
-"""No C identifier, of which other files here have their names."""
+"""File name of the FMU's C source; not a C identifier, so that it cannot collide with the library's files."""
 
 LEFT_OUT = ("target", "terms", "reason", "reward", "truncated", "further")
-"""Of what is told of an arm: the task's, and what fails a step here."""
+"""Entries of `info` that the FMU does not export: those of the task, and the status that fails a step."""
 
 
 class Variable(NamedTuple):
-    """A number of the unit. kind, at, least, most: as in `fmu.c`. start: None where it is computed."""
+    """One variable of the FMU.
+
+    kind, at: table of the C source (`fmu.c`) and index in it. start: initial value, None if the variable is computed.
+    least, most: bounds of an input or parameter.
+    """
 
     name: str
     kind: str
@@ -52,21 +57,22 @@ class Variable(NamedTuple):
 
     @property
     def causality(self) -> str:
-        """As the standard calls it."""
+        """Causality in the terms of the FMI standard."""
+        # a variable with a start value is a parameter, one without is computed
         return {"INPUT": "input", "TIME": "independent"}.get(self.kind, "output" if self.start is None else "parameter")
 
 
 def write_fmu(env: Any, path: Path, name: str, form: str = "3.0", cpu: str | None = None) -> Built:
-    """The arm of an environment with its motors as a co-simulation unit; see `build.write`.
+    """Write an environment's arm with its motors as a co-simulation FMU.
 
-    Torques (or actions, where they are something else) act through whole control periods, of which a communication step
-    is a whole number. Where the arm starts and what its parameters are is set, not drawn; noise follows from `seed`.
-    States can be kept and put back; directional derivatives are the library's, and not in the unit.
+    Inputs are torques (N m), or actions in another action mode; they are constant over a control period, and a
+    communication step is a whole number of periods. Start and parameters are set, not drawn; noise follows from `seed`.
+    States can be saved and restored. Directional derivatives are in the library only (`build.write`).
 
     Args:
-        path: of the file. form: version of the standard, a key of `FORMS`.
+        env, name, cpu: as in `build.write`. path: of the file. form: version of the standard, a key of `FORMS`.
     Raises:
-        ValueError: as `build.write`; no C compiler is there.
+        ValueError: as `build.write`; no C compiler is found.
     """
     _check_form(form)
     with tempfile.TemporaryDirectory() as folder:
@@ -75,6 +81,7 @@ def write_fmu(env: Any, path: Path, name: str, form: str = "3.0", cpu: str | Non
             raise ValueError(f"{path}: a unit holds machine code: {built.why}")
         source, plan = built.source, env.unwrapped.plan
         variables = list(_variables(source, plan))
+        # C initializers: default parameters and default target
         first, aim = (
             ", ".join(number(one.start or 0.0) for one in variables if one.kind == kind)
             for kind in ("PARAMETER", "TARGET")
@@ -91,22 +98,23 @@ def write_controller_fmu(
     controller: Controller, path: Path, name: str, form: str = "3.0",
     slew: float | None = None, elbows: Pairs | None = None, targets: Points | None = None,
 ) -> None:  # fmt: skip
-    """A controller as a co-simulation unit: what the sensors read in, as an arm's unit tells it; torques out, N m.
+    """Write a controller as a co-simulation FMU with sensor readings as inputs and torques (N m) as outputs.
 
-    A communication step decides for each of its control periods by what is seen at its start, and says the torques of
-    the last: an importing tool steps the controller before the arm.
+    The readings are those of an arm's FMU. In a communication step the controller acts once per control period, always
+    on the readings at the step's start; the outputs are the torques of the last period. The importing tool steps the
+    controller before the arm.
 
     Args:
-        controller, slew, elbows, targets: see `control.in_c.controller_source`. path, form: see `write_fmu`.
+        controller, slew, elbows, targets: as in `control.in_c.controller_source`. path, form: as in `write_fmu`.
     Raises:
-        ValueError: as `controller_source`; no C compiler is there.
+        ValueError: as `controller_source`; no C compiler is found.
     """
     _check_form(form)
     check_name(name)
     code, setup = controller_source(controller, name, slew, elbows, targets), controller.setup
     variables = [Variable("time", "TIME", 0, "s", "since the start")]
     for k in range(setup.size):
-        variables.append(Variable(*_seen(setup, k), 0.0)._replace(kind="INPUT"))
+        variables.append(Variable(*_observation_variable(setup, k), 0.0)._replace(kind="INPUT"))
     for k in range(setup.n_joints):
         variables.append(Variable(f"torque[{k}]", "INFO", k, "N m", "of the motor, through a period"))
     with tempfile.TemporaryDirectory() as folder:
@@ -118,7 +126,7 @@ def write_controller_fmu(
 
 
 class _About(NamedTuple):
-    """What a unit is. period, stop: s."""
+    """Head of the model description: name, FMI version, description, control period (s), stop time (s)."""
 
     name: str
     form: str
@@ -128,6 +136,7 @@ class _About(NamedTuple):
 
 
 def _check_form(form: str) -> None:
+    """Raise InvalidValue unless `form` is a supported FMI version."""
     if form not in FORMS:
         raise check.InvalidValue("form", form, f"must be {' or '.join(FORMS)}")
 
@@ -135,10 +144,15 @@ def _check_form(form: str) -> None:
 def _pack(
     path: Path, about: _About, variables: list[Variable], part: str, inside: str, code: str, files: list[Path]
 ) -> None:
-    """The unit: compiled in the folder of `files`, of which those that `inside` does not include are linked."""
+    """Compile the FMU's C source in the folder of `files` and zip it with the model description to `path`.
+
+    part: C text with the types and functions of arm or controller. inside: file that the source includes, which is not
+    compiled separately. code: C text that the token (FMI's identity check) is a hash of.
+    """
     name, folder = about.name, files[0].parent
     token = hashlib.sha256(code.encode()).hexdigest()[:32]
     types, functions = part.split("/* --- */\n")
+    # C table of the variables: kind, index, bounds, name
     rows = "\n".join(
         f'    {{{one.kind}, {one.at}, {number(one.least)}, {number(one.most)}, "{one.name}"}},' for one in variables
     )
@@ -146,10 +160,12 @@ def _pack(
         "INSIDE": inside, "TYPES": types, "FUNCTIONS": functions, "TOKEN": token, "VARIABLES": rows,
         "PERIOD": repr(about.period),
     })  # fmt: skip
+    # compile and link
     (folder / UNIT).write_text(text)
     code_file, why = linked(folder, f"{name}.so", [UNIT, *(file.name for file in files if file.name != inside)])
     if code_file is None:
         raise ValueError(f"{path}: a unit holds machine code: {why}")
+    # archive: model description and binary
     held = io.BytesIO()
     with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as unit:
         unit.writestr("modelDescription.xml", _description(about, token, variables))
@@ -158,28 +174,38 @@ def _pack(
 
 
 def _variables(source: Any, plan: Any) -> Iterator[Variable]:
-    """All of them; a variable's value reference is its place."""
+    """Yield the FMU's variables; a variable's value reference is its position in this sequence."""
     joints, batch = range(plan.arm.n_links), source.batch
     yield Variable("time", "TIME", 0, "s", "since the start")
+    # inputs: torques (N m) or scaled actions
     torque = plan.action_mode == "torque"
     for k in joints:
         what = "asked of the motor, through a period" if torque else f'action_mode "{plan.action_mode}", within +-1'
         yield Variable(f"{'torque' if torque else 'action'}[{k}]", "INPUT", k, "N m" if torque else "", what, 0.0)
+    # tunable parameters of the arm
     for k, one in enumerate(source.parameters):
         yield Variable(one.name, "PARAMETER", k, one.unit, f"{one.meaning}, tunable", *one[3:6])
     angle, target, vibration = source.farthest
     for k in joints:
         yield Variable(f"start_angle[{k}]", "ANGLE", k, "rad", "of the joint, at the start", 0.0, -angle, angle)
+    # target: angles (rad), or a point in the plane (m) inside the reach
     length, point = plan.arm.total_length, not plan.arm.spatial and len(batch.task.targets) > 1
     what = "of the joint where the rigid arm's tip reaches the target" if plan.arm.spatial else "of the task"
-    for k, value in enumerate((0.6 * length, 0.3 * length) if point else (0.5,) * len(joints)):
+    first: Sequence[float] = (0.5,) * len(joints)
+    if point:
+        near, far = source.reach
+        inside = near <= 0.67 * length <= far
+        first = (0.6 * length, 0.3 * length) if inside else plan.kind.target.reached(plan.arm, first)
+    for k, value in enumerate(first):
         yield Variable(f"target[{k}]", "TARGET", k, "m" if point else "rad", what, value, -target, target)
+    # initial vibration and seed of the noise
     what = "tip deflection over the arm's length, at the start"
     yield Variable("start_vibration", "VIBRATION", 0, "", what, 0.0, 0.0 - vibration, vibration)
     yield Variable("seed", "SEED", 0, "", "that sensor noise follows from", 0)
+    # outputs: entries of info, link poses, then the observation
     at = 0
     for field, shape in zip(INFO.fields, INFO.shapes(**source.sizes), strict=True):
-        for word, unit, meaning in _told(field, shape):
+        for word, unit, meaning in _info_variables(field, shape):
             if field.name not in LEFT_OUT:
                 yield Variable(word, "INFO", at, unit, meaning)
             at += 1
@@ -188,18 +214,18 @@ def _variables(source: Any, plan: Any) -> Iterator[Variable]:
         for k, (word, unit, meaning) in enumerate(posed):
             yield Variable(f"link[{link}].{word}", "POSE", len(posed) * link + k, unit, f"link {link}: {meaning}")
     for k in range(source.setup.size):
-        yield Variable(*_seen(source.setup, k))
+        yield Variable(*_observation_variable(source.setup, k))
 
 
-def _seen(setup: Setup, k: int) -> tuple[str, str, int, str, str]:
-    """Number k of an observation as a variable."""
+def _observation_variable(setup: Setup, k: int) -> tuple[str, str, int, str, str]:
+    """Return (name, kind, index, unit, meaning) of entry k of an observation."""
     instant, entry = divmod(k, len(setup.names))
     past, told = "" if setup.history == 1 else f"[{instant}]", f"read by the sensors, over {setup.scales[entry]:.9g}"
     return f"observation{past}.{setup.names[entry]}", "OBSERVATION", k, "", told
 
 
 def _planar(layout: Layout) -> Iterator[tuple[str, str, str]]:
-    """Name, unit and meaning of the numbers of a link's pose."""
+    """Yield name, unit and meaning of each number of a link pose in the plane: position and angle of root and tip."""
     for field in layout.fields:
         where, word = "tip" if field.name.startswith("tip_") else "root", field.name.removeprefix("tip_")
         unit = {"angle": "rad", "rate": "rad/s"}.get(word, "m/s" if word.startswith("v") else "m")
@@ -207,15 +233,16 @@ def _planar(layout: Layout) -> Iterator[tuple[str, str, str]]:
 
 
 def _spatial(layout: Layout) -> Iterator[tuple[str, str, str]]:
-    """The same in space."""
+    """Yield name, unit and meaning of each number of a link pose in space."""
     for field, shape in zip(layout.fields, layout.shapes(), strict=True):
         for place in np.ndindex(shape):
             yield f"{field.name}{list(place) if place else ''}".replace(" ", ""), field.unit, field.meaning
 
 
-def _told(field: Any, shape: tuple[int, ...]) -> Iterator[tuple[str, str, str]]:
-    """Name, unit and meaning of the numbers of an entry of info."""
+def _info_variables(field: Any, shape: tuple[int, ...]) -> Iterator[tuple[str, str, str]]:
+    """Yield name, unit and meaning of each number of an entry of `info` with this shape."""
     unit, meaning = field.unit if field.unit in UNITS else "", field.meaning.replace("`", "")
+    # energies and motors have names of their own; other arrays have indices
     if field.name == "energies":
         yield from ((f"energy.{one.name}", one.unit, one.meaning) for one in ENERGIES.fields)
     elif field.name == "motors":
@@ -228,7 +255,7 @@ def _told(field: Any, shape: tuple[int, ...]) -> Iterator[tuple[str, str, str]]:
 
 
 def _description(about: _About, token: str, variables: list[Variable]) -> bytes:
-    """modelDescription.xml."""
+    """Return modelDescription.xml as bytes, in the schema of the FMI version."""
     name, form, new = about.name, about.form, about.form == "3.0"
     tree = ElementTree.Element("fmiModelDescription", {
         "fmiVersion": form, "modelName": name, "instantiationToken" if new else "guid": token,
@@ -243,6 +270,7 @@ def _description(about: _About, token: str, variables: list[Variable]) -> bytes:
     if new:
         how["fixedInternalStepSize"] = number(about.period)
     ElementTree.SubElement(tree, "CoSimulation", how)
+    # units in SI base units
     units = ElementTree.SubElement(tree, "UnitDefinitions")
     for unit, base in UNITS.items():
         found = ElementTree.SubElement(units, "Unit", name=unit)
@@ -250,6 +278,7 @@ def _description(about: _About, token: str, variables: list[Variable]) -> bytes:
     ElementTree.SubElement(
         tree, "DefaultExperiment", startTime="0", stopTime=number(about.stop), stepSize=number(about.period)
     )
+    # variables; integers are those with an integer start value (the seed)
     listed = ElementTree.SubElement(tree, "ModelVariables")
     for k, one in enumerate(variables):
         told = {"name": one.name, "valueReference": str(k), "description": one.meaning, "causality": one.causality}
@@ -268,6 +297,7 @@ def _description(about: _About, token: str, variables: list[Variable]) -> bytes:
                 told["initial"] = "exact"
             found = ElementTree.SubElement(listed, "ScalarVariable", told)
             ElementTree.SubElement(found, "Integer" if whole else "Real", value)
+    # dependency structure: every output; FMI 2.0 counts from 1, 3.0 names value references
     shape = ElementTree.SubElement(tree, "ModelStructure")
     out = [k for k, one in enumerate(variables) if one.causality == "output"]
     if new:

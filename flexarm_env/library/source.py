@@ -1,4 +1,4 @@
-"""The texts of a library: templates of `data/library`, filled in from the declared layouts."""
+"""Generate the C files of a library from the templates of `data/library` and the declared memory layouts."""
 
 import json
 import re
@@ -13,26 +13,30 @@ from .. import validation as check
 from ..batch import CLIP, MODE, PERIODS, PERIODS_ALLOWED, REASONS
 from ..compiler.image import Image
 from ..control.base import Setup
-from ..control.export import c_named
+from ..control.export import c_named, harmless
 from ..layout import Layout
 from ..physics import precision
 from ..physics.joints.layout import LAW, PLACES
 from ..physics.layout import POSES, SPACE_POSES
 from ..physics.model import STIFFNESSES, Jointed
+from ..rigid import reach
 from ..tasks.program import ENERGIES, INFO, REQUEST, TORQUE_FACTOR
 
 VERSION = metadata.version("flexarm_env")
 
+MEANINGS = {"further": "costs, payload, push, drawn factors, ...: flexarm_env.tasks.program.FURTHER says where each is"}
+"""Comments of `info` entries whose layout description refers to another layout."""
+
 LEAST = 1e-30
-"""Of what must be positive."""
+"""Lower bound of parameters that must be positive."""
 
 LEAST_DAMPED = 1e-3
-"""s: tau_d that an arm without damping may be given, tenfold, as one that has this."""
+"""An arm without damping may be given a tau_d of up to ten times this value, s."""
 _OWN = (
     ("payload_mass", "kg", "of the arm", 0.0), ("payload_inertia", "kg m2", "of the arm", 0.0),
     ("EI_factor", "", "on all stiffness to bending", LEAST), ("tau_d", "s", "of the damping", 0.0),
 )  # fmt: skip
-"""Of an arm's own parameters the name, unit, meaning and what each is at least."""
+"""Parameters of every arm in the plane: name, unit, meaning, lower bound."""
 
 _OWN_IN_SPACE = (
     _OWN[0], ("payload_inertia", "", "a factor on the payload's tensor", 0.0), ("EI_factor", "", "on EI", LEAST),
@@ -49,19 +53,23 @@ SENTENCES = {
     "action_not_finite": "the action is not finite",
     "joint_limit": "a joint is beyond its limits",
 }
-"""Of the words of `REASONS`; "ok" where there is none."""
+"""Sentence for each status word of `REASONS`; "ok" if there is none."""
 
 
 def fill(file: str, name: str, known: Mapping[str, Any]) -> str:
-    """A template with its marks replaced: @WORD@ by what is known, NAME, UPPER."""
+    """Return a template file with each mark @WORD@ replaced by `known[WORD]`, and NAME, UPPER by the library's name."""
+    # marks first, then NAME and UPPER, which the inserted texts contain too
     text = (resources.files("flexarm_env") / "data" / "library" / file).read_text()
     text = re.sub("@([A-Z_]+)@", lambda word: str(known[word[1]]), text)
     return c_named(text, name)
 
 
 class Parameter(NamedTuple):
-    """A number of the arm that programs read as they run. start: as the environment has it. least, most: what it may
-    be. law: which of the joints' numbers; None: it is drawn at each reset, and `at` says where in the block it is."""
+    """A parameter of the arm that the compiled programs read at run time.
+
+    start: value in the environment. least, most: permitted range. law: index in the joints' parameters, or None for a
+    parameter that the environment draws at reset; `at` is then its entry in the arm's block of memory.
+    """
 
     name: str
     unit: str
@@ -74,24 +82,28 @@ class Parameter(NamedTuple):
 
 
 class Source:
-    """What a library's files say.
+    """Texts of a library's files.
 
     Args:
-        env: the environment. name: in front of all names. worlds: what stepping needs, and derivatives where there are
-            any. periods: these; None, and why. symbols: of the programs. cpu: to be told.
+        env: environment. name: prefix of all C names. worlds: memory images of stepping and, if present, of the
+            derivatives. periods: the derivatives, or None; `absent` then gives the reason. symbols: C names of the
+                programs.
+            cpu: processor, for the header's comment.
     """
 
     def __init__(
         self, env: Any, name: str, worlds: Sequence[Image], periods: Any, absent: str, symbols: Sequence[str], cpu: str
     ) -> None:
+        """Store the arguments (see the class) and the layout of a link's pose."""
         self.env, self.name, self.worlds, self.periods = env, name, worlds, periods
         self.absent, self.symbols, self.cpu = absent, symbols, cpu
         self.batch, self.plan, self.setup = env.unwrapped.batch, env.unwrapped.plan, Setup.of(env)
         self.joints, self.spatial = self.plan.arm.n_links, self.plan.arm.spatial
+        # layout of a link's pose
         self.poses = SPACE_POSES if self.spatial else POSES
 
     def files(self) -> dict[str, str]:
-        """Names and contents."""
+        """Return the text of each file by name."""
         return {
             f"{self.name}.h": self.filled("arm.h", DERIVATIVES=self._declared, TORQUES=self._torques("arm.h")),
             f"{self.name}.c": self.filled("arm.c", DERIVATIVES=self._derived, TORQUES=self._torques("arm.c")),
@@ -101,16 +113,22 @@ class Source:
         }
 
     def filled(self, file: str, **more: str) -> str:
-        """See `fill`."""
+        """Return the template `file` filled with this library's values and those of `more`."""
         return fill(file, self.name, self._known | more)
 
     # --- the numbers ------------------------------------------------------------------------------
     @cached_property
     def _known(self) -> dict[str, Any]:
+        """Values of the template marks: sizes, byte offsets in the memory image, units and comments."""
         batch, plan, world = self.batch, self.plan, self.worlds[0]
+        # byte offsets of the program's arrays in world 0, and entries of a request
         at, request = {key: place[0] for key, place in world.places.items()}, REQUEST.offsets(0, self.joints, 0)
         targets = self.joints if self.spatial else len(batch.task.targets)
-        meant = "joint angles that bring the rigid arm's tip there, rad" if self.spatial else "x and y, m"
+        # meaning of the target in the header's comments
+        near, far = self.reach
+        meant = f"x and y, m, from {near:.9g} to {far:.9g} m from the root"
+        meant = "joint angles that bring the rigid arm's tip there, rad" if self.spatial else meant
+        # sizes and comments, then structs, then byte offsets, then limits of arguments
         known = {
             "HEAD": self._head(), "VERSION": VERSION, "JOINTS": self.joints, "OBSERVATION": batch.observation.size,
             "PERIOD": repr(plan.period), "STATE": world.changing, "CLIP": f"{CLIP:g}", "GIVEN": targets,
@@ -127,6 +145,7 @@ class Source:
             "SEEN": at["observation"], "BLOCK": at["block"],
             "ACTION_AT": at["action"],
             **dict(zip(("FARTHEST", "FAR_TARGET", "FAR_VIBRATION"), map(number, self.farthest), strict=True)),
+            "POINT": int(self.point), "NEAR": number(near), "FAR": number(far),
             "CPU": self.cpu, "PARAMETERS": len(self.parameters), **self._settable(at["block"]),
             "OBJECTS": " ".join(f"{symbol}.o" for symbol in self.symbols),
         }  # fmt: skip
@@ -134,24 +153,41 @@ class Source:
 
     @property
     def sizes(self) -> dict[str, int]:
-        """Of an `INFO`."""
+        """Sizes of the axes of an `INFO` layout: links, targets, terms, further."""
         task = self.batch.task
         counts = {"links": task.links, "targets": task.targets, "terms": task.terms, "further": task.further}
         return {key: len(value) for key, value in counts.items()}
 
     @property
+    def point(self) -> bool:
+        """Whether the target is a point in the plane (m), not an angle."""
+        return not self.spatial and len(self.batch.task.targets) > 1
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Smallest and largest distance (m) of a target from the root; zeros if the target is no point."""
+        near, far = reach(self.plan.arm) if self.point else (0.0, 0.0)
+        return float(near), float(far)
+
+    @property
     def farthest(self) -> tuple[float, float, float]:
-        """How large angles, numbers of a target and a vibration at the start may be, as `options` of a reset say."""
+        """Largest joint angle (rad), target coordinate (m or rad) and initial vibration that a reset permits."""
         plan = self.plan
-        angle, point = min(plan.farthest, 1e6), not self.spatial and len(self.batch.task.targets) > 1
-        return angle, plan.arm.total_length if point else angle, 0.0 if plan.starts.shake is None else 0.5
+        angle = min(plan.farthest, 1e6)
+        return angle, plan.arm.total_length if self.point else angle, 0.0 if plan.starts.shake is None else 0.5
 
     def _most(self) -> tuple[float, ...]:
-        """The largest parameters that double precision carries; see `physics.precision`."""
+        """Return the largest values of an arm's own parameters that double precision can resolve (`physics.precision`).
+
+        One value for each of `_OWN_IN_SPACE`: payload mass (kg), inertia, factor on EI, tau_d (s), factors on EI_y and
+        GJ.
+        """
         batch = self.batch
         largest = 10.0 * (batch.arm.damping[0] or LEAST_DAMPED) * batch.starts.drawn["damping"][1]
 
+        # whether double precision resolves the arm with this stiffness factor and tau_d
         def carried(factor: float, damping: float) -> bool:
+            """Return whether double precision carries the arm at a factor on its stiffness and a tau_d, s."""
             factors = dict.fromkeys(STIFFNESSES, factor)
             try:
                 precision.check_parameters(batch.arm, batch.settings, factors, damping, 0.0, "")
@@ -159,7 +195,9 @@ class Source:
                 return False
             return True
 
+        # largest damping first, then bisection for the exponent of the largest stiffness factor 2^x
         damping = next((x for x in (largest, 0.2 * largest) if carried(2.0, x)), 0.1 * largest)
+        # bisection: 50 halvings of the exponent's interval [0, 60]
         low, high = 0.0, 60.0
         for _ in range(50):
             middle = 0.5 * (low + high)
@@ -168,40 +206,49 @@ class Source:
 
     @cached_property
     def parameters(self) -> list[Parameter]:
-        """What may be set between periods."""
+        """Parameters that a user of the library may set between control periods."""
         batch, system = self.batch, self.batch.system
+        # the arm's own numbers, in the order of its `par`
         own = zip(_OWN_IN_SPACE if self.spatial else _OWN, self._most(), strict=False)
         found = [
             Parameter(name, unit, meaning, float(system.par[k]), least, most, None, batch.layout.par + k)
             for k, ((name, unit, meaning, least), most) in enumerate(own)
         ]
+        # factor on the motors' torques, in the arm's record
         factor = batch.layout.record + TORQUE_FACTOR
         found.append(Parameter("torque_factor", "", "on the motors' torques", 1.0, 0.0, check.LARGEST, None, factor))
+        # parameters of the joints: gear stiffness, damping, rotor inertia, friction; entries that are 0 are absent
         if not isinstance(system.model, Jointed):
             return found
         stiffest, drawn = precision.MOST * min(self.plan.arm.torque_limits), system.model.own is not None
         for k, value in enumerate(system.model.data.tolist()):
+            # data is a table: a row of `LAW` per joint with a drive
             i, number = divmod(k, len(LAW.fields))
             field, joint = LAW.fields[number], int(system.model.table[i * PLACES])
             if value == 0.0:  # what the arm has not
                 continue
             least = LEAST if field.name in ("stiffness", "rotor") else 0.0
             most = stiffest if field.name == "stiffness" else check.LARGEST
+            # drawn per episode: entry of the arm's block; otherwise entry k of the model's data
             at = batch.layout.par + len(system.model.own or ()) + k
             about = f"{field.name}[{joint}]", field.unit.replace("^", ""), f"of joint {joint}: {field.meaning}", value
             found.append(Parameter(*about, least, most, None if drawn else k, at if drawn else 0))
         return found
 
     def _laws(self, world: int, first: str) -> list[int]:
-        """Bytes at which the joints' numbers begin, in each model of a world."""
+        """Return the byte offsets of the joints' parameters in each model of a world; first: prefix pattern."""
         known = self.worlds[world].places.items()
         return [place[0] for key, place in known if re.fullmatch(rf"{first}(model|models\.\w+)\.data", key)]
 
     # --- the texts --------------------------------------------------------------------------------
     def _settable(self, block: int) -> dict[str, Any]:
-        """Where parameters are, and what is told of them."""
+        """Return the template values of the parameters: offsets, limits, list for the header, and copies to keep equal.
+
+        A joint's parameter has a copy in every model of the program (one for each step size).
+        """
         copies = [(k, at + 8 * p.law) for k, p in enumerate(self.parameters) if p.law is not None
                   for at in self._laws(0, "")]  # fmt: skip
+        # the first copy is the parameter's place; a user's change is copied to the others
         first = dict(reversed(copies))
         places = [first.get(k, block + 8 * p.at) for k, p in enumerate(self.parameters)]
         limits = [f"{number(p.least)}, {number(p.most)}" for p in self.parameters]
@@ -213,6 +260,7 @@ class Source:
         }  # fmt: skip
 
     def _head(self) -> str:
+        """Return the header's first comment: environment, version, formulation, dt (s) and processor."""
         spec = self.env.spec
         what = f"{spec.id} {json.dumps(spec.kwargs, default=str)}" if spec is not None else type(self.env).__name__
         settings = self.plan.settings
@@ -220,24 +268,29 @@ class Source:
             f"NAME: a flexible-link robot arm, {what}",
             f"written by flexarm_env {VERSION}: {settings.formulation}, dt = {settings.dt:.6g} s; for {self.cpu}",
         ]
+        # say why derivatives are missing
         if self.periods is None:
             lines.append(f"Derivatives of a period are not in it: {self.absent}.")
         return _listed(lines, " * ")
 
     def _action(self) -> str:
+        """Return a sentence with the meaning of the action's entries."""
         mode, limits = self.plan.action_mode, ", ".join(f"{x:g}" for x in self.plan.arm.torque_limits)
         means = f"torques over {limits} N m" if mode == "torque" else f'what action_mode="{mode}" takes'
         return f"{means}."
 
     def _statuses(self) -> str:
+        """Return the #define lines of the status codes."""
         words = {int(code): word or "ok" for code, word in REASONS.items()}
         return "\n".join(f"#define UPPER_{word.upper()} {code}" for code, word in words.items())
 
     def _sentences(self) -> str:
+        """Return the C case lines that map a status code to its sentence."""
         rows = (f"    case UPPER_{word.upper()}: return {json.dumps(text)};" for word, text in SENTENCES.items())
         return "\n".join(rows)
 
     def _torques(self, file: str) -> str:
+        """Return the C function `NAME_step_torques` (inputs in N m), or "" if actions are not torques."""
         if self.plan.action_mode != "torque":
             return ""
         declared = "int NAME_step_torques(NAME_arm *arm, const double torque[UPPER_JOINTS])"
@@ -248,23 +301,29 @@ class Source:
             f"\n{declared}\n{{\n    static const double limits[UPPER_JOINTS] = {{{limits}}};\n"
             "    double action[UPPER_JOINTS];\n"
             "    if (torque == NULL) return UPPER_REFUSED;\n"
-            "    for (int k = 0; k < UPPER_JOINTS; k++) action[k] = torque[k] / limits[k];\n"
+            "    for (int k = 0; k < UPPER_JOINTS; k++) /* clipped: a large torque over its limit overflows */\n"
+            "        action[k] = isfinite(torque[k]) && fabs(torque[k]) > limits[k] ? copysign(1.0, torque[k])"
+            " : torque[k] / limits[k];\n"
             "    return NAME_step(arm, action);\n}\n"
         )
 
     @property
     def _declared(self) -> str:
+        """Declarations of the derivatives for the header, "" without derivatives."""
         if self.periods is None:
             return ""
+        # comment with the names of the state's entries
         names = [f" *   {k}: {name}" for k, name in enumerate(self.periods.names)]
         return self.filled("derivatives.h", STATES="\n".join(names), S=str(self.periods.state_size))
 
     @property
     def _derived(self) -> str:
+        """Definitions of the derivatives for the C file, "" without derivatives."""
         if self.periods is None:
             return ""
         p, world = self.periods, self.worlds[1]
         at = {f"D_{key.upper()}": str(place[0]) for key, place in world.places.items() if "." not in key}
+        # byte pairs (to, from): the derivatives' world copies the joints' parameters from world 0
         laws = [p.law for p in self.parameters if p.law is not None]
         shared = [(8 * k + to, 8 * k + self._laws(0, "")[0]) for k in laws for to in self._laws(1, r"program\.")]
         return self.filled(
@@ -275,8 +334,10 @@ class Source:
         )  # fmt: skip
 
     def _tables(self) -> Iterator[str]:
+        """Yield the C arrays of each world: words, pointers to relocate and data, then a table of the worlds."""
         rows = []
         for k, world in enumerate(self.worlds):
+            # pointers: word `word` is to hold the address of byte `byte` of the data
             data = np.frombuffer(world.data, np.uint64).tolist()
             words = [word % 2**64 for word in world.words]
             pairs = [f"{{{word}, {byte}}}" for word, byte in world.pointers]
@@ -288,39 +349,44 @@ class Source:
 
 
 def _members(layout: Layout, sizes: dict[str, int], inner: dict[str, Layout]) -> str:
-    """A struct's members, all of them double, as a layout has them."""
+    """Return the members of a C struct, all double, for a layout; `inner` gives the layouts of nested structs."""
     lines = []
     for field, shape in zip(layout.fields, layout.shapes(**sizes), strict=True):
+        # nested struct, then arrays that are not empty
         if field.name in inner:
             lines += [f"    struct {{\n{_members(inner[field.name], {}, {})}\n    }} {field.name};"]
         elif all(shape):
             shape = flat(shape)
-            told = ", ".join(part for part in (field.unit, re.sub(r"`\w+`", "", field.meaning)) if part)
+            meaning = MEANINGS.get(field.name, field.meaning)
+            told = ", ".join(part for part in (field.unit, meaning) if part)
             name = field.name + "".join(f"[{length}]" for length in shape)
             lines.append(f"    double {name};" + (f" /* {told} */" if told else ""))
     return "\n".join(lines)
 
 
 def flat(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """An entry's shape without the axis that is one of space alone."""
+    """Return an entry's shape without a leading axis of length 1."""
     return shape[1:] if len(shape) == 2 and shape[0] == 1 else shape
 
 
 def _entries(setup: Setup) -> list[str]:
-    """A line for each number that is observed at an instant."""
+    """Return one line for each number observed at an instant: index, name and scale."""
+    # stacked instants repeat the list of entries
     past = "" if setup.history == 1 else f", {setup.history} instants, the oldest first"
     return [f"{k}: {n} / {s:.9g}{past}" for k, (n, s) in enumerate(zip(setup.names, setup.scales, strict=True))]
 
 
 def _listed(lines: Iterable[str], start: str = " *   ") -> str:
-    return "\n".join(f"{start}{re.sub(r'[^ -~]', '?', line).replace('*/', '* /')}" for line in lines)
+    """Return lines as a C comment, each behind `start`."""
+    return "\n".join(f"{start}{harmless(line)}" for line in lines)
 
 
 def _rows(words: Iterable[str]) -> str:
+    """Return words as C initializers, six per line."""
     found = list(words)
     return ",\n".join("    " + ", ".join(found[k : k + 6]) for k in range(0, len(found), 6))
 
 
 def number(value: float) -> str:
-    """A double as C writes it, to the last bit."""
+    """Return a double as a C literal that reads back to the same bits."""
     return repr(float(value))

@@ -18,7 +18,7 @@ import numpy as np
 
 from .. import validation as check
 from ..physics.model import OK
-from ..rest import NoEquilibrium
+from ..rest import NoEquilibrium, out_of_range
 from ..scene import JointTorque, Load, Motion, Scene
 from ..settings import Settings
 from ..simulation import Simulation
@@ -256,12 +256,7 @@ class _Search:
     def check(self, point: Point, start: Point, share: float) -> None:
         """NoEquilibrium where the path leaves the formulation's range, winds up, or takes too long."""
         if self.e.status(point.q) != OK:
-            bound = float(getattr(self.e.model, "bound", 0.0))
-            why = "beyond the range of the reduction to modes" if bound else "larger than a floating body can have"
-            raise NoEquilibrium(
-                f"the arm would deflect {why} at rest, from {share:.3g} of the loads on; take more segments (no modes)"
-                ", or formulation='geometrically_exact'"
-            )
+            raise NoEquilibrium(out_of_range(self.e.model, f", from {share:.3g} of the loads on"))
         if self.size((point.q - start.q)[self.e.free]) > _TURNS * 2.0 * np.pi:
             raise NoEquilibrium(f"the loads are too large: they wind the arm up {_TURNS} times at {share:.3g} of them")
         if self.spent > _MOST and share < 1.0:
@@ -309,6 +304,7 @@ class _Search:
         return float(np.abs(x[: self.e.free.size] * self.weight).max(initial=0.0))
 
     def residual(self, point: Point) -> Array:
+        """Return r (n,), N and N m, at the point's q under the present share of loads and spin."""
         return self.e.residual(self.at(point, point.q))
 
     def inertia(self, point: Point) -> Array:

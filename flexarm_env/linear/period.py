@@ -52,8 +52,12 @@ def steps_of(simulation: Simulation, dt: float) -> tuple[int, float]:
 def period_tangents(
     simulation: Simulation, flat: Array, w: Work, starts: tuple[Array, Array, Array], rows: Rows, inputs: Any, dt: float
 ) -> tuple[Array, Array]:
-    """Tangents (f, columns) of q and v of some rows after a period, of those of q, v and a at its start; the last
-    columns are those of 1 of the inputs. The work array moves on with them."""
+    """Return tangents of q and v of some rows after a period of dt (s): two arrays (rows, columns).
+
+    starts: tangents of q, v, a of these rows at the start, (rows, columns) each. The last len(inputs) columns also
+    have a tangent of 1 in one entry of u each: inputs, their indices. flat, w: the work array and its views; they end
+    at the period's end.
+    """
     steps, h = steps_of(simulation, dt)
     n, links = starts[0].shape[1], simulation.scene.arm.n_links
     given = {name: np.zeros((len(getattr(w, name)), n)) for name in "qvabu"}
@@ -73,7 +77,7 @@ def period_tangents(
 def _scheme_of(simulation: Simulation) -> Scheme:
     """The solver's own, but for its tolerance where the period is corrected."""
     scheme = simulation.scheme
-    sharp = simulation.model.correction is not None
+    sharp = simulation.model.newton.period_correction is not None
     return scheme._replace(tolerance=min(SHARP, scheme.tolerance)) if sharp else scheme
 
 

@@ -15,7 +15,10 @@ from .period import at_start, period_tangents, point_of
 
 
 def gauge_name(link: int, place: float, measures: str = "xy") -> str:
-    """The output that a gauge is, by what of `sensors.MEASURES` it measures."""
+    """Name of a gauge's output, such as "curvature0@0.5": its link, and place from 0 (root) to 1 (tip).
+
+    measures: one of `sensors.MEASURES`: bending in the plane "xy" or "xz", or "torsion".
+    """
     what = {"xy": "curvature", "xz": "curvature_z", "torsion": "torsion"}[measures]
     return f"{what}{link}@{place:g}"
 

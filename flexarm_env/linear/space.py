@@ -22,7 +22,7 @@ from ..compiler import SINGLE, uncompiled
 from ..physics.assembly import physical
 from ..physics.equations import equations as evaluate
 from ..physics.model import Jointed
-from ..physics.protocol import State, update
+from ..physics.protocol import State, retract
 from ..physics.space.build import axis_of, mount_of
 from ..physics.space.chain import SpatialBeam
 from ..physics.space.layout import AXES, PL
@@ -64,7 +64,7 @@ class SmallMotions:
     def _moving(self, d: Array, d1: Array, d2: Array, q0: Array) -> State:
         """The state that increments and their rates come to."""
         q = q0.copy()
-        uncompiled(update)(SINGLE, self.model, q, 1.0, d, None)
+        uncompiled(retract)(SINGLE, self.model, q, 1.0, d, None)
         v, a = self.v + d1, self.a + d2
         if self.spin:
             v[self.spun] += self.spin
@@ -91,7 +91,7 @@ class SmallMotions:
         """Coordinates an increment of some rows away."""
         q, whole = q0.copy(), np.zeros(self.n)
         whole[rows] = d
-        uncompiled(update)(SINGLE, self.model, q, 1.0, whole, None)
+        uncompiled(retract)(SINGLE, self.model, q, 1.0, whole, None)
         return q
 
     def slopes(self, q0: Array, which: int, rows: Rows) -> Array:
@@ -164,7 +164,13 @@ which way they whirl about the first joint's axis (`Modes`)."""
 
 
 def modes_of(simulation: Simulation, q: Array, held: list[int], spin: float) -> Vibration:
-    """About a rest, or a steady rotation near it, joints `held` kept at their angles."""
+    """Return eigenvalues (rad/s), eigenvectors, points of the chain (m, inertial axes), and a function of an
+    eigenvector.
+
+    Small motions about q (n,), at rest or in steady rotation: spin (rad/s) about the first joint's axis (q then starts
+    the search). held: indices of joints kept at their angles. The function returns the points' displacements at the
+    phase of the largest (largest length 1) and the whirl (-1 to 1; NaN: no motion across the axis), see `Modes`.
+    """
     motions = SmallMotions(simulation, spin)
     rows = motions.but(held)
     if spin:

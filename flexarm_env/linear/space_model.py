@@ -18,7 +18,7 @@ from ..compiler import SINGLE, uncompiled
 from ..physics.equations import read_gauges, read_poses
 from ..physics.gauges import curvature_rows
 from ..physics.layout import SPACE_POSE, SPACE_POSES
-from ..physics.protocol import difference
+from ..physics.protocol import local_difference
 from ..simulation import Simulation
 from ..validation import Array
 from .equations import SECOND, Rows, motor_rows, slopes
@@ -87,7 +87,7 @@ class SpaceModel:
         q[:, :f], v[:, f : 2 * f] = np.linalg.inv(self._slope(w.q)), np.eye(f)
         begun, way = w.q.copy(), np.zeros(len(w.q))
         q, v = period_tangents(self._simulation, self._flat, w, (q, v, self._right), rows, self._inputs, dt)
-        uncompiled(difference)(SINGLE, self._simulation.model, begun, w.q, way)
+        uncompiled(local_difference)(SINGLE, self._simulation.model, begun, w.q, way)
         change = np.vstack([self._slope(w.q) @ q, v])
         after = np.concatenate([way[rows], w.v[rows]])
         after[self._plain] += self.x[self._plain]

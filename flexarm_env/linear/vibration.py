@@ -23,7 +23,8 @@ class Modes:
     """The n lowest modes of an arm about a point of its motion.
 
     Attributes:
-        frequencies (n,): natural frequencies |lambda|, rad/s, ascending; 0 for a rigid motion.
+        frequencies (n,): natural frequencies, rad/s: the size of `eigenvalues`; 0 for a rigid motion, and for a pole
+            that decays or grows without oscillation. The modes are in ascending order of that size.
         damping (n,): ratios -Re lambda / |lambda|; 1 for each pole of an overdamped mode, -1 for a pole that grows
             without oscillation, 0 for a rigid motion.
         eigenvalues (n,): lambda, rad/s, the one of a pair with positive imaginary part.
@@ -31,8 +32,7 @@ class Modes:
             their largest one, which has unit length, m. In rotation points move on ellipses; this is the real part.
         points (points, 2) or (points, 3): the chain itself, root to tip, m.
         spin: rad/s.
-        growing: how many modes of all, not of the n lowest alone, grow: 0 where the arm stays near the point. The
-            frequency of one that grows without oscillation is its rate of growth.
+        growing: how many modes of all, not of the n lowest alone, grow: 0 where the arm stays near the point.
         whirl (n,): in space, which way the points go round the first joint's axis, as an observer sees it who turns
             with the arm: 1 on circles with a positive spin, -1 against it, 0 where they move to and fro; NaN where they
             stay or move along the axis alone. In the plane empty.
@@ -88,8 +88,9 @@ def modes(
         warn_unstable(rest, refuse=False)
     order = np.argsort(np.abs(values), kind="stable")[:n]
     eigenvalues, seen = values[order], [shape(vector) for vector in vectors.T[order]]
-    frequencies = np.abs(eigenvalues)
-    damping = np.where(frequencies > 0.0, -eigenvalues.real / np.maximum(frequencies, 1e-300), 0.0) + 0.0  # no -0.0
+    size = np.abs(eigenvalues)
+    damping = np.where(size > 0.0, -eigenvalues.real / np.maximum(size, 1e-300), 0.0) + 0.0  # no -0.0
+    frequencies = np.where(np.abs(eigenvalues.imag) > 1e-9 * size, size, 0.0)
     shapes = np.array([one for one, _ in seen]).reshape(-1, *points.shape)
     whirl = np.array([one for _, one in seen if scene.spatial])
     return Modes(frequencies, damping, eigenvalues, shapes, points, spin, growing(values), whirl)

@@ -1,4 +1,4 @@
-"""How an arm moves: each formulation's assembly (NumPy) beside its compiled equations, and the integrator of all."""
+"""Mechanics of an arm: each formulation's assembly (NumPy) beside its compiled equations, and the time integration."""
 
 from .elastica import equations as _elastica
 from .exact import equations as _exact
@@ -10,4 +10,4 @@ from .space import equations as _space
 
 __all__: list[str] = []
 FORMULATIONS = (_elastica, _exact, _floating, _joined, _jointed, _space, _space_adjoint)
-"""Importing them registers them (`protocol.register`)."""
+"""Modules of the formulations; importing a module registers its kernels (`protocol.register`)."""

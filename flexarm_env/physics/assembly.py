@@ -1,4 +1,4 @@
-"""Scene and settings to System and Drive: which formulation assembles, and what is driven by functions of time."""
+"""Assemble a scene and its settings to a System (in the formulation's own `build`) and a Drive (functions of time)."""
 
 import dataclasses
 import importlib
@@ -13,7 +13,7 @@ from ..scene import JointTorque, Motion, Scene, standing_scene
 from ..sections import ACROSS, ENDS, Section
 from ..settings import Settings
 from ..time_functions import PIECE, TimeFunction, constant
-from .joints.build import carrying, check_floating, jointed, places_of
+from .joints.build import check_floating, places_of, with_base_mass, with_contributions, with_joints, with_points
 from .linalg import solve
 from .model import Drive, Elastica, Honours, Jointed, Scheme, System, scheme
 from .space.chain import SpatialElastica
@@ -28,13 +28,14 @@ _BUILDERS = {
 
 
 def assemble(scene: Scene, settings: Settings) -> System:
-    """The scene's System in the formulation that the settings name.
+    """Return the scene's System in the formulation that the settings name.
 
     Raises:
-        ValueError: something of the arm that the formulation, or this form of it, does not take into account.
+        ValueError: a property of the arm that the formulation, or this variant of it, does not take into account.
     """
     if scene.spatial:
         return _in_space(scene, settings)
+    # properties that some variants of the formulations lack
     for k, link in enumerate(scene.arm.links):
         if link.rigid_ends and (settings.multipliers or scene.arm.mass_damping):
             name = next(name for name in ENDS if getattr(link, name))
@@ -68,24 +69,30 @@ def assemble(scene: Scene, settings: Settings) -> System:
             "mass_damping", drag, "must be 0 with frame='chord': it is drag relative to a frame clamped to the link's "
             "root (give frame='root'); tau_d damps under every formulation"
         )  # fmt: skip
-    _check_honoured(scene.arm, "", settings.formulation, _builder(settings.formulation).HONOURS)
+    # every other field that is not at its default must be named in the formulation's HONOURS
+    _check_honoured(scene.arm, "", settings.formulation, with_contributions(_builder(settings.formulation).HONOURS))
     system = _built(scene, settings)
+    # initial motion of the straight links
     if any(scene.rates) or any(scene.velocity):
         system = dataclasses.replace(system, v0=_rates(scene, settings))
     return system
 
 
 def _in_space(scene: Scene, settings: Settings) -> System:
-    """`assemble` of a scene in space."""
+    """Return the System of a scene in space, with its joints, in the formulation that the settings name.
+
+    Raises ValueError for a property of the arm that this formulation in space does not take into account.
+    """
     builder = importlib.import_module(".space.build", __package__)
-    _check_honoured(scene.arm, "", f"{settings.formulation} in space", builder.HONOURS)
+    _check_honoured(scene.arm, "", f"{settings.formulation} in space", with_contributions(builder.HONOURS))
     builder.check_scene(scene, settings)
     if settings.formulation == "elastica":
         builder = importlib.import_module(".space.elastica_build", __package__)
-    return jointed(scene, settings, builder.build(scene, settings))
+    return with_joints(scene, settings, builder.build(with_points(scene), settings))
 
 
 def _builder(formulation: str) -> Any:
+    """Return the `build` module of a formulation in the plane, imported when first used."""
     return importlib.import_module(f".{_BUILDERS[formulation]}", __package__)
 
 
@@ -93,17 +100,21 @@ _NOT_MECHANICS: dict[type, tuple[str, ...]] = {
     Arm: ("name", "source", "torque_limits", "joint_limits", "sensors"),
     Section: tuple(ACROSS),
 }
-"""Fields that no equation of motion knows of; of sections those of motion out of the plane."""
+"""Fields that enter no equation of motion; of sections, in the plane, those of motion out of the plane."""
 
 
 def _check_honoured(part: Any, path: str, formulation: str, honours: Honours) -> None:
-    """Refuse what the formulation's `HONOURS` does not name: a field that is not at its default, or a class, of this
-    part of an arm and of what is in it."""
+    """Raise ValueError for a field of `part`, or of its parts, that is not at its default and not in `honours`.
+
+    part: an Arm or a description within it, at key path `path`; honours: fields that the formulation uses, by class. A
+    subclass that `honours` does not name is rejected as well.
+    """
     if isinstance(part, tuple | list):
         for i, entry in enumerate(part):
             _check_honoured(entry, f"{path}[{i}]", formulation, honours)
     elif dataclasses.is_dataclass(part):
         given: type = type(part)
+        # the nearest base class that the formulation names
         kind = next((kind for kind in given.__mro__ if kind in honours), None)
         known = honours[kind] if kind else ()
         for field in dataclasses.fields(part):
@@ -119,29 +130,37 @@ def _check_honoured(part: Any, path: str, formulation: str, honours: Honours) ->
 
 
 def _built(scene: Scene, settings: Settings) -> System:
+    """Return the System of a scene in the plane with its joints, and with the floating base if it has one.
+
+    Its v0 is not set from the scene's rates and velocity (`_rates`). The scene's properties are not checked.
+    """
     build = _builder(settings.formulation).build
     if not scene.floats:
-        return jointed(scene, settings, build(scene, settings))
-    loaded = carrying(scene)
+        return with_joints(scene, settings, build(with_points(scene), settings))
+    loaded = with_points(with_base_mass(scene))
     system: System = build(loaded, settings)
+    # rows that change when the scene is moved by 1 m are positions, which the base's momentum needs
     aside = dataclasses.replace(loaded, position=tuple(x + 1.0 for x in loaded.position))
     places = places_of(system, build(aside, settings))
-    return jointed(scene, settings, system, places)
+    return with_joints(scene, settings, system, places)
 
 
+# central differences of sixth order: sum_k w_k (f(k t) - f(-k t)) / t
 _WEIGHTS = ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60))
 
 
 def _rates(scene: Scene, settings: Settings) -> Array:
-    """Rates of all coordinates while the straight links move and turn as the scene says before t = 0.
+    """Return the rates v0 (n,) of all coordinates for straight links that move and turn as the scene says before t = 0.
 
-    Coordinates follow from place and angles by lines, sines and cosines: differences of sixth order are exact to
-    round-off.
+    Coordinates depend on place and angles through lines, sines and cosines: central differences of sixth order are
+    exact to round-off.
     """
+    # step: 0.01 rad of the fastest turn, or 0.01 of the arm's length
     longest = max(1e-300, *map(abs, scene.rates), *(abs(x) / scene.arm.total_length for x in scene.velocity))
     t = 0.01 / longest
 
     def moved(s: float) -> Array:
+        """Return q0 (n,) of the scene at time s (s), its place and angles moved at their rates, motions held."""
         place = [x + s * rate for x, rate in zip(scene.position, scene.velocity, strict=True)]
         angles = tuple(angle + s * rate for angle, rate in zip(scene.angles, scene.rates, strict=True))
         still = dataclasses.replace(scene, motions=(), position=(place[0], place[1]), angles=angles)
@@ -155,8 +174,11 @@ def _rates(scene: Scene, settings: Settings) -> Array:
 
 
 def physical(model: Any) -> Any:
-    """The model with the inertia that the arm has, without what corrects the integrator's longer period, and without
-    Coulomb friction, which has no derivative."""
+    """Return the model with the arm's physical inertia and without Coulomb friction, which has no derivative.
+
+    The elastica's correction of the integrator's period error (5.3) changes its inertia; equations of continuous time
+    need the inertia without it.
+    """
     if isinstance(model, Jointed):
         return smooth(model)._replace(arm=physical(model.arm))
     if isinstance(model, Elastica):
@@ -167,7 +189,7 @@ def physical(model: Any) -> Any:
 
 
 def uncorrected(model: Any) -> Any:
-    """The model without what an elastica in space takes from its inertia for its steps."""
+    """Return the model without the inertia correction that an elastica in space makes for its steps (5.3)."""
     if isinstance(model, Jointed):
         return model._replace(arm=uncorrected(model.arm))
     if isinstance(model, SpatialElastica):
@@ -178,12 +200,12 @@ def uncorrected(model: Any) -> Any:
 
 
 def smooth(model: Any) -> Any:
-    """The model without Coulomb friction, which has no derivative."""
-    return model._replace(friction=None) if isinstance(model, Jointed) else model
+    """Return the model without Coulomb friction, which has no derivative."""
+    return model._replace(newton=model.newton._replace(friction=None))
 
 
 def scheme_of(settings: Settings, tolerance: float) -> Scheme:
-    """The integrator's coefficients and limits that the settings name, with a tolerance as `precision` has it."""
+    """Return the integrator's `Scheme` for the settings and a Newton tolerance from `precision`."""
     return scheme(
         settings.rho_inf, settings.newmark, tolerance, settings.max_iterations, settings.max_halvings,
         settings.newton == "modified",
@@ -191,17 +213,22 @@ def scheme_of(settings: Settings, tolerance: float) -> Scheme:
 
 
 def room_for_points(settings: Settings, n_links: int) -> int:
-    """At least as many points as any formulation draws along a chain of links."""
+    """Return an upper bound of the number of points that any formulation draws along n_links links."""
     a_segment = 32 if settings.modes is not None else 8 * (settings.elements or 1)
     return n_links * (2 + max(512, (settings.segments or 1) * a_segment))
 
 
 def pose_table(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) -> Array:
-    """(n, 1 + 3 N) table with q = table (1, alpha_k, cos alpha_k, sin alpha_k) for straight links at angles alpha."""
+    """Return the table (n, 1 + 3 N) with q = table @ (1, alpha_k, cos alpha_k, sin alpha_k) for straight links.
+
+    n: coordinates of the planar arm in the formulation of the settings; N links. alpha_k (rad): angle of link k from
+    the inertial x axis, k < N. gravity: m/s^2 or None. Entries within 1e-12 of an integer are rounded to it.
+    """
     assert settings.dt is not None
     count = arm.n_links
     rng = np.random.default_rng(1)
-    alone = np.kron(np.eye(count), [[-2.0], [1.0], [2.0]])  # they settle the table, the drawn ones check it
+    # 1 + 3 N poses determine the table (all zero, then each angle alone); six random ones check it
+    alone = np.kron(np.eye(count), [[-2.0], [1.0], [2.0]])
     samples = np.concatenate([np.zeros((1, count)), alone, rng.uniform(-3.0, 3.0, (6, count))])
     rows = [assemble(standing_scene(arm, settings.dt, gravity, angles), settings).q0 for angles in samples.tolist()]
     basis = np.concatenate([np.ones((len(samples), 1)), samples, np.cos(samples), np.sin(samples)], axis=1)
@@ -215,15 +242,20 @@ def pose_table(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) 
 
 
 def drive(scene: Scene, system: System) -> Drive:
-    """The scene's motions and loads for the kernels; an empty Drive where there are none: one kernel fits all."""
+    """Return the scene's loads and motions as a `Drive`, empty where there are none: one compiled kernel fits both.
+
+    system: the assembled scene, for the rows of prescribed coordinates.
+    """
     functions: list[TimeFunction] = []
     terms: list[tuple[int, int]] = []
 
     def add(entry: int, function: TimeFunction | None) -> None:
+        """Add a term: the function is added to this entry of u; None adds nothing."""
         if function is not None:
             terms.append((entry, len(functions)))
             functions.append(function)
 
+    # loads: joint torques, then per point load its force (N) and torque (N m) components
     point = 0
     for load in scene.loads:
         if isinstance(load, JointTorque):
@@ -235,8 +267,10 @@ def drive(scene: Scene, system: System) -> Drive:
             for k, function in enumerate(own):
                 add(scene.arm.n_links + len(own) * point + k, function)
             point += 1
+    # terms of one entry must follow each other
     terms.sort(key=lambda term: term[0])
     entries, added = np.array(terms, np.int64).reshape(-1, 2).T.copy()
+    # motions: prescribed rows and their functions
     known = np.array([system.coordinates[motion.coordinate] for motion in scene.motions], np.int64)
     motions = np.arange(len(functions), len(functions) + len(scene.motions), dtype=np.int64)
     functions += [motion.function for motion in scene.motions]

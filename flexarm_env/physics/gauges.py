@@ -1,6 +1,7 @@
-"""Strain gauges: the curvature of a link at a place, in the plane a linear function of the state in every formulation.
+"""Strain gauges: curvature of a link at a point, in the plane a linear function of the coordinates.
 
-Floating-frame bodies resolve it as the mean curvature between two drawing stations; the others give it at the point.
+Bodies with floating frames give the mean curvature between two drawing stations, the other formulations that at the
+point.
 """
 
 from collections.abc import Sequence
@@ -24,13 +25,14 @@ from .space.layout import GAUGE
 
 Array = NDArray[np.float64]
 Spot = tuple[int, float] | tuple[int, float, str]
-"""Link, place from 0 (root) to 1 (tip), and of `sensors.MEASURES`, in the plane always the first."""
+"""(link, position from 0 at its root to 1 at its tip), and the quantity, one of `sensors.MEASURES` (plane: "xy")."""
 
 
 def curvatures(
     scene: Scene, settings: Settings, names: Sequence[str], places: Sequence[Spot], q: Array
 ) -> Array:
-    """(n, G) 1/m at each `Spot`, over what it is without stress, for states q (n, rows)."""
+    """Return curvatures (n, G), 1/m, at G spots for n configurations q (n, rows), less those of the stress-free arm."""
+    # `curvature_rows` needs the names of the rows alone, here also without a System
     like: Any = SimpleNamespace(q0=q[0], names=names)
     rows = curvature_rows(scene, settings, like, places)
     if scene.spatial and settings.formulation != "elastica":
@@ -38,12 +40,16 @@ def curvatures(
         read_gauges(assemble(scene, settings).model, np.ascontiguousarray(q), rows, out)
         return out
     if not scene.spatial and any(link.curved for link in scene.arm.links):
+        # curved links: the start configuration is free of stress
         q = q - assemble(scene, settings).q0
     return np.asarray(q @ rows.T)
 
 
 def over(rows: Array, sizes: Array, space: bool) -> Array:
-    """Rows of `curvature_rows` for readings over these sizes, (G,)."""
+    """Divide gauge rows by `sizes` (G,), 1/m, so that readings are relative to them; rows of `curvature_rows`.
+
+    space: rows hold `GAUGE` records, of which the entries from `near` on scale.
+    """
     if not space:
         return np.asarray(rows / sizes[:, None])
     found = rows.copy()
@@ -52,8 +58,10 @@ def over(rows: Array, sizes: Array, space: bool) -> Array:
 
 
 def curvature_rows(scene: Scene, settings: Settings, system: System, places: Sequence[Spot]) -> Array:
-    """(G, n): what `protocol.gauge` takes for each `Spot`: in the plane curvature (1/m) = row . q; in space the first
-    numbers of a row are a `GAUGE`."""
+    """Return (G, n) rows for `protocol.strain_gauge`, one per spot: in the plane, curvature (1/m) = row . q.
+
+    In space the first entries of a row are a `GAUGE` record (the elastica in space: row . q again).
+    """
     if scene.spatial and settings.formulation == "elastica":
         return strained_rows(scene, settings, system, places)
     if scene.spatial:
@@ -70,20 +78,26 @@ def curvature_rows(scene: Scene, settings: Settings, system: System, places: Seq
 
 
 def _elastica(scene: Scene, settings: Settings, system: System, link: int, s: float) -> Array:
+    """Return the row of d phi / ds (1/m) at arc length s (m) of a link of the elastica: slopes of node angles."""
     assert settings.nodes is not None
     n, row = settings.nodes, np.zeros(len(system.q0))
     line = chain(scene.arm, n).lines[link]
     row[link * n : (link + 1) * n] = line.slope(np.array([s]))[0]
-    if link > 0:  # the first node's angle is that of the tip before it, and the joint's on top
+    # the first node's row is the joint angle, relative to the last node of the link before: both add up
+    if link > 0:
         row[link * n - 1] += row[link * n]
     return row
 
 
 def _exact(scene: Scene, settings: Settings, system: System, link: int, s: float) -> Array:
-    """Vertices' angles and interior amplitudes, whose slopes are Legendre polynomials (`physics.exact.tables`)."""
+    """Return the row of d psi / ds (1/m) at arc length s (m) of a link for the exact beam.
+
+    Coordinates: angles of the element's vertices and amplitudes of its interior functions (`physics.exact.tables`).
+    """
     assert settings.elements is not None and settings.order is not None
     elements, order, own = settings.elements, settings.order, scene.arm.links[link]
     length = own.length / elements
+    # element e and its coordinate xi in [-1, 1]; even elements of a uniform link, else its mesh
     e = min(int(s / length), elements - 1)
     xi = 2.0 * (s / length - e) - 1.0
     if own.uniform is None:
@@ -92,20 +106,28 @@ def _exact(scene: Scene, settings: Settings, system: System, link: int, s: float
         length = float(ends[e + 1] - ends[e])
         xi = 2.0 * (s - float(ends[e])) / length - 1.0
     row, at = np.zeros(len(system.q0)), CHAIN.offsets(0, scene.arm.n_links, elements, order)
+    # vertices: (psi_right - psi_left) / length
     left = at.elements + AXES * order * (elements * link + e) + T
     right = left + AXES * order
     row[[left, right]] = -1.0 / length, 1.0 / length
+    # the link's first angle is the vertex's psi plus the hinge angle
     if e == 0 and link > 0:
         row[at.hinges + link - 1] = -1.0 / length
+    # slopes of the interior functions
     row[left + AXES : right : AXES] = functions(order, np.array([xi]))[1][1:, 0] / length
     return row
 
 
 def _floating(scene: Scene, settings: Settings, system: System, link: int, s: float) -> Array:
+    """Return the row of the mean curvature (1/m) between the drawing stations around s (m), for floating frames.
+
+    The section's angle is interpolated from the bodies' shapes; the last body takes any s beyond its start.
+    """
     segments, row, start = settings.segments or 1, np.zeros(len(system.q0)), 0.0
     own = bodies_of(scene.arm, settings)[link * segments : (link + 1) * segments]
     for b, body in enumerate(own):
         if s <= start + body.length * (1.0 + 1e-12) or body is own[-1]:
+            # stations and section angles there; the root is added where it is no station
             x = np.concatenate([[0.0], body.stations]) if body.stations[0] > 0.0 else body.stations
             angles = body.shapes[:, 2] if body.stations[0] <= 0.0 else np.vstack([body.root, body.shapes[:, 2]])
             i = int(np.clip(np.searchsorted(x, s - start) - 1, 0, len(x) - 2))

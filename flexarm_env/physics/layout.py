@@ -1,91 +1,103 @@
-"""Where things are in what every formulation reads or writes: inputs, motions, link poses, an arm's books."""
+"""Layouts of arrays that every formulation reads or writes: link poses, inputs, motions, energy account, counts."""
 
 from ..layout import Field, Layout
 
 POSES = Layout(
     "Pose", "",
-    Field("x", (), "m", "of the link's root"),
-    Field("y", (), "m", ""),
-    Field("angle", (), "rad", "of its tangent there"),
-    Field("vx", (), "m/s", "their rates"),
-    Field("vy", (), "m/s", ""),
-    Field("rate", (), "rad/s", ""),
-    Field("tip_x", (), "m", "the same of its tip"),
-    Field("tip_y", (), "m", ""),
-    Field("tip_angle", (), "rad", ""),
-    Field("tip_vx", (), "m/s", ""),
-    Field("tip_vy", (), "m/s", ""),
-    Field("tip_rate", (), "rad/s", ""),
+    Field("x", (), "m", "x of the link's root, inertial axes"),
+    Field("y", (), "m", "y of the link's root"),
+    Field("angle", (), "rad", "angle of the tangent at the root, from the inertial x axis"),
+    Field("vx", (), "m/s", "velocity of the root along x"),
+    Field("vy", (), "m/s", "velocity of the root along y"),
+    Field("rate", (), "rad/s", "rate of the angle at the root"),
+    Field("tip_x", (), "m", "x of the link's tip, inertial axes"),
+    Field("tip_y", (), "m", "y of the link's tip"),
+    Field("tip_angle", (), "rad", "angle of the tangent at the tip, from the inertial x axis"),
+    Field("tip_vx", (), "m/s", "velocity of the tip along x"),
+    Field("tip_vy", (), "m/s", "velocity of the tip along y"),
+    Field("tip_rate", (), "rad/s", "rate of the angle at the tip"),
 )  # fmt: skip
-"""What is known of a link, as `protocol.link_poses` writes it."""
+"""Pose and velocity of a link in the plane, as `protocol.link_poses` writes them."""
 
 POSE = POSES.places
-"""Where these are; POSE.end: numbers a link."""
+"""Offsets of the fields of POSES; POSE.end: numbers per link."""
 
 BASE_POSE = Layout(
     "BasePose", "",
-    Field("angle", (), "rad", "attitude of a base that floats, 0 at the start"),
-    Field("rate", (), "rad/s", "its rate"),
+    Field("angle", (), "rad", "attitude of a floating base from the inertial x axis, 0 at the start"),
+    Field("rate", (), "rad/s", "rate of the attitude"),
 ).places  # fmt: skip
-"""What is known of such a base, behind the links' poses."""
+"""Pose of a floating base, stored after the links' poses."""
 
 ROOT, ROOT_RATES = slice(POSE.x, POSE.vx), slice(POSE.vx, POSE.tip_x)
 TIP, TIP_RATES = slice(POSE.tip_x, POSE.tip_vx), slice(POSE.tip_vx, POSE.end)
-"""x, y, angle and their rates, of a link's root and of its tip: along the last axis of poses (..., links, POSE.end)."""
+"""Slices of the last axis of poses (..., links, POSE.end): (x, y, angle) and their rates, at a link's root and tip."""
 
 SPACE_POSES = Layout(
     "SpatialPose", "",
-    Field("angle", (), "rad", "of the joint at the link's root"),
-    Field("rate", (), "rad/s", "its rate"),
-    Field("deflection", (2,), "m", "of the tip along y and z of the root"),
-    Field("deflection_rate", (2,), "m/s", ""),
-    Field("twist", (), "rad", "of the tip against the root: x part of the rotation vector between them"),
-    Field("twist_rate", (), "rad/s", ""),
-    Field("tip", (3,), "m", "place"),
-    Field("velocity", (3,), "m/s", "of the tip"),
-    Field("axes", (3, 3), "", "of the root"),
-    Field("turn", (3,), "rad", "rotation vector of the tip's axes"),
-    Field("spin", (3,), "rad/s", "angular velocity of the tip about its own axes"),
+    Field("angle", (), "rad", "angle of the joint at the link's root"),
+    Field("rate", (), "rad/s", "rate of the joint angle"),
+    Field("deflection", (2,), "m", "deflection of the tip along y and z of the root's section axes"),
+    Field("deflection_rate", (2,), "m/s", "rate of the deflection, root axes"),
+    Field("twist", (), "rad", "twist of the tip against the root: x part of the rotation vector between them"),
+    Field("twist_rate", (), "rad/s", "rate of the twist"),
+    Field("tip", (3,), "m", "position of the tip, inertial axes"),
+    Field("velocity", (3,), "m/s", "velocity of the tip, inertial axes"),
+    Field("axes", (3, 3), "", "rotation matrix, by rows, from the root's section axes to inertial axes"),
+    Field("turn", (3,), "rad", "rotation vector of the tip's section axes"),
+    Field("spin", (3,), "rad/s", "angular velocity of the tip's section, its own axes"),
 )  # fmt: skip
-"""What is known of a link in space, as `protocol.task_poses` writes it."""
+"""Pose and velocity of a link in space, as `protocol.task_poses` writes them."""
 
 SPACE_POSE = SPACE_POSES.places
 
 LOAD = Layout(
     "PointLoad", "",
-    Field("x", (), "N", "force; as a port: position, m"),
-    Field("y", (), "N", ""),
-    Field("torque", (), "N m", "as a port: angle, rad"),
+    Field("x", (), "N", "force along inertial x; as input displacement: position x, m"),
+    Field("y", (), "N", "force along inertial y; as input displacement: position y, m"),
+    Field("torque", (), "N m", "torque; as input displacement: angle of the section, rad"),
 )  # fmt: skip
-"""A point load's entries of the inputs u, behind the joints' torques, and of the ports y."""
+"""Entries of a point load in the inputs u, after the joint torques, and in the input displacements y."""
 OF_LOAD = LOAD.places
 
 MOTION = Layout(
     "Motion", "",
-    Field("value", (), "m or rad", "of the prescribed coordinate"),
-    Field("rate", (), "1/s", ""),
-    Field("second", (), "1/s^2", "second rate"),
+    Field("value", (), "m or rad", "prescribed value of the coordinate"),
+    Field("rate", (), "1/s", "its first time derivative"),
+    Field("second", (), "1/s^2", "its second time derivative"),
 )  # fmt: skip
-"""A prescribed motion's entries of psi."""
+"""Entries of a prescribed motion in psi."""
 OF_MOTION = MOTION.places
 
 LEVER = Layout(
     "Lever", "",
-    Field("length", (), "m", "of a link's rigid end"),
-    Field("mass", (), "kg", "in its middle"),
-    Field("inertia", (), "kg m^2", "about there"),
-    Field("far", (), "kg", "mass at its far point, an elbow's"),
+    Field("length", (), "m", "length of the rigid end"),
+    Field("mass", (), "kg", "mass of the rigid end, at its middle"),
+    Field("inertia", (), "kg m^2", "inertia about the middle"),
+    Field("far", (), "kg", "mass at the far point, that of an elbow"),
 )  # fmt: skip
-"""Of each link's root and tip, where links have rigid ends."""
+"""A rigid end of a link; each link has two of these, root and tip, where links have rigid ends."""
+
+ROTOR = Layout(
+    "Rotor", "",
+    Field("momentum", (), "N m s", "h: angular momentum along the joint's axis e, set before a residual"),
+    Field("column", (3,), "rad/s", "w x e in the axes of the section before the joint, which turns at w: set with a "
+          "matrix; 0 where the three rows before the joint's own do not belong to that section"),
+    Field("factor", (), "N m s", "set before `factor`, which adds factor (w x e) to the joint's column"),
+).places  # fmt: skip
+"""What a joint with a rotor has in the matrix array S of an arm in space."""
 
 BOOKS = Layout(
     "Books", "",
-    Field("work", (), "J", "of inputs and motions"),
-    Field("dissipated", (), "J", "by damping"),
+    Field("work", (), "J", "work of inputs and prescribed motions since the start"),
+    Field("dissipated", (), "J", "energy dissipated by damping and friction"),
+    Field("beyond", (), "J", "work of damping forces beyond that, of strain rates that steps do not resolve"),
 )  # fmt: skip
-WORK_DONE, DISSIPATED, *_ = BOOKS.places
+# energy account of an arm
+WORK_DONE, DISSIPATED, BEYOND, *_ = BOOKS.places
 
 COUNTS = Layout(
     "Counts", "", *(Field(name, (), "", "") for name in ("iterations", "factorisations", "halvings", "steps"))
 )
+# numbers of Newton iterations, factorizations, halved steps and steps of all lanes together
 ITERATIONS, FACTORISATIONS, HALVINGS, STEPS, *_ = COUNTS.places

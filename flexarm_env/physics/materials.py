@@ -1,13 +1,13 @@
-"""Material laws, in one place: what a cross-section answers its strains with, its energy, and what is damped of it.
+"""Material laws: stress resultants of a cross-section as functions of its strains, their energy and damping.
 
-Each stress resultant is a stiffness (EA, C, EI) times a function of its strain (Gamma_1, Gamma_2, kappa), of slope 1
-without strain; Kelvin-Voigt damping adds that stiffness times tau_d times the strain's rate. The exact beam reads
-all three laws, the elastica that of M; floating frames take stiffnesses alone. Here all are linear:
+Each stress resultant is a stiffness (EA, C, EI) times a function of its strain (Gamma_1, Gamma_2, kappa) with slope 1
+at zero strain; Kelvin-Voigt damping adds stiffness times tau_d times the strain rate (theory, 5.1). The exact beam
+reads all three laws, the elastica that of M; floating frames take stiffnesses alone. Here all are linear:
 
     N = EA Gamma_1,   Q = C Gamma_2,   M = EI kappa.
 
-A law is given its strain times a length l, then l, then what its section has beyond stiffnesses (`NORMAL_AND_SHEAR`,
-`BENDING`), and returns an `Answer`. docs/architecture.md shows two others.
+Arguments of a law: e, its strain times a length l; length, l (m); own, the section's fields beyond stiffnesses
+(`NORMAL_AND_SHEAR`, `BENDING`). It returns an `Answer`. docs/architecture.md shows two other laws.
 """
 
 from typing import Any, NamedTuple
@@ -16,37 +16,46 @@ from ..compiler import kernel
 
 NORMAL_AND_SHEAR: tuple[str, ...] = ()
 BENDING: tuple[str, ...] = ()
-"""Fields of a `Section`, beyond its stiffnesses, that the laws of N and Q read, and that of M: in this order they are
-what a law is given as `own`. A formulation without the law refuses a section where they are not at their defaults."""
+"""Fields of a `Section`, beyond its stiffnesses, that the laws of N and Q, and the law of M, read as `own`, in this
+order. A formulation without the law rejects a section where they are not at their defaults."""
 
 
 class Answer(NamedTuple):
-    """A stress resultant by its strain e, over its stiffness without strain."""
+    """Stress resultant, its slope and its energy for the strain e, divided by the stiffness at zero strain."""
 
-    force: Any  # f(e)
+    force: Any  # f(e), in the unit of e
     slope: Any  # f'(e); None: 1
-    energy: Any  # 2 int f de, from no strain on
+    energy: Any  # 2 int_0^e f de
 
 
 @kernel
 def normal(e, length, own):
-    """N: l N / EA by e = l Gamma_1."""
+    """Return the law of the normal force N (N), f(e) = l N / EA with e = l Gamma_1 (m), as an `Answer`: linear, f = e.
+
+    length: l (m); own: further constants of the section. This law reads neither.
+    """
     return Answer(e, None, e * e)
 
 
 @kernel
 def shear(e, length, own):
-    """Q: l Q / C by e = l Gamma_2."""
+    """Return the law of the shear force Q (N), f(e) = l Q / C with e = l Gamma_2 (m), as an `Answer`: linear, f = e.
+
+    length: l (m); own: further constants of the section. This law reads neither.
+    """
     return Answer(e, None, e * e)
 
 
 bending: Any = None
-"""M: a law like these, l M / EI by e = l kappa; None: M = EI kappa, which is integrated beforehand."""
+"""Law of the bending moment M (N m): l M / EI as a function of e = l kappa. None: M = EI kappa, integrated before."""
 
 
 @kernel
 def viscoelastic(force, rate, tau):
-    """An `Answer.force` with what the strain's rate adds; tau: tau_d, None without damping."""
+    """Return force + tau * rate: a stress resultant over its stiffness, with Kelvin-Voigt damping.
+
+    force: `Answer.force`, in the unit of the strain e; rate: of e, per s; tau: tau_d (s), or None without damping.
+    """
     if tau is None:
         return force
     return force + tau * rate
@@ -54,7 +63,11 @@ def viscoelastic(force, rate, tau):
 
 @kernel
 def viscoelastic_slope(slope, tau, damping, stiffness):
-    """Slope of `viscoelastic` by the strain times the weight `stiffness`, and by its rate times `damping`."""
+    """Return stiffness df/de + damping df/d(rate) of the law f + tau_d d(e)/dt: its slope in a matrix with two weights.
+
+    slope: df/de, `Answer.slope` (None: 1); tau: tau_d (s), or None without damping; damping, stiffness: weights of the
+    derivatives by rates and by coordinates (`protocol.Weights`).
+    """
     own = stiffness
     if slope is not None:
         own = slope * stiffness

@@ -1,8 +1,9 @@
-"""The contract between the mechanics that assemble a model and the kernels that move it.
+"""Data records shared by the assembly of a model and by its kernels: Models, Scheme, Drive, System, status codes.
 
 A Model is a NamedTuple of arrays and numbers, never written after assembly; each formulation has its own
-(`FloatingFrame`, `ExactBeam`, `Elastica`). The state is q, v, a (accelerations) and b (the integrator's auxiliary
-acceleration), float64, one entry a row of the system. `physics/protocol.py` says what a Model must hold.
+(`FloatingFrame`, `ExactBeam`, `Elastica`). `physics/protocol.py` specifies the fields from n to newton that all
+Models have. The state is q, v, a (accelerations) and b (the integrator's auxiliary acceleration), float64, one entry
+per row of the system. A field that is None, or a tag (0,), selects at compile time what a kernel contains.
 """
 
 from __future__ import annotations
@@ -18,10 +19,11 @@ from ..parameters import Arm, Base, Elbow, Joint, Link, Motor, Payload, Section,
 from ..scene import Scene
 from ..sections import ENDS
 from .layout import LEVER
+from .protocol import NewtonPolicy
 
 OK, NEWTON_FAILED, DIVERGED, OUT_OF_RANGE, NOT_FINITE, TIMED_OUT = range(6)
 STATUS = ("ok", "newton_failed", "diverged", "out_of_range", "not_finite", "timed_out")
-"""Status words of an arm, in the order of their codes."""
+"""Status codes of an arm, and their words in the same order."""
 
 MESSAGE = (
     "finished",
@@ -36,37 +38,41 @@ MESSAGE = (
     "a value that is not finite appeared at t = {t:.6g} s",
     "the time allowed for the run was used up at t = {t:.6g} s",
 )
-"""Sentences of the status codes."""
+"""Message of each status code, in the order of the codes."""
 
 PAYLOAD_MASS, PAYLOAD_INERTIA, STIFFNESS_FACTOR, TAU_D, EI_Y_FACTOR, GJ_FACTOR = range(6)
-"""Entries of an arm's own parameters `par` (kg; kg m^2, in space a factor on the payload's tensor; factor on EI; s;
-in space alone factors on EI_y and GJ): what may differ between arms of a batch; behind them, where a `Jointed` model
-says so, the laws of its joints."""
+"""Entries of `par`, the parameters in which arms of a batch may differ: payload mass (kg), payload inertia (kg m^2; in
+space a factor on the payload's tensor), factor on EI, tau_d (s); in space also factors on EI_y and GJ. The joints' laws
+follow if a `Jointed` model has `own`."""
 OWN = ("payload_mass", "payload_inertia", "EI_factor", "tau_d")
 OWN_IN_SPACE = (*OWN, "EI_y_factor", "GJ_factor")
-"""Their names."""
+"""Names of the entries of `par`, in the plane and in space."""
 STIFFNESSES = {"EI": STIFFNESS_FACTOR, "EI_y": EI_Y_FACTOR, "GJ": GJ_FACTOR}
-"""Those of sections that have one, the last two in space."""
+"""Entry of `par` that scales a stiffness of all sections; the last two exist in space only."""
 
 
 def damped(arm: Arm) -> tuple[int, ...] | NDArray[np.float64] | None:
-    """A Model's field `damped`: None without tau_d, (0,) where the links have it alike, otherwise each link's share."""
+    """Return a Model's field `damped`: None without tau_d, (0,) if all links have the same, or each link's share."""
     largest, shares = arm.damping
     return None if largest == 0.0 else (0,) if shares is None else np.array(shares)
 
 
 def complete(model: Any) -> Any:
-    """The model with the terms of all of an arm's own parameters, of those too that are 0 in it."""
+    """Return the model with the terms of all entries of `par` compiled in, also those that are 0 in it.
+
+    A batch or a derivative may then set payload, its inertia and tau_d although the arm itself has none.
+    """
     if isinstance(model, Jointed):
         return model._replace(arm=complete(model.arm))
     if isinstance(model, FloatingFrame | FloatingChain):
         return model._replace(mesh=complete(model.mesh))
+    # None leaves a term out, a tag (0,) includes it
     absent = [name for name in ("payload", "payload_turns", "damping", "damped") if getattr(model, name, 0) is None]
     return model._replace(**dict.fromkeys(absent, (0,)))
 
 
 def levers(arm: Arm) -> NDArray[np.float64]:
-    """A `layout.LEVER` for each link's root and tip."""
+    """Return the rigid ends of an arm's links, flat: a `layout.LEVER` (m, kg, kg m^2) for each link's root and tip."""
     found = []
     for k, link in enumerate(arm.links):
         far = arm.elbow(k + 1).mass if k + 1 < arm.n_links else 0.0
@@ -76,16 +82,16 @@ def levers(arm: Arm) -> NDArray[np.float64]:
 
 
 class Scheme(NamedTuple):
-    """Generalized-alpha or Newmark: its coefficients, and the limits of its Newton iteration (theory, section 6)."""
+    """Generalized-alpha or Newmark: coefficients of eq. (6.1) and limits of the Newton iteration; theory, section 6."""
 
     alpha_m: float
     alpha_f: float
     beta: float
     gamma: float
-    tolerance: float  # of a Newton increment, weighted by the Model's `weight`
+    tolerance: float  # of the error after a Newton increment, weighted by the Model's `weight` (rad, lengths over L)
     max_iterations: int
-    max_halvings: int
-    modified: int | None  # 1: modified Newton
+    max_halvings: int  # a failed step of h is tried down to h / 2^max_halvings
+    modified: int | None  # 1: modified Newton, one matrix per step; None: as the Model reuses matrices
 
 
 def scheme(
@@ -96,12 +102,17 @@ def scheme(
     max_halvings: int = 8,
     modified: bool = False,
 ) -> Scheme:
-    """Coefficients from the spectral radius rho_inf (Arnold & Bruels 2007), or Newmark's (beta, gamma), eq. [66]."""
+    """Return the `Scheme` for a spectral radius rho_inf at infinite frequency, or of Newmark's method.
+
+    Coefficients: Arnold & Bruels 2007. newmark: (beta, gamma) of eq. [66], which replaces rho_inf. modified: one Newton
+    matrix per step.
+    """
     if newmark is not None:
         alpha_m = alpha_f = 0.0
         beta, gamma = newmark
     else:
         assert rho_inf is not None
+        # eq. (6.1): second order, and dissipative at high frequencies for rho_inf < 1
         alpha_m, alpha_f = (2 * rho_inf - 1) / (rho_inf + 1), rho_inf / (rho_inf + 1)
         gamma = 0.5 + alpha_f - alpha_m
         beta = 0.25 * (gamma + 0.5) ** 2
@@ -110,14 +121,14 @@ def scheme(
 
 
 class Drive(NamedTuple):
-    """Time functions of a scene. Row f of `first` says where function f's pieces begin.
+    """Loads and prescribed motions of a scene as functions of time, for kernels.
 
-    pieces      float64 (n_pieces * 8,): t0, c0..c3, A, w, p; value = sum c_k s^k + A sin(w s + p), s = t - t0
-    first       int64 (n_functions + 1,)
-    entries     int64 (n_terms,): entry of u that a term adds to; terms of one entry follow each other; an entry with no
-                term is set from outside (an action)
-    terms       int64 (n_terms,): function that a term adds
-    known       int64 (n_motions,): the prescribed coordinate, or -1 - j where multiplier j prescribes it
+    pieces      float64 (n_pieces * 8,): t0, c0..c3, A, w, p; value = sum c_k s^k + A sin(w s + p), s = t - t0 (s)
+    first       int64 (n_functions + 1,): piece at which function f begins
+    entries     int64 (n_terms,): entry of u that a term is added to; terms of one entry follow each other; an entry
+                without a term is set from outside (an action)
+    terms       int64 (n_terms,): function of each term
+    known       int64 (n_motions,): row of the prescribed coordinate, or -1 - j where multiplier j prescribes it
     motions     int64 (n_motions,): function of each prescribed coordinate
     """
 
@@ -130,29 +141,29 @@ class Drive(NamedTuple):
 
 
 class Mesh(NamedTuple):
-    """The elastic coordinates that every body of a chain with floating frames has, and what there is of them.
+    """Elastic coordinates of every body in a chain of floating frames, and the terms that their kernels contain.
 
-    Tags: (0,) where something is there, None where it is not and is compiled out.
+    Tags: (0,) includes a term, None compiles it out.
     """
 
-    n: int | tuple[int, ...]  # elastic coordinates of a body; a tuple of n zeros: kernels are written out for n
-    scratch: tuple[int, ...]  # zeros, room on the stack for `VECTORS` (floating/layout.py)
-    window: tuple[int, ...]  # as many zeros as an element has coordinates at most
-    elements: tuple[int, ...]  # as many zeros as a body has finite elements
-    strains: tuple[int, ...]  # room for a `STRAIN` each
-    modal: tuple[int, ...] | None  # reduced to modes, with foreshortening
-    chord: tuple[int, ...] | None  # the frame goes through both ends: rho is not zero
-    full: tuple[int, ...] | None  # coupling="von_karman"
-    damped: tuple[int, ...] | None  # (0,): tau_d > 0, (0, 0): a body's own share of it
-    drag: tuple[int, ...] | None  # damping that goes with mass
-    curved: tuple[int, ...] | None  # bent without stress
+    n: int | tuple[int, ...]  # elastic coordinates of a body; a tuple of n zeros: kernels are unrolled for n
+    scratch: tuple[int, ...]  # zeros: size of a stack array for `VECTORS` (floating/layout.py)
+    window: tuple[int, ...]  # one zero per coordinate of an element, at most
+    elements: tuple[int, ...]  # one zero per finite element of a body
+    strains: tuple[int, ...]  # zeros: size of a stack array for one `STRAIN` per element
+    modal: tuple[int, ...] | None  # reduced to modes, with foreshortening (theory, section 4)
+    chord: tuple[int, ...] | None  # frame="chord": through both ends, rho (root rotation) is not zero
+    full: tuple[int, ...] | None  # coupling="von_karman", eq. (1.2)
+    damped: tuple[int, ...] | None  # (0,): tau_d > 0, eq. (1.3); (0, 0): each body has its own share of it
+    drag: tuple[int, ...] | None  # mass_damping, proportional to mass
+    curved: tuple[int, ...] | None  # links with curvature in their stress-free state
 
 
 class FloatingFrame(NamedTuple):
-    """The bodies of a `FloatingChain`, each with a frame of its own, joined by multipliers; one arm at a time.
+    """Bodies of a `FloatingChain`, each with its own frame and joined by multipliers (3.4); one arm at a time.
 
-    table  int64 (bodies, 5), a row a body: `physics.floating.layout.ROW`
-    data, gravity, loads  as `FloatingChain` has them
+    n to newton: see `protocol`. data, gravity, loads: as in `FloatingChain`.
+    table  int64 (bodies, 5), one row per body: `physics.floating.layout.ROW`
     """
 
     n: int
@@ -161,9 +172,8 @@ class FloatingFrame(NamedTuple):
     fixed: np.ndarray
     algebraic: np.ndarray
     weight: np.ndarray
-    predictor: float
-    correction: None
-    half: int  # half width of the band
+    newton: NewtonPolicy
+    half: int  # half width of the matrix's band
     mesh: Mesh
     links: int
     segments: int  # bodies of a link
@@ -181,13 +191,13 @@ class FloatingChain(NamedTuple):
     """N links of equal numbers of bodies with floating frames, without multipliers (theory, section 3).
 
     Rows: x, y of the root and the angle of its section, the elastic coordinates of each body from root to tip, and the
-    angles at the elbows, each relative to the tip section before it.
+    angles at the elbows, each relative to the tip section before it. n to newton: see `protocol`.
 
-    data      float64: a block a body, `physics.floating.layout.BODY`
-    gravity   float64 (2,) m/s^2 or None: absent features are compiled out
+    data      float64: one `physics.floating.layout.BODY` per body
+    gravity   float64 (2,) m/s^2 along inertial x, y, or None
     loads     int64: for each point load `physics.floating.layout.LOADED`, or None
     jointed   (0,) in a `Jointed` arm, otherwise None
-    eccentric float64 (2,): from the tip to the payload's centre, m, along the tip's tangent and across it, or None
+    eccentric float64 (2,): from the tip to the payload's center, m, along the tip's tangent and across it, or None
     """
 
     n: int
@@ -196,14 +206,13 @@ class FloatingChain(NamedTuple):
     fixed: np.ndarray
     algebraic: None
     weight: np.ndarray
-    predictor: float | tuple[float, float]
-    correction: None
+    newton: NewtonPolicy
     mesh: Mesh
     links: int
     segments: int  # bodies of a link
     block: int  # numbers of a body in `data`
     bound: float  # largest tip deflection of a reduced body over its length
-    rigid: np.ndarray | None  # of each link's root and tip a `LEVER`, where links have rigid ends
+    rigid: np.ndarray | None  # `LEVER` of each link's root and tip, where links have rigid ends
     table: None
     data: np.ndarray
     gravity: np.ndarray | None
@@ -213,21 +222,22 @@ class FloatingChain(NamedTuple):
 
 
 class ExactBeam(NamedTuple):
-    """N links of equal numbers of geometrically exact elements, a link's vertices shared with its neighbours.
+    """N links of equal numbers of geometrically exact elements (5.1), whose vertices are shared with their neighbors.
+
+    n to newton: see `protocol`. What is None is compiled out.
 
     order     tuple of p zeros: polynomial order, a compile-time constant
     varying   (0,) where sections vary along links, otherwise None
     sections  float64: for each link `physics.exact.layout.SECTION`, or for each element `VARYING`
-    rest      float64 (order,) for each element: its (right - left, interior ...) in psi without stress, or None
+    rest      float64 (order,) for each element: its (right - left, interior ...) in psi without stress, rad, or None
     rigid     float64: `physics.exact.layout.LEVERS` where links have rigid ends, otherwise None
     elbows    float64: for each link but the first `physics.exact.layout.ELBOW`
-    damped    see `damped`
+    hub_inertia  kg m^2, turns with the root's section
+    damped    None without tau_d, (0,) if all links have the same, or each link's share (`damped`)
     gravity   float64 (2,) m/s^2, or None
     loads     int64: for each point load `physics.exact.layout.ROWS_OF_LOAD`, or None
     jointed   (0,) in a `Jointed` arm, otherwise None
-    eccentric float64 (2,): from the tip to the payload's centre, m, along the tip's tangent and across it, or None
-
-    What is None is compiled out.
+    eccentric float64 (2,): from the tip to the payload's center, m, along the tip's tangent and across it, or None
     """
 
     n: int
@@ -236,8 +246,7 @@ class ExactBeam(NamedTuple):
     fixed: np.ndarray
     algebraic: None
     weight: np.ndarray
-    predictor: float | None
-    correction: float | None
+    newton: NewtonPolicy
     order: tuple[int, ...]
     links: int
     elements: int
@@ -255,18 +264,18 @@ class ExactBeam(NamedTuple):
 
 
 class Elastica(NamedTuple):
-    """A chain of N links with k nodes each: m = N k tangent angles, numbered from root to tip. SI.
+    """Chain of N links without stretch and shear (5.2), k nodes each: m = N k tangent angles from root to tip. SI.
 
-    Rows: angles of the nodes (the first of each link the joint's, relative), then x, y where the root can move: the
-    root's where it is prescribed, the centre of mass's in free flight.
-    Sizes are numbers, or tuples of zeros of that length where the kernel is compiled for that size. One array holds
-    all constants, because each array passed to a kernel costs time to compile and to call:
+    Rows: angles of the nodes (the first of each link: the joint's angle, relative), then x, y where the root can move:
+    of the root where it is prescribed, of the center of mass in free flight. n to newton: see `protocol`. Sizes are
+    numbers, or tuples of as many zeros where the kernel is compiled for that size. One array holds all constants,
+    because each array passed to a kernel costs time to compile and to call:
 
-    data   float64: `physics.elastica.layout.DATA`
-    loads  float64: for each point load `physics.elastica.layout.LOAD`, or None
-    eccentric  float64: `physics.elastica.layout.ECCENTRIC` where the payload's centre is not at the tip, otherwise None
-    rest   float64 (N k,): angles of the nodes without stress from that of their link's root, or None: straight links
-    bends  float64: `physics.elastica.layout.BENDS` where the law of M is not EI kappa, otherwise None
+    data       float64: `physics.elastica.layout.DATA`
+    loads      float64: for each point load `physics.elastica.layout.LOAD`, or None
+    eccentric  float64: `physics.elastica.layout.ECCENTRIC` where the payload's center is not at the tip, else None
+    rest       float64 (N k,): stress-free angles of the nodes against their link's root, rad; None: straight links
+    bends      float64: `physics.elastica.layout.BENDS` where the law of M is not EI kappa, otherwise None
     """
 
     n: int | tuple[int, ...]
@@ -275,16 +284,15 @@ class Elastica(NamedTuple):
     fixed: np.ndarray
     algebraic: None
     weight: np.ndarray
-    predictor: tuple[float, float]
-    correction: None
+    newton: NewtonPolicy
     links: int | tuple[int, ...]  # N
     nodes: int | tuple[int, ...]  # k
-    scratch: tuple[int, ...]  # at least N k zeros: room on the stack
+    scratch: tuple[int, ...]  # at least N k zeros: size of a stack array
     root: tuple[int, ...] | None  # a tag where the root's position is among the rows
     gravity: tuple[int, ...] | None  # a tag where there is gravity
     payload: tuple[int, ...] | None  # a tag where there is a payload; without it its mass in `par` is not read
-    payload_turns: tuple[int, ...] | None  # likewise for its rotary inertia
-    damping: tuple[int, ...] | np.ndarray | None  # see `damped`
+    payload_turns: tuple[int, ...] | None  # a tag where the payload has rotary inertia
+    damping: tuple[int, ...] | np.ndarray | None  # None: no tau_d; (0,): all links alike; or each link's share
     data: np.ndarray
     loads: np.ndarray | None
     eccentric: np.ndarray | None
@@ -294,13 +302,15 @@ class Elastica(NamedTuple):
 
 
 class Floating(NamedTuple):
-    """A base that carries an arm and floats freely; its mass is the arm's, at the root. SI.
+    """A base that carries an arm and floats freely in the plane; its mass acts at the arm's root. SI.
 
-    row      its attitude's: from the inertial x axis, 0 at the start
-    inertia  kg m^2; mass  kg: of all but the payload
-    angles   int64: rows of angles from the inertial x axis, this among them
-    vectors  int64: pairs of rows of x and y in inertial axes; places  those of them that are places
-    room     as many zeros as there are rows
+    row      row of the base's attitude (rad), from the inertial x axis, 0 at the start
+    inertia  kg m^2, of the base
+    mass     kg, of base and arm without the payload
+    angles   int64: rows of angles from the inertial x axis, the attitude among them
+    vectors  int64: pairs of rows of x and y in inertial axes, which turn with the arm
+    places   int64: pairs of rows that are positions (m)
+    room     one zero per row of the system: size of a stack array
     """
 
     row: int
@@ -312,19 +322,32 @@ class Floating(NamedTuple):
     room: tuple[int, ...]
 
 
-class Jointed(NamedTuple):
-    """An arm of any formulation without multipliers (`arm`), and what turns its joints (`physics.joints`). SI.
+class Gears(NamedTuple):
+    """Rotors, elastic gears and viscous friction of an arm's joints, whose laws the `Jointed` Model holds. SI.
 
-    Rows: the arm's, then the angle of each motor behind an elastic gear, over its ratio, relative to the link before,
-    then the attitude of a base that floats.
-
-    table  int64: for each joint that is not ideal `physics.joints.layout.PLACE`; data  float64: `LAW` each
-    friction  (0,) where a joint has Coulomb friction, otherwise None
     play   (0,) where a gear has backlash, otherwise None
-    spin   in space, where there are rotors, of each of these joints one over its gear's ratio; otherwise None
-    own    where the laws are each arm's own and not those of `data`: zeros, as many as `par` has before them; or None
-    hub    (0,) where these have a hub behind the gear of the first of the joints, otherwise None
-    base   what the first joint turns the arm against, where that floats; otherwise None
+    spin   in space, where there are rotors: 1 / gear ratio of each joint; otherwise None
+    rotors int64: with `spin`, offset in S of each joint's `physics.layout.ROTOR`
+    """
+
+    play: tuple[int, ...] | None
+    spin: np.ndarray | None
+    rotors: np.ndarray | None
+
+
+class Jointed(NamedTuple):
+    """An arm of any formulation without multipliers (`arm`) with contributions, such as gears in its joints. SI.
+
+    Rows: those of the arm, then the angle of each motor behind an elastic gear (over its ratio, relative to the link
+    before), then the attitude of a floating base. n to newton: see `protocol`.
+
+    arm    the Model of the arm with ideal joints; bound: its largest tip deflection over length
+    table  int64: `physics.joints.layout.PLACE` of each joint that is not ideal; data  float64: `LAW` of each
+    own    where each arm has its own laws, in `par` and not in `data`: as many zeros as `par` has entries before them
+    hub    (0,) where the laws have a hub inertia at the first of the joints, otherwise None
+    contributions  records of what acts on the arm (`physics.contributions`), such as `Gears` and `Floating`
+    points     as many zeros as the arm has inputs, where a contribution acts on a point of it; otherwise None
+    derived    (0,) where the compiler derives `vjp_residual` of the whole, otherwise None
     """
 
     n: int | tuple[int, ...]
@@ -333,22 +356,20 @@ class Jointed(NamedTuple):
     fixed: np.ndarray
     algebraic: None
     weight: np.ndarray
-    predictor: float | tuple[float, float] | None
-    correction: float | None
+    newton: NewtonPolicy
     bound: float
     arm: Any
     table: np.ndarray
     data: np.ndarray
-    friction: tuple[int, ...] | None
-    play: tuple[int, ...] | None
-    spin: np.ndarray | None
     own: tuple[int, ...] | None
     hub: tuple[int, ...] | None = None
-    base: Floating | None = None
+    contributions: tuple[Any, ...] = ()
+    points: tuple[int, ...] | None = None
+    derived: tuple[int, ...] | None = None
 
 
 Honours = dict[type, tuple[str, ...]]
-"""Of what an arm is made of, the classes and the fields that a formulation takes into account (its `HONOURS`)."""
+"""Fields of each description class that a formulation takes into account, by class (its `HONOURS`)."""
 
 BEAM: Honours = {
     Arm: ("links", "hub_inertia", "elbows", "payload", "tau_d", "joints", "base"),
@@ -364,12 +385,12 @@ BEAM: Honours = {
     Payload: ("mass", "inertia", "offset"),
     Base: ("mass", "inertia"),
 }  # fmt: skip
-"""What every formulation honours, those of joints by way of `physics.joints`. (The elastica honours EA and C in that it
-tells what leaving them out costs.)"""
+"""Fields that every formulation takes into account, those of joints through `physics.joints`. (The elastica uses EA and
+C to estimate the error of neglecting stretch and shear.)"""
 
 
 def fixed_rows(scene: Scene, coordinates: Mapping[str, int]) -> NDArray[np.int64]:
-    """A Model's `fixed` where the root's place is in its rows: rigid joints, a pinned root that no motion moves."""
+    """Return a Model's `fixed` rows: rigid joints, and the place of a pinned root whose motion is not prescribed."""
     fixed = [coordinates[f"joint{k}"] for k in scene.rigid_joints]
     if scene.root == "pinned":
         fixed += [coordinates[name] for name in ("root_x", "root_y") if scene.motion_of(name) is None]
@@ -378,13 +399,13 @@ def fixed_rows(scene: Scene, coordinates: Mapping[str, int]) -> NDArray[np.int64
 
 @dataclass(frozen=True)
 class System:
-    """An assembled scene: its Model, the arm's own parameters, the start, and where coordinates stand.
+    """An assembled scene: its Model, the arm's parameters, the start state, and the rows of named coordinates.
 
-    par  (4,), in space (6,): see PAYLOAD_MASS and so on. q0, v0 (n,): state at t = 0. coordinates: row of "joint0" ...,
-    "root_x", "root_y" (a negative entry -1 - j: prescribed by multiplier j). names (n,): of the rows.
-    vectors (k, 2): rows of x and y in inertial axes of what turns with the arm; absolute (k,): rows of angles from the
-    inertial x axis; nothing else turns with it.
-    notes: figures that a formulation reports about its own limits, as fractions of the arm's length.
+    par (4,), in space (6,): see PAYLOAD_MASS. q0, v0 (n,): state at t = 0 (m, rad; m/s, rad/s). coordinates: row of
+    "joint0" ..., "root_x", "root_y"; a negative entry -1 - j: prescribed by multiplier j. names (n,): names of the
+    rows. vectors (k, 2): rows of x and y of vectors in inertial axes that turn with the arm; absolute (k,): rows of
+    angles from the inertial x axis; no other row changes when the whole arm turns. notes: figures that a formulation
+    reports about its own limits, as fractions of the arm's length.
     """
 
     model: Any
@@ -402,7 +423,7 @@ class System:
         cls, arm: Arm, model: Any, q0: NDArray[np.float64], coordinates: dict[str, int], names: Sequence[str],
         vectors: Sequence[tuple[int, int]], absolute: Sequence[int], notes: Mapping[str, float] | None = None,
     ) -> System:  # fmt: skip
-        """That of an arm which starts without motion."""
+        """Return the System of an arm that starts at rest, v0 = 0, with `par` from its description."""
         par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.damping[0]])
         still = np.zeros(len(q0))
         return cls(model, par, q0, still, coordinates, tuple(names), tuple(vectors), tuple(absolute), notes or {})

@@ -1,14 +1,14 @@
-"""How stiff an arm may be beside what moves it for double precision to carry it (docs: theory, section 6).
+"""How stiff an arm may be, relative to the torque that moves it, for double precision (theory, section 6).
 
-An arm's forces are differences: of coordinates of the size of 1 (rad, lengths over L), which have 16 digits, times a
-stiffness S (N m). With T, the torque that moves the arm, and sigma = S / T,
+An arm's forces are differences of coordinates of size 1 (rad, lengths over L), which have 16 digits, times a stiffness
+S (N m). With the torque T (N m) that moves the arm and the ratio sigma = S / T,
 
-    rounding leaves forces of        eps sigma T          eps = 1.1e-16
-    Newton's iteration leaves them of    tolerance sigma T    where a change of strains is of second order
+    rounding leaves forces of            eps sigma T          eps = 1.1e-16
+    Newton's iteration leaves forces of  tolerance sigma T    where strains depend nonlinearly on coordinates
 
-so that the first must stay small, and the second is made so where the tolerance would not do. Damping has the stiffness
-2 tau_d S / h by the increments of a step of h, and the matrix M + gamma h C + beta h^2 K the condition sigma (1 + 2
-tau_d / h) times the turn of a step: no more where a step resolves the motion.
+The first must stay small; the second is kept small by a smaller tolerance where necessary. Damping adds the stiffness
+2 tau_d S / h for increments of a step of h. The matrix M + gamma h C + beta h^2 K has the condition sigma (1 + 2 tau_d
+/ h) times the angle that a step turns: no more than sigma where a step resolves the motion.
 """
 
 import math
@@ -27,30 +27,31 @@ from ..settings import Settings
 from .elastica.chain import chain
 
 MOST = 1e14
-"""Largest sigma: eps times it is a hundredth of the torques; what was found at it is in docs/results/stability.md."""
+"""Largest sigma: eps sigma is then a hundredth of the torques. Measurements: docs/results/stability.md."""
 
 SHARE = 100.0
-"""Forces that Newton's iteration may leave where its tolerance is used up, over the torques: it hardly ever is. Beyond
-that (metal arms are not) the tolerance is `LEFT` over sigma."""
+"""Largest forces, over the torques, that Newton's iteration may leave where its error is as large as the tolerance,
+which is rare. Where they are larger (not in metal arms) the tolerance is `LEFT` over sigma."""
 
 TURNED = 10.0
-"""rad: angles of the elastica are absolute, and it carries an arm that has turned so far."""
+"""rad: angle up to which an elastica may turn; its angles are absolute and lose digits as they grow."""
 
 LEFT, FINEST = 1e-2, 1e-13
-"""The second: a tolerance that increments still reach after a dozen turns of a joint."""
+"""Forces that the smaller tolerance leaves, over the torques; smallest tolerance, which increments still reach after a
+dozen turns of a joint."""
 
 STILL = 1e-12
-"""rad: an arm that turns by less stands still."""
+"""rad: an arm that turns by less in a scene counts as standing still."""
 
 ALIKE: Mapping[str, float] = {}
-"""Factors on no stiffness."""
+"""No factors on stiffnesses: the arm as it is."""
 
 FASTEST = 2000
-"""Instants at which a scene's motions and loads are looked at."""
+"""Number of instants at which a scene's motions and loads are sampled for their maxima."""
 
 
 class Stiffness(NamedTuple):
-    """One of an arm's stiffnesses: key path, value and unit, and what it is as a torque, S, with damping, N m."""
+    """One stiffness of an arm: key path, value and unit, and `torque`, S (N m) including damping."""
 
     path: str
     value: float
@@ -59,7 +60,7 @@ class Stiffness(NamedTuple):
 
 
 def _sections(link: Link, space: bool) -> dict[str, float]:
-    """Largest EI, EA, C of a link; in space GJ, EI_y, C_y, too."""
+    """Return the largest EI (N m^2), EA and C (N) along a link; in space also GJ, EI_y (N m^2) and C_y (N)."""
     s = np.linspace(0.0, link.length, 65) if link.uniform is None else np.zeros(1)
     properties = link.along(s)
     found = {name: float(getattr(properties, name).max()) for name in ("EI", "EA", "C")}
@@ -71,15 +72,19 @@ def _sections(link: Link, space: bool) -> dict[str, float]:
 def stiffnesses(
     arm: Arm, settings: Settings, factors: Mapping[str, float] = ALIKE, damping: float = 1.0, space: bool = False
 ) -> list[Stiffness]:
-    """All that the formulation's forces have; factors: on EI, in space on EI_y and GJ; damping: on tau_d; space: of a
-    scene in space."""
+    """Return every stiffness that enters the forces of the formulation, as a `Stiffness`.
+
+    factors: on EI, in space on EI_y and GJ; damping: factor on tau_d; space: whether the scene is in space.
+    """
     found, bending = [], factors.get("EI", 1.0)
     assert settings.dt is not None
+    # damping resists an increment of a step like a stiffness 2 tau_d S / h
     slow = 1.0 + 2.0 * arm.damping[0] * damping / settings.dt
     for k, link in enumerate(arm.links):
         if link.rigid:
             continue
         has, at = _sections(link, space), f"links[{k}].section"
+        # bending, S in N m: EI / L; elastica: 10 sum |K_ij|; n modes in each of k segments: (n k)^2 EI / L
         bend = has["EI"] * bending / link.length
         if settings.formulation == "elastica" and not space:
             assert settings.nodes is not None
@@ -87,6 +92,7 @@ def stiffnesses(
         elif settings.modes is not None:
             bend *= (settings.modes * (settings.segments or 1)) ** 2
         found.append(Stiffness(f"{at}.EI", has["EI"], "N m^2", bend * slow))
+        # stretch and shear: EA L, C L; absent in the elastica and, in the plane, with modes
         if settings.formulation != "elastica" and (settings.modes is None or space):
             found += [Stiffness(f"{at}.{name}", has[name], "N", has[name] * link.length * slow) for name in ("EA", "C")]
         if space:
@@ -102,7 +108,10 @@ def stiffnesses(
 
 
 def largest(drawn: Mapping[str, tuple[float, float]]) -> dict[str, float]:
-    """Largest factors on EI, in space on EI_y and GJ, of ranges (low, high) by name (`batch.Starts`)."""
+    """Return the largest factors on EI, EI_y and GJ from ranges (low, high) by name, `drawn` (`batch.Starts`).
+
+    The factor on EI multiplies that on EI_y.
+    """
     EI, EI_y, GJ = (drawn.get(name, (1.0, 1.0))[1] for name in ("EI", "EI_y", "GJ"))
     return {"EI": EI, "EI_y": EI * EI_y, "GJ": GJ}
 
@@ -111,10 +120,12 @@ def ratio(
     arm: Arm, settings: Settings, torque: float, factors: Mapping[str, float] = ALIKE, damping: float = 1.0,
     space: bool = False,
 ) -> float:
-    """Sigma of an arm that a torque (N m) moves; factors, damping, space: see `stiffnesses`.
+    """Return sigma = S / T of an arm moved by a torque T (N m), S its largest stiffness; 0 if it has none.
+
+    factors, damping, space: as in `stiffnesses`.
 
     Raises:
-        ValueError: it is above `MOST`; names the stiffness.
+        ValueError: sigma is above `MOST`; names the stiffness, or the randomization factor that makes it too large.
     """
     found = stiffnesses(arm, settings, factors, damping, space)
     if not found:
@@ -123,9 +134,11 @@ def ratio(
     sigma = worst.torque / torque
     if not sigma <= MOST:
         path, value, unit = worst.path, worst.value, worst.unit
+        # name the factor where the arm without factors would be accepted
         own = max(stiffnesses(arm, settings, space=space), key=lambda one: one.torque)
         name = path.rpartition(".")[2]
-        name = "EI" if factors.get(name) == factors.get("EI") else name  # that is on EI_y too
+        # the factor on EI acts on EI_y as well
+        name = "EI" if factors.get(name) == factors.get("EI") else name
         if factors.get(name, 1.0) != 1.0 and own.torque / torque <= MOST:
             path, value, unit = f"randomization.{name}[1]", factors[name], "times the arm's"
         raise check.InvalidValue(path, value, refusal(value * MOST / sigma, unit, settings, torque))
@@ -133,7 +146,7 @@ def ratio(
 
 
 def refusal(most: float, unit: str, settings: Settings, torque: float) -> str:
-    """What is allowed, and why."""
+    """Return the text of an error: the largest value `most` (in `unit`) that is allowed under the settings, and why."""
     way = "modes" if settings.modes is not None else settings.formulation
     return (
         f"must be at most {f'{most:.3g} {unit}'.strip()} under {way} with dt = {settings.dt:.3g} s and an arm that "
@@ -144,13 +157,15 @@ def refusal(most: float, unit: str, settings: Settings, torque: float) -> str:
 
 
 def tolerance(given: float, sigma: float, turn: float = math.inf) -> float:
-    """Of Newton's increments, at most as given; turn: what the torques turn a joint by in a step, rad, of whose square
-    Newton's first increment leaves ten times."""
+    """Return the Newton tolerance (weighted increment) for an arm of stiffness ratio sigma, at most `given`.
+
+    turn: angle (rad) by which the torques turn a joint in one step; the first increment leaves ten times its square.
+    """
     return given if min(given, 10.0 * turn**2) * sigma <= SHARE else min(given, max(FINEST, LEFT / sigma))
 
 
 def farthest(arm: Arm, settings: Settings, factors: Mapping[str, float] = ALIKE) -> float:
-    """Largest angle (rad) of a start that full torques still move the arm rightly from."""
+    """Return the largest joint angle (rad) of a start from which full torques move the arm accurately enough."""
     if settings.formulation != "elastica" or arm.torque_limits is None:
         return math.inf
     return TURNED * MOST / ratio(arm, settings, min(arm.torque_limits), factors)
@@ -159,19 +174,20 @@ def farthest(arm: Arm, settings: Settings, factors: Mapping[str, float] = ALIKE)
 def check_parameters(
     arm: Arm, settings: Settings, factors: Mapping[str, float], damping: float, spring: float, path: str
 ) -> None:
-    """An arm that is given with factors (see `stiffnesses`), a tau_d (s) and a gear's stiffness (N m/rad), as in
-    `ratio`.
+    """Check an arm with factors (see `stiffnesses`), its own tau_d = damping (s) and gear stiffness = spring (N m/rad).
 
     Raises:
-        ValueError: it is too stiff; names `path`.
+        ValueError: its stiffness ratio is above `MOST`; names `path` and the parameter to change.
     """
     torque, h = min(arm.torque_limits or (math.inf,)), settings.dt
     assert h is not None
     if spring > MOST * torque:
         raise check.InvalidValue(f"{path}.stiffness", spring, refusal(MOST * torque, "N m/rad", settings, torque))
+    # largest S without damping, over the largest that is allowed
     worst = max(stiffnesses(arm, settings, factors, 0.0, arm.spatial), key=lambda one: one.torque)
     bent, name = worst.torque / (MOST * torque), worst.path.rpartition(".")[2]
     name = name if name in factors else "EI"
+    # too stiff with the smaller of both dampings: the stiffness factor is to blame, otherwise tau_d
     slow = 1.0 + 2.0 * min(damping, arm.damping[0]) / h
     if bent * slow > 1.0:
         most = factors[name] / (bent * slow)
@@ -182,27 +198,29 @@ def check_parameters(
 
 
 def of_torques(arm: Arm, settings: Settings, factors: Mapping[str, float] = ALIKE, damping: float = 1.0) -> float:
-    """Tolerance for an arm under its full torques, with factors up to these; refuses as `ratio`."""
+    """Return the Newton tolerance of an arm under its full torques and factors up to these; raises as `ratio`."""
     torques, h = arm.torque_limits or (math.inf,), settings.dt
     assert h is not None
+    # angle that the torque turns each joint in a step, tau h^2 / I of the straight arm beyond it
     turn = max(torque * h**2 / inertia_beyond(arm, k) for k, torque in enumerate(torques))
     return tolerance(settings.tolerance, ratio(arm, settings, min(torques), factors, damping, arm.spatial), turn)
 
 
 def of_scene(scene: Scene, settings: Settings) -> float:
-    """Tolerance for a scene; refuses as `ratio`."""
+    """Return the Newton tolerance of a scene, whose torque T is `moving`; raises ValueError as `ratio`."""
     return tolerance(settings.tolerance, ratio(scene.arm, settings, moving(scene), space=scene.spatial))
 
 
 def moving(scene: Scene) -> float:
-    """The torque (N m) that moves a scene's arm: the largest of its loads, its weight, and what its motions ask for.
+    """Return the torque (N m) that moves a scene's arm: the largest of its loads, its weight, and its motions' inertia.
 
-    Infinite where nothing turns it by `STILL` in the scene's time.
+    Infinite if no torque turns the arm by `STILL` in the scene's time.
     """
     arm, reach = scene.arm, scene.arm.total_length
     inertia = float(rigid_inertia(arm, np.zeros((1, arm.n_links - 1)))[0, 0, 0])
     mass = arm.payload.mass + sum(link.mass for link in arm.links)
     t = np.union1d(np.linspace(0.0, scene.duration, FASTEST), [k for k in scene.kinks if k <= scene.duration])
+    # spin at the start; weight; loads, with forces at the arm's reach; prescribed motions
     found = [inertia * rate**2 for rate in scene.rates]
     if scene.gravity is not None:
         found.append(mass * math.hypot(*scene.gravity) * reach)

@@ -1,229 +1,307 @@
-"""What a formulation provides to the integrator, chosen by the type of its Model when a kernel is compiled.
+"""The contract of a formulation: the functions that integrator, runtime and derivatives call on a Model.
 
-A formulation's Model is a NamedTuple of arrays and numbers, never written after assembly. Every Model has
+A formulation is a NamedTuple class, its Model, and a set of kernels registered for it (`register`). The compiler
+selects the kernels by the type of the Model. A Model holds arrays and numbers and is never written after assembly.
 
-    n          int, or a tuple of n zeros where n is to be a compile-time constant: rows of the system
-    n_factor   likewise: float64 entries per arm that the iteration matrix and its factors need
-    n_inputs   likewise: entries of u (joint torques first, then a `layout.LOAD` for each point load)
-    fixed      int64 (n_fixed,), may be empty: coordinates that never move (a ground pin)
-    algebraic  int64 (n_multipliers,) or None: rows of q that hold Lagrange multipliers
-    weight     float64 (n,): one over the size that matters of each coordinate (1/L for lengths, 1 for angles)
-    predictor  float: 1 starts Newton from the last acceleration, 0 from none; (that, kappa): the first increment is
-               trusted to leave an error of kappa times its square; None: from none, then `predict`
-    correction float: twice the share kappa of (omega h)^2 by which the integrator makes a period longer, which steps
-               are then corrected for (`period`); None: they are not
+Fields of every Model
+    n           rows of the system: an int, or a tuple of n zeros where n is a compile-time constant
+    n_factor    float64 entries per arm that the Newton matrix and its factors need (int or tuple of zeros)
+    n_inputs    entries of u: joint torques, then one `layout.LOAD` per point load (int or tuple of zeros)
+    fixed       int64 (n_fixed,): coordinates that never move, such as those of a pinned root; may be empty
+    algebraic   int64 (n_multipliers,) or None: rows of q that hold Lagrange multipliers
+    weight      float64 (n,): reciprocal of each coordinate's characteristic size (1/L for lengths, 1 for angles)
+    newton      `NewtonPolicy`: the rules by which the integrator solves a step, and what it must know for that
 
-and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes, `par` the arm's own parameters):
+Arguments that recur
+    lane        lane tag (see `compiler.lanes`); every array below holds lanes unless it says otherwise
+    model       the Model; par: the arm's own parameters
+    state       `State`: q, v, a; u: inputs
+    S           n_factor entries: the Newton matrix or its factors
+    w           `integrator.work.Work`, the integrator's work array
+    k           index of a joint, from 0 at the root, unless a function says otherwise
 
-    predict(lane, model, start, q)   only where predictor is None: a better q than the given one to start Newton from;
-        its first increment is then trusted to leave an error of 10 times its square
-    settle(lane, model, par, start, w, active, slopes)  after an increment w.r of Newton's (start None), and after
-        `predict` (start a tag): where `active`, w.q, v, a and b are moved on, by no more than the increment's square
-    stride(model)                    None, or the largest weighted increment, to which others are scaled down
-    lack(model)                      None, or what a step's matrix lacks of the derivative at most, in the first
-        iteration and in others: an increment by one made anew leaves at most 10 times its square, or that share of it
+Residual and Newton matrix
+    residual(lane, model, par, state, u, r, S)
+        r <- M(q) a + h(q, v) + Phi_q^T lambda - B u, eq. [64]. S is scratch.
     assemble(lane, model, par, state, u, weights, r, S)
-        r = M(q) a + h(q, v) + Phi_q^T lambda - B u  and, with `Weights` c, S = c.mass dr/da + c.damping dr/dv +
-        c.stiffness dr/dq, eqs. [64]-[78]; rows of multipliers belong to `constrain`, except that columns of multipliers
-        are scaled by c.mass; c.mass = 0 asks for the residual alone and must leave what `solve` reads of S as it is
-    residual(lane, model, par, state, u, r, S)  r alone; S is free
-    inertia(lane, model, par, a, r)  only where correction is not None: r = M a, M being constant
-    rotate(lane, model, start, q, share, x)  likewise: rotate each vector in x by a share of the angle that the body
-        there turns by from start to q
-    constrain(lane, model, psi, state, level, scale, r)
-        the constraint rows of r: scale * Phi (level 0), its velocity (1) or acceleration (2) form, eq. [65]
-    pin(lane, model, S, k)           replace row and column k of S by those of the identity; k: of the root or a joint
-    stiffen(lane, model, S, k, x)    add x to row k of S, that of a joint's angle, in column k; before `factor`
-    gyrate(lane, model, S, k, momentum)  in space, before `assemble`: the rotor of joint k has this angular momentum
-        (N m s) along the joint's axis e, against the section before, which turns by w: a moment of momentum times w x e
-    sway(lane, model, S, k)          that w x e, in the section's axes, of S; its rows are the three before the joint's
-    lean(lane, model, S, k, x)       before `factor`: column k of S has x times it in these rows
-    factor(lane, model, S)           factor S in place
-    solve(lane, model, S, x)         x <- S^-1 x in place
-    solve_transposed(lane, model, S, x)  for derivatives backwards: x <- S^-T x; this and the following are made of the
-        sources (`compiler.vjp_of`) unless a formulation has shorter ways
-    vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar)  likewise, the residual's derivatives: to
-        par_bar, bar (a State) and u_bar is added what r_bar comes to there, and r_bar becomes 0; S is free
-    multiply(lane, model, S, x, y)   only of models that are light: y <- y + S x, S being as `assemble` leaves it
-    vjp_product(lane, model, par, par_bar, state, u, weights, x, S, bar, u_bar, y_bar)  likewise, for derivatives
-        backwards: `vjp_residual` of S x, for a constant x
-    vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar)  likewise those of `link_poses`
-    ports(lane, model, par, q, y)    y[i]: the displacement that input i works on (angle or position)
-    ports_after(lane, model, par, start, y0, q, y)  `ports`, y0 being those of `start`, where rotations do not add up
-    difference(lane, model, start, q, d)  d: the increment by which `update` moves start to q
-    update(lane, model, q, share, d, more)  q <- q moved by the increment share * d and then by `more`, or None: their
-        sum, unless a formulation's coordinates add up otherwise, as rotations do; rows of multipliers are zero
-    rotates(model)  None, or a tag where q holds rotations, which `update` moves by increments in body axes
-    tangent_map(lane, model, d, inverse, x)  likewise, in rows of rotations: x <- T^T x, or T^-T x, with T(d) that of
-        exp(d + e) = exp(d) exp(T e): of cotangents of increments in body axes those of d, or back
-    note_inverse(lane, model, d, share), noted_inverse(lane, model, d, share, x)  the latter, asked for again and again
-        of the same d: what all x have in common, to rows of `share`, and x <- T^-T x by it
-    friction(model)  None, or a tag where joints have Coulomb friction, which is in no residual (`joints.friction`)
-    light(model)  None, or a tag where joints may have next to no inertia of their own: a torque that jumps makes an
-        acceleration there that steps do not resolve, which is not to be solved for with M alone
-    keeps(model, iteration)  whether Newton's iteration of this number goes on with the matrix of the one before
-    conserve(lane, model, par, before, h, q, v, u, r, S)  None where something holds the arm; otherwise (momentum, force
-        that changes it), and with `before`, that of the start of a step of h that ends here, v is first moved so that
-        the momentum has changed by the mean of the forces; r is free, S only assembled into with a mass of 0
-    damping_work(lane, model, par, q, v, x)  x'C(q) v: power of the damping forces at rates v over rates x, W; what is
-        lost is that over v itself
-    damping_over(lane, model, par, q, v, start, end, x, h)  likewise, over what strains change by in a step of h from
-        start to end, at mean rates x
-    energy(lane, model, par, q, v)   (kinetic, strain, gravity), J
-    link_poses(lane, model, par, q, v, out)   a `layout.POSES` a link
-    task_poses(lane, model, par, q, v, out)  what tasks look at: `link_poses`, in space a `layout.SPACE_POSES` a link
-    gauge(lane, model, q, row)       what a strain gauge reads, 1/m, of q by its row of `gauges.curvature_rows`
-    stand(lane, model, live, angles, rates, q, v)  in space: where `live` > 1/2, q of straight links at these joint
-        angles; and v by `rates`, unless these are None: of places and rotations against their link's root, in its
-        axes, of joints and what else there is as they are
-    out_of_range(lane, model, par, q)  0 where the model holds, otherwise the status code (as float64 lanes)
-    shape(model, q, points)          SINGLE only: node positions along the chain, (n_points, 2)
+        The same r, and S <- weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq, eqs. [72]-[78].
+        Columns of multipliers are scaled by weights.mass; `constraint_residual` writes their rows of r. With
+        weights.with_matrix False only r is computed, and `solve` can still use the factors in S.
+    inertia_forces(lane, model, par, turn, a, r)
+        With turn = (start, q, share) first rotate the vectors in a by `share` times the rotation of their section from
+        start to q. Then r <- M a, unless r is None. Only with `NewtonPolicy.period_correction`: M is constant.
+    constraint_residual(lane, model, psi, state, level, scale, r)
+        Rows of multipliers of r <- scale * Phi (level 0), its first (1) or second (2) time derivative, eq. [65].
+        psi: prescribed motions.
+    factor(lane, model, S), solve(lane, model, S, x)
+        Factor S in place; x <- S^-1 x in place.
+    add_stiffness(lane, model, S, k, x)
+        Before `factor`: add x to the diagonal entry of row k, a joint's angle; None, infinitely stiff: replace row and
+        column k, of the root or of a joint, by those of the identity.
+
+Newton iteration
+    correct_positions(lane, model, par, w, active, slopes, predicted)
+        Correct w.q, v, a and b by at most the order of |increment|^2, where `active`: after the Newton increment w.r
+        (predicted None), and after the prediction from w.q0 (a tag; only with `NewtonPolicy.predicts`).
+
+Coordinates
+    retract(lane, model, q, share, d, more)
+        q <- q (+) (share d + more), more may be None. A sum, except for rotations, which body-axes increments compose.
+        Rows of multipliers of d are zero.
+    local_difference(lane, model, start, q, d)    d <- the increment with start (+) d = q.
+    tangent_map(lane, model, d, inverse, x)       x <- T^T x, or T^-T x (inverse), in rows of rotations, with
+                                                  exp(d + e) = exp(d) exp(T e) to first order.
+    set_joint_configuration(lane, model, live, angles, rates, q, v)
+        In space, where `live` > 1/2: q <- straight links at joint angles `angles`; v <- joint rates, unless None.
+
+Work, energy and momentum
+    input_displacements(lane, model, par, q, y, since=None)
+        y[i] <- displacement conjugate to input i (rad or m). With since = (start, y0) rotations are integrated from y0
+        at the coordinates `start`, because they do not add up.
+    energy(lane, model, par, q, v)                Return (kinetic, strain, gravitational) energy, J.
+    damping_power(lane, model, par, q, v, x, since=None)
+        Return x^T C(q) v, W; v^T C v is dissipated. With since = (start, v0, h), only where q contains rotations: of a
+        step of h from `start`, v0 to q, v with mean rates x return (dissipated mean power, excess of the mean of the
+        damping forces' power over it, or None), W.
+    conserve_momentum(lane, model, par, before, h, q, v, u, r, S)
+        Return (momentum, force that changes it), or None where a support holds the arm. With `before`, the pair at the
+        start of the step, first change v so that the momentum changes by the impulse of the mean force.
+
+Output
+    link_poses(lane, model, par, q, v, out, tasks=None)
+        out <- one `layout.POSES` per link. In space one `layout.SPACE_POSES`, and only for tasks (a tag or None).
+    strain_gauge(lane, model, q, row)             Return a gauge's reading, 1/m; row: of `gauges.curvature_rows`.
+    out_of_range(lane, model, par, q)             Return 0.0 where the model is valid, otherwise a status code.
+    centerline(model, q, points)                  points (n_points, 2 or 3) <- positions along the chain, m;
+                                                  returns their number. One lane only.
+
+Reverse derivatives, which the compiler derives from the above (`compiler.vjp_of`) unless a formulation has a faster way
+    solve_transposed(lane, model, S, x)           x <- S^-T x.
+    vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar)
+        Add the cotangents that r_bar causes to par_bar, bar (a `State`) and u_bar; r_bar <- 0. S is scratch.
+    multiply(lane, model, S, x, y)                y <- y + S x, S as `assemble` leaves it (models with light joints).
+    vjp_product(lane, model, par, par_bar, state, u, weights, x, S, bar, u_bar, y_bar)
+        `vjp_residual` of the product S x with a constant x.
+    vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar)   The same of `task_poses`.
+    note_inverse(lane, model, d, share), noted_inverse(lane, model, d, share, x)
+        Store in `share` what T^-T of d needs; x <- T^-T x with it.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
-from ..compiler import Family, inlined, kernel, load, nothing, size, splat, store, vjp_of
+from ..compiler import Family, Lanes, inlined, kernel, returns_none, size, vjp_of
 
 
 class State(NamedTuple):
-    """Where an arm is, a row of the system each."""
+    """Configuration and its rates, (n,) lanes each."""
 
-    q: np.ndarray  # coordinates (m, rad); in rows of multipliers forces (N, N m)
-    v: np.ndarray  # their first rates
-    a: np.ndarray  # their second rates
+    q: Lanes  # coordinates (m, rad); rows of multipliers: constraint forces (N, N m)
+    v: Lanes  # velocities (m/s, rad/s)
+    a: Lanes  # accelerations (m/s^2, rad/s^2)
 
 
-class Weights(NamedTuple):
-    """Shares of the residual's derivatives in a matrix to be solved with."""
+class NewtonPolicy(NamedTuple):
+    """Rules by which the integrator solves the steps of a Model, a record of data; the defaults suit any Model.
 
-    mass: float  # of that by a
-    damping: float  # of that by v
-    stiffness: float  # of that by q
+    A tag is (0,) or None. None leaves out of the compiled code what a field controls.
+    """
+
+    # s of the predicted acceleration a+ = s a. 1: motion is smooth over a step; 0: also where coordinates vibrate
+    # faster than steps resolve, whose last acceleration says nothing about the next
+    acceleration_share: float = 0.0
+    # kappa: the first increment d leaves an error of at most kappa |d|^2 (weighted); None: no such bound is known
+    first_error: float | None = None
+    # tag: a step resolves all motion of the coordinates, so that accelerations follow from forces when inputs jump,
+    # and the energy balance of a step tells a wrong root (`integrator.balance`)
+    resolved: tuple[int, ...] | None = None
+    # tag: `correct_positions` improves the prediction, because straight paths of stiff elements' ends stretch them
+    predicts: tuple[int, ...] | None = None
+    # 2 kappa, where the integrator lengthens a period by kappa (omega h)^2: corrected, eq. (6.2), with a constant M
+    period_correction: float | None = None
+    # largest weighted increment (rad, lengths over the arm's length); larger ones leave the range of the tangent
+    max_increment: float | None = None
+    # error of the matrix in the first and in later iterations as a fraction of the increment d, which leaves an error
+    # of at most max(10 |d|^2, that fraction |d|); None: the matrix is the derivative of r
+    tangent_error: tuple[float, float] | None = None
+    # sizes (tuples of zeros) i and j: iterations i to j, from 0, use the factors of the one before, because a matrix
+    # costs several residuals; None: each iteration has its own matrix
+    reuse: tuple[tuple[int, ...], tuple[int, ...]] | None = None
+    # tag: q contains rotations, whose increments within a step add up in body axes
+    rotations: tuple[int, ...] | None = None
+    # tag: joints may have almost no inertia of their own; jumps of torques then cause accelerations that steps do not
+    # resolve (`integrator.switching`)
+    light_joints: tuple[int, ...] | None = None
+    # tag: joints have Coulomb friction (`joints.friction`)
+    friction: tuple[int, ...] | None = None
 
 
 @kernel
-def of_step(weights):
-    """1.0 of a step's matrix, by which its equations are solved again and again, 0.0 of others: what accelerations jump
-    by is by their definition what one solution makes of them."""
-    return 1.0 if weights.stiffness == 1.0 else 0.0
+def reuses_matrix(policy, iteration):
+    """Return whether Newton iteration number `iteration` (from 0) uses the factors of the iteration before.
+
+    policy: `NewtonPolicy`. Its `reuse` is None (each iteration has its own matrix) or a pair of tuples, whose lengths
+    are the numbers of the first and the last iteration that reuse factors.
+    """
+    if policy.reuse is None:
+        return False
+    return size(policy.reuse[0]) <= iteration and iteration <= size(policy.reuse[1])
 
 
-RESIDUAL_ALONE = Weights(0.0, 0.0, 0.0)
+class Weights(NamedTuple):
+    """Factors of the residual's derivatives in a matrix: mass dr/da + damping dr/dv + stiffness dr/dq.
+
+    A Newton matrix may leave out terms or add approximate ones, because the iteration corrects the errors of its
+    matrix. The matrix of a jump of accelerations or velocities may not: a single solution defines the jump.
+    """
+
+    mass: float
+    damping: float
+    stiffness: float
+    with_matrix: bool = True  # False: only the residual is computed, S is not changed
+    newton_share: float = 0.0  # factor of terms that only a Newton matrix has: 1 in a step's iteration, 0 in a jump
+
+
+RESIDUAL_ALONE = Weights(0.0, 0.0, 0.0, with_matrix=False)
 MASS_ALONE = Weights(1.0, 0.0, 0.0)
 
 
 @kernel
-def added(lane, q, share, d, more, k):
-    """Row k of `update` of coordinates that add up."""
-    x = load(lane, q, k) + load(lane, d, k) * share
+def added(lane, q: Lanes, share, d: Lanes, more: Lanes | None, k):
+    """Return row k of q + share d + more: coordinate k (m or rad) after an increment, where coordinates are added.
+
+    q, d, more: arrays of n rows; share: number; more None: left out.
+    """
+    x = q[k] + d[k] * share
     if more is None:
         return x
-    return x + load(lane, more, k)
+    return x + more[k]
 
 
 @inlined
-def _add(lane, model, q, share, d, more):
-    """`update` of coordinates that add up."""
+def _add(lane, model, q: Lanes, share, d, more):
+    """Move coordinates without rotations by an increment: q <- q + share d + more (m, rad). Default of `retract`.
+
+    q, d, more: n rows; share: number; more None: left out.
+    """
     for k in range(size(model.n)):
-        store(q, k, added(lane, q, share, d, more, k))
+        q[k] = added(lane, q, share, d, more, k)
 
 
 @inlined
-def _subtract(lane, model, start, q, d):
-    """`difference` of coordinates that add up."""
+def _subtract(lane, model, start: Lanes, q: Lanes, d: Lanes):
+    """Compute the increment d <- q - start of coordinates without rotations. Default of `local_difference`.
+
+    start, q, d: n rows (m, rad).
+    """
     for k in range(size(model.n)):
-        store(d, k, load(lane, q, k) - load(lane, start, k))
+        d[k] = q[k] - start[k]
 
 
 @inlined
-def _at_mean_rates(lane, model, par, q, v, start, end, x, h):
-    """`damping_over` of strains that are nearly linear in the coordinates."""
-    return damping_work(lane, model, par, q, v, x)
+def mean_damping_power(lane, model, par, start, v0, end, v, x, h):
+    """Return (dissipated mean power, excess of the damping forces' mean power over it or None), W, of a step of h (s).
 
-
-@kernel
-def _at_once(lane, model, par, start, y0, q, y):
-    """`ports_after` of ports that add up."""
-    ports(lane, model, par, q, y)
+    The step leads from coordinates `start` with rates v0 to `end` with v; x: mean rates. With rotations in q the
+    formulation's `damping_power` integrates over the step. Without them strains are nearly linear in q: the dissipated
+    power is the mean of x^T C v at both ends, and there is no excess (None).
+    """
+    if model.newton.rotations is not None:
+        return damping_power(lane, model, par, end, v, x, (start, v0, h))
+    before, after = damping_power(lane, model, par, start, v0, x), damping_power(lane, model, par, end, v, x)
+    return (before + after) * 0.5, None
 
 
 @inlined
-def _linear_gauge(lane, model, q, row):
-    """`gauge` in the plane: a sum of coordinates, each times its weight."""
-    total = splat(lane, 0.0)
+def _linear_gauge(lane, model, q: Lanes, row):
+    """Return the reading of a strain gauge in the plane, the curvature row . q (1/m). Default of `strain_gauge`.
+
+    row: weight of each coordinate in the curvature (numbers, from `gauges.curvature_rows`); q: coordinates (m, rad).
+    """
+    total = 0.0
     for k in range(row.shape[0]):
-        total = total + load(lane, q, k) * row[k]
+        total = total + q[k] * row[k]
     return total
 
 
 @kernel
 def _everywhere(lane, model, par, q):
-    """`out_of_range` of a formulation that holds at any deflection."""
-    return splat(lane, 0.0)
+    """Return 0.0, the status of a valid state: default of `out_of_range`, for formulations valid at any deflection."""
+    return 0.0
 
 
 @kernel
 def _by_assembling(lane, model, par, state, u, r, S):
-    """`residual` of a formulation that has no shorter way."""
+    """Compute the residual r, eq. [64], by `assemble` without a matrix. Default of `residual`.
+
+    r <- M a + h(q, v) + Phi_q^T lambda - B u, n rows (N, N m); state: q, v, a; u: inputs. S is scratch.
+    """
     assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
 
 
 @kernel
 def _transposed(lane, model, S, x):
-    """`solve_transposed` from the source: cotangents of what is linear go by its transposed."""
+    """Solve S^T y = x in place, x <- y (n rows), with the factors in S. Default of `solve_transposed`.
+
+    The compiler derives it from `solve`: the reverse derivative of a linear map is its transpose.
+    """
     _solve_backwards(lane, model, S, x, x)
 
 
 @kernel
 def vjp_source(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
-    """`vjp_residual` from the source of `residual`."""
+    """Add the cotangents that r_bar causes to par_bar, bar and u_bar, by the compiler's derivative of `residual`.
+
+    A cotangent is the derivative of a scalar by a quantity: r_bar (n rows) by the residual, par_bar by the arm's
+    parameters par, bar (a `State`) by q, v, a, u_bar by the inputs u. r_bar <- 0. S: scratch.
+    """
     _residual_backwards(lane, model, par, state, u, r_bar, S, par_bar, bar, u_bar, r_bar)
 
 
 @kernel
 def _vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
-    """`vjp_poses` from the source."""
+    """Add the cotangents that poses_bar causes to par_bar, q_bar, v_bar by the compiler's derivative of `task_poses`.
+
+    A cotangent is the derivative of a scalar by a quantity: poses_bar by the poses, par_bar by the arm's parameters
+    par, q_bar and v_bar by coordinates and rates. poses: array of the poses' size. poses_bar <- 0.
+    """
     _poses_backwards(lane, model, par, q, v, poses, par_bar, q_bar, v_bar, poses_bar)
 
 
 @kernel
 def _vjp_product(lane, model, par, par_bar, state, u, weights, x, S, bar, u_bar, y_bar):
-    """`vjp_product` from the source of `multiply`."""
+    """Add the cotangents that y_bar causes to par_bar, bar and u_bar, y = S x with a constant x; y_bar <- 0.
+
+    The compiler derives it from `_product`. S: scratch for the matrix of `state`, inputs u and `weights` (`Weights`). A
+    cotangent is the derivative of a scalar: y_bar by y, par_bar by par, bar (a `State`) by q, v, a, u_bar by u.
+    """
     _product_backwards(lane, model, par, state, u, weights, x, y_bar, S, par_bar, bar, u_bar, y_bar)
 
 
 @kernel
-def _product(lane, model, par, state, u, weights, x, y, S):
-    """y <- S x of a matrix that is made anew."""
+def _product(lane, model, par, state, u, weights, x, y: Lanes, S):
+    """Assemble the matrix S at `state` and compute y <- S x (n rows).
+
+    S <- weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq, r: the residual of eq. [64]; u: inputs.
+    """
     assemble(lane, model, par, state, u, weights, y, S)
     for k in range(size(model.n)):
-        store(y, k, splat(lane, 0.0))
+        y[k] = 0.0
     multiply(lane, model, S, x, y)
 
 
 FORMULATIONS = Family("model")
-"""Each formulation's functions, by the class of its Model."""
+"""The registered kernels of each formulation, by the class of its Model."""
 
 register = FORMULATIONS.register
 
 assemble = FORMULATIONS.function("assemble", "lane, model, par, state, u, weights, r, S")
 residual = FORMULATIONS.function("residual", "lane, model, par, state, u, r, S")
-inertia = FORMULATIONS.function("inertia", "lane, model, par, a, r")
-rotate = FORMULATIONS.function("rotate", "lane, model, start, q, share, x")
-predict = FORMULATIONS.function("predict", "lane, model, start, q")
-settle = FORMULATIONS.function("settle", "lane, model, par, start, w, active, slopes")
-stride = FORMULATIONS.function("stride", "model")
-lack = FORMULATIONS.function("lack", "model")
-constrain = FORMULATIONS.function("constrain", "lane, model, psi, state, level, scale, r")
-pin = FORMULATIONS.function("pin", "lane, model, S, k")
-stiffen = FORMULATIONS.function("stiffen", "lane, model, S, k, x")
-gyrate = FORMULATIONS.function("gyrate", "lane, model, S, k, momentum")
-sway = FORMULATIONS.function("sway", "lane, model, S, k")
-lean = FORMULATIONS.function("lean", "lane, model, S, k, x")
+inertia_forces = FORMULATIONS.function("inertia_forces", "lane, model, par, turn, a, r")
+correct_positions = FORMULATIONS.function("correct_positions", "lane, model, par, w, active, slopes, predicted")
+constraint_residual = FORMULATIONS.function("constraint_residual", "lane, model, psi, state, level, scale, r")
+add_stiffness = FORMULATIONS.function("add_stiffness", "lane, model, S, k, x")
 factor = FORMULATIONS.function("factor", "lane, model, S")
 solve = FORMULATIONS.function("solve", "lane, model, S, x")
 solve_transposed = FORMULATIONS.function("solve_transposed", "lane, model, S, x")
@@ -233,36 +311,40 @@ vjp_product = FORMULATIONS.function(
     "vjp_product", "lane, model, par, par_bar, state, u, weights, x, S, bar, u_bar, y_bar"
 )
 vjp_poses = FORMULATIONS.function("vjp_poses", "lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar")
-ports = FORMULATIONS.function("ports", "lane, model, par, q, y")
-ports_after = FORMULATIONS.function("ports_after", "lane, model, par, start, y0, q, y")
-difference = FORMULATIONS.function("difference", "lane, model, start, q, d")
-update = FORMULATIONS.function("update", "lane, model, q, share, d, more")
-rotates = FORMULATIONS.function("rotates", "model")
+input_displacements = FORMULATIONS.function("input_displacements", "lane, model, par, q, y, since")
+local_difference = FORMULATIONS.function("local_difference", "lane, model, start, q, d")
+retract = FORMULATIONS.function("retract", "lane, model, q, share, d, more")
 tangent_map = FORMULATIONS.function("tangent_map", "lane, model, d, inverse, x")
 note_inverse = FORMULATIONS.function("note_inverse", "lane, model, d, share")
 noted_inverse = FORMULATIONS.function("noted_inverse", "lane, model, d, share, x")
-friction = FORMULATIONS.function("friction", "model")
-conserve = FORMULATIONS.function("conserve", "lane, model, par, before, h, q, v, u, r, S")
-light = FORMULATIONS.function("light", "model")
-keeps = FORMULATIONS.function("keeps", "model, iteration")
-damping_work = FORMULATIONS.function("damping_work", "lane, model, par, q, v, x")
-damping_over = FORMULATIONS.function("damping_over", "lane, model, par, q, v, start, end, x, h")
+conserve_momentum = FORMULATIONS.function("conserve_momentum", "lane, model, par, before, h, q, v, u, r, S")
+damping_power = FORMULATIONS.function("damping_power", "lane, model, par, q, v, x, since")
 energy = FORMULATIONS.function("energy", "lane, model, par, q, v")
-link_poses = FORMULATIONS.function("link_poses", "lane, model, par, q, v, out")
-task_poses = FORMULATIONS.function("task_poses", "lane, model, par, q, v, out")
-gauge = FORMULATIONS.function("gauge", "lane, model, q, row")
-stand = FORMULATIONS.function("stand", "lane, model, live, angles, rates, q, v")
+link_poses = FORMULATIONS.function("link_poses", "lane, model, par, q, v, out, tasks")
+strain_gauge = FORMULATIONS.function("strain_gauge", "lane, model, q, row")
+set_joint_configuration = FORMULATIONS.function("set_joint_configuration", "lane, model, live, angles, rates, q, v")
 out_of_range = FORMULATIONS.function("out_of_range", "lane, model, par, q")
-shape = FORMULATIONS.function("shape", "model, q, points")
+centerline = FORMULATIONS.function("centerline", "model, q, points")
 
 FORMULATIONS.defaults.update(
-    predict=nothing, settle=nothing, stride=nothing, lack=nothing, update=_add, difference=_subtract, rotates=nothing,
-    residual=_by_assembling, constrain=nothing, stiffen=nothing, friction=nothing, light=nothing, conserve=nothing,
-    keeps=nothing, ports_after=_at_once, damping_over=_at_mean_rates, task_poses=link_poses, gauge=_linear_gauge,
-    out_of_range=_everywhere, solve_transposed=_transposed, vjp_residual=vjp_source, vjp_poses=_vjp_poses,
-    vjp_product=_vjp_product,
+    correct_positions=returns_none, retract=_add, local_difference=_subtract,
+    residual=_by_assembling, constraint_residual=returns_none,
+    conserve_momentum=returns_none,
+    strain_gauge=_linear_gauge, out_of_range=_everywhere, solve_transposed=_transposed,
+    vjp_residual=vjp_source, vjp_poses=_vjp_poses, vjp_product=_vjp_product,
 )  # fmt: skip
-"""What formulations have unless they say otherwise: coordinates that add up, and joints that are coordinates."""
+"""Defaults for a formulation without rotations in q and without optional parts."""
+
+
+@kernel
+def task_poses(lane, model, par, q, v, out):
+    """Write the poses that tasks read to out: one `layout.POSES` per link, in space one `layout.SPACE_POSES`.
+
+    After them follows what contributions add, such as the `layout.BASE_POSE` of a floating base. q: coordinates (m,
+    rad); v: their rates.
+    """
+    link_poses(lane, model, par, q, v, out, (0,))
+
 
 _solve_backwards = vjp_of(solve, ("x",))
 _residual_backwards = vjp_of(residual, ("par", "state", "u", "r"), scratch=("S",))

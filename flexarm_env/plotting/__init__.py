@@ -19,6 +19,7 @@ from flexarm_env.accuracy import common_instants
 from flexarm_env.view.clip import cuts_of
 from flexarm_env.view.sources import mesh_of, shapes_of
 
+from .. import validation as check
 from ..validation import Array
 from .space import plot_in_space
 from .style import COLORS, FAINT, INK, draw_energies, legend_above, mark_kinks, shade, styled_figure
@@ -42,7 +43,7 @@ def plot_trajectory(
     shapes: int = 13,
     title: str | None = None,
 ) -> Path:
-    """Deformed shapes with time labels beside tip deflection and energy over time.
+    """Plot deformed shapes with time labels beside tip deflection and energy over time.
 
     What is left to swing after the last drive lies on itself in true shape; then its deflection is drawn larger, which
     the panel's title says.
@@ -83,7 +84,7 @@ def plot_comparison(
     reference: Columns | None = None,
     title: str = "",
 ) -> Path:
-    """Several runs of a scene: tip paths, tip deflection over time, and the distance of the tips from the reference.
+    """Plot several runs of a scene: tip paths, tip deflections, and distances of the tips from a reference.
 
     Where lines lie on each other all are seen: the first is wide, the others are dashes upon it.
 
@@ -93,8 +94,12 @@ def plot_comparison(
     Returns:
         The path.
     Raises:
-        ValueError: no run is given.
+        ValueError: no run is given, or runs without labels.
     """
+    given: Any = trajectories
+    if not isinstance(given, Mapping):
+        what = "must be runs by their labels, such as {'8 segments': run}"
+        raise check.InvalidValue("trajectories", type(given).__name__, what)
     if not trajectories:
         raise ValueError("trajectories = {}: must hold at least one run")
     labels = list(trajectories)
@@ -127,7 +132,7 @@ def plot_comparison(
 
 
 def plot_energies(trajectory: Trajectory, path: str | os.PathLike[str], title: str | None = None) -> Path:
-    """Energies, and below them the balance: energy that appeared from nowhere (J); as `plot_trajectory`."""
+    """Plot energies, and below them the energy balance (J); arguments as for `plot_trajectory`."""
     with styled_figure(path, 7.0, 5.0, _title(trajectory, title)) as figure:
         energy, balance = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [2.2, 1.0]})
         draw_energies(energy, trajectory)
@@ -138,8 +143,12 @@ def plot_energies(trajectory: Trajectory, path: str | os.PathLike[str], title: s
     return Path(path)
 
 
+LABELLED, LEAST_LABELLED = 4, 1e-2
+"""Peaks of a spectrum that are labelled, at most; and their least height over the highest."""
+
+
 def spectrum(t: Array, x: Array) -> tuple[Array, Array]:
-    """Amplitude spectrum of an evenly sampled signal x (n,) at times t (n,) s, under a Hann window.
+    """Return the amplitude spectrum of an evenly sampled signal x (n,) at times t (n,), s, with a Hann window.
 
     Returns frequencies (Hz) and amplitudes (unit of x), (n // 2 + 1,) each.
     The mean is taken out; a sine of amplitude A gives a peak of A. Raises ValueError for uneven or too few samples.
@@ -155,7 +164,7 @@ def spectrum(t: Array, x: Array) -> tuple[Array, Array]:
 def plot_spectrum(
     trajectory: Trajectory, path: str | os.PathLike[str], since: float | None = None, title: str | None = None
 ) -> Path:
-    """Amplitude spectrum of each link's tip deflection (fraction of its length), the highest peaks labelled.
+    """Plot the amplitude spectrum of each link's tip deflection over its length, the highest peaks labelled.
 
     Args:
         trajectory, path, title: as for `plot_trajectory`.
@@ -169,6 +178,7 @@ def plot_spectrum(
     with styled_figure(path, 7.0, 3.8, _title(trajectory, title)) as figure:
         axes = figure.add_subplot()
         highest, last = 0.0, 0.0
+        peaks: list[tuple[float, float, str]] = []
         for k in range(trajectory.tip_deflection.shape[1]):
             own = trajectory.tip_deflection[chosen, k]
             parts = [own] if own.ndim == 1 else list(own.T)  # in space along y and z: the larger of the two
@@ -180,9 +190,11 @@ def plot_spectrum(
             axes.semilogy(frequency[1:], np.maximum(amplitude[1:], 1e-16), color=color, label=f"link {k + 1}")
             highest = max(highest, float(amplitude[1:].max()))
             last = max(last, float(frequency[amplitude > 1e-5 * amplitude[1:].max()].max(initial=0.0)))
-            for i in _peaks(amplitude)[: 3 if k == 0 else 0]:
+            peaks += [(float(amplitude[i]), float(frequency[i]), color) for i in _peaks(amplitude)]
+        for size, at, color in sorted(peaks, reverse=True)[:LABELLED]:
+            if size >= LEAST_LABELLED * highest:
                 axes.annotate(
-                    f"{frequency[i]:.3g} Hz", (frequency[i], amplitude[i]), xytext=(0, 3), textcoords="offset points",
+                    f"{at:.3g} Hz", (at, size), xytext=(0, 3), textcoords="offset points",
                     fontsize=8, color=color, rotation=40, ha="left", va="bottom",
                 )  # fmt: skip
         axes.set(xlabel="frequency (Hz)", title=f"amplitude of the tip deflection / length, {t[0]:g} to {t[-1]:g} s")
@@ -197,7 +209,7 @@ def plot_spectrum(
 def plot_all(
     trajectory: Trajectory, folder: str | os.PathLike[str], reference: Columns | None = None, ending: str = "png"
 ) -> list[Path]:
-    """All there is to draw of a run: shapes.png with the tip deflection, energies.png, spectrum.png.
+    """Write all plots of a run: shapes.png with the tip deflection, energies.png, spectrum.png.
 
     Args:
         trajectory: a run. folder: is made where it is not there. reference: as for `plot_trajectory`.
@@ -219,10 +231,10 @@ def plot_all(
 
 
 # ------------------------------------------------------------------ parts
-def _title(trajectory: Trajectory, given: str | None) -> str:
-    """What is given, or scene, formulation and options."""
-    if given is not None:
-        return given
+def _title(trajectory: Trajectory, title: str | None) -> str:
+    """Return the given title, or scene, formulation and options."""
+    if title is not None:
+        return title
     settings = trajectory.settings
     own = ", ".join(mesh_of(settings))
     ended = "" if trajectory.finished else f"   [{trajectory.status} after {trajectory.t[-1]:g} s]"
@@ -230,14 +242,14 @@ def _title(trajectory: Trajectory, given: str | None) -> str:
 
 
 def _last_drive(trajectory: Trajectory) -> float:
-    """The last instant at which a drive jumps or ends, s."""
+    """Return the last instant, s, at which a drive jumps or ends."""
     scene = trajectory.scene
     ends = [motion.function.end for motion in scene.motions] + [f.end for load in scene.loads for f in load.functions]
     return max([t for t in (*scene.kinks, *ends) if t < trajectory.t[-1]], default=float(trajectory.t[0]))
 
 
 def _stages(trajectory: Trajectory) -> list[NDArray[np.intp]]:
-    """Samples of each panel: driven and after, where the root stays and the arm would be drawn over itself."""
+    """Return the samples of each panel: all, or driven and free motion if the arm would be drawn over itself."""
     t, everything = trajectory.t, np.arange(trajectory.t.size)
     stop = _last_drive(trajectory)
     moved = float(np.ptp(trajectory.start[:, :2], axis=0).max())
@@ -248,7 +260,7 @@ def _stages(trajectory: Trajectory) -> list[NDArray[np.intp]]:
 
 
 def _larger(trajectory: Trajectory, chosen: NDArray[np.intp]) -> float:
-    """How much larger the deflection of an arm at rest is to be drawn, so that it is seen: 1, 2, 5, 10 or 20."""
+    """Return the factor 1, 2, 5, 10 or 20 by which a small deflection is drawn larger."""
     turned = float(np.ptp(trajectory.joint_angles[chosen], axis=0).max())
     largest = float(np.abs(trajectory.tip_deflection[chosen]).max())
     if turned > 0.2 or largest == 0.0:
@@ -257,7 +269,7 @@ def _larger(trajectory: Trajectory, chosen: NDArray[np.intp]) -> float:
 
 
 def _extent(points: Array) -> tuple[float, float]:
-    """Width and height that shapes take, neither much smaller than the other."""
+    """Return width and height of shapes, m, neither much smaller than the other."""
     flat = points.reshape(-1, 2)
     width, height = np.ptp(flat[:, 0]), np.ptp(flat[:, 1])
     least = 0.35 * max(width, height, 1e-12)
@@ -268,6 +280,11 @@ def _draw_shapes(
     axes: Any, trajectory: Trajectory, chosen: NDArray[np.intp], count: int, reference: Columns | None,
     size: tuple[float, float], factor: float,
 ) -> None:  # fmt: skip
+    """Draw the arm at `count` instants, the path of its tip, and a reference's tip.
+
+    chosen: sampled rows that are shown. size: of the figure, inches. factor: deflections are drawn this many times as
+    large.
+    """
     t = trajectory.t[chosen]
     times = np.linspace(t[0], t[-1], min(count, t.size))
     frames = chosen[np.unique(np.abs(t[:, None] - times).argmin(axis=0))]
@@ -294,7 +311,7 @@ def _draw_shapes(
 
 
 def _label_times(axes: Any, shapes: Array, times: Array, free: bool, size: tuple[float, float]) -> None:
-    """A time at an end of each shape, where it covers least; left out where it would cover another label.
+    """Label each shape with its time where the label covers least; omit labels that would overlap.
 
     free: at either end. size: of the panel, inches.
     """
@@ -318,7 +335,7 @@ def _label_times(axes: Any, shapes: Array, times: Array, free: bool, size: tuple
 
 
 def _label_places(points: Array, gap: float, both_ends: bool) -> Iterator[Array]:
-    """Where a shape's label may stand: around its tip and, of a free body, around its other end, the best first."""
+    """Return places for a shape's label, the best first: around its tip and, for a free body, its other end."""
     ends = [(points[-1], points[max(0, len(points) - 4)])]
     if both_ends:
         ends.append((points[0], points[min(3, len(points) - 1)]))
@@ -330,6 +347,7 @@ def _label_places(points: Array, gap: float, both_ends: bool) -> Iterator[Array]
 
 
 def _draw_deflection(axes: Any, trajectory: Trajectory) -> None:
+    """Draw each link's tip deflection over its length against time."""
     n_links = trajectory.tip_deflection.shape[1]
     for k, bend in enumerate(trajectory.tip_deflection.T):
         axes.plot(trajectory.t, bend, color=COLORS[k % len(COLORS)], label=f"link {k + 1}")
@@ -341,7 +359,7 @@ def _draw_deflection(axes: Any, trajectory: Trajectory) -> None:
 
 
 def _floor(axes: Any) -> None:
-    """Let zero distances not stretch a logarithmic axis."""
+    """Keep zero distances from stretching a logarithmic axis."""
     values = np.concatenate([np.asarray(line.get_ydata(), dtype=float) for line in axes.lines] or [np.ones(1)])
     values = values[np.isfinite(values)]
     if values.size:
@@ -349,16 +367,17 @@ def _floor(axes: Any) -> None:
 
 
 def _peaks(amplitude: Array) -> list[int]:
-    """Peaks that stand out by a factor of three at least, the highest first."""
+    """Return the indices of peaks that stand out by at least a factor of three, the highest first."""
     from scipy.signal import find_peaks
 
-    level = np.log(np.maximum(amplitude, 1e-300))
-    found = find_peaks(level, prominence=np.log(3.0))[0]
-    return [int(i) for i in found[np.argsort(-amplitude[found])] if amplitude[i] > 1e-4 * amplitude.max()]
+    level = np.log(np.maximum(amplitude[1:], 1e-300))  # without the mean
+    padded = np.concatenate([[level.min()], level, [level.min()]])
+    found = find_peaks(padded, prominence=np.log(3.0))[0]
+    return [int(i) for i in found[np.argsort(-amplitude[found])]]
 
 
 def plot_campbell(found: Campbell, path: str | os.PathLike[str], title: str = "") -> Path:
-    """Frequencies over spin, and the line at which one turn takes as long as one vibration; returns `path`.
+    """Plot frequencies over spin, with the line of one vibration per turn; returns `path`.
 
     Forward and backward whirl as seen from rest; where some motion is neither (an arm that is no body of revolution),
     all as an observer sees them who turns with the arm. Spins at which something grows have a mark at the foot.

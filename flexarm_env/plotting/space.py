@@ -10,7 +10,7 @@ from .style import COLORS, FAINT, INK, draw_energies, legend_above, mark_kinks, 
 
 
 def plot_in_space(trajectory: Any, path: str | os.PathLike[str], shapes: int, title: str) -> Path:
-    """What `plotting.plot_trajectory` draws of a run in space."""
+    """Plot a run in space as `plotting.plot_trajectory` does."""
     with styled_figure(path, 12.0, 5.6, title) as figure:
         grid = figure.add_gridspec(3, 2, width_ratios=[6.6, 4.6])
         axes: Any = figure.add_subplot(grid[:, 0], projection="3d")
@@ -36,7 +36,7 @@ def plot_in_space(trajectory: Any, path: str | os.PathLike[str], shapes: int, ti
 
 
 def _frame(axes: Any, trajectory: Any) -> float:
-    """Axes that hold all of a run; where the ground is."""
+    """Set axes that contain the whole run; return the ground's height, m."""
     points = trajectory.shapes.reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     half = 0.55 * max(float((high - low).max()), 1e-9)
@@ -56,7 +56,7 @@ def _frame(axes: Any, trajectory: Any) -> float:
 
 
 def _draw_shapes(axes: Any, trajectory: Any, count: int) -> None:
-    """Shapes at even times, darker later, their shadows on the ground, and the path of the tip."""
+    """Draw shapes at even times, later ones darker, with shadows on the ground, and the tip's path."""
     points = trajectory.shapes
     ground = _frame(axes, trajectory)
     chosen = np.unique(np.linspace(0, len(points) - 1, count).round().astype(int))
@@ -72,7 +72,7 @@ def _draw_shapes(axes: Any, trajectory: Any, count: int) -> None:
 
 
 def _path(trajectory: Any) -> Any:
-    """The tip's path, smooth between recorded instants by its velocities there, (n, 3)."""
+    """Return the tip's path (n, 3), m: cubic between recorded instants by its velocities."""
     tip, step = trajectory.tip, np.diff(trajectory.t)[:, None, None]
     a, b, s = tip[:-1, None], tip[1:, None], np.linspace(0.0, 1.0, 8, endpoint=False)[:, None]
     left, right = step * trajectory.tip_velocity[:-1, None, :3], step * trajectory.tip_velocity[1:, None, :3]

@@ -52,7 +52,7 @@ _STYLE: Any = {
 
 @contextmanager
 def styled_figure(path: str | os.PathLike[str], width: float, height: float, title: str = "") -> Iterator[Figure]:
-    """A figure, width by height inches, in the house's style, for `with`; written whole to `path` at its end.
+    """Open a styled figure, width by height inches, in a `with` block; it is written to `path` at the end.
 
     Raises ValueError for a path whose ending is of no picture.
     """
@@ -68,12 +68,12 @@ def styled_figure(path: str | os.PathLike[str], width: float, height: float, tit
 
 
 def shade(i: int, count: int, start: float = 0.0) -> Any:
-    """Colour of shape i of `count`: later is darker."""
+    """Return the color of shape i of `count`: later ones are darker."""
     return _TIME(start + (1.0 - start) * i / max(1, count - 1))
 
 
 def mark_kinks(axes: Any, trajectory: Trajectory) -> None:
-    """A fine line at each instant at which a drive jumps, where there are few."""
+    """Draw a thin line at each instant at which a drive jumps, unless there are many."""
     kinks = [t for t in trajectory.scene.kinks if t < trajectory.t[-1]]
     if len(kinks) <= 8:
         for t in kinks:
@@ -81,7 +81,7 @@ def mark_kinks(axes: Any, trajectory: Trajectory) -> None:
 
 
 def draw_energies(axes: Any, trajectory: Trajectory) -> None:
-    """Energies over time, and their sum."""
+    """Draw energies over time, and their sum."""
     parts = {"kinetic": trajectory.kinetic, "strain": trajectory.strain_energy}
     if np.any(trajectory.gravity != 0.0):
         parts["gravity"] = trajectory.gravity
@@ -95,7 +95,7 @@ def draw_energies(axes: Any, trajectory: Trajectory) -> None:
 
 
 def legend_above(axes: Any, columns: int) -> None:
-    """A legend on the title's line, at the right, where it covers nothing."""
+    """Place a legend at the right of the title's line."""
     axes.legend(
         loc="lower right", bbox_to_anchor=(1.0, 0.985), ncols=columns, borderaxespad=0.0, handlelength=1.3,
         columnspacing=1.0, handletextpad=0.5,

@@ -1,6 +1,6 @@
-"""An arm at the other end of a wire: served in real time, driven by policies, an environment of what answers.
+"""Remote operation over UDP: a server that runs an arm in real time, a client environment, and policies that drive it.
 
-This is no safety system: what a real arm needs to be safe belongs into its own hardware.
+This is no safety system. A real arm needs its own hardware for safety.
 """
 
 from .client import Played, RemoteArmEnv, Wire, run_policy

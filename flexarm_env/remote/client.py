@@ -1,4 +1,4 @@
-"""The other end: a wire to an arm that answers packets, an environment of it, and policies that drive it."""
+"""Client of a remote arm: the connection (`Wire`), a Gymnasium environment, and a loop that drives it by a policy."""
 
 import math
 import os
@@ -14,11 +14,14 @@ from ..files import csv_lines, listed, numbers
 from ..validation import Array, Array32
 from .packet import (
     ARM,
+    EXPIRED,
     HELD,
     LAST,
+    NO_COOKIE,
     OVER,
     RESET,
     SET_POINTS,
+    VERSION,
     Kind,
     Packet,
     Refusal,
@@ -27,97 +30,158 @@ from .packet import (
     datagrams,
     pack,
     unpack,
+    version_of,
 )
 
 PATIENCE = 3.0
-"""s that an answer to a HELLO, or the first reading, is waited for."""
+"""Seconds to wait for the answer to a HELLO, or for the first reading."""
+WATCHDOG = "watchdog expired"
+REASONS = ("no_reading", "stopped", "held", WATCHDOG)
+"""Reasons for the end of an episode: no reading arrived in time; the arm has stopped; a limit holds the arm; its
+watchdog holds it, because commands were late.
+"""
+TRIES = 3
 LONGEST, LEAST = 3600.0, 1e-8
-"""s: the longest period that is believed; the least scale, by which every reading is a float32."""
+"""Largest period that a client accepts, s; smallest scale, at which every reading is still a float32."""
 
 
 class Wire:
-    """A connection to an arm that answers the packets of `remote.packet`.
+    """UDP connection to an arm that speaks the packets of `remote.packet`.
 
     Args:
-        host, port: of the arm. key: shared with it. timeout: s that a reading is waited for; default: ten periods.
+        host, port: address of the server. key: shared secret, or None for unsigned packets. timeout: longest wait for a
+            reading, s; default: ten periods.
     Attributes:
-        period: s. limits (N,): N m. scales (M,): of the readings. watchdog: periods. angles, rates, torques (N,),
-            seen (M,), flags, status, time: of the last reading.
+        period: control period, s. limits (N,): torque limits, N m. scales (M,): scales of the observation's entries.
+        watchdog: periods without a command until the arm is held. lost: readings that never arrived.
+        angles, rates, torques (N,), seen (M,), flags, status, time: last reading, in rad, rad/s, N m, SI units and s.
     Raises:
-        ConnectionError: nobody answers, or somebody else is being served.
-        OSError: there is no such host. ValueError: an argument that is none; a torque that is not finite.
+        ConnectionError: no answer, or the server serves another peer.
+        OSError: the host does not exist. ValueError: an invalid argument, or a torque that is not finite.
     """
 
     def __init__(self, host: str, port: int, key: bytes | None = None, timeout: float | None = None) -> None:
+        """Connect to a served arm by HELLO and challenge.
+
+        key: shared secret of at least 16 bytes, or None. timeout: s that a reading is waited for; ten periods if None.
+
+        Raises:
+            ConnectionError: no server answers. ValueError: a wrong key, port or timeout.
+        """
         self.key, self.sequence, self._last = checked(key), 0, 0
         self.connection, self.lost = secrets.randbits(64), 0
         if timeout is not None:
             check.number("timeout", timeout, "s", above=0.0, maximum=LONGEST)
+        # a connected socket accepts datagrams from this server alone
         with datagrams(host, port, 1) as self.socket:
             self.socket.connect((host, port))
             self._meet(f"{host}:{port}")
+        # until the first reading arrives, the arm counts as held
         n, period = len(self.limits), self.period
         self.timeout = 10.0 * period if timeout is None else timeout
         self.angles = self.rates = self.torques = np.zeros(n)
         self.seen, self.flags, self.status, self.time = np.zeros(len(self.scales)), HELD, 0.0, 0.0
 
     def _meet(self, where: str) -> None:
+        """Perform the handshake with the server `where` and store period, watchdog, limits and scales from its WELCOME.
+
+        Raises:
+            ConnectionError: the numbers of the WELCOME are inconsistent.
+        """
         welcome = self._hello(where)
         period, joints, entries, watchdog = welcome[:4]
         self.period = period
         self.watchdog, n = int(watchdog), int(joints)
         self.limits, self.scales = np.array(welcome[4 : 4 + n]), np.array(welcome[4 + n :])
+        # the counts are floats of a foreign sender: compare them with the lengths before use
         sizes = 0 < n == joints == len(self.limits) and len(self.scales) == entries and 0.0 < period <= LONGEST
         if not sizes or watchdog < 1.0 or not (self.limits > 0.0).all() or not (self.scales >= LEAST).all():
             raise ConnectionError(f"{where}: a welcome that does not say what its arm has")
 
     def _hello(self, where: str) -> tuple[float, ...]:
-        ends = time.monotonic() + PATIENCE
+        """Send HELLO, return the cookie of the CHALLENGE, and return the numbers of the WELCOME.
+
+        Repeats every 0.1 s for `PATIENCE` seconds, since datagrams may be lost.
+        """
+        ends, cookie, tries = time.monotonic() + PATIENCE, NO_COOKIE, 0
         while time.monotonic() < ends:
-            self._put(Packet(Kind.HELLO, self.connection, 0))
-            found = self._take(min(ends, time.monotonic() + 0.1), Kind.WELCOME)
-            if found is not None and len(found.numbers) >= 4:
+            self._put(Packet(Kind.HELLO, self.connection, 0, 0.0, cookie))
+            found = self._take(min(ends, time.monotonic() + 0.1), Kind.WELCOME, Kind.CHALLENGE, Kind.OTHER_VERSION)
+            if found is None:
+                tries += 1
+                # the cookie may have expired: request a new one
+                cookie = cookie if tries % 5 else NO_COOKIE
+            elif found.kind is Kind.OTHER_VERSION:
+                what = f"speaks version {found.sequence} of the packets, and this is version {VERSION}"
+                raise ConnectionError(f"{where}: {what}: install the same version of flexarm_env at both ends")
+            elif found.kind is Kind.CHALLENGE:
+                if found.connection == self.connection and len(found.numbers) == 2:
+                    cookie = found.numbers[0], found.numbers[1]
+            # WELCOME: the server's random connection number replaces the client's own
+            elif len(found.numbers) >= 4:
                 self.connection, self._last = found.connection, found.sequence
                 return found.numbers
-        raise ConnectionError(f"{where}: no answer within {PATIENCE:g} s: nobody there, another key, or another's arm")
+        what = "nobody there, another key, another's arm, or an earlier version of flexarm_env"
+        raise ConnectionError(f"{where}: no answer within {PATIENCE:g} s: {what}")
 
     def _put(self, packet: Packet) -> None:
+        """Send a packet. Raises ConnectionError if the system refuses it, except for a HELLO, which is repeated."""
         try:
             self.socket.send(pack(packet, self.key))
         except OSError as error:
             if packet.kind is not Kind.HELLO:
                 raise ConnectionError(f"nothing can be sent: {error.strerror}") from None
 
-    def _take(self, until: float, kind: Kind, wait: bool = True) -> Packet | None:
-        """The next packet of a kind that comes before a time, or has come; others are left out."""
+    def _take(self, until: float, *kinds: Kind, wait: bool = True) -> Packet | None:
+        """Return the next packet of the given kinds that arrives before `until` (monotonic clock, s), or None.
+
+        Other packets are dropped, and so are readings of another connection or out of order. wait False: only packets
+        that have already arrived. A packet of another protocol version is returned as kind OTHER_VERSION, with that
+        version in place of the sequence number.
+        """
         while (left := until - time.monotonic()) > 0.0:
-            self.socket.settimeout(left if wait else 0.0)  # the system waits for whole ms: none where none is meant
+            # a wait is rounded up to whole ms, hence 0 for none
+            self.socket.settimeout(left if wait else 0.0)
             try:
-                found = unpack(self.socket.recv(2048), self.key)
-            except OSError:  # nothing came, or nobody listens
+                content = self.socket.recv(2048)
+            except OSError:
+                # timed out, or the port is closed
                 if not wait:
                     return None
                 time.sleep(min(0.01, max(0.0, until - time.monotonic())))
                 continue
-            if isinstance(found, Refusal) or found.kind is not kind:
+            found = unpack(content, self.key)
+            if found is Refusal.VERSION:
+                found = Packet(Kind.OTHER_VERSION, 0, version_of(content)[0])
+            elif isinstance(found, Packet) and found.kind is Kind.OTHER_VERSION:
+                # carries no information in this version
                 continue
-            if kind is Kind.READING and (found.connection != self.connection or found.sequence <= self._last):
+            if isinstance(found, Refusal) or found.kind not in kinds:
+                continue
+            # a reading of another connection, or not newer than the last one
+            if found.kind is Kind.READING and (found.connection != self.connection or found.sequence <= self._last):
                 continue
             return found
         return None
 
-    def numbers(self, name: str, given: Any) -> Array:
-        """One for each joint. ValueError for what is none."""
+    def numbers(self, name: str, value: Any) -> Array:
+        """Return `value` as an array (N,), one finite number per joint. Raises ValueError that begins with `name`."""
         try:
-            found = np.asarray(given, np.float64)
+            found = np.asarray(value, np.float64)
         except (TypeError, ValueError, OverflowError):
             found = np.array(np.nan)
         if found.shape != self.limits.shape or not np.isfinite(found).all():
-            raise check.InvalidValue(name, given, f"must be {len(self.limits)} finite number(s)")
+            raise check.InvalidValue(name, value, f"must be {len(self.limits)} finite number(s)")
         return found
 
     def command(self, torques: Any, flags: int = 0) -> None:
-        """Ask for torques (N,), N m, clipped to the limits; with `SET_POINTS` for angles, rad."""
+        """Send torques (N,), N m, clipped to the limits; with the flag `SET_POINTS` joint angles, rad.
+
+        Args:
+            flags: bits `ARM`, `SET_POINTS`, `RESET` of `remote.packet`.
+        Raises:
+            ConnectionError: all sequence numbers are used, or the system cannot send.
+        """
         wanted = self.numbers("torques", torques)
         check.integer("flags", flags, minimum=0, maximum=255)
         if self.sequence >= LAST - 1:
@@ -127,9 +191,14 @@ class Wire:
         self._put(Packet(Kind.COMMAND, self.connection, self.sequence, time.time(), tuple(asked.tolist()), flags))
 
     def read(self) -> bool:
-        """Wait for the next reading, the newest of those that have come; whether there is one."""
+        """Wait for a reading, store the newest that has arrived in the attributes, and return whether there was one.
+
+        Raises:
+            ConnectionError: a reading whose size differs from the one announced in the WELCOME.
+        """
+        # wait for one reading, then empty the queue without waiting; gaps in the numbers count as lost
         until, n, newest = time.monotonic() + self.timeout, len(self.limits), None
-        while (found := self._take(until, Kind.READING, newest is None)) is not None:
+        while (found := self._take(until, Kind.READING, wait=newest is None)) is not None:
             newest = found
             self.lost += newest.sequence - self._last - 1
             self._last = newest.sequence
@@ -137,13 +206,14 @@ class Wire:
             return False
         if len(newest.numbers) != 2 + 3 * n + len(self.scales):
             raise ConnectionError("a reading of another size than was said")
+        # numbers[0] is the last accepted command; status; then angles, rates, torques (N each) and the sensors (M)
         self.status, values, self.flags = newest.numbers[1], np.array(newest.numbers[2:]), newest.flags
         self.angles, self.rates, self.torques = values[:n], values[n : 2 * n], values[2 * n : 3 * n]
         self.seen, self.time = values[3 * n :], newest.time
         return True
 
     def close(self) -> None:
-        """Say goodbye, which holds the arm."""
+        """Send BYE, upon which the server holds the arm, and close the socket."""
         self.sequence += 1
         try:
             self._put(Packet(Kind.BYE, self.connection, self.sequence))
@@ -153,22 +223,24 @@ class Wire:
 
 
 class RemoteArmEnv(gym.Env[Array32, Array32]):
-    """`gymnasium.make("RemoteArm-v0", host=..., port=...)`: the arm, real or simulated, that answers there.
+    """Environment of a remote arm, real or simulated: `gymnasium.make("RemoteArm-v0", host=..., port=...)`.
 
-    Action (N,): torques over their limits, within +-1. Observation (M,): what its sensors read over their scales, as
-    the environment that it was made from has it. The arm does not know a task: rewards are 0. A step asks, and waits
-    for the next reading. An episode is truncated where none comes, or the arm is held (by its watchdog or a limit),
-    and ends where it has stopped; `info["reason"]` says it. A reset arms it, and asks for a new start, which a
-    simulated arm makes and a real one may not.
+    Action (N,): torques divided by their limits, within +-1. Observation (M,): sensor readings divided by their scales,
+    as in the environment that the server runs. The remote arm has no task: rewards are 0. `step` sends the torques and
+    waits for the next reading. An episode is truncated if no reading arrives or the arm is held (by its watchdog or a
+    limit), and terminated if the arm has stopped; `info["reason"]` is then one of `REASONS`. `reset` arms the arm and
+    requests a new start, which a simulated arm makes and a real one may ignore.
 
     Args:
-        host, port: of `flexarm serve`, or whatever speaks its packets. key: shared with it.
+        host, port: address of `flexarm serve`, or of any server of these packets. key: shared secret.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012
     render_mode = None
 
     def __init__(self, host: str = "127.0.0.1", port: int = 7070, key: bytes | None = None) -> None:
+        """Connect to the server; action and observation spaces follow from its answer."""
+        self._address = host, port, key
         self.wire = Wire(host, port, key)
         joints, entries = len(self.wire.limits), len(self.wire.scales)
         self.action_space = gym.spaces.Box(-1.0, 1.0, (joints,), np.float32)
@@ -177,35 +249,59 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array32, dict[str, Any]]:
-        """Arm it, ask for a new start, and wait for the first reading."""
+        """Arm the arm, request a new start, and return the first observation and info. `options` must be empty."""
         super().reset(seed=seed)
         if options:
             raise check.InvalidValue("options", options, "must be left out: a remote arm has none")
         return self.arm(RESET)
 
     def arm(self, flags: int = 0) -> tuple[Array32, dict[str, Any]]:
-        """Arm it where it is (or with `RESET`), and wait for the first reading."""
-        ends = time.monotonic() + PATIENCE
+        """Arm the arm where it is (flag `RESET`: at a new start) and return the first observation and info.
+
+        Connects again if the server has dropped this peer after a long silence.
+
+        Raises:
+            ConnectionError: not armed within `PATIENCE` seconds.
+        """
+        ends, silent = time.monotonic() + PATIENCE, 0
         while time.monotonic() < ends:
             self.wire.command(np.zeros(len(self.wire.limits)), ARM | flags)
-            if self.wire.read() and not self.wire.flags & HELD:
+            if not self.wire.read():
+                silent += 1
+                # two timeouts without a reading: the server has dropped this peer
+                if silent == 2:
+                    self._connect_again()
+            elif not self.wire.flags & HELD:
                 return self._observation(), self._info("")
         raise ConnectionError(f"the arm cannot be armed within {PATIENCE:g} s")
 
+    def _connect_again(self) -> None:
+        """Connect anew to the same address. Raises ConnectionError if another arm is served there."""
+        before = self.wire
+        before.close()
+        self.wire = Wire(*self._address)
+        self.wire.lost = before.lost
+        if self.wire.limits.shape != before.limits.shape or self.wire.scales.shape != before.scales.shape:
+            raise ConnectionError(f"{self._address[0]}:{self._address[1]}: another arm is served there now")
+
     def step(self, action: Any) -> tuple[Array32, float, bool, bool, dict[str, Any]]:
-        """Ask for torques and wait for what comes of them."""
+        """Send torques, `action` (N,) times their limits, await the next reading, return Gymnasium's five values."""
         self.wire.command(np.clip(self.wire.numbers("action", action), -1.0, 1.0) * self.wire.limits)
         came = self.wire.read()
+        # reason in order of precedence: no reading, stopped, watchdog expired, held by a limit
         over = bool(self.wire.flags & OVER)
         held = bool(self.wire.flags & HELD) and not over
-        reason = "no_reading" if not came else "stopped" if over else "held" if held else ""
+        why = WATCHDOG if self.wire.flags & EXPIRED else "held"
+        reason = "no_reading" if not came else "stopped" if over else why if held else ""
         return self._observation(), 0.0, over, held or not came, self._info(reason)
 
     def _observation(self) -> Array32:
+        """Return the last reading of the sensors divided by their scales, (M,) float32."""
         found: Array32 = (self.wire.seen / self.wire.scales).astype(np.float32)
         return found
 
     def _info(self, reason: str) -> dict[str, Any]:
+        """Return the info dict: reason, angles (rad), rates (rad/s), torques (N m), time (s), lost (readings)."""
         wire = self.wire
         return {
             "reason": reason, "angles": wire.angles.copy(), "rates": wire.rates.copy(), "torques": wire.torques.copy(),
@@ -213,21 +309,27 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
         }  # fmt: skip
 
     def close(self) -> None:
-        """Let the arm go."""
+        """Close the connection, upon which the server holds the arm."""
         self.wire.close()
 
 
 class Played:
-    """Torques from a file as a policy: a row a period, then none.
+    """Policy that plays torques from a CSV file, one row per period, then zero torque.
 
     Args:
-        path: CSV with the columns t (s, evenly spaced) and torque0, ... (N m). period: s, and limits (N,): N m, of the
-            arm that is to be driven.
+        path: CSV file with the columns t (s, evenly spaced) and torque0, ... (N m). period: control period of the arm
+            to be driven, s. limits (N,): its torque limits, N m.
+    Attributes:
+        seconds: duration of the file, s.
     Raises:
-        ValueError: a file of other columns, of another period, or with a torque beyond the limits.
+        ValueError: other columns, another period, or a torque beyond the limits.
     """
 
     def __init__(self, path: str | os.PathLike[str], period: float, limits: Array) -> None:
+        """Read torques (N m) from a CSV file with columns t, torque0, ...
+
+        period: s, the arm's control period, by which t must be spaced. limits (N,): N m, largest torques.
+        """
         header, lines = csv_lines(path)
         names = ["t", *(f"torque{k}" for k in range(len(limits)))]
         if set(header) != set(names):
@@ -242,11 +344,11 @@ class Played:
         self.seconds = len(t) * period
 
     def reset(self, observation: Any) -> None:
-        """Begin anew."""
+        """Start again with the first row."""
         self._next = 0
 
     def act(self, observation: Any) -> Array:
-        """The next row, over the limits."""
+        """Return the next row divided by the torque limits, (N,); zeros after the last row."""
         row = self.torques[self._next] if self._next < len(self.torques) else np.zeros(len(self.limits))
         self._next += 1
         found: Array = row / self.limits
@@ -256,28 +358,37 @@ class Played:
 def run_policy(
     policy: Any, env: RemoteArmEnv, seconds: float, most_angle: float = math.inf, most_rate: float = math.inf
 ) -> dict[str, Any]:
-    """Drive an arm by a policy (`reset(observation)`, `act(observation)`, or a function of observations) for so long;
-    what came of it.
+    """Drive an arm by a policy for `seconds` and return a summary: steps, seconds, lost (readings) and ended.
 
-    A policy that thinks for longer than the watchdog bears before its first action finds the arm held, and arms it.
+    policy: object with `reset(observation)` and `act(observation)`, or a function of observations. If its first action
+    takes longer than the watchdog waits (it designs a controller, say), the arm is held by then: it is armed again and
+    the policy called again, at most `TRIES` times. `ended` is "time", one of `REASONS`, "angle" or "rate".
 
-    most_angle: rad, most_rate: rad/s; where a joint is beyond it, it ends there, and closing the environment holds the
+    most_angle (rad), most_rate (rad/s): the run ends if a joint exceeds one of them; closing the environment holds the
     arm.
     """
     for name, value in (("seconds", seconds), ("most_angle", most_angle), ("most_rate", most_rate)):
         bound(name, value)
     observation, info = env.reset()
-    began = time.monotonic()
     act = getattr(policy, "act", policy)
-    getattr(policy, "reset", lambda seen: None)(observation)
-    if time.monotonic() - began > env.wire.watchdog * env.wire.period:
+    # first action: slow policies expire the watchdog, so arm again and repeat
+    for _ in range(TRIES):
+        began = time.monotonic()
+        getattr(policy, "reset", lambda seen: None)(observation)
+        action = act(observation)
+        if time.monotonic() - began <= env.wire.watchdog * env.wire.period:
+            break
         observation, info = env.arm()
     start, steps, reason = info["time"], 0, ""
-    while max(info["time"] - start, steps * env.wire.period) < seconds and not reason:  # an arm's clock may stand still
-        observation, _, _, _, info = env.step(act(observation))
+    while True:
+        observation, _, _, _, info = env.step(action)
         steps, reason = steps + 1, info["reason"]
         if np.abs(info["angles"]).max() > most_angle:
             reason = reason or "angle"
         if np.abs(info["rates"]).max() > most_rate:
             reason = reason or "rate"
+        # the arm's clock may stop: count periods as well
+        if reason or max(info["time"] - start, steps * env.wire.period) >= seconds:
+            break
+        action = act(observation)
     return {"steps": steps, "seconds": info["time"] - start, "lost": info["lost"], "ended": reason or "time"}

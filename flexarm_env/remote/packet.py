@@ -1,21 +1,32 @@
-"""The packet: one layout in both directions, little-endian, at most 1,200 bytes.
+"""The UDP packet: one layout in both directions, little-endian, at most 1,200 bytes.
 
-    offset  type     what
+    offset  type     content
     0       4 bytes  "FXRM"
-    4       uint16   version, 1
+    4       uint16   version, 2
     6       uint8    kind, a `Kind`
     7       uint8    flags, `ARM`, ...
     8       uint64   connection: a random number that the server draws for a peer; in a HELLO the peer's own
-    16      uint32   sequence number, from 1, of the sender's packets in this connection
-    20      uint32   how many numbers follow
-    24      float64  time of the sender, s
+    16      uint32   sequence number of the sender's packets in this connection, from 1
+    20      uint32   count of the numbers that follow
+    24      float64  sender's time, s
     32      float64  the numbers
-    ...     32 bytes HMAC-SHA256 of all before, where a key is shared
+    ...     32 bytes HMAC-SHA256 of all bytes before, if the two ends share a key
 
-Numbers of a COMMAND: torques, N m, or with `SET_POINTS` joint angles, rad. Of a READING: sequence number of the last
-command that was taken, status (0: ok), then joint angles (rad), their rates (rad/s), torques as applied (N m), and what
-the sensors read, in SI units. Of a WELCOME: period (s), joints, readings, periods of the watchdog, then torque limits
-(N m) and the scale of each reading. A HELLO and a BYE have none.
+Numbers of each kind:
+
+    COMMAND      torques, N m; with the flag `SET_POINTS` joint angles, rad
+    READING      sequence number of the last accepted command, status (0: ok), joint angles (rad), joint rates (rad/s),
+                 applied torques (N m), then the sensors' readings in SI units
+    WELCOME      period (s), number of joints, number of readings, watchdog (periods), torque limits (N m), scale of
+                 each reading
+    HELLO        the cookie of a CHALLENGE, two whole numbers below 2^32; twice 0 for a peer without a cookie
+    CHALLENGE    the cookie
+    BYE, OTHER_VERSION   none
+
+A server answers a first HELLO with a CHALLENGE of the same size, and sends larger packets only to an address that has
+returned the cookie. A sender with a forged source address never sees the cookie, so nobody can direct a server's
+packets at another machine. The server answers a HELLO of another version by OTHER_VERSION, whose head has the server's
+version. (Version 1 had no cookies.)
 """
 
 import hashlib
@@ -30,46 +41,58 @@ from typing import NamedTuple
 
 from .. import validation as check
 
-MAGIC, VERSION = b"FXRM", 1
+MAGIC, VERSION = b"FXRM", 2
 HEAD, DIGEST = struct.Struct("<4sHBBQIId"), hashlib.sha256().digest_size
 MOST_NUMBERS = (1200 - HEAD.size - DIGEST) // 8
 LAST = 2**32 - 1
-"""The largest sequence number, of which a connection ends."""
+"""Largest sequence number; a connection ends there."""
 SHORTEST = 16
-"""Bytes of a key."""
+"""Minimum length of a key in bytes."""
 
 ARM, SET_POINTS, RESET = 1, 2, 4
-"""Flags of a command: end the watchdog's hold; numbers are angles; start anew, where the arm can."""
-HELD, LIMITED, OVER = 1, 2, 4
-"""Flags of a reading: the watchdog holds the arm; a limit has changed what was asked for; the arm has stopped."""
+"""Flags of a command: end the hold; the numbers are joint angles; reset to a new start, if the arm can."""
+HELD, LIMITED, OVER, EXPIRED = 1, 2, 4, 8
+"""Flags of a reading: the arm is held; a limit has changed the commanded torque; the arm has stopped; the watchdog has
+expired and therefore the arm is held.
+"""
+NO_COOKIE = (0.0, 0.0)
+"""Numbers of a HELLO whose sender has no cookie yet."""
 
 
 class Kind(IntEnum):
-    """What a packet is for."""
+    """Purpose of a packet."""
 
     HELLO = 1
     WELCOME = 2
     COMMAND = 3
     READING = 4
     BYE = 5
+    CHALLENGE = 6
+    OTHER_VERSION = 7
 
 
 KINDS = frozenset(Kind)
 
 
 class Refusal(Enum):
-    """Why a packet is dropped."""
+    """Reason for dropping a packet; each value is a sentence for messages."""
 
     SIZE = "its size is not that of a packet"
-    FOREIGN = "it is not of this protocol, or of another version or kind"
+    FOREIGN = "it is not of this protocol, or of another kind"
+    VERSION = f"it is of another version of this protocol than {VERSION}"
     FORGED = "its HMAC is not that of the shared key"
     NUMBERS = f"a number is not finite or beyond {check.LARGEST:g}, or there are too few or too many"
     STRANGER = "it is of another connection or peer"
+    COOKIE = "its cookie is not the one that its address was given, or has expired"
     OLD = "its sequence number has been seen, or is older than one that has"
 
 
 class Packet(NamedTuple):
-    """A packet; see the module."""
+    """Content of one packet; the module's docstring gives the layout.
+
+    kind: `Kind`. connection: 64-bit number. sequence: from 1. time: sender's clock, s. numbers: as the kind defines
+    them. flags: bits of a command (`ARM`, ...) or of a reading (`HELD`, ...).
+    """
 
     kind: Kind
     connection: int
@@ -80,7 +103,7 @@ class Packet(NamedTuple):
 
 
 def pack(packet: Packet, key: bytes | None = None) -> bytes:
-    """The bytes of a packet, signed where there is a key."""
+    """Return the bytes of a packet, signed with HMAC-SHA256 if a key is given."""
     count = len(packet.numbers)
     head = HEAD.pack(MAGIC, VERSION, packet.kind, packet.flags, packet.connection, packet.sequence, count, packet.time)
     body = head + struct.pack(f"<{count}d", *packet.numbers)
@@ -88,27 +111,42 @@ def pack(packet: Packet, key: bytes | None = None) -> bytes:
 
 
 def unpack(content: bytes, key: bytes | None = None) -> Packet | Refusal:
-    """The packet that bytes are, or why they are none. Never raises, whatever they are."""
+    """Decode bytes to a `Packet`, or return the `Refusal` that says why they are none. Never raises."""
     tail = 0 if key is None else DIGEST
     size = len(content) - HEAD.size - tail
     if size < 0 or size % 8 or size // 8 > MOST_NUMBERS:
         return Refusal.SIZE
+    # size and signature come first: nothing in an unsigned packet is interpreted
     body = content[: len(content) - tail]
     if key is not None and not hmac.compare_digest(hmac.new(key, body, hashlib.sha256).digest(), content[-tail:]):
         return Refusal.FORGED
     magic, version, kind, flags, connection, sequence, count, time = HEAD.unpack_from(body)
-    if magic != MAGIC or version != VERSION or kind not in KINDS:
+    if magic != MAGIC or (version == VERSION and kind not in KINDS):
         return Refusal.FOREIGN
+    if version != VERSION:
+        return Refusal.VERSION
+    # the count in the head must match the length
     if count != size // 8:
         return Refusal.SIZE
     numbers = struct.unpack_from(f"<{count}d", body, HEAD.size)
+    # nan and infinities fail this comparison too
     if not all(abs(number) <= check.LARGEST for number in (time, *numbers)):
         return Refusal.NUMBERS
     return Packet(Kind(kind), connection, sequence, time, numbers, flags)
 
 
+def version_of(content: bytes) -> tuple[int, int]:
+    """Return (version, kind) of a packet that `unpack` refused because of its version."""
+    _, version, kind, *_ = HEAD.unpack_from(content)
+    return version, kind
+
+
 def checked(key: bytes | None) -> bytes | None:
-    """A shared key. ValueError for what is none, or is soon guessed."""
+    """Validate a shared key and return it; None means that packets are not signed.
+
+    Raises:
+        ValueError: not bytes, or shorter than `SHORTEST` bytes and soon guessed.
+    """
     if key is not None and (not isinstance(key, bytes) or len(key) < SHORTEST):
         of = f"{type(key).__name__} of {len(key)}" if isinstance(key, bytes | str) else type(key).__name__
         raise check.InvalidValue("key", of, f"must be at least {SHORTEST} bytes")
@@ -116,16 +154,18 @@ def checked(key: bytes | None) -> bytes | None:
 
 
 def bound(name: str, value: float) -> float:
-    """A positive number, or infinity for no bound. ValueError for what is neither."""
+    """Validate a limit: a positive number, or infinity for no limit. Raises ValueError for any other value."""
     return value if isinstance(value, float) and value == math.inf else check.number(name, value, above=0.0)
 
 
 @contextmanager
 def datagrams(host: str, port: int, least: int) -> Iterator[socket.socket]:
-    """A UDP socket for an address, closed where what is done with it fails.
+    """Open a UDP socket for an address; close it if the block that uses it raises.
 
+    Args:
+        host: name or IPv4 address. port: `least` to 65535.
     Raises:
-        ValueError: a host or port that is none. OSError: the system refuses the address; names it.
+        ValueError: invalid host or port. OSError: the system refuses the address; the message names it.
     """
     check.text("host", host, empty=False)
     check.integer("port", port, minimum=least, maximum=65535)

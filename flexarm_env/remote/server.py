@@ -1,9 +1,10 @@
-"""An arm that is stepped at a rate and answers packets: the server's session, without a socket, and its loop with one.
+"""Server of a remote arm: its protocol and control periods (`Session`), and the real-time UDP loop (`Server`).
 
-It is no safety system.
-"""
+This is no safety system."""
 
 import csv
+import hashlib
+import hmac
 import math
 import secrets
 import select
@@ -23,13 +24,16 @@ from ..control.base import Setup
 from ..control.pd import PD, SpatialPD
 from .packet import (
     ARM,
+    EXPIRED,
     HELD,
     LAST,
     LIMITED,
     MOST_NUMBERS,
+    NO_COOKIE,
     OVER,
     RESET,
     SET_POINTS,
+    VERSION,
     Kind,
     Packet,
     Refusal,
@@ -38,18 +42,28 @@ from .packet import (
     datagrams,
     pack,
     unpack,
+    version_of,
 )
 
 Address = tuple[str, int]
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 TIMED_OUT = 5.0
-"""Status of an arm whose episode is at its end in time, as the solver's words are numbered."""
+"""Status of an arm whose episode has reached its time limit, in the numbering of the solver's status codes."""
+COOKIE_LIFE = 10.0
+"""Minimum lifetime of a cookie, s; the maximum is twice as long."""
+BACKLOG = 10_000
+"""Maximum number of packets read after a pause."""
+SILENCE = 10.0
+"""Seconds without a command until a peer is dropped (or the watchdog's periods, if these are longer)."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What no command gets past. angle (rad) and rate (rad/s): of every joint; beyond, the arm is held. slew: largest
-    change of a torque in a period, as a share of its limit. watchdog: periods without a command until it is held."""
+    """Limits that the server applies to every command; inf means no limit.
+
+    angle (rad), rate (rad/s): of every joint; the arm is held beyond them. slew: largest change of a torque per period,
+    as a fraction of the torque limit. watchdog: periods without a command until the arm is held.
+    """
 
     angle: float = math.inf
     rate: float = math.inf
@@ -64,15 +78,16 @@ class Limits:
 
 @dataclass
 class Session:
-    """What a served arm makes of packets and of periods; no socket and no clock.
+    """Protocol and control loop of a served arm, without socket and clock: handles packets and advances periods.
 
     Args:
-        env: single, of this package, with torques for actions. key: shared with the peer; None: nothing is signed.
-        hold: what the watchdog does, "zero" torque or "angles" held by PD.
+        env: single environment of this package whose actions are torques. limits: see `Limits`. key: shared secret;
+            None: unsigned packets. hold: action of the watchdog, "zero" torque or "angles" held by PD. seed: of resets.
     Attributes:
-        row: of the last period: time and readings as it began, and the torques that acted in it. counts: of packets,
-            by `Refusal`, "accepted", "busy" and "missing" (gaps in the peer's sequence numbers).
-        held: whether the watchdog, or a limit, holds the arm, until a command with `ARM`. reason: why.
+        row: last period: time (s) and readings at its start, and the torques applied in it. counts: packets by
+            `Refusal` and by "accepted", "challenged", "busy", "missing" (gaps in the peer's sequence numbers).
+        held: whether the arm is held, until a command with `ARM`. reason: why. peer: address served, or None. status:
+            0.0, or the code that stopped the arm. period: its number. notice: a sentence about a peer's version, or "".
     """
 
     env: Any
@@ -82,6 +97,7 @@ class Session:
     seed: int | None = None
 
     def __post_init__(self) -> None:
+        """Validate the fields, design the holding PD, and compile the first period."""
         plan = getattr(getattr(self.env, "unwrapped", None), "plan", None)
         if plan is None or plan.action_mode != "torque" or plan.arm.base is not None:
             what = "must be a single environment of this package, action_mode 'torque', its root held"
@@ -92,6 +108,7 @@ class Session:
             check.integer("seed", self.seed, minimum=0)
         if self.hold not in ("zero", "angles"):
             raise check.InvalidValue("hold", self.hold, "must be 'zero' or 'angles'")
+        # scales (M,): of each entry of the observation, all instants of the history
         self.setup, self.plain = Setup.of(self.env), self.env.unwrapped
         self.torque_limits = np.array(plan.arm.torque_limits)
         self.scales = np.tile(np.array(self.setup.scales), self.setup.history)
@@ -99,9 +116,13 @@ class Session:
         assert isinstance(pd, PD | SpatialPD)
         self._pd = pd
         self.counts: Counter[str] = Counter()
+        # last: sequence number of the peer's last accepted packet; sent: of the session's own
         self.connection, self.last, self.sent, self.period, self._hello = 0, 0, 0, 0, 0
         self.peer: Any = None
-        self.silent, self.held, self.reason = 0, True, "not armed"
+        self._secret, self._connections = secrets.token_bytes(32), 0
+        self._cookie: tuple[float, ...] = NO_COOKIE
+        self.patience = max(self.limits.watchdog, math.ceil(SILENCE / self.plain.dt))
+        self.silent, self.held, self.expired, self.reason, self.notice = 0, True, False, "not armed", ""
         self._asked: Packet | None = None
         self.torque = np.zeros(len(self.torque_limits))
         if 2 + 3 * len(self.torque) + len(self.scales) > MOST_NUMBERS:
@@ -111,19 +132,24 @@ class Session:
         self._reset()
 
     def _reset(self) -> None:
+        """Reset the environment, torque and status; the joint angles (rad) at the start become the held ones."""
         self.observation, _ = self.env.reset(seed=self.seed)
         self.status, self.torque = 0.0, np.zeros(len(self.torque_limits))
         (self._angles, self._slow), self.row = self.plain.batch.joints(0), tuple[float, ...]()
 
     # --- packets ------------------------------------------------------------------------------------
     def receive(self, content: bytes, address: Any) -> bytes | None:
-        """Take a packet; what is to be answered at once, or None."""
+        """Process one packet from `address`; return the bytes of an immediate answer, or None.
+
+        A command is stored for the next period. Refused packets are counted in `counts`.
+        """
         found = unpack(content, self.key)
         if isinstance(found, Refusal):
             self.counts[found.name] += 1
-            return None
+            return self._other_version(content, address) if found is Refusal.VERSION else None
         if found.kind is Kind.HELLO:
-            return self._welcome(found.connection, address)
+            return self._welcome(found, address)
+        # accept packets of the served connection and address only, in order, and of the right size
         if self.peer is None or found.connection != self.connection or address != self.peer:
             self.counts[Refusal.STRANGER.name] += 1
         elif found.sequence <= self.last:
@@ -141,48 +167,116 @@ class Session:
                 self._stop("the peer has gone")
             else:
                 before = 0 if self._asked is None else self._asked.flags & (ARM | RESET)
-                self._asked = found._replace(flags=found.flags | before)  # two in a period: what the first began holds
+                # ARM and RESET of an earlier command in the same period stay set
+                self._asked = found._replace(flags=found.flags | before)
         return None
 
-    def _welcome(self, hello: int, address: Any) -> bytes | None:
-        """Said again before the first command, it is answered again; replayed later it disturbs nobody."""
-        if (address, hello, 0) != (self.peer, self._hello, self.last):
-            if self.peer is not None and self.silent <= self.limits.watchdog:
-                self.counts["busy"] += 1
+    def _welcome(self, hello: Packet, address: Any) -> bytes | None:
+        """Answer a HELLO: by a CHALLENGE with a cookie for its address, then, if the cookie returns, by a WELCOME.
+
+        A HELLO repeated before the first command is answered again; a later replay is ignored.
+        """
+        # another peer is served and still sends commands: refuse
+        again = (address, hello.connection, 0) == (self.peer, self._hello, self.last)
+        if not again and self.peer is not None and self.silent <= self.limits.watchdog:
+            self.counts["busy"] += 1
+            return None
+        if len(hello.numbers) != len(NO_COOKIE):
+            self.counts[Refusal.NUMBERS.name] += 1
+            return None
+        # no larger than the HELLO: the address may be forged
+        if hello.numbers == NO_COOKIE:
+            self.counts["challenged"] += 1
+            return self._packed(Kind.CHALLENGE, 0, self._cookie_for(address, hello.connection), 0, hello.connection)
+        if not again or hello.numbers != self._cookie:
+            # accept a cookie of this or the previous span of `COOKIE_LIFE`
+            if hello.numbers not in [self._cookie_for(address, hello.connection, back) for back in (0, 1)]:
+                self.counts[Refusal.COOKIE.name] += 1
                 return None
-            self.connection, self.peer, self._hello = secrets.randbits(64), address, hello
-            self.last, self.sent, self.silent, self._asked = 0, 1, 0, None
+            self.connection, self.peer, self._hello = secrets.randbits(64), address, hello.connection
+            self.last, self.sent, self.silent, self._asked, self._cookie = 0, 1, 0, None, hello.numbers
+            self._connections += 1
             self._stop("not armed")
         self.counts["accepted"] += 1
         about = (self.plain.dt, len(self.torque), len(self.scales), self.limits.watchdog)
         numbers = (*map(float, about), *self.torque_limits.tolist(), *self.scales.tolist())
         return self._packed(Kind.WELCOME, 1, numbers, 0)
 
-    def _packed(self, kind: Kind, sequence: int, numbers: tuple[float, ...], flags: int) -> bytes:
-        told = Packet(kind, self.connection, sequence, self.period * self.plain.dt, numbers, flags)
-        return pack(told, self.key)
+    def _cookie_for(self, address: Any, hello: int, back: int = 0) -> tuple[float, float]:
+        """Return the cookie of an address and HELLO number: 64 bits of an HMAC, as two whole numbers below 2^32.
+
+        The HMAC covers address, HELLO, time span (`back` spans ago) and the count of connections, under a secret of
+        this session. Nothing is stored for a sender that only asks. The count makes each cookie open one connection,
+        and its replay none.
+        """
+        span = int(self.period * self.plain.dt / COOKIE_LIFE) - back
+        text = repr((address, hello, span, self._connections)).encode()
+        made = hmac.new(self._secret, text, hashlib.sha256).digest()
+        return float(int.from_bytes(made[:4], "little")), float(int.from_bytes(made[4:8], "little"))
+
+    def _other_version(self, content: bytes, address: Any) -> bytes | None:
+        """Answer a HELLO of another version by a head of this one, no larger; None otherwise: servers never loop."""
+        version, kind = version_of(content)
+        if kind != Kind.HELLO:
+            return None
+        if not self.notice:
+            self.notice = (
+                f"{address[0]}:{address[1]} speaks version {version} of the packets, and this server version "
+                f"{VERSION}: install the same version of flexarm_env at both ends"
+            )
+        return self._packed(Kind.OTHER_VERSION, 0, (), 0, 0)
+
+    def _packed(
+        self, kind: Kind, sequence: int, numbers: tuple[float, ...], flags: int, connection: int | None = None
+    ) -> bytes:
+        """Return the bytes of a packet of this session, stamped with the arm's time; connection None: the peer's."""
+        number = self.connection if connection is None else connection
+        return pack(Packet(kind, number, sequence, self.period * self.plain.dt, numbers, flags), self.key)
 
     # --- periods ------------------------------------------------------------------------------------
-    def _stop(self, reason: str) -> None:
+    def _stop(self, reason: str, expired: bool = False) -> None:
+        """Hold the arm: store the reason and, if it was not held yet, the present joint angles (rad)."""
         if not self.held:
             self._angles = self.plain.batch.joints(0)[0]
-        self.held, self.reason = True, reason
+        self.held, self.reason, self.expired = True, reason, expired
+
+    def _silence(self) -> None:
+        """Hold the arm after the watchdog's periods without a command, and drop the peer after `patience` periods."""
+        if self.silent > self.limits.watchdog and not self.held:
+            self._stop(f"no command for {self.limits.watchdog} periods", expired=True)
+        if self.peer is not None and self.silent > self.patience:
+            self.peer = None
+            self._stop(f"the peer has been silent for {self.patience} periods", expired=True)
+
+    def skip(self, periods: int) -> None:
+        """Count periods that passed without a step.
+
+        More than the watchdog's hold the arm and drop a command that arrived meanwhile: it was meant for a past
+        instant.
+        """
+        self.silent += periods
+        if periods > self.limits.watchdog:
+            self._asked = None
+        self._silence()
 
     def advance(self) -> bytes | None:
-        """One control period; the reading for the peer, or None where there is none."""
+        """Advance one control period: choose torques, apply limits, step the environment; return a READING."""
+        # take the command of this period and update the watchdog
         asked, self._asked = self._asked, None
         self.silent = 0 if asked is not None else self.silent + 1
         if asked is not None:
             if asked.flags & RESET:
                 self._reset()
             if asked.flags & ARM and self.status == 0.0:
-                self.held, self.reason = False, ""
-        elif self.silent > self.limits.watchdog and not self.held:
-            self._stop(f"no command for {self.limits.watchdog} periods")
+                self.held, self.reason, self.expired = False, "", False
+        else:
+            self._silence()
+        # low-pass filter of the joint rates for the PD controller
         angles, rates = self.plain.batch.joints(0)
         self._slow += self._pd.passed * (rates - self._slow)
         if not self.held and (np.abs(angles).max() > self.limits.angle or np.abs(rates).max() > self.limits.rate):
             self._stop("a joint is beyond its limits of angle or rate")
+        # wanted torque (N m): hold, PD toward set points, the commanded one, or the last one without a command
         wanted = self.torque
         if self.held:
             still = self.hold == "angles"
@@ -191,6 +285,7 @@ class Session:
             wanted = self._pd.towards(np.array(asked.numbers), angles, self._slow)
         elif asked is not None:
             wanted = np.array(asked.numbers)
+        # torque limits and slew rate; a hold at zero torque bypasses the slew rate
         near = self.limits.slew * self.torque_limits
         low = np.maximum(-self.torque_limits, self.torque - near)
         high = np.minimum(self.torque_limits, self.torque + near)
@@ -199,6 +294,7 @@ class Session:
         limited = not self.held and bool((torque != wanted).any())
         self.torque = torque
         self.row = (self.period * self.plain.dt, *self.readings())
+        # step the environment; actions are torques divided by their limits
         if self.status == 0.0:
             action = (torque / self.torque_limits).astype(np.float32)
             self.observation, _, ended, cut, _ = self.plain.step(action)
@@ -206,23 +302,24 @@ class Session:
             if ended or cut:
                 self._stop("the arm has stopped")
         self.period += 1
+        # a connection ends when its sequence numbers are used up
         if self.sent >= LAST and self.peer is not None:
             self.peer = None
             self._stop("the connection's numbers are used up")
         if self.peer is None:
             return None
-        flags = HELD * self.held | LIMITED * limited | OVER * (self.status != 0.0)
+        flags = HELD * self.held | LIMITED * limited | OVER * (self.status != 0.0) | EXPIRED * self.expired
         self.sent += 1
         return self._packed(Kind.READING, self.sent, (float(self.last), self.status, *self.readings()), flags)
 
     def readings(self) -> tuple[float, ...]:
-        """Joint angles, rates, torques, and what the sensors read, in SI units."""
+        """Return joint angles (rad), rates (rad/s), torques (N m) and sensor readings in SI units, 3 N + M numbers."""
         angles, rates = self.plain.batch.joints(0)
         seen = self.observation * self.scales
         return tuple(np.concatenate([angles, rates, self.torque, seen]).tolist())
 
     def columns(self) -> list[str]:
-        """Names of time and readings, as a log's head."""
+        """Return the names of the CSV log's columns: t, angles, rates, torques and the observation's entries."""
         joints = range(len(self.torque))
         names = [f"{word}{k}" for word in ("angle", "rate", "torque") for k in joints]
         past = [f"{name}_{j}" if self.setup.history > 1 else name
@@ -232,14 +329,14 @@ class Session:
 
 @dataclass
 class Server:
-    """A session behind a UDP socket, in real time.
+    """Real-time UDP server of a session.
 
     Args:
-        session: the arm. host, port: where it listens, 0 for any port; beyond loopback there has to be a key, or
-            `insecure`. log: CSV file, a row a period.
+        session: the arm. host, port: address to bind, port 0 for any free one; other hosts than loopback require a key,
+            or `insecure`. log: CSV file, one row per period. tell: called once with `Session.notice`, if there is one.
     Attributes:
-        times: of the last 100,000 periods: when each was due, began and was over, s of the monotonic clock.
-        missed: periods that were over before they could begin: they are left out, and the later ones keep time.
+        times: (due, begun, finished) of the last 100,000 periods, s of the monotonic clock.
+        missed: periods that were skipped because they had passed before they could begin; later ones keep time.
     """
 
     session: Session
@@ -247,10 +344,12 @@ class Server:
     port: int = 0
     log: Path | None = None
     insecure: bool = False
+    tell: Callable[[str], None] | None = None
 
     def __post_init__(self) -> None:
+        """Bind the socket; a host beyond this machine needs a key, or insecure=True."""
         if self.host not in LOOPBACK and self.session.key is None and not self.insecure:
-            raise check.InvalidValue("host", self.host, "must be this machine, or be given a key (or said insecure)")
+            raise check.InvalidValue("host", self.host, "must be this machine, unless a key or insecure is given")
         with datagrams(self.host, self.port, 0) as self.socket:
             self.socket.bind((self.host, self.port))
         self.socket.setblocking(False)
@@ -259,12 +358,17 @@ class Server:
         self.missed = 0
 
     def serve(self, seconds: float = math.inf, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Step the arm at its rate and answer, for so long."""
+        """Step the arm in real time and answer packets for `seconds`, or until `stopped()` returns True.
+
+        Raises:
+            ValueError: the server is closed. OSError: the log or the socket fails.
+        """
         period = self.session.plain.dt
         bound("seconds", seconds)
         if self.socket.fileno() < 0:
             raise ValueError(f"{self.host}:{self.address[1]}: is closed; make another server")
-        opened = nullcontext() if self.log is None else self.log.open("w", newline="", encoding="utf-8")
+        # line-buffered: each row is written when its period ends, so that a killed server loses no earlier row
+        opened = nullcontext() if self.log is None else self.log.open("w", 1, newline="", encoding="utf-8")
         try:
             with opened as file:
                 self._serve(None if file is None else csv.writer(file, lineterminator="\n"), period, seconds, stopped)
@@ -272,47 +376,75 @@ class Server:
             raise OSError(error.errno, error.strerror, error.filename or str(self.log or self.host)) from None
 
     def _serve(self, writer: Any, period: float, seconds: float, stopped: Callable[[], bool]) -> None:
+        """Run the periods: listen until each is due, advance the session, send the reading and write the log row."""
         session = self.session
         if writer is not None:
             writer.writerow(session.columns())
         start, k = time.monotonic(), 0
         while not stopped() and k * period < seconds:
             k += 1
-            due = start + k * period
-            self._listen(due)
+            self._listen(start + k * period)
             began = time.monotonic()
+            # skip the periods that passed before this one could begin
+            k += self._skipped(int((began - start) / period) - k)
+            due = start + k * period
             reading = session.advance()
             if reading is not None:
                 self._send(reading, session.peer)
             if writer is not None:
                 writer.writerow([f"{session.row[0]:.9g}", *map(repr, session.row[1:])])
+            # skip the periods that passed during this one
             over = time.monotonic()
             self.times.append((due, began, over))
-            missed = max(0, int((over - start) / period) - k - 1)
-            k, self.missed, session.silent = k + missed, self.missed + missed, session.silent + missed
+            k += self._skipped(int((over - start) / period) - k - 1)
+            if session.notice and self.tell is not None:
+                tell, self.tell = self.tell, None
+                tell(session.notice)
+
+    def _skipped(self, periods: int) -> int:
+        """Skip `periods` periods that have passed and return their number, or 0 if negative.
+
+        After a pause longer than the watchdog's, the packets that have arrived are read first and then discarded.
+        """
+        if periods <= 0:
+            return 0
+        if periods > self.session.limits.watchdog:
+            for _ in range(BACKLOG):
+                if not self._receive():
+                    break
+        self.missed += periods
+        self.session.skip(periods)
+        return periods
 
     def _listen(self, until: float) -> None:
+        """Receive packets until the instant `until` (monotonic clock, s); at least poll once."""
         while True:
             left = until - time.monotonic()
             ready, _, _ = select.select([self.socket], [], [], max(left, 0.0))
             if not ready:
                 return
-            try:
-                content, address = self.socket.recvfrom(2048)
-            except OSError:
-                continue
-            answer = self.session.receive(content, address)
-            if answer is not None:
-                self._send(answer, address)
-            if left <= 0.0:
+            if self._receive() and left <= 0.0:
                 return
 
+    def _receive(self) -> bool:
+        """Read one waiting packet and answer it; return whether there was one."""
+        try:
+            content, address = self.socket.recvfrom(2048)
+        except OSError:
+            return False
+        answer = self.session.receive(content, address)
+        if answer is not None:
+            self._send(answer, address)
+        return True
+
     def _send(self, content: bytes, address: Any) -> None:
+        """Send a datagram; count it as "unsent" if the system refuses it."""
         try:
             self.socket.sendto(content, address)
-        except OSError:  # the peer's watchdog is there for what is lost
+        except OSError:
+            # lost datagrams are the business of the watchdogs
             self.session.counts["unsent"] += 1
 
     def close(self) -> None:
-        """Let the socket go."""
+        """Close the socket."""
         self.socket.close()

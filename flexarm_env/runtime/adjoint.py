@@ -1,9 +1,9 @@
-"""Cotangents of a control period: from what it comes to, back to its state and action.
+"""Reverse derivative of a control period: cotangents from its outcome back to its state and action.
 
-The period is gone through once more, each step's end is kept, and they are gone back through in turn; all derivatives
-at once, for a few times what the period costs. A block like that of the arms holds cotangents in place of numbers.
-Accelerations start afresh with each period (elasticas) or jump with the torques (stiff arms); where motors turn within
-a period, with each step.
+The period is run once more, the end of each step is stored on a tape, and the steps are passed in reverse order. All
+derivatives of one scalar come at once, for a few times the cost of the period. A block like that of the arms holds
+cotangents in place of numbers. x_bar is the cotangent of x, the change of the scalar with x. Accelerations start anew
+with each period (elasticas) or jump with the torques (stiff arms); where motors turn within a period, with each step.
 """
 
 from __future__ import annotations
@@ -12,42 +12,78 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiler import arms, follow, hot, kernel, largest, load, select_lt, size, splat, stack, store, vjp_of
+from ..compiler import (
+    Lanes,
+    dereference,
+    entry_point,
+    kernel,
+    lane_count,
+    load,
+    max_over_lanes,
+    select_lt,
+    size,
+    splat,
+    stack,
+    store,
+    vjp_of,
+)
 from ..physics.integrator.adjoint import vjp_light, vjp_restart, vjp_step, vjp_switch
-from ..physics.integrator.newton import slopes_of
+from ..physics.integrator.newton import newmark_slopes
 from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
-from ..physics.integrator.tangents import prepare
-from ..physics.integrator.work import copy_rows, moved_by, rows_of_shift, unpack
+from ..physics.integrator.tangents import factor_step_end
+from ..physics.integrator.work import accumulated_increment, copy_rows, shift_size, unpack
 from ..physics.layout import POSE
-from ..physics.protocol import difference, light, rotates, tangent_map, task_poses, vjp_poses
+from ..physics.protocol import local_difference, tangent_map, task_poses, vjp_poses
+from ..tasks.own_terms import judge_with_terms
 from ..tasks.program import saved_at, sections
-from ..tasks.task import info_of, judge, observe
+from ..tasks.task import info_of, observe
 from .derivative import fill
-from .keeping import keep, read_parts, write_parts
-from .motors import ask, command, jump, jumps, motors_at, record_commands, starting, turn_motors
+from .keeping import read_parts, save_lanes, write_parts
+from .motors import (
+    command,
+    command_motors,
+    is_starting,
+    jump_with_torques,
+    may_jump_before_step,
+    motors_at,
+    record_commands,
+    update_motor_torques,
+)
 
 
 class Asked(NamedTuple):
-    """What of a work array the commands look at."""
+    """The rows of a work array that `motors.command` reads and writes."""
 
-    q: np.ndarray
-    v: np.ndarray
-    u: np.ndarray
-    y: np.ndarray
+    q: Lanes  # (n,) coordinates, m and rad
+    v: Lanes  # (n,) velocities
+    u: Lanes  # (inputs,) torques, N m
+    y: Lanes  # (joints,) scratch
 
 
 @kernel
 def _see(lane, task, poses, record, action, seen, outcome):
+    """Compute the scaled true observation `seen` and the reward (outcome row 0) from poses, record and action.
+
+    # in        poses (inertial axes, m, rad and rates), record, action (joints, lanes)
+    # out       seen (entries, lanes) over the scales;  outcome
+    All info is scratch here. This function exists to be differentiated in reverse (`vjp_of`).
+    """
     info = stack(lane, (0,) * info_of(task).end)
     for k in range(info_of(task).end):
         store(info, k, splat(lane, 0.0))
     observe(lane, task, poses, record, seen)
-    reward, _ = judge(lane, task, poses, action, record, splat(lane, 1.0), info)
+    reward, _ = judge_with_terms(lane, task, poses, action, record, splat(lane, 1.0), info)
     store(outcome, 0, reward)
 
 
 def _ask(lane, model, task, controller, amplifier, par, q, v, record, action, u):
+    """Write the commanded joint torques (N m) into u, from state, record and action (`motors.command`).
+
+    # in        q (m, rad), v, record, action (joints, lanes) in [-1, 1]
+    # out       u (joints, lanes)
+    Poses and displacements are scratch of its own, so that `vjp_of` can differentiate the function in reverse.
+    """
     poses, y = stack(lane, (0,) * (POSE.end * size(task.links))), stack(lane, (0,) * size(task.links))
     command(lane, task, controller, amplifier, model, par, action, poses, record, Asked(q, v, u, y))
 
@@ -55,13 +91,18 @@ def _ask(lane, model, task, controller, amplifier, par, q, v, record, action, u)
 _vjp_sight = vjp_of(_see, ("poses", "record", "action", "seen", "outcome"))
 _vjp_command = vjp_of(_ask, ("par", "q", "v", "record", "action", "u"))
 _vjp_commands = vjp_of(record_commands, ("record", "w"))
-_vjp_motors = vjp_of(turn_motors, ("record", "w"))
+_vjp_motors = vjp_of(update_motor_torques, ("record", "w"))
 
 
-@hot
+@entry_point
 def adjoint(address, first, last):
-    """Cotangents of the states and actions of groups first ... last - 1, from those of what a period comes to."""
-    d = follow(address)
+    """Compute the cotangents of states and actions of groups first ... last - 1 from those of their periods' outcomes.
+
+    address: of a `Derivative` d. In: d.state_bar (of the state a period later), d.observation_bar, d.reward_bar. Out:
+    d.state_bar (of the state), d.action_bar, d.failed. The blocks and tape of group `first` are used for all; returns
+    0.
+    """
+    d = dereference(address)
     row = d.plain.row
     block, bars = d.block[first * row : (first + 1) * row], d.bars[first * row : (first + 1) * row]
     tape = d.tape[first * d.room : (first + 1) * d.room]
@@ -72,47 +113,60 @@ def adjoint(address, first, last):
 
 @kernel
 def _period(lane, d, g, block, bars, tape):
+    """Compute the cotangents of group g's states and actions: a forward pass onto the tape, then the reverse pass.
+
+    # block     scratch, the group's numbers;  bars  scratch, their cotangents, with the same sections
+    # tape      scratch: `_length` numbers a step, then `_length` + `_more` for each jump of torques
+    """
     p, layout, model = d.program, d.plain, d.program.model
     w, bar = unpack(lane, model, block, 0), unpack(lane, model, bars, 0)
     par, poses, record, action, seen, info, saved, _ = sections(layout, block)
     par_bar, poses_bar, record_bar, action_bar, seen_bar, reward_bar, _, _ = sections(layout, bars)
+    # forward pass: the reverse pass needs the state at the end of each step, so each goes onto the tape
     fill(lane, d, d.places, layout, g, block)
-    keep(w, record, saved)
-    ask(lane, p, model, par, poses, record, action, w)
+    save_lanes(w, record, saved)
+    command_motors(lane, p, model, par, poses, record, action, w)
     length, more = _length(model, p.task) * len(lane), _more(model) * len(lane)
     start = tape[p.n_steps * length :]
     for s in range(p.n_steps):
         _turn(lane, model, p.task, p.actuator, s, record, w, tape[s * length :])
-        if jumps(p.actuator, s):
-            jump(lane, p, model, par, s, record, saved, block, w, (0,))
+        # the jump's state, matrix, accelerations and torques before it are stored behind those of the steps
+        if may_jump_before_step(p.actuator, s):
+            jump_with_torques(lane, p, model, par, s, record, saved, block, w, (0,))
             write_parts(_of_step(lane, model, p.task, w), start[s * (length + more) :])
             write_parts(_of_jump(w), start[s * (length + more) + length :])
         advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
-        if rotates(model) is not None:
-            _, foreseen = moved_by(w)
-            difference(lane, model, w.q0, foreseen, foreseen)  # what foresees it moves by is what is kept
+        if model.newton.rotations is not None:
+            # stored: the increment by which the prediction moves q, in place of the prediction
+            foreseen = accumulated_increment(lane, w)[1]
+            local_difference(lane, model, w.q0, foreseen, foreseen)
         write_parts(_of_step(lane, model, p.task, w), tape[s * length :])
-    for i in range(arms(lane)):
-        if g * arms(lane) + i < d.n:
-            d.failed[g * arms(lane) + i] = np.uint8(w.flag[i])
+    # cotangents of the outcome, through observation, reward and poses to the state at the period's end
+    for i in range(lane_count(lane)):
+        if g * lane_count(lane) + i < d.n:
+            d.failed[g * lane_count(lane) + i] = np.uint8(w.flag[i])
     _seed(lane, d, g, bars)
     task_poses(lane, model, par, w.q, w.v, poses)
     _vjp_sight(lane, p.task, poses, record, action, seen, info, poses_bar, record_bar, action_bar, seen_bar, reward_bar)
     vjp_poses(lane, model, par, par_bar, w.q, w.v, poses, bar.q, bar.v, poses_bar)
-    if rotates(model) is not None:
+    # cotangents of rotation vectors become those of body-axes increments
+    if model.newton.rotations is not None:
         tangent_map(lane, model, w.q, True, bar.q)
-    slopes = slopes_of(p.scheme, p.h)
+    # reverse pass through steps, jumps and motors
+    slopes = newmark_slopes(p.scheme, p.h)
     for s in range(p.n_steps - 1, -1, -1):
         read_parts(_of_step(lane, model, p.task, w), tape[s * length :])
-        prepare(lane, model, par, w, slopes)
+        factor_step_end(lane, model, par, w, slopes)
         vjp_step(lane, model, par, par_bar, w, bar, slopes, p.scheme, d.passes)
-        if jumps(p.actuator, s):
+        if may_jump_before_step(p.actuator, s):
             read_parts(_of_step(lane, model, p.task, w), start[s * (length + more) :])
             read_parts(_of_jump(w), start[s * (length + more) + length :])
             _vjp_torques_jump(lane, p, par, par_bar, s, record, saved, block, w, bar)
         _vjp_turn(lane, model, p.task, p.actuator, s, record, record_bar, w, bar, tape[s * length :])
-    if rotates(model) is not None:
+    # and back to those of rotation vectors
+    if model.newton.rotations is not None:
         tangent_map(lane, model, w.q, False, bar.q)
+    # commands
     if p.actuator is not None:
         _vjp_commands(lane, p.task, p.actuator, record, w, record_bar, bar)
     _vjp_command(
@@ -126,21 +180,30 @@ def _period(lane, d, g, block, bars, tape):
 # --- where torques jump -------------------------------------------------------------------------------
 @kernel
 def _vjp_torques_jump(lane, p, par, par_bar, s, record, saved, block, w, bar):
-    """`motors.jump` backwards."""
-    if isinstance(p.model.predictor, tuple):
+    """Apply the reverse derivative of `motors.jump_with_torques`: cotangents in `bar` from after the jump to before it.
+
+    # w         state after the jump; w.a0, w.u0 accelerations and torques before it, w.S the factored matrix
+    # in, out   bar (q, v, a, b, u, u0), par_bar
+    """
+    if p.model.newton.resolved is not None:
         vjp_restart(lane, p.model, par, par_bar, w, bar, splat(lane, 1.0), p.h)
-    elif light(p.model) is not None:
-        vjp_light(lane, p.model, par, par_bar, w, bar, p.h, starting(lane, s, record))
+    elif p.model.newton.light_joints is not None:
+        vjp_light(lane, p.model, par, par_bar, w, bar, p.h, is_starting(lane, s, record))
     else:
         _vjp_switch(lane, p, par, par_bar, s, record, saved, block, w, bar)
 
 
 @kernel
 def _vjp_switch(lane, p, par, par_bar, s, record, saved, block, w, bar):
-    zero, first = splat(lane, 0.0), starting(lane, s, record)
+    """Apply the reverse derivative of the jump of a stiff model's accelerations, and of its start in lanes that begin.
+
+    Arguments as in `_vjp_torques_jump`.
+    """
+    zero, first = splat(lane, 0.0), is_starting(lane, s, record)
     n, inputs = size(p.model.n), size(p.model.n_inputs)
     vjp_switch(lane, p.model, par, par_bar, w, bar, p.h)
-    if largest(first) > 0.5:  # whose torques did not jump: u0 is u
+    # lanes where an episode begins: their torques did not jump (u0 is u), their accelerations were solved for
+    if max_over_lanes(first) > 0.5:
         at = saved_at(0, n, inputs, 0, 0)
         for k in range(inputs):
             both = load(lane, bar.u, k) + load(lane, bar.u0, k)
@@ -156,61 +219,70 @@ def _vjp_switch(lane, p, par, par_bar, s, record, saved, block, w, bar):
 # --- what is kept of each step ----------------------------------------------------------------------
 @kernel
 def _length(model, task):
-    """Numbers kept of a step: q, v, a, what moved q, the torques, and the motors' before it."""
+    """Return how many numbers are stored per step: q, v, a, increment of q, torques, motor torques before it."""
     return _last(model, task) + size(task.links)
 
 
 @kernel
 def _last(model, task):
-    """Where of them the motors' torques are."""
-    return 3 * size(model.n) + rows_of_shift(model, size(model.n)) + size(task.links)
+    """Return the offset of the motors' torques among the numbers stored per step."""
+    return 3 * size(model.n) + shift_size(model, size(model.n)) + size(task.links)
 
 
 @kernel
 def _more(model):
-    """Numbers kept besides where torques jump."""
+    """Return how many further numbers are stored per jump of torques: factors, accelerations and inputs before it."""
     return size(model.n_factor) + size(model.n) + size(model.n_inputs)
 
 
 @kernel
 def room_of(model, task, actuator, n_steps):
-    """Numbers kept of a period: of each step's end, and of where torques have jumped."""
-    times = n_steps if jumps(actuator, 1) else 1
+    """Return the length of the tape of one arm's period: the ends of all steps, and the jumps of torques."""
+    times = n_steps if may_jump_before_step(actuator, 1) else 1
     return n_steps * _length(model, task) + times * (_length(model, task) + _more(model))
 
 
 @kernel
 def _of_step(lane, model, task, w):
-    """What is kept where a step ends."""
-    shift = w.shift[: rows_of_shift(model, size(model.n)) * len(lane)]
+    """Return the views of w that are stored at the end of a step: q, v, a, increment of q, torques."""
+    shift = w.shift[: shift_size(model, size(model.n)) * len(lane)]
     return w.q, w.v, w.a, shift, w.u[: size(task.links) * len(lane)]
 
 
 @kernel
 def _of_jump(w):
-    """What is kept where torques jump: the matrix, factored; accelerations and torques before."""
+    """Return the views of w stored at a jump of torques: factored matrix, accelerations and torques before it."""
     return w.S, w.a0, w.u0
 
 
 # --- motors -----------------------------------------------------------------------------------------
 @kernel
 def _turn(lane, model, task, actuator, s, record, w, tape):
-    """The motors' torques in step s; what they were before is kept last in the tape's numbers of that step."""
+    """Update the motors' torques for step s, after storing those before it in the step's part of the tape.
+
+    # in, out   record.torque (joints, lanes), N m, from the start to the end of the step
+    # out       w.u, mean torques over the step; w.u0, those before;  tape
+    Ideal motors (actuator None) hold their torque.
+    """
     if actuator is not None:
         torques = record[motors_at(task, actuator).torque * len(lane) :]
         copy_rows(lane, size(task.links), torques, tape[_last(model, task) * len(lane) :])
         if s > 0:
             copy_rows(lane, size(model.n_inputs), w.u, w.u0)
-        turn_motors(lane, task, actuator, s, record, w)
+        update_motor_torques(lane, task, actuator, s, record, w)
 
 
 @kernel
 def _vjp_turn(lane, model, task, actuator, s, record, record_bar, w, bar, tape):
-    """`turn_motors`, backwards."""
+    """Apply the reverse derivative of `motors.update_motor_torques` in step s, to record_bar and bar.u.
+
+    The motors' torques before the step are read from the tape.
+    """
     if actuator is not None:
         torques = record[motors_at(task, actuator).torque * len(lane) :]
         copy_rows(lane, size(task.links), tape[_last(model, task) * len(lane) :], torques)
         _vjp_motors(lane, task, actuator, s, record, w, record_bar, bar)
+        # u0 was a copy of u
         if s > 0:
             for k in range(size(model.n_inputs)):
                 store(bar.u, k, load(lane, bar.u, k) + load(lane, bar.u0, k))
@@ -220,7 +292,11 @@ def _vjp_turn(lane, model, task, actuator, s, record, record_bar, w, bar, tape):
 # --- rows -------------------------------------------------------------------------------------------
 @kernel
 def _seed(lane, d, g, bars):
-    """Cotangents of what the period has come to, into a block."""
+    """Set the cotangent block of group g: 0, and the cotangents of final state, observation and reward.
+
+    # in        d.state_bar, d.observation_bar, d.reward_bar, arm by arm
+    # out       bars, a block of cotangents in lanes; row 0 of its info holds the reward's
+    """
     for k in range(d.plain.saved // len(lane)):
         store(bars, k, splat(lane, 0.0))
     count, entries = d.places.shape[0], d.chosen.shape[0]
@@ -237,9 +313,9 @@ def _seed(lane, d, g, bars):
 
 @kernel
 def _read_off(lane, d, g, bars):
-    """Cotangents of state and action, out of a block."""
+    """Copy the cotangents of group g's states and actions from the block `bars` to d.state_bar and d.action_bar."""
     count, joints = d.places.shape[0], size(d.program.task.links)
-    for i in range(arms(lane)):
+    for i in range(lane_count(lane)):
         arm = g * len(lane) + i
         if arm < d.n:
             for k in range(d.moving):

@@ -1,13 +1,13 @@
-"""One control period and its derivative: rows of numbers, an arm each, in place of a batch's blocks.
+"""One control period and its derivative by state and action, for rows of numbers in place of a batch's blocks.
 
-A row of `Derivative.state` holds all that an arm's period depends on: first what moves, X numbers that derivatives are
-taken by and of, then what is given. The period is that of `episode`, without what an environment notes of it: from the
-action to the torques, the steps, the observation and the reward. Its derivative, `jacobian`, is D = X + A columns of
-X + O + 1 rows: what the end's numbers that move, the observation's entries and the reward change by.
+A row of `Derivative.state` holds all numbers that an arm's period depends on: first the X numbers that move, by which
+and of which derivatives are taken, then given ones. The period is that of `episode`, without info: from the action to
+torques, steps, observation and reward. Its derivative, `jacobian`, has D = X + A columns and X + O + 1 rows per arm:
+changes of the moving numbers at the end, of the observation's entries and of the reward.
 
-`tangents` goes through the period with dual lanes, some columns at a time: whatever a period is made of is
-differentiated as it is computed, Newton's solution by the implicit function theorem (`physics.integrator.newton`).
-`implicit` has the same in less time where nothing but a step's equations decides what it comes to.
+`tangents` runs the period in dual lanes, some columns at a time. Every operation is differentiated as it is computed,
+and Newton's solution by the implicit function theorem (`physics.integrator.newton`). `implicit` is faster where nothing
+but the equations of a step determines its result.
 """
 
 from __future__ import annotations
@@ -16,84 +16,101 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compiler import arms, follow, kernel, load, size, splat, store
+from ..compiler import dereference, kernel, lane_count, load, size, splat, store
 from ..physics.integrator.work import unpack
 from ..physics.model import OK
 from ..physics.protocol import task_poses
+from ..tasks.own_terms import judge_with_terms
 from ..tasks.program import PERIODS, Block, Program, sections
-from ..tasks.task import info_of, judge
+from ..tasks.task import info_of
 from ..tasks.track import move_targets
 from .episode import observe_material, observe_state
 from .events import change_payloads
 from .fitted import FITS, TAKEN, move
 from .guided import follow_motions
-from .keeping import keep
+from .keeping import save_lanes
 from .sensors import measure
 
 
 class Derivative(NamedTuple):
     """A batch's program with rows to work on: S numbers in a state, X of them moving, A joints, O entries observed."""
 
-    lane: tuple[int, ...]
-    dual: tuple[int, ...]
+    lane: tuple[int, ...]  # tag of plain lanes
+    dual: tuple[int, ...]  # tag of the same lanes with tangents
     program: Program
-    guide: Any  # `guided.Guided` of an arm that follows motions, alone; or None
-    plain: Block  # sections of a block of `lane`
-    both: Block  # of `dual`
+    guide: Any  # `guided.Guided` of an arm that follows prescribed motions; None for others
+    plain: Block  # sections of a block in plain lanes
+    both: Block  # sections of a block in dual lanes
     columns: int  # X + A
     moving: int  # X
-    passes: int  # of the solution for a step's tangents: 1 where its matrix is exact
-    places: np.ndarray  # (S,) int64: where a state's entries are in a plain block
-    twice: np.ndarray  # likewise in a dual one
-    chosen: np.ndarray  # (O,) int64: entries observed, of all that there are to be seen
-    n: int
-    state: np.ndarray  # (n S,)
+    passes: int  # solutions for a step's tangents: 1 where the step's matrix is exact
+    places: np.ndarray  # (S,) int64: offsets of a state's numbers in a plain block
+    twice: np.ndarray  # (S,) int64: their offsets in a dual block
+    chosen: np.ndarray  # (O,) int64: indices of the entries observed
+    n: int  # arms
+    state: np.ndarray  # (n S,) at the start of the period
     action: np.ndarray  # (n A,), within +-1
-    after: np.ndarray  # (n S,): the state a period later
-    observation: np.ndarray  # (n O,)
+    after: np.ndarray  # (n S,): state at the end of the period
+    observation: np.ndarray  # (n O,) over the scales
     reward: np.ndarray  # (n,)
-    failed: np.ndarray  # (n,) uint8: status
+    failed: np.ndarray  # (n,) uint8: status code
     past: np.ndarray  # (n,) uint8: 1 where a joint is beyond its limits
-    level: np.ndarray  # (n,): halvings of the steps that the last period took, where they are fitted
+    level: np.ndarray  # (n,): halvings of the steps that the last period took, where steps are fitted
     jacobian: np.ndarray  # (n (X + O + 1) (X + A),)
-    state_bar: np.ndarray  # (n S,): cotangents, in and out
-    observation_bar: np.ndarray  # (n O,): in
-    reward_bar: np.ndarray  # (n,): in
-    action_bar: np.ndarray  # (n A,): out
-    bars: np.ndarray  # (groups, plain.row)
-    tape: np.ndarray  # (groups, room)
-    room: int
+    state_bar: np.ndarray  # (n S,): cotangents of `after` in, of `state` out
+    observation_bar: np.ndarray  # (n O,): cotangents in
+    reward_bar: np.ndarray  # (n,): cotangents in
+    action_bar: np.ndarray  # (n A,): cotangents out
+    bars: np.ndarray  # (groups, plain.row): blocks that hold cotangents
+    tape: np.ndarray  # (groups, room): values stored on the forward pass
+    room: int  # numbers of a group's tape
     block: np.ndarray  # (groups, plain.row)
     scratch: np.ndarray  # (groups, both.row)
 
 
 @kernel
 def step(address, first, last):
-    """The period of groups first ... last - 1."""
-    return _values(follow(address), first, last, (0,))
+    """Advance groups first ... last - 1 by one control period, from d.state and d.action; no derivatives. Returns 0.
+
+    address: of a `Derivative` d; written are d.after, observation, reward, failed, past (1: joint limit passed) and,
+    where steps are fitted, level.
+    """
+    return _values(dereference(address), first, last, (0,))
 
 
 @kernel
 def observe(address, first, last):
-    """What is to be seen of groups first ... last - 1 as they are."""
-    return _values(follow(address), first, last, None)
+    """Observe groups first ... last - 1 in the states d.state, without a step: d.observation and d.reward.
+
+    address: of a `Derivative` d. Returns 0.
+    """
+    return _values(dereference(address), first, last, None)
 
 
 @kernel
 def tangents(address, first, last):
-    """The derivative of the period of groups first ... last - 1."""
-    return _columns(follow(address), first, last, (0,))
+    """Compute d.jacobian of one control period for groups first ... last - 1, in dual lanes.
+
+    address: of a `Derivative` d. Returns 0.
+    """
+    return _columns(dereference(address), first, last, (0,))
 
 
 @kernel
 def observation_tangents(address, first, last):
-    """The derivative of what is to be seen of groups first ... last - 1."""
-    return _columns(follow(address), first, last, None)
+    """Compute d.jacobian of the observation in the states d.state, without a step, for groups first ... last - 1.
+
+    address: of a `Derivative` d.
+    """
+    return _columns(dereference(address), first, last, None)
 
 
 @kernel
 def _values(d, first, last, moves):
-    """Of a period where `moves` is a tag, otherwise of the arms as they are."""
+    """Advance and observe groups first ... last - 1, or only observe them where moves is None; return 0.
+
+    moves: a tag for a step, or None. d: a `Derivative`.
+    """
     for g in range(first, last):
         _values_of(d, first, g, moves)
     return 0
@@ -101,7 +118,10 @@ def _values(d, first, last, moves):
 
 @kernel
 def _values_of(d, first, g, moves):
-    """Likewise of group g, in the room of group `first`."""
+    """Advance and observe group g, or only observe it where moves is None, in the memory of group `first`.
+
+    Rows of d.state and d.action in; rows of d.after, d.observation, d.reward, d.failed, d.past and d.level out.
+    """
     p, block = d.program, d.block[first * d.plain.row : (first + 1) * d.plain.row]
     fill(d.lane, d, d.places, d.plain, g, block)
     _go(d.lane, p, d.guide, p.models, p.model, 1, d.plain, block, unpack(d.lane, p.model, block, 0), moves, False)
@@ -114,14 +134,21 @@ def _values_of(d, first, g, moves):
 
 @kernel
 def _columns(d, first, last, moves):
-    """Likewise the derivative, some columns at a time. Where steps are fitted, each arm's are as many as it took."""
+    """Compute the Jacobians of groups first ... last - 1: of a period, or of the observation where moves is None.
+
+    With fitted steps a plain run finds each arm's number of halvings k; the columns of these arms then come from model
+    k.
+    """
     p, block = d.program, d.scratch[first * d.both.row : (first + 1) * d.both.row]
     for g in range(first, last):
+        # fixed steps
         if p.models is None or moves is None:
             _all_columns(d, p.model, 1, -1, g, block, moves)
             write_outcome(d.dual, d, d.twice, d.both, g, block)
         else:
+            # fitted steps: the number of steps is not differentiated
             _values_of(d, first, g, moves)
+            # columns of the arms that took k halvings, from the model of k halvings
             for k in range(FITS):
                 if _taken(d, k, g):
                     _all_columns(d, p.models[k], 2**k, k, g, block, moves)
@@ -130,7 +157,7 @@ def _columns(d, first, last, moves):
 
 @kernel
 def _taken(d, k, g):
-    """Whether an arm of group g took k halvings."""
+    """Return whether an arm of group g took k halvings in its last period."""
     for arm in range(g * len(d.lane), min((g + 1) * len(d.lane), d.n)):
         if d.level[arm] == k:
             return True
@@ -139,17 +166,28 @@ def _taken(d, k, g):
 
 @kernel
 def _all_columns(d, model, parts, level, g, block, moves):
+    """Compute all columns of group g's Jacobians with one model and `parts` parts of each step.
+
+    level: only arms that took this many halvings; -1: all arms.
+    """
     if d.guide is None:
         _some_columns(d, model, parts, level, g, 0, d.columns, block, moves, False)
-    else:  # any other torque than the last is a kink: hence by the action, with a start anew
+    else:
+        # guided arms: any change of a torque is a kink, so that columns of actions need a start anew
         _some_columns(d, model, parts, level, g, d.moving, d.columns, block, moves, True)
         _some_columns(d, model, parts, level, g, 0, d.moving, block, moves, False)
 
 
 @kernel
 def _some_columns(d, model, parts, level, g, begin, end, block, moves, anew):
+    """Compute columns begin ... end - 1 of group g's Jacobians, as many at once as dual lanes carry.
+
+    block: dual block, scratch. anew: start consistently at the beginning of the period whatever the torques are
+    (`guided`).
+    """
     for j in range(begin, end, at_once(d)):
         last, w = min(j + at_once(d), end), unpack(d.dual, model, block, 0)
+        # tangents 0 but for one entry a column, then the period, then the tangents of its outcome
         fill(d.dual, d, d.twice, d.both, g, block)
         seed(d.dual, d, j, last, block)
         _go(d.dual, d.program, d.guide, None, model, parts, d.both, block, w, moves, anew)
@@ -158,24 +196,28 @@ def _some_columns(d, model, parts, level, g, begin, end, block, moves, anew):
 
 @kernel
 def at_once(d):
-    """Columns that a dual lane carries."""
+    """Return how many columns one pass in dual lanes carries: the number of tangents of each lane."""
     return len(d.dual) // len(d.lane) - 1
 
 
 @kernel
 def _arm(lane, n, g, i):
-    """Whose numbers lane i of group g has: without an arm of its own the first one's."""
-    arm = g * arms(lane) + i
-    return arm if arm < n else g * arms(lane)
+    """Return the number of the arm in lane i of group g; a lane without an arm gets the group's first."""
+    arm = g * lane_count(lane) + i
+    return arm if arm < n else g * lane_count(lane)
 
 
 @kernel
 def fill_rows(lane, n, g, places, rows, block):
-    """Rows of numbers of the arms of group g, of n in all, to their places, tangents 0."""
+    """Copy rows of numbers of group g's arms into a block, with tangents 0.
+
+    rows (n count,): `count` numbers of each of n arms. places (count,): their offsets in the block. Lanes without an
+    arm get the numbers of the group's first.
+    """
     count = places.shape[0]
     for k in range(count):
         store(block[places[k] :], 0, splat(lane, 0.0))
-    for i in range(arms(lane)):
+    for i in range(lane_count(lane)):
         arm = _arm(lane, n, g, i)
         for k in range(count):
             block[places[k] + i] = rows[arm * count + k]
@@ -183,14 +225,19 @@ def fill_rows(lane, n, g, places, rows, block):
 
 @kernel
 def fill(lane, d, places, layout, g, block):
-    """States and actions of group g into a block, tangents 0. Lanes without an arm are like the first."""
+    """Copy states and actions of group g into a block, with tangents 0 and flags OK.
+
+    places: offsets of the state's numbers; layout: sections of the block. The rest of the record is 0. Lanes without an
+    arm get the numbers of the group's first.
+    """
     joints = size(d.program.task.links)
+    # numbers of the record that the state does not hold
     for k in range(layout.record, layout.action):
         block[k] = 0.0
     fill_rows(lane, d.n, g, places, d.state, block)
     for k in range(joints):
         store(block[layout.action :], k, splat(lane, 0.0))
-    for i in range(arms(lane)):
+    for i in range(lane_count(lane)):
         arm = _arm(lane, d.n, g, i)
         for k in range(joints):
             block[layout.action + k * len(lane) + i] = d.action[arm * joints + k]
@@ -199,25 +246,32 @@ def fill(lane, d, places, layout, g, block):
 
 @kernel
 def seed(lane, d, first, last, block):
-    """Tangents of 1: of a number of the state, or of the action, for columns first ... last - 1."""
+    """Set the tangents of columns first ... last - 1 in a dual block: 1 in each column's own number.
+
+    Column j < X is number j of the state, column X + k is action k.
+    """
     for j in range(first, last):
         at = d.both.action + (j - d.moving) * len(lane)
         if j < d.moving:
             at = d.twice[j]
-        at += (1 + j - first) * arms(lane)
-        for i in range(arms(lane)):
+        at += (1 + j - first) * lane_count(lane)
+        for i in range(lane_count(lane)):
             block[at + i] = 1.0
 
 
 @kernel
 def _go(lane, p, guide, models, model, parts, layout, block, w, moves, anew):
-    """One control period of the arms in a block, where `moves` is a tag; and what is to be seen then. anew: see
-    `guided.follow_motions`."""
+    """Advance the arms in a block by one control period and observe them, or only observe them where moves is None.
+
+    guide: `guided.Guided`, or None. models, model, parts: as in `fitted.move`. anew: as in `guided.follow_motions`.
+    layout: sections of the block, in plain or dual lanes. w: views of it.
+    """
     if moves is not None:
         par, poses, record, action, _, _, saved, scratch = sections(layout, block)
+        # payload change, then the steps of the period
         if guide is None:
             change_payloads(lane, p, par, record, w)
-            keep(w, record, saved)
+            save_lanes(w, record, saved)
             move(lane, p, models, model, parts, par, poses, record, action, saved, scratch, block, w)
         else:
             follow_motions(lane, guide, p, model, par, record, action, w, anew)
@@ -228,34 +282,47 @@ def _go(lane, p, guide, models, model, parts, layout, block, w, moves, anew):
 
 @kernel
 def close(lane, p, layout, block, w):
-    """A period's end: targets move on, and what is to be seen is read by the sensors, without noise."""
+    """End a period: move targets, count the period, observe, and replace entries by sensor readings without noise.
+
+    layout: sections of the block, in plain or dual lanes. w: views of it.
+    """
     poses, record = block[layout.poses : layout.record], block[layout.record : layout.action]
     move_targets(lane, p.reference, p.task, p.period, record)
     store(record, PERIODS, load(lane, record, PERIODS) + 1.0)
     see(lane, p, layout, block, w)
-    for i in range(arms(lane)):
+    # stream None: readings have no noise
+    for i in range(lane_count(lane)):
         measure(lane, p, None, i, poses, record, block[layout.seen : layout.info], False)
 
 
 @kernel
 def see(lane, p, layout, block, w):
-    """Poses, the observation and the reward of the arms in a block."""
+    """Compute poses, true observation, reward and joint limits of the arms in a block.
+
+    info.reward <- reward, info.truncated <- 1 where a joint is beyond its limits.
+
+    layout: sections of the block, in plain or dual lanes. w: views of it.
+    """
     par, poses, record, action, seen, info, _, _ = sections(layout, block)
     task_poses(lane, p.model, par, w.q, w.v, poses)
     observe_state(lane, p, True, poses, record, seen)
     observe_material(lane, p, par, record, w, seen)
-    reward, past = judge(lane, p.task, poses, action, record, splat(lane, 1.0), info)
+    reward, past = judge_with_terms(lane, p.task, poses, action, record, splat(lane, 1.0), info)
     store(info, info_of(p.task).reward, reward)
     store(info, info_of(p.task).truncated, past)
 
 
 @kernel
 def write_outcome(lane, d, places, layout, g, block):
-    """The outcome of group g into the rows."""
+    """Copy the outcome of group g from a block into the rows: d.after, d.observation, d.reward, d.past, d.failed.
+
+    places: offsets of the state's numbers; layout: sections of the block. Rows have no lanes; lanes without an arm are
+    left out.
+    """
     count, entries, at = places.shape[0], d.chosen.shape[0], info_of(d.program.task)
     flag = unpack(lane, d.program.model, block, 0).flag
-    for i in range(arms(lane)):
-        arm = g * arms(lane) + i
+    for i in range(lane_count(lane)):
+        arm = g * lane_count(lane) + i
         if arm < d.n:
             for k in range(count):
                 d.after[arm * count + k] = block[places[k] + i]
@@ -268,19 +335,22 @@ def write_outcome(lane, d, places, layout, g, block):
 
 @kernel
 def take_columns(lane, d, level, g, first, last, block):
-    """Tangents of group g into columns first ... last - 1 of the arms' Jacobians; level: of those that took so many
-    halvings, or -1."""
+    """Copy the tangents of group g from a dual block into columns first ... last - 1 of d.jacobian.
+
+    level: only arms that took this many halvings; -1: all arms. Rows: moving numbers, observed entries, reward.
+    """
     entries, at, columns = d.chosen.shape[0], info_of(d.program.task), d.columns
-    for i in range(arms(lane)):
-        arm = g * arms(lane) + i
+    for i in range(lane_count(lane)):
+        arm = g * lane_count(lane) + i
         if arm < d.n and (level < 0 or d.level[arm] == level):
             row = arm * (d.moving + entries + 1) * columns + first
             for k in range(d.moving + entries + 1):
+                # offset of the row's number in the dual block; its tangents follow it
                 place = d.both.info + at.reward * len(lane)
                 if k < d.moving:
                     place = d.twice[k]
                 elif k < d.moving + entries:
                     place = d.both.seen + d.chosen[k - d.moving] * len(lane)
                 for j in range(last - first):
-                    d.jacobian[row + j] = block[place + (1 + j) * arms(lane) + i]
+                    d.jacobian[row + j] = block[place + (1 + j) * lane_count(lane) + i]
                 row += columns

@@ -1,11 +1,22 @@
-"""One control period of a batch of arms: everything between an action and an observation.
+"""One control period of a batch of arms: from actions to observations, rewards and info.
 
-A `Program` holds all of it, reached by one address (`compiler.entry`). Arms stand in groups of L = len(lane); row g of
-`block` belongs to arms g L ... g L + L - 1 and holds, with lanes inside, the sections of `program.Block`. Per arm, not
-in lanes: action, observation, reward, flags, and the stream of random numbers.
+A `tasks.program.Program` holds everything, behind one address (`compiler.entry`). Arms are advanced in groups of L =
+len(lane) lanes. Row g of `block` is the memory of arms g L ... g L + L - 1; `program.Block` names its sections. In
+arrays that hold lanes, number k of the arm in lane i is at k L + i. Actions, observations, rewards, flags and streams
+of random numbers are stored arm by arm, without lanes.
 
-`_period` is the algorithm. A lane whose Newton iteration fails is put back to where the period began and reported: the
-caller repeats that arm alone, where steps can be halved; its neighbours have gone on, untouched.
+Arguments that recur in this package
+    p         the `Program`;  g: number of the group;  w: the integrator's `Work`, views of the group's block
+    par       (PARAMETERS + ..., lanes) each arm's own parameters (`physics.model.OWN`)
+    poses     (links, POSES, lanes) m, rad and rates, inertial axes
+    record    (RECORD, lanes) what the episode remembers beside the state
+    action    (joints, lanes) actions clipped to [-1, 1]
+    seen      (entries, lanes) observation, divided by the scales
+    info      (INFO, lanes);  live: 1 in lanes whose info is written
+    saved     (SAVED, lanes) state at the start of the period
+
+`_period` is the algorithm. A lane whose Newton iteration fails is restored to the start of the period and reported. The
+caller repeats that arm alone, where steps can be halved; the other lanes keep their results.
 """
 
 from __future__ import annotations
@@ -14,11 +25,22 @@ import math
 
 import numpy as np
 
-from ..compiler import absolute, apart, follow, hot, kernel, load, select_lt, size, splat, stack, store
-from ..physics.integrator.work import unpack
-from ..physics.layout import DISSIPATED, WORK_DONE
+from ..compiler import (
+    Lanes,
+    absolute,
+    dereference,
+    entry_point,
+    kernel,
+    noinline,
+    select_lt,
+    size,
+    stack,
+)
+from ..physics.integrator.work import Work, unpack
+from ..physics.layout import BEYOND, DISSIPATED, WORK_DONE
 from ..physics.model import NEWTON_FAILED, NOT_FINITE, OK, OUT_OF_RANGE
-from ..physics.protocol import energy, out_of_range, ports, task_poses
+from ..physics.protocol import energy, input_displacements, out_of_range, task_poses
+from ..tasks.own_terms import judge_with_terms
 from ..tasks.program import (
     ACTION_NOT_FINITE,
     FRESH,
@@ -35,23 +57,29 @@ from ..tasks.program import (
     record_at,
     sections,
 )
-from ..tasks.task import info_of, judge, observe, put_info
+from ..tasks.task import info_of, observe, put_info
 from ..tasks.track import look_ahead, move_targets
-from .events import apply_events, record_events
+from .energy_balance import close_account, open_account
+from .events import draw_pushes, record_events
 from .fitted import move, record_step_error
 from .keep_out import record_clearance
-from .keeping import keep, put_back
+from .keeping import restore_lane, save_lanes
 from .motors import draw_lateness, record_delay
 from .sensors import read_gauges, record_motor_angles, write_observation
 
 OUTCOME = (0, 0)
-"""Room for what a period comes to: reward; 1 where a joint is past its limits."""
+"""Size of `outcome`, two rows of lanes: the reward; 1 where a joint is beyond its limits, otherwise 0."""
 
 
-@hot
+@entry_point
 def step(address, first, last):
-    """One control period of groups first ... last - 1; returns how many arms want the caller's attention."""
-    p = follow(address)
+    """Advance groups first ... last - 1 by one control period; return the number of arms that the caller must handle.
+
+    A group is the arms in the lanes of one block of memory. address: of a `tasks.program.Program`. The caller must
+    handle an arm whose episode has ended, one that follows prescribed motions (mode GUIDED), and one whose Newton
+    iteration failed in a group of several lanes, which must be repeated alone.
+    """
+    p = dereference(address)
     count = 0
     for g in range(first, last):
         block = p.block[g * p.layout.row : (g + 1) * p.layout.row]
@@ -59,21 +87,34 @@ def step(address, first, last):
     return count
 
 
-@apart
+@noinline
 def _period(lane, p, g, block, w):
-    """One control period of group g; returns how many of its arms have ended, are guided, or must be repeated alone."""
+    """Advance group g by one control period, from its actions to observation, reward and info.
+
+    # p, g      `Program`, number of the group
+    # block     memory of the group, all sections of `program.Block`: in and out
+    # w         integrator state of the group, views of `block`: in and out
+    # out       p.observation, p.reward, p.terminated, p.truncated and p.table, rows of the group's arms
+    Returns the number of arms that have ended, follow prescribed motions, or must be repeated alone.
+    """
     par, poses, record, action, seen, info, saved, scratch = sections(p.layout, block)
     outcome = stack(lane, OUTCOME)
+    # inputs; draws and payload changes come before the save, so that a repeated period does not draw again
     read_actions(lane, p, g, action, record, w.flag)
-    apply_events(lane, p, g, par, record, w)
-    keep(w, record, saved)
+    open_account(lane, p, par, record, w)
+    draw_pushes(lane, p, g, record, w)
+    save_lanes(w, record, saved)
+    # mechanics: advance the state by the period, then check the balance of energy
     move(lane, p, p.models, p.model, 1, par, poses, record, action, saved, scratch, block, w)
+    close_account(lane, p, par, record, saved, w)
     task_poses(lane, p.model, par, w.q, w.v, poses)
+    # task: targets, observation, reward
     move_targets(lane, p.reference, p.task, p.period, record)
     observe_state(lane, p, False, poses, record, seen)
     observe_material(lane, p, par, record, w, seen)
     live = find_sound(lane, p.entries, w.flag, seen)
     reward(lane, p, live, poses, action, record, info, outcome)
+    # info, and the rows that the caller reads
     record_clearance(lane, p, g, w.q, live, info)
     record_period(lane, p, par, record, scratch, w, live, info, outcome)
     return finish(lane, p, g, w, poses, record, seen, info, saved, outcome)
@@ -81,7 +122,13 @@ def _period(lane, p, g, block, w):
 
 @kernel
 def read_actions(lane, p, g, action, record, flag):
-    """Clipped actions in lanes; flag: OK for an arm to be moved, another code for one to be left alone."""
+    """Copy the actions of group g into lanes, clipped to [-1, 1], and set each arm's status flag.
+
+    # in        p.action (arms x joints,) float32, arm by arm;  p.n, number of arms;  record.mode
+    # out       action (joints, lanes);  flag (lanes,) status
+    flag: OK where the arm is to be moved; RETRY in a lane without an arm or whose arm is not running; ACTION_NOT_FINITE
+    where an entry is not finite, for which 0 is copied.
+    """
     lanes, n_joints = len(lane), size(p.task.links)
     for i in range(lanes):
         arm = g * lanes + i
@@ -102,103 +149,147 @@ def read_actions(lane, p, g, action, record, flag):
 # --- observation and reward ----------------------------------------------------------------------------
 @kernel
 def observe_state(lane, p, first, poses, record, seen):
-    """The true observation, but for strain gauges, into `seen`. first: at the start of an episode."""
+    """Write the true observation, without strain gauges, into `seen`: each entry over its scale, clipped to +-10.
+
+    first: True at the start of an episode; it shifts the instant from which moving targets are looked ahead.
+    # in        poses of the links (inertial axes);  record: target, path, periods done
+    # out       seen (entries, lanes): entries of the task, then those of a moving target
+    """
     observe(lane, p.task, poses, record, seen)
     look_ahead(lane, p.reference, p.task, p.period, first, poses, record, seen)
 
 
 @kernel
 def observe_material(lane, p, par, record, w, seen):
-    """Strain gauges into `seen`; motors' angles to where their encoders will find them."""
+    """Write scaled strain-gauge curvatures into `seen`, and motor angles (rad) into `record` for their encoders.
+
+    # in        w.q, coordinates (m, rad)
+    # out       seen, last entries (curvature over its scale);  record, one motor angle in each encoder's channel
+    """
     read_gauges(lane, p.sensors, p.entries, p.model, w.q, seen)
     record_motor_angles(lane, p.instruments, p.model, par, record, w)
 
 
 @kernel
-def find_sound(lane, entries, flag, seen):
-    """1 where an arm was moved and is sound; what is not finite is flagged."""
-    code = load(lane, flag, 0)
+def find_sound(lane, entries, flag: Lanes, seen: Lanes):
+    """Return 1.0 in lanes that were moved and whose observation is finite, otherwise 0.0.
+
+    flag (lanes,): status code, 0 (OK) where the arm was moved without error; NOT_FINITE is written where an entry of
+    seen is not finite, and a code other than OK is kept. entries: how many rows of `seen` are checked.
+    """
+    code = flag[0]
     for k in range(entries):
-        finite = select_lt(absolute(load(lane, seen, k)), np.inf, splat(lane, 0.0), splat(lane, float(NOT_FINITE)))
+        finite = select_lt(absolute(seen[k]), np.inf, 0.0, float(NOT_FINITE))
         code = select_lt(code, 0.5, finite, code)
-    store(flag, 0, code)
-    return select_lt(code, 0.5, splat(lane, 1.0), splat(lane, 0.0))
+    flag[0] = code
+    return select_lt(code, 0.5, 1.0, 0.0)
 
 
 @kernel
-def reward(lane, p, live, poses, action, record, info, outcome):
-    """Success and reward of a period: into info where `live` > 1/2, and outcome <- (reward, joint limit passed)."""
-    total, past = judge(lane, p.task, poses, action, record, live, info)
-    store(outcome, 0, total)
-    store(outcome, 1, past)
+def reward(lane, p, live, poses, action, record, info, outcome: Lanes):
+    """Judge the period: reward terms into info where live > 1/2, outcome <- (reward, joint limit passed).
+
+    # in        poses of the links (inertial axes, m, rad and rates);  action (joints, lanes), clipped to [-1, 1]
+    # in, out   record: instants within the success bands, last action
+    # out       info: success, tip, deflections, terms;  outcome (2, lanes): reward; 1 where a joint is beyond its
+    #           limits, otherwise 0
+    """
+    total, past = judge_with_terms(lane, p.task, poses, action, record, live, info)
+    outcome[0] = total
+    outcome[1] = past
 
 
 # --- info ----------------------------------------------------------------------------------------------
 @kernel
 def record_period(lane, p, par, record, scratch, w, live, info, outcome):
-    """What a period came to into info where `live` > 1/2, but for what `reward` says; what it costs, into outcome."""
+    """Write the period's info where live > 1/2, except success and reward terms, which `reward` writes.
+
+    Events, step error, torques (N m), delay (s), estimate of the formulation's error (over the arm's length), reason 0
+    (the episode goes on), in_range (1: the model is valid at this deflection, otherwise 0) and energies (J).
+    # in        scratch, with fitted steps the error of each arm;  par, w: own parameters and state of the arms
+    # in, out   record, the cost so far;  outcome row 0, the reward, which falls by the price times the period's cost
+    """
     at = info_of(p.task)
     record_events(lane, p, par, record, w, live, info, outcome)
     record_step_error(lane, p, scratch, live, info)
     record_torques(lane, p, par, record, w, live, info)
     record_delay(lane, p, record, live, info)
-    put_info(lane, live, info, at.error, splat(lane, p.estimate))
-    put_info(lane, live, info, at.reason, splat(lane, 0.0))
-    inside = select_lt(out_of_range(lane, p.model, par, w.q), 0.5, splat(lane, 1.0), splat(lane, 0.0))
+    put_info(lane, live, info, at.error, p.estimate)
+    put_info(lane, live, info, at.reason, 0.0)
+    inside = select_lt(out_of_range(lane, p.model, par, w.q), 0.5, 1.0, 0.0)
     put_info(lane, live, info, at.in_range, inside)
     record_energies(lane, p, par, w, live, info)
 
 
 @kernel
-def record_torques(lane, p, par, record, w, live, info):
-    """Torques of the joints into info; of motors under voltages less what the rate takes."""
+def record_torques(lane, p, par, record: Lanes, w: Work, live, info):
+    """Write the joint torques (N m) of the period into info.torque, where live > 1/2.
+
+    With ideal motors the torque is w.u, with motors that lag (p.actuator) the one at the end of the period. Motors
+    under voltage give less by emf (N m s/rad) times the joint's rate: w.u is the torque before back-emf, which acts as
+    viscous friction. w.y is scratch.
+    """
     n, at = size(p.task.links), info_of(p.task).torque
     emf = None
     if p.amplifier is not None:
         emf = p.amplifier.emf
+    # w.y <- joint rates, rad/s: displacements are linear in the coordinates
     if emf is not None:
-        ports(lane, p.model, par, w.v, w.y)
+        input_displacements(lane, p.model, par, w.v, w.y)
     for k in range(n):
-        torque = load(lane, w.u, k)
+        torque = w.u[k]
         if p.actuator is not None:
-            torque = load(lane, record, record_at(0, n, size(p.task.acted), 1, 0, 0, 0, 0).torque + k)
+            torque = record[record_at(0, n, size(p.task.acted), 1, 0, 0, 0, 0).torque + k]
         if emf is not None:
-            torque = torque - load(lane, w.y, k) * emf[k]
+            torque = torque - w.y[k] * emf[k]
         put_info(lane, live, info, at + k, torque)
 
 
 @kernel
-def record_energies(lane, p, par, w, live, info):
-    """Energies into info, and the motors' angles and rates."""
+def record_energies(lane, p, par, w: Work, live, info):
+    """Write energies (J), motor angles and rates (over the gear ratio; rad, rad/s) into info, if they are recorded.
+
+    They are recorded if p.books is a tag; written where live > 1/2.
+    # in        w.q (m, rad), w.v;  w.books, energy account, J;  par, the arms' own parameters
+    # scratch   w.y
+    # out       info.energies: kinetic, strain, gravity, dissipated, work;  info.motors (2, joints): angles, then rates
+    """
     if p.books is not None:
         kinetic, strain, gravity = energy(lane, p.model, par, w.q, w.v)
         at = energies_at(info_of(p.task).energies)
         put_info(lane, live, info, at.kinetic, kinetic)
         put_info(lane, live, info, at.strain, strain)
         put_info(lane, live, info, at.gravity, gravity)
-        put_info(lane, live, info, at.dissipated, load(lane, w.books, DISSIPATED))
-        put_info(lane, live, info, at.work, load(lane, w.books, WORK_DONE))
+        # with the work of damping forces by strain rates that steps do not resolve, so that the five energies balance
+        put_info(lane, live, info, at.dissipated, w.books[DISSIPATED] + w.books[BEYOND])
+        put_info(lane, live, info, at.work, w.books[WORK_DONE])
         n, motors = size(p.task.links), info_of(p.task).motors
+        # input displacements of q are angles, of v their rates
         for rates in range(2):
-            ports(lane, p.model, par, w.v if rates else w.q, w.y)
+            input_displacements(lane, p.model, par, w.v if rates else w.q, w.y)
             for k in range(n):
-                put_info(lane, live, info, motors + rates * n + k, load(lane, w.y, k))
+                put_info(lane, live, info, motors + rates * n + k, w.y[k])
 
 
 @kernel
-def copy_info(lane, p, g, info):
-    """The info of group g into the caller's table."""
-    column = p.table[g * len(lane) :]
-    for k in range(info.shape[0] // len(lane)):
-        store(column, k * (p.block.shape[0] // p.layout.row), load(lane, info, k))
+def copy_info(lane, p, g, info: Lanes):
+    """Copy the info of group g from lanes into p.table (INFO, groups, lanes), which the caller reads entry by entry."""
+    # entry 0 of group g; the next entry of the same group is `groups` rows of lanes further on
+    column: Lanes = p.table[g * len(lane) :]
+    groups = p.block.shape[0] // p.layout.row
+    for k in range(info.shape[0]):
+        column[k * groups] = info[k]
 
 
 # --- the end of a period, arm by arm -------------------------------------------------------------------
 @kernel
 def finish(lane, p, g, w, poses, record, seen, info, saved, outcome):
-    """What the caller reads of each arm; returns how many arms have ended, are guided, or must be repeated alone.
+    """Write the results of group g that the caller reads; return how many of its arms need the caller.
 
-    outcome: see `reward`.
+    These arms have ended, follow prescribed motions (GUIDED), or must be repeated alone: their Newton iteration failed
+    in a group of several lanes, where steps cannot be halved. Arms to be repeated and arms that were not moved are
+    restored from `saved`, the state at the start of the period; an arm that was just reset (FRESH) becomes RUNNING.
+    outcome (2, lanes): reward; 1 where a joint limit is passed. seen (entries, lanes): true observation.
     """
     lanes, reason_at, count = len(lane), info_of(p.task).reason * len(lane), 0
     for i in range(lanes):
@@ -206,15 +297,18 @@ def finish(lane, p, g, w, poses, record, seen, info, saved, outcome):
         if arm >= p.n:
             continue
         mode, reason = record[MODE * lanes + i], w.flag[i]
+        # moved, with a result that counts
         if mode == RUNNING and not (reason == NEWTON_FAILED and lanes > 1):
             if reason == ACTION_NOT_FINITE:
-                put_back(lanes, i, w, saved, record)
+                # not moved, or to be repeated: the state is that of the start of the period
+                restore_lane(lanes, i, w, saved, record)
             count += finish_arm(lane, p, arm, outcome, reason, poses, record, seen, info)
             continue
-        put_back(lanes, i, w, saved, record)
+        restore_lane(lanes, i, w, saved, record)
         if mode == RUNNING:
             info[reason_at + i] = float(RETRY)
             count += 1
+        # the step after an episode's end only resets (Gymnasium's next-step autoreset)
         elif mode == FRESH:
             record[MODE * lanes + i] = float(RUNNING)
         elif mode == GUIDED:
@@ -225,15 +319,21 @@ def finish(lane, p, g, w, poses, record, seen, info, saved, outcome):
 
 @kernel
 def finish_arm(lane, p, arm, outcome, reason, poses, record, seen, info):
-    """The outcome of one arm's period into the arrays that the caller reads; returns 1 where its episode has ended.
+    """Write one arm's reward, flags, info and observation of a period; return 1 if its episode has ended, else 0.
 
-    outcome: see `reward`. reason: a status code, or ACTION_NOT_FINITE.
+    reason: status code of the period, or ACTION_NOT_FINITE. outcome (2, lanes): reward; 1 where a joint limit is
+    passed. An episode that fails gets the failure weight as its last reward term, and no other term unless a joint
+    limit ended it.
+    # in        arm, number in the batch;  poses;  seen, the true observation
+    # in, out   record: periods done, mode, memory of sensors and motors
+    # out       p.reward, p.terminated, p.truncated, p.observation of the arm;  info in its lane
     """
     task, lanes, i = p.task, len(lane), arm % len(lane)
     total = outcome[i]
     if reason == OK and outcome[lanes + i] > 0.5:
         reason = float(JOINT_LIMIT)
     n_terms, at = size(task.terms), info_of(task)
+    # the arm moved: its observation passes the sensors; otherwise the last observation and no reward
     if reason == OK or reason == JOINT_LIMIT:
         write_observation(lane, p, arm, poses, record, seen, False)
         draw_lateness(p.actuator, p.stream, arm, record, lanes)
@@ -244,11 +344,13 @@ def finish_arm(lane, p, arm, outcome, reason, poses, record, seen, info):
         total = 0.0
     if reason == OUT_OF_RANGE:
         info[at.in_range * lanes + i] = 0.0
+    # last reward term: failure
     lost = 0.0
     if reason != OK:
         lost = -task.weights[n_terms - 1]
     info[(at.terms + n_terms - 1) * lanes + i] = lost
     info[at.reason * lanes + i] = reason
+    # truncation after the periods allowed
     steps = record[PERIODS * lanes + i] + 1.0
     record[PERIODS * lanes + i] = steps
     over = steps > record[PERIODS_ALLOWED * lanes + i] - 0.5

@@ -1,19 +1,31 @@
-"""Events of an episode: pushes at the tip, a payload that changes, and what it costs to go beyond limits.
+"""Events of an episode: pushes at the tip, a change of the payload, and the cost of exceeding limits.
 
-Pushes and changes come at the start of a control period. What is drawn and what changes there is done before the arm is
-kept to be gone back to, and is not done again where a period is repeated: which push holds, and whether the change is
-still to come, follow from the record.
+Pushes and payload changes begin at the start of a control period. They are drawn and applied before the state is saved
+for a repetition (`keeping`), and not again where a period is repeated: the record says which push acts and whether the
+change is still to come.
 """
 
 from __future__ import annotations
 
 import math
 
-from ..compiler import absolute, arms, kernel, load, maximum, place, select_lt, size, splat, square_root, stack, store
-from ..physics.arithmetic import put
+from ..compiler import (
+    Lanes,
+    absolute,
+    kernel,
+    lane_count,
+    maximum,
+    select_lt,
+    size,
+    square_root,
+    stack,
+    store_lane,
+)
+from ..physics.arithmetic import store_where
 from ..physics.integrator.impact import change_payload
+from ..physics.integrator.work import Work
 from ..physics.model import OK, PAYLOAD_INERTIA, PAYLOAD_MASS
-from ..physics.protocol import gauge
+from ..physics.protocol import strain_gauge
 from ..tasks.program import CHANGE, COST, FURTHER, PERIODS, PUSH, PUSHED
 from ..tasks.stream import draw, uniform
 from ..tasks.task import info_of, put_info, reward_term
@@ -24,14 +36,19 @@ _ONE, _BOTH = (0,), (0, 0)
 
 @kernel
 def _axes(task):
-    """Components of a push: in space targets have three numbers."""
+    """Return the number of force components of a push: 2 in the plane, 3 in space (targets of three numbers)."""
     return 2 + size(task.targets) // 3
 
 
 # --- at the start of an episode ------------------------------------------------------------------------
 @kernel
 def draw_events(lanes, p, arm, par, record, info):
-    """When the payload changes and to what; the first push; the info of this before anything has happened."""
+    """Draw the payload change and the first push of an arm's episode into its record; info.payload <- its mass, kg.
+
+    record.change <- (control period at whose start the payload changes, factor on the nominal payload). lanes: lanes of
+    a group; arm: number in the batch, whose lane is arm % lanes. par: parameters in lanes, with the present payload
+    mass.
+    """
     i = arm % lanes
     if p.payload_change is not None:
         record[CHANGE * lanes + i] = math.floor(draw(p.stream, arm, p.payload_change.time, 0) + 0.5)
@@ -44,14 +61,21 @@ def draw_events(lanes, p, arm, par, record, info):
 
 @kernel
 def _draw_push(pushes, stream, arm, record, lanes, axes):
-    """The push after the present period's start: when, how strong, which way, in the plane or in space."""
+    """Draw the next push of an arm into record.push: first period, first period after it, force (N, inertial axes).
+
+    pushes: ranges of waiting time and force, `lasting` and `until`; times in control periods. The direction is uniform
+    on the circle in the plane (axes = 2), on the sphere in space (axes = 3): height uniform in [-1, 1], angle uniform.
+    A push that would begin after pushes.until never comes (first = inf). lanes: lanes of a group.
+    """
     i = arm % lanes
+    # start, a whole period; as many draws for a push that never comes
     first = record[PERIODS * lanes + i] + math.floor(draw(stream, arm, pushes.wait, 0) + 0.5)
     force, angle = draw(stream, arm, pushes.force, 0), 2.0 * math.pi * uniform(stream, arm)
     if first > pushes.until:
         first = math.inf
     record[(PUSHED + _PUSH.first) * lanes + i] = first
     record[(PUSHED + _PUSH.over) * lanes + i] = first + pushes.lasting
+    # direction: uniform on the circle or on the sphere
     height = 2.0 * uniform(stream, arm) - 1.0 if axes == 3 else 0.0
     level, at = force * math.sqrt(1.0 - height * height), (PUSHED + _PUSH.force) * lanes + i
     record[at], record[at + lanes] = level * math.cos(angle), level * math.sin(angle)
@@ -60,9 +84,12 @@ def _draw_push(pushes, stream, arm, record, lanes, axes):
 
 # --- at the start of a control period ------------------------------------------------------------------
 @kernel
-def apply_events(lane, p, g, par, record, w):
-    """Events at the period's start of the arms of group g that are to be moved, before they are kept."""
-    change_payloads(lane, p, par, record, w)
+def draw_pushes(lane, p, g, record, w):
+    """Draw the next push of each arm of group g that is to be moved and whose last push is over; no-op without pushes.
+
+    # in        w.flag, OK where an arm is to be moved;  record.periods, control periods done
+    # in, out   record.push: first period, first period after it, force (N, inertial axes)
+    """
     if p.pushes is not None:
         for i in range(len(lane)):
             if w.flag[i] == OK and record[(PUSHED + _PUSH.over) * len(lane) + i] <= record[PERIODS * len(lane) + i]:
@@ -70,20 +97,27 @@ def apply_events(lane, p, g, par, record, w):
 
 
 @kernel
-def change_payloads(lane, p, par, record, w):
-    """Payloads that change now; in lanes the others stay as they are, to the last bit."""
+def change_payloads(lane, p, par: Lanes, record, w):
+    """Apply the payload changes that are due in this period: mass (kg), inertia (kg m^2), jump of velocities.
+
+    A change is due in an arm that moves (w.flag OK) if record.change is the number of periods done; it is -1
+    afterwards. Arms whose change is not due keep all numbers bit for bit. par: each arm's own parameters, in and out;
+    w: state, in and out. `impact.change_payload` has the momentum balance.
+    """
     if p.payload_change is not None:
         lanes, due = len(lane), False
         live, new = stack(lane, _ONE), stack(lane, _BOTH)
-        store(live, 0, splat(lane, 0.0))
-        store(new, 0, load(lane, par, PAYLOAD_MASS))
-        store(new, 1, load(lane, par, PAYLOAD_INERTIA))
-        for i in range(arms(lane)):
+        live[0] = 0.0
+        new[0] = par[PAYLOAD_MASS]
+        new[1] = par[PAYLOAD_INERTIA]
+        # new: payload mass and inertia for all lanes, changed in those that are due
+        for i in range(lane_count(lane)):
             if w.flag[i] == OK and record[CHANGE * lanes + i] == record[PERIODS * lanes + i]:
                 factor = record[(CHANGE + 1) * lanes + i]
-                place(lane, new, 0, i, p.ranges.nominal[PAYLOAD_MASS] * factor)
-                place(lane, new, 1, i, p.ranges.nominal[PAYLOAD_INERTIA] * factor)
-                live[i], due = 1.0, True
+                store_lane(lane, new, 0, i, p.ranges.nominal[PAYLOAD_MASS] * factor)
+                store_lane(lane, new, 1, i, p.ranges.nominal[PAYLOAD_INERTIA] * factor)
+                store_lane(lane, live, 0, i, 1.0)
+                due = True
                 record[CHANGE * lanes + i] = -1.0
         if due:
             change_payload(lane, p.model, p.payload_change.resting, par, new, live, w, p.h, p.books)
@@ -91,10 +125,13 @@ def change_payloads(lane, p, par, record, w):
 
 @kernel
 def set_pushes(lane, p, record, w):
-    """The force on the tip in this period, the inputs behind the joints' torques."""
+    """Write the tip force of this period, N, inertial axes, into w.u behind the joint torques; 0 where no push acts.
+
+    record.push: first period of the push, first period after it, force. No-op without pushes.
+    """
     if p.pushes is not None:
         lanes, first = len(lane), size(p.task.links)
-        for i in range(arms(lane)):
+        for i in range(lane_count(lane)):
             now = record[PERIODS * lanes + i]
             on = record[(PUSHED + _PUSH.first) * lanes + i] <= now and now < record[(PUSHED + _PUSH.over) * lanes + i]
             for d in range(_axes(p.task)):
@@ -103,47 +140,61 @@ def set_pushes(lane, p, record, w):
 
 # --- at its end ----------------------------------------------------------------------------------------
 @kernel
-def record_events(lane, p, par, record, w, live, info, outcome):
-    """Cost, payload and push of the period into info; the episode's cost grows, the reward falls."""
+def record_events(lane, p, par: Lanes, record: Lanes, w: Work, live, info: Lanes, outcome: Lanes):
+    """Write the period's cost, payload mass (kg) and push (N) into info where live > 1/2, and price the cost.
+
+    The cost is 1 in a period in which a limit is exceeded or a shape to keep out of is nearer than its margin,
+    otherwise 0.
+    # in, out   record.cost, the episode's sum;  outcome row 0, the reward, which falls by the priced cost
+    """
     if size(p.task.further) > 0:
         at, first = info_of(p.task).further, size(p.task.links)
         if p.cost is not None or p.keep_out is not None:
             passed = _cost(lane, p, w.q, info)
+            # clearance below the margin costs as well
             if p.keep_out is not None:
-                close = load(lane, info, at + FURTHER.clearance)
-                passed = select_lt(close, p.keep_out.margin, splat(lane, 1.0), passed)
-            cost = select_lt(0.5, live, passed, splat(lane, 0.0))
-            before = load(lane, record, COST)
-            put(live, record, COST, before + cost, before)
-            store(info, at + FURTHER.cost, cost)
+                close = info[at + FURTHER.clearance]
+                passed = select_lt(close, p.keep_out.margin, 1.0, passed)
+            cost = select_lt(0.5, live, passed, 0.0)
+            before = record[COST]
+            store_where(lane, live, record, COST, before + cost, before)
+            info[at + FURTHER.cost] = cost
             put_info(lane, live, info, at + FURTHER.episode_cost, before + cost)
+            # reward term of the cost
             if p.task.charged is not None:
-                k = size(p.task.terms) - 2 - min(size(p.task.acted), 1)  # before those of change, if any, and failure
-                store(outcome, 0, load(lane, outcome, 0) + reward_term(lane, p.task, live, info, k, -cost))
-        put_info(lane, live, info, at + FURTHER.payload, load(lane, par, PAYLOAD_MASS))
+                k = size(p.task.terms) - 2 - min(size(p.task.acted), 1)  # before change, if any, and failure
+                outcome[0] += reward_term(lane, p.task, live, info, k, -cost)
+        put_info(lane, live, info, at + FURTHER.payload, par[PAYLOAD_MASS])
         if p.pushes is not None:
             for d in range(_axes(p.task)):
-                put_info(lane, live, info, at + FURTHER.push + d, load(lane, w.u, first + d))
+                put_info(lane, live, info, at + FURTHER.push + d, w.u[first + d])
 
 
 @kernel
-def _cost(lane, p, q, info):
-    """1 where a limit is passed, by a link's tip deflection or by the strain at a station; 0 elsewhere."""
-    most, task, cost = splat(lane, 0.0), p.task, p.cost
+def _cost(lane, p, q, info: Lanes):
+    """Return 1.0 in lanes where a tip deflection or a strain exceeds its limit, otherwise 0.0.
+
+    Deflections are those of info, tip over link length; strains come from rows of `gauges.curvature_rows` over the
+    limit, in space two rows a station, whose absolute values add up (bending in both planes).
+    # in        q (n, lanes) coordinates; info.deflection
+    """
+    most, task, cost = 0.0, p.task, p.cost
     if cost is not None:
+        # deflection of each link over its limit
         if cost.deflection is not None:
             at, links = info_of(task).deflection, size(task.links)
             for k in range(links):
-                bend = absolute(load(lane, info, at + k))
-                if size(task.targets) == 3:  # in both planes
-                    across = load(lane, info, at + links + k)
+                bend = absolute(info[at + k])
+                if size(task.targets) == 3:  # in space: magnitude over both planes
+                    across = info[at + links + k]
                     bend = square_root(bend * bend + across * across)
                 most = maximum(most, bend / cost.deflection[k])
+        # strain at each station over its limit
         if cost.strain is not None:
             n, planes = size(p.model.n), 1 + size(task.targets) // 3
             for g in range(0, cost.strain.shape[0] // n, planes):
-                bent = absolute(gauge(lane, p.model, q, cost.strain[g * n : (g + 1) * n]))
-                if planes == 2:  # where both bendings add up
-                    bent = bent + absolute(gauge(lane, p.model, q, cost.strain[(g + 1) * n : (g + 2) * n]))
+                bent = absolute(strain_gauge(lane, p.model, q, cost.strain[g * n : (g + 1) * n]))
+                if planes == 2:  # in space: the strains of both bendings add up
+                    bent = bent + absolute(strain_gauge(lane, p.model, q, cost.strain[(g + 1) * n : (g + 2) * n]))
                 most = maximum(most, bent)
-    return select_lt(1.0, most, splat(lane, 1.0), splat(lane, 0.0))
+    return select_lt(1.0, most, 1.0, 0.0)

@@ -1,34 +1,37 @@
-"""Steps fitted to a tolerance: each arm's control period in as many steps as its motion asks for.
+"""Steps fitted to a tolerance: each arm's control period is divided into as many steps as its motion needs.
 
-A period is made in steps of h and of h/2, from the same start; how far the tips come out apart, and would be after
-another period, is the error of the finer run. It is kept where that is allowed; otherwise h/4 is compared with h/2, and
-so on up to h/32, which is kept as it comes, its error told. The next period begins with the pair that did, or with the
-one before where the error was an eighth of what is allowed. In lanes all arms of a group go through each step size that
-one of them asks for, and keep what is theirs: an arm depends on nothing but itself. (Theory, section 6.)
+A period is computed in steps of h and of h/2 from the same start. The distance between the tips of both runs, now and
+extrapolated by another period, is the error of the finer run (theory, eq. 6.4). The finer run is kept if its error is
+allowed. Otherwise h/4 is compared with h/2, and so on up to h/32, which is kept in any case, with its error reported.
+The next period begins with the same pair, or with the coarser one if the error was below an eighth of what is allowed.
+In lanes all arms of a group run through each step size that one of them needs, and keep their own results: an arm
+depends on itself alone.
 
-An environment does so with its control periods (`move`) and a scene with its stretches between samples and kinks
+An environment does so with its control periods (`move`), a scene with its stretches between samples and kinks
 (`simulation.Simulation`), by the same functions: `open_fit`, `start_run` and `end_run` for each step size, `close_fit`.
+A run of k halvings has steps of h / 2^k. Each k has a model of its own, because inertia corrections depend on the step.
 """
 
 from __future__ import annotations
 
 import math
 
-from ..compiler import kernel, load, size, store
-from ..physics.arithmetic import put
+from ..compiler import Lanes, kernel, size
+from ..physics.arithmetic import store_where
+from ..physics.integrator.work import Work
 from ..physics.layout import POSE
 from ..physics.model import NEWTON_FAILED, OK
 from ..physics.protocol import link_poses
 from ..tasks.program import FURTHER, LEVEL, RETRY, SCRATCH, scratch_at
 from ..tasks.task import info_of
-from .keeping import keep, keep_lane, put_back
+from .keeping import restore_lane, save_lane, save_lanes
 from .motors import take_steps
 
 FITS = 6
-"""Step sizes there are: of `program.Models`."""
+"""Number of step sizes, h ... h/32, and of models in `program.Models`."""
 
 LOWER = 0.125
-"""Share of what is allowed below which the next period begins with longer steps."""
+"""Fraction of the allowed error below which the next period begins with longer steps."""
 
 _FIRST = SCRATCH.offsets(0, 0, 0)
 _FLAG, _FINE, TAKEN, APART, _TIPS = _FIRST.flag, _FIRST.fine, _FIRST.taken, _FIRST.apart, _FIRST.tips
@@ -36,7 +39,14 @@ _FLAG, _FINE, TAKEN, APART, _TIPS = _FIRST.flag, _FIRST.fine, _FIRST.taken, _FIR
 
 @kernel
 def move(lane, p, models, model, parts, par, poses, record, action, saved, scratch, block, w):
-    """The steps of one period: those that are set, each in so many parts, or fitted."""
+    """Advance the arms of a group by one control period: in steps of fixed length, or in steps fitted to a tolerance.
+
+    models: `program.Models`, one for each number of halvings, or None for fixed steps. model: the model of fixed steps,
+    each of which is cut into `parts` equal parts.
+    # in        action (joints, lanes) in [-1, 1];  saved, the state at the start of the period;  par, own parameters
+    # in, out   w (state, inputs, books; views of the group's memory `block`), record
+    # scratch   poses, scratch (a `SCRATCH` in lanes, with models)
+    """
     if models is None:
         take_steps(lane, p, model, parts, par, poses, record, action, saved, block, w)
     else:
@@ -44,9 +54,17 @@ def move(lane, p, models, model, parts, par, poses, record, action, saved, scrat
 
 
 @kernel
-def _fit(lane, p, models, par, poses, record, action, saved, scratch, block, w):
-    links, level = size(p.task.links), record[LEVEL * len(lane) : (LEVEL + 1) * len(lane)]
+def _fit(lane, p, models, par, poses, record: Lanes, action, saved, scratch, block, w):
+    """Advance the arms by one control period in fitted steps: runs of k = 0, 1, ... halvings until all have a result.
+
+    A run of k halvings has steps of h / 2^k. An arm's result is the first run whose tips are within p.allowed (m) of
+    those of the run before, or the last possible run. Runs that no arm needs are left out. saved, scratch: a `SAVED` of
+    the start of the period and a `SCRATCH`, in lanes. record.level: halvings with which each arm's fit begins, updated
+    for the next period.
+    """
+    links, level = size(p.task.links), record[LEVEL : LEVEL + 1]
     open_fit(lane, links, level, record, saved, scratch, w)
+    # runs that no arm asks for are left out
     for k in range(FITS):
         if start_run(lane, k, saved, scratch, record, w):
             take_steps(lane, p, models[k], 2**k, par, poses, record, action, saved, block, w)
@@ -57,32 +75,50 @@ def _fit(lane, p, models, par, poses, record, action, saved, scratch, block, w):
 
 
 @kernel
-def record_step_error(lane, p, scratch, live, info):
-    """The error of a period in fitted steps, over L, into info: above the tolerance where h/32 was not enough."""
+def record_step_error(lane, p, scratch: Lanes, live, info: Lanes):
+    """Write the error of a period in fitted steps, over the arm's length, into info.step_error, where live > 1/2.
+
+    The error is scratch.apart (m): distance of the tips between the run that was kept and the run with steps twice as
+    long. It is above the tolerance where steps of h/32 were still too long. No-op with fixed steps.
+    """
     if p.models is not None:
         at = info_of(p.task).further + FURTHER.step_error
-        put(live, info, at, load(lane, scratch, APART) / p.task.length, load(lane, info, at))
+        store_where(lane, live, info, at, scratch[APART] / p.task.length, info[at])
 
 
 @kernel
 def _result(lane, links, saved, scratch):
-    """The part of `scratch` that is a `SAVED`."""
+    """Return the view of `scratch`, a `SCRATCH` in lanes, that holds a `SAVED`: the arms' results.
+
+    links: number of links. saved: any `SAVED` in lanes, for its length.
+    """
     first = scratch_at(0, links, 0).result * len(lane)
     return scratch[first : first + saved.shape[0]]
 
 
 @kernel
 def open_fit(lane, links, level, record, saved, scratch, w):
-    """Where a period or stretch begins, whose start is in `saved`; level: halvings that each arm's last one took."""
+    """Begin the fit of a period or stretch: each arm starts with the halvings of its last one; status flags are saved.
+
+    # in        saved, the start;  level (lanes,) halvings of each arm's last period;  w.flag;  links, their number
+    # out       scratch.flag, status;  scratch.fine, halvings of the finer run of the first pair, at least 1 (-1: takes
+    #           no part);  scratch.result, the present state
+    """
     for i in range(len(lane)):
         scratch[_FLAG * len(lane) + i] = w.flag[i]
+        # at least one halving is kept: the error needs a pair
         scratch[_FINE * len(lane) + i] = max(1.0, level[i]) if w.flag[i] == OK else -1.0
-    keep(w, record, _result(lane, links, saved, scratch))  # of those that do not take part
+    # arms that take no part keep their present state as result
+    save_lanes(w, record, _result(lane, links, saved, scratch))
 
 
 @kernel
 def start_run(lane, k, saved, scratch, record, w):
-    """Whether an arm asks for k halvings; if so, all are at the start, and only those that ask will move."""
+    """Return whether an arm needs a run of k halvings; if so, restore all lanes to the start of the period.
+
+    Runs are compared in pairs of fine - 1 and fine halvings: an arm needs k as the coarser (scratch.fine = k + 1) or as
+    the finer run (scratch.fine = k). w.flag becomes OK in its lane and RETRY (not moved) in others.
+    """
     lanes, asked = len(lane), False
     for i in range(lanes):
         fine = scratch[_FINE * lanes + i]
@@ -92,15 +128,19 @@ def start_run(lane, k, saved, scratch, record, w):
             asked = True
     if asked:
         for i in range(lanes):
-            put_back(lanes, i, w, saved, record)
+            restore_lane(lanes, i, w, saved, record)
     return asked
 
 
 @kernel
 def end_run(lane, k, links, allowed, period, poses, record, saved, scratch, level, w):
-    """What k halvings gave each arm: its result, or to be compared with the run that follows.
+    """Compare the run of k halvings with the run before, arm by arm; return whether an arm still needs a run.
 
-    Returns whether an arm is still to be moved.
+    # in        links, their number;  allowed, error (m);  period (s);  poses, tips after this run (m and m/s)
+    # in, out   scratch: tips of the coarser run, replaced by those of this run where it is not kept; fine, halvings of
+    #           the arm's next finer run, -1 once it has a result
+    # out       level, halvings with which the arm's next period begins;  scratch.result, the state where the run is
+    #           kept
     """
     result, asked = _result(lane, links, saved, scratch), False
     for i in range(len(lane)):
@@ -111,30 +151,45 @@ def end_run(lane, k, links, allowed, period, poses, record, saved, scratch, leve
 
 
 @kernel
-def close_fit(lane, links, record, saved, scratch, w):
-    """Every arm at its result."""
+def close_fit(lane, links, record, saved, scratch: Lanes, w: Work):
+    """Restore every arm to its result and its status flag, once all runs are done.
+
+    # in        scratch.result, a `SAVED` in lanes;  scratch.flag, status codes
+    # out       w: q, v, a, b, books, u and flag;  record, as far as it is saved
+    """
     for i in range(len(lane)):
-        put_back(len(lane), i, w, _result(lane, links, saved, scratch), record)
-    store(w.flag, 0, load(lane, scratch, _FLAG))
+        restore_lane(len(lane), i, w, _result(lane, links, saved, scratch), record)
+    w.flag[0] = scratch[_FLAG]
 
 
 @kernel
 def _compare(lanes, i, k, links, allowed, period, poses, record, scratch, result, level, w):
-    """`end_run` of arm i."""
+    """Compare arm i's run of k halvings with its coarser run: keep it as the result, or store its tips.
+
+    The finer run of a pair (scratch.fine = k) is kept if the distance of the tips is at most allowed (m), or if there
+    are no shorter steps; so is a run that failed in a group of several lanes. After any other run fine becomes k + 1.
+    # in        poses, tips of this run (m, m/s, inertial axes);  w.flag, status;  scratch.fine
+    # out       scratch.flag, taken (k), apart (error, m), result, where kept;  scratch.tips, where not
+    #           level, where kept without failure: halvings of the next period
+    """
     fine, flag = scratch[_FINE * lanes + i], w.flag[i]
     if fine != k and fine != k + 1:
         return
-    lost = flag == NEWTON_FAILED and lanes > 1  # it will be repeated alone
+    # a Newton failure in lanes ends the fit: the arm will be repeated alone
+    lost = flag == NEWTON_FAILED and lanes > 1
+    # error of the finer run, m; infinite for a coarse or failed run
     error = math.inf
     if fine == k and flag == OK:
         error = _apart(lanes, i, links, period, poses, scratch)
+    # keep the run if its error is allowed, or if there are no shorter steps
     if lost or (fine == k and (error <= allowed or k == FITS - 1)):
         scratch[_FLAG * lanes + i], scratch[_FINE * lanes + i], scratch[TAKEN * lanes + i] = flag, -1.0, float(k)
         scratch[APART * lanes + i] = error
         if flag == OK:
             level[i] = k - 1.0 if error < LOWER * allowed else float(k)
-        keep_lane(lanes, i, w, record, result)
+        save_lane(lanes, i, w, record, result)
         return
+    # otherwise its tips are the coarser ones of the next pair; nan after a failure, which makes the next error infinite
     for j in range(links):
         for c in range(2):
             at = (_TIPS + 4 * j + c) * lanes + i
@@ -145,13 +200,20 @@ def _compare(lanes, i, k, links, allowed, period, poses, record, scratch, result
 
 @kernel
 def _apart(lanes, i, links, period, poses, scratch):
-    """How far the tips of two runs are apart, and would be after another period, m; infinite where one has failed."""
+    """Return the distance of arm i's tips between two runs, now and extrapolated by a period, m (theory, eq. 6.4).
+
+        max over links and axes of |r - r'| + period |v - v'|
+
+    # in        poses, r and v: tips of the finer run (m, m/s, inertial axes)
+    #           scratch.tips, r' and v': those of the coarser run (nan after a failure: the distance is infinite)
+    """
     most = 0.0
     for j in range(links):
         for c in range(2):
             at = (_TIPS + 4 * j + c) * lanes + i
             way = abs(poses[(POSE.end * j + POSE.tip_x + c) * lanes + i] - scratch[at])
             way += period * abs(poses[(POSE.end * j + POSE.tip_vx + c) * lanes + i] - scratch[at + 2 * lanes])
+            # negated comparison: nan counts as infinite
             if not way <= most:
                 most = way if math.isfinite(way) else math.inf
     return most

@@ -1,7 +1,7 @@
-"""A control period of an arm that follows prescribed motions, in plain lanes or dual ones, for its derivatives.
+"""A control period of an arm that follows prescribed motions, in plain or dual lanes, for its derivatives.
 
-It is what `envs.motion.Guide.advance` has a `Simulation` do, by the same kernel, `sampling.sample_rows`: on from kink
-to kink, each of them a consistent start.
+The period is the same as that of `envs.motion.Guide.advance`, by the same kernel, `sampling.sample_rows`: from kink to
+kink, with a consistent start at each.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compiler import alone, kernel, load, size, splat, stack, store
+from ..compiler import Lanes, kernel, load, size, splat, stack, store, without_tangents
 from ..physics.integrator.drive import set_motions
-from ..physics.integrator.work import copy_rows, unpack
+from ..physics.integrator.work import Work, copy_rows, unpack
 from ..physics.model import OK
 from ..tasks.program import GUIDED, MODE, PERIODS
 from .sampling import AT_KINK, NEAR, STRETCH, sample_rows, start_consistently
@@ -23,38 +23,48 @@ _ALL = 2**62
 
 
 class Guided(NamedTuple):
-    """What such an arm has beside its model."""
+    """Data of an arm that follows prescribed motions, beside its model."""
 
-    drive: Any
-    motions: int  # how many
-    kinks: np.ndarray  # (K,) s, in order
-    duration: float  # s, where the motions end, and the arm stays as it is
-    longest: float  # s, of a step
-    chunk: int  # steps taken at once
-    free: np.ndarray  # (A,): 1 where neither motion nor load acts on a joint, and an action counts
-    takes: float  # 1 where torques act on those joints
-    room: np.ndarray  # a work array, of dual lanes too
+    drive: Any  # loads and motions as functions of time
+    motions: int  # number of prescribed coordinates
+    kinks: np.ndarray  # (K,) s, ascending: instants where motions or loads may jump
+    duration: float  # s, end of the motions, after which the arm stays as it is
+    longest: float  # s, longest step
+    chunk: int  # steps between sums of the gross work
+    free: np.ndarray  # (A,): 1 where neither motion nor load acts on a joint, so that its action counts
+    takes: float  # 1 where actions are torques on those joints, otherwise 0
+    room: np.ndarray  # memory of a `Work`, large enough for dual lanes
 
 
 @kernel
-def follow_motions(lane, guide, p, model, par, record, action, w, anew):
-    """The steps of a period under an action; entries of the action that do not count are made 0.
+def follow_motions(lane, guide, p, model, par, record: Lanes, action, w: Work, anew):
+    """Advance an arm that follows prescribed motions by one control period, under torques on its free joints.
 
-    Torques that differ from the last ones are a kink, and the arm starts consistently there; anew: it does so whatever
-    the torques are, as derivatives by the action need it.
+    A torque that differs from the last one is a kink, where velocities and accelerations are made consistent. anew: do
+    so whatever the torques are, as derivatives by the action need it.
+    # guide     `Guided`: drive, kinks, longest step;  p: `Program`
+    # in        record.periods, which gives the time; par, the arm's own parameters
+    # in, out   action (joints, lanes), entries that do not count <- 0;  w: q, v, a, b, u and flag
+    # out       record.mode <- GUIDED, so that targets stay in place
     """
-    drive, periods = guide.drive, record[PERIODS * len(lane)]
-    x, stretch, end = unpack(lane, model, guide.room, guide.motions), stack(_ONE, _STRETCH), stack(_ONE, _ONE)
+    drive, periods = guide.drive, without_tangents(record[PERIODS])
+    x: Work = unpack(lane, model, guide.room, guide.motions)
+    stretch, end = stack(_ONE, _STRETCH), stack(_ONE, _ONE)
+    # the state moves to a work array of its own, which has rows for motions
     _copy_state(lane, model, w, x)
     copy_rows(lane, size(model.n_inputs), x.u, x.u0)
     _drop_known_tangents(lane, drive, x)
-    store(x.flag, 0, splat(lane, float(OK)))
+    x.flag[0] = float(OK)
+    # time from the number of periods; an instant within round-off of a kink is the kink
     t, kinked = _landed(guide.kinks, min(periods * p.period, guide.duration))
     side = 1e-6 * guide.longest
+    # motions as they are before t (after t at the start)
     set_motions(lane, drive, x.psi, t, t - side if periods > 0.5 else t + side)
     for k in range(_AT.end):
         stretch[k] = 0.0
+    # one interval, from t to the end of the period or of the motions
     stretch[_AT.time], stretch[_AT.longest], end[0] = t, guide.longest, min((periods + 1.0) * p.period, guide.duration)
+    # a kink at t: jump of loads and motions; then the jump of the torques
     if kinked and periods > 0.5:
         stretch[_AT.starts] = AT_KINK
         start_consistently(lane, model, drive, par, x, stretch)
@@ -65,13 +75,17 @@ def follow_motions(lane, guide, p, model, par, record, action, w, anew):
         _ALL, p.scheme, (0,), None, None,
     )  # fmt: skip
     _copy_state(lane, model, x, w)
-    store(w.flag, 0, load(lane, x.flag, 0))
-    store(record, MODE, splat(lane, float(GUIDED)))  # whose targets stay where they are
+    w.flag[0] = x.flag[0]
+    record[MODE] = float(GUIDED)  # targets of guided arms do not move
 
 
 @kernel
 def _copy_state(lane, model, w, x):
-    """The state and the inputs of w into x."""
+    """Copy coordinates, their rates, accelerations and inputs of work array w into work array x.
+
+    q: (n, lanes) m and rad; v: rates; a, b: accelerations and the integrator's auxiliary ones; u: (inputs, lanes) N m,
+    N.
+    """
     n = size(model.n)
     copy_rows(lane, n, w.q, x.q)
     copy_rows(lane, n, w.v, x.v)
@@ -82,24 +96,32 @@ def _copy_state(lane, model, w, x):
 
 @kernel
 def _drop_known_tangents(lane, drive, x):
-    """Prescribed coordinates without tangents: their motions, not the state that is given, say where they are."""
+    """Remove the tangents of prescribed coordinates, which follow from their motions and not from the given state.
+
+    drive.known: row of each prescribed coordinate; negative where a Lagrange multiplier prescribes it (skipped).
+    # in, out   x.q, x.v, x.a, x.b
+    """
     for i in range(drive.known.shape[0]):
         k = drive.known[i]
         if k >= 0:
             for rows in (x.q, x.v, x.a, x.b):
-                store(rows, k, splat(lane, alone(load(lane, rows, k))))
+                store(rows, k, splat(lane, without_tangents(load(lane, rows, k))))
 
 
 @kernel
-def _set_torques(lane, guide, task, model, action, x, anew):
-    """x.u <- the torques that an action asks for, where they act; returns whether they are others than before."""
+def _set_torques(lane, guide, task, model, action: Lanes, x, anew):
+    """Set x.u to the joint torques (N m) that the action commands, where guide.takes is 1; return whether one changed.
+
+    Torque = action (joints, lanes), in [-1, 1], times task.torque_limits. Entries of joints that are not free
+    (guide.free is 0) are set to 0. anew: count every torque as changed.
+    """
     changed = False
     for k in range(size(task.links)):
         if guide.free[k] < 0.5:
-            store(action, k, splat(lane, 0.0))
+            action[k] = 0.0
         if guide.takes > 0.5:
-            torque = load(lane, action, k) * task.torque_limits[k]
-            if anew or alone(torque) != alone(load(lane, x.u, k)):
+            torque = action[k] * task.torque_limits[k]
+            if anew or without_tangents(torque) != without_tangents(load(lane, x.u, k)):
                 changed = True
             store(x.u, k, torque)
     return changed
@@ -107,7 +129,11 @@ def _set_torques(lane, guide, task, model, action, x, anew):
 
 @kernel
 def _landed(kinks, t):
-    """The kink that is met at t, or t; whether there is one."""
+    """Return (the kink at time t (s), True), or (t, False) where there is none within round-off.
+
+    kinks (K,): s, instants where motions or loads may jump. Round-off: NEAR (1e-12) times t, or times 1 s for smaller
+    t.
+    """
     for k in range(kinks.shape[0]):
         if abs(kinks[k] - t) <= NEAR * max(1.0, t):
             return kinks[k], True

@@ -1,40 +1,44 @@
-"""The derivative of a control period along its steps: values in plain lanes, tangents by the implicit function theorem.
+"""Derivative of a control period step by step: values in plain lanes, tangents by the implicit function theorem.
 
-Who calls brings groups that nobody else has in hand, of which the first has the room that all of them work in. All
-columns go along together: each step is made once, its matrix is factored once more at its end, and each dual block
-carries some of the columns (`physics.integrator.tangents`).
+The caller passes groups that nobody else uses; the memory of the first serves all of them. All columns advance
+together: each step is computed once, its matrix is factored once more at its end, and each dual block carries a chunk
+of the columns (`physics.integrator.tangents`).
 """
 
 from __future__ import annotations
 
-from ..compiler import follow, inlined, kernel, largest, load, select_lt, size, splat, store
-from ..physics.arithmetic import put
-from ..physics.integrator.newton import slopes_of
+from ..compiler import dereference, inlined, kernel, load, max_over_lanes, select_lt, size, splat, store
+from ..physics.arithmetic import store_where
+from ..physics.integrator.newton import newmark_slopes
 from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
-from ..physics.integrator.switching import switch
+from ..physics.integrator.switching import jump_accelerations
 from ..physics.integrator.tangents import (
     before_switch,
     copy_state,
+    factor_step_end,
     light_tangents,
-    prepare,
     restart_tangents,
     step_tangents,
     switch_tangents,
 )
 from ..physics.integrator.work import copy_rows, unpack
-from ..physics.protocol import light
 from ..tasks.program import sections
 from .derivative import at_once, close, fill, seed, take_columns, write_outcome
 from .events import change_payloads
-from .keeping import keep
-from .motors import ask, jumps, start_stiff, starting, turn_motors
+from .keeping import save_lanes
+from .motors import command_motors, is_starting, may_jump_before_step, start_stiff, update_motor_torques
 
 
 @kernel
 def implicit(address, first, last):
-    """The derivative of the period of groups first ... last - 1."""
-    d = follow(address)
+    """Compute d.jacobian of one control period for groups first ... last - 1 by implicit differentiation of the steps.
+
+    Of each arm: (moving numbers of the state after, observed entries, reward) by (moving numbers at the start,
+    actions), shape (X + O + 1, X + A), SI units, observations over their scales. address: of a `derivative.Derivative`
+    d, whose outcome rows are written as well. The scratch memory of group `first` serves all groups. Returns 0.
+    """
+    d = dereference(address)
     for g in range(first, last):
         block = d.block[first * d.plain.row : (first + 1) * d.plain.row]
         chunks = (d.columns + at_once(d) - 1) // at_once(d)
@@ -45,41 +49,53 @@ def implicit(address, first, last):
 
 @inlined
 def _chunk(d, c, scratch):
-    """The dual block of chunk c of the columns, and the work array in it."""
+    """Return the dual block of chunk c of the columns, and the work array in it."""
     both = scratch[c * d.both.row : (c + 1) * d.both.row]
     return both, unpack(d.dual, d.program.model, both, 0)
 
 
 @kernel
 def _parameters(d, both):
+    """Return the section of a dual block with the arms' own parameters."""
     return both[d.both.par : d.both.poses]
 
 
 @kernel
 def _record(d, both):
+    """Return the section of a dual block with the records."""
     return both[d.both.record : d.both.action]
 
 
 @kernel
 def _period(lane, d, g, chunks, block, scratch, w):
+    """Compute the Jacobians of group g over one control period: values in `block`, tangents in `chunks` dual blocks.
+
+    # block     scratch, plain lanes;  w: views of it
+    # scratch   `chunks` dual blocks, each with some columns
+    # out       rows and Jacobians of d
+    """
     p, layout, model = d.program, d.plain, d.program.model
     par, poses, record, action, _, _, saved, _ = sections(layout, block)
+    # values: start of the period, commands
     fill(lane, d, d.places, layout, g, block)
     change_payloads(lane, p, par, record, w)
-    keep(w, record, saved)
-    ask(lane, p, model, par, poses, record, action, w)
+    save_lanes(w, record, saved)
+    command_motors(lane, p, model, par, poses, record, action, w)
     for c in range(chunks):
         _open(d, g, c, scratch)
-    slopes = slopes_of(p.scheme, p.h)
+    slopes = newmark_slopes(p.scheme, p.h)
+    # each step: motors, jump, step; then its tangents from the factored matrix at its end
     for s in range(p.n_steps):
         _turn(lane, d, s, chunks, record, scratch, w)
-        if jumps(p.actuator, s):
+        if may_jump_before_step(p.actuator, s):
             _jump(lane, d, chunks, par, s, record, saved, block, scratch, w)
         advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
-        prepare(lane, model, par, w, slopes)
+        factor_step_end(lane, model, par, w, slopes)
+        # tangents of q, v, a, b from the step's start to its end
         for c in range(chunks):
             both, x = _chunk(d, c, scratch)
             step_tangents(lane, d.dual, model, _parameters(d, both), w, x, slopes, p.scheme, d.passes)
+    # outcome
     for c in range(chunks):
         _close(lane, d, g, c, scratch, w)
     close(lane, p, layout, block, w)
@@ -88,35 +104,48 @@ def _period(lane, d, g, chunks, block, scratch, w):
 
 @kernel
 def _turn(lane, d, s, chunks, record, scratch, w):
-    """The motors' torques in step s, and their tangents."""
+    """Update the motors' torques (N m) for step s, in plain lanes and in all dual blocks.
+
+    # in, out   record.torque, in `record` and in the dual blocks
+    # out       u (joints, lanes), mean torques over the step, and u0, those before it, of w and of each dual work array
+    Ideal motors hold their torque.
+    """
     actuator = d.program.actuator
     if actuator is not None:
+        # inputs before the step, for the jump
         if s > 0:
             copy_rows(lane, size(d.program.model.n_inputs), w.u, w.u0)
-        turn_motors(lane, d.program.task, actuator, s, record, w)
+        update_motor_torques(lane, d.program.task, actuator, s, record, w)
         for c in range(chunks):
             both, x = _chunk(d, c, scratch)
             if s > 0:
                 copy_rows(d.dual, size(d.program.model.n_inputs), x.u, x.u0)
-            turn_motors(d.dual, d.program.task, actuator, s, _record(d, both), x)
+            update_motor_torques(d.dual, d.program.task, actuator, s, _record(d, both), x)
 
 
 @kernel
 def _open(d, g, c, scratch):
-    """Columns of chunk c, as far as the commands."""
+    """Start chunk c of the columns: state, seeds, payload change and commands in its dual block.
+
+    both: dual block of the chunk, filled from d.state and d.action; one tangent is 1 for each column.
+    """
     p, lane = d.program, d.dual
     both, x = _chunk(d, c, scratch)
     poses, action = both[d.both.poses : d.both.record], both[d.both.action : d.both.seen]
     fill(lane, d, d.twice, d.both, g, both)
     seed(lane, d, c * at_once(d), min((c + 1) * at_once(d), d.columns), both)
     change_payloads(lane, p, _parameters(d, both), _record(d, both), x)
-    ask(lane, p, p.model, _parameters(d, both), poses, _record(d, both), action, x)
+    command_motors(lane, p, p.model, _parameters(d, both), poses, _record(d, both), action, x)
 
 
 @kernel
 def _close(lane, d, g, c, scratch, w):
-    """What is to be seen by the columns of chunk c, and all of them into the arms' Jacobians."""
+    """End chunk c of the columns: observe in dual lanes, and copy its tangents into the arms' Jacobians.
+
+    w: state at the end of the period in plain lanes. The chunk's tangents are in its dual block.
+    """
     both, x = _chunk(d, c, scratch)
+    # values of the state at the period's end come from the plain lanes
     copy_state(lane, d.dual, d.program.model, w, x)
     close(d.dual, d.program, d.both, both, x)
     take_columns(d.dual, d, -1, g, c * at_once(d), min((c + 1) * at_once(d), d.columns), both)
@@ -124,10 +153,15 @@ def _close(lane, d, g, c, scratch, w):
 
 @kernel
 def _jump(lane, d, chunks, par, s, record, saved, block, scratch, w):
-    """`motors.jump` with its tangents."""
-    if isinstance(d.program.model.predictor, tuple):
+    """Let accelerations jump with the torques ahead of step s, with their tangents (`motors.jump_with_torques`).
+
+    # in        u0, u: inputs before and after, N m and N
+    # in, out   a, b (m/s^2, rad/s^2) of w, and their tangents in the dual work arrays
+    The elastica is solved anew; models with light joints and stiff models jump by the change of torques.
+    """
+    if d.program.model.newton.resolved is not None:
         _afresh(lane, d, chunks, par, block, scratch, w)
-    elif light(d.program.model) is not None:
+    elif d.program.model.newton.light_joints is not None:
         _light(lane, d, chunks, par, s, record, block, scratch, w)
     else:
         _stiff(lane, d, chunks, par, s, record, saved, block, scratch, w)
@@ -135,25 +169,36 @@ def _jump(lane, d, chunks, par, s, record, saved, block, scratch, w):
 
 @kernel
 def _afresh(lane, d, chunks, par, block, scratch, w):
+    """Solve for the elastica's accelerations anew, with their tangents; b = a.
+
+    Values in w, tangents in the dual work arrays of all chunks (m/s^2, rad/s^2).
+    """
     model = d.program.model
     restart(lane, model, None, par, block, 0, 0.0, d.program.h, True)
     for c in range(chunks):
         both, x = _chunk(d, c, scratch)
         restart_tangents(lane, d.dual, model, _parameters(d, both), w, x)
+        # x.r holds the solution with its tangents
         copy_rows(d.dual, size(model.n), x.r, x.a)
         copy_rows(d.dual, size(model.n), x.r, x.b)
 
 
 @kernel
 def _light(lane, d, chunks, par, s, record, block, scratch, w):
+    """Let accelerations of a model with light joints jump with the torques, with their tangents.
+
+    # in, out   a, b (m/s^2, rad/s^2): values in w, tangents in the dual work arrays of all chunks
+    # scratch   q0 of these
+    """
     p, model = d.program, d.program.model
     for c in range(chunks):
         both, x = _chunk(d, c, scratch)
-        first, zero = starting(d.dual, s, _record(d, both)), splat(d.dual, 0.0)
+        first, zero = is_starting(d.dual, s, _record(d, both)), splat(d.dual, 0.0)
         before_switch(lane, d.dual, model, _parameters(d, both), w, x)
+        # arms that begin have no residual before the jump: all forces count
         for k in range(size(model.n)):
             store(x.q0, k, select_lt(0.5, first, zero, load(d.dual, x.q0, k)))
-    switch(lane, model, par, block, 0, p.h, starting(lane, s, record))
+    jump_accelerations(lane, model, par, block, 0, p.h, is_starting(lane, s, record))
     for c in range(chunks):
         both, x = _chunk(d, c, scratch)
         light_tangents(lane, d.dual, model, _parameters(d, both), w, x, p.h)
@@ -161,14 +206,19 @@ def _light(lane, d, chunks, par, s, record, block, scratch, w):
 
 @kernel
 def _stiff(lane, d, chunks, par, s, record, saved, block, scratch, w):
+    """Let accelerations of a stiff model jump with the torques, with their tangents.
+
+    Where an episode begins they are solved for instead.
+    """
     p, model = d.program, d.program.model
     first = start_stiff(lane, p, model, par, s, record, saved, block, w)
+    # tangents need the residual before the jump, hence two passes over the chunks
     for c in range(chunks):
         both, x = _chunk(d, c, scratch)
-        if largest(first) > 0.5:
+        if max_over_lanes(first) > 0.5:
             _start_tangents(lane, d, model, p, both, w, x)
         before_switch(lane, d.dual, model, _parameters(d, both), w, x)
-    switch(lane, model, par, block, 0, p.h, None)
+    jump_accelerations(lane, model, par, block, 0, p.h, None)
     for c in range(chunks):
         both, x = _chunk(d, c, scratch)
         switch_tangents(lane, d.dual, model, _parameters(d, both), w, x)
@@ -176,13 +226,16 @@ def _stiff(lane, d, chunks, par, s, record, saved, block, scratch, w):
 
 @kernel
 def _start_tangents(lane, d, model, p, both, w, x):
-    """Tangents of lanes where an episode begins."""
+    """Set the tangents of accelerations and inputs in lanes where an episode begins; other lanes keep theirs.
+
+    both, x: a dual block and its work array. x.v0 is scratch.
+    """
     wide = d.dual
-    first = starting(wide, 0, _record(d, both))
+    first = is_starting(wide, 0, _record(d, both))
     copy_rows(wide, size(model.n), x.a, x.v0)
     restart_tangents(lane, wide, model, _parameters(d, both), w, x)
     for k in range(size(model.n)):
-        put(first, x.a, k, load(wide, x.r, k), load(wide, x.v0, k))
-        put(first, x.b, k, load(wide, x.r, k), load(wide, x.b, k))
+        store_where(wide, first, x.a, k, load(wide, x.r, k), load(wide, x.v0, k))
+        store_where(wide, first, x.b, k, load(wide, x.r, k), load(wide, x.b, k))
     for k in range(size(model.n_inputs)):
-        put(first, x.u0, k, load(wide, x.u, k), load(wide, x.u0, k))
+        store_where(wide, first, x.u0, k, load(wide, x.u, k), load(wide, x.u0, k))

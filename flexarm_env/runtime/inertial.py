@@ -1,91 +1,109 @@
-"""What an accelerometer on the tip of an arm in space reads: the mean of its specific force over a period."""
+"""Reading of an accelerometer on the tip of an arm in space: the mean of its specific force over a period."""
 
 from __future__ import annotations
 
-from ..compiler import kernel, pick, place
+from ..compiler import kernel, load_lane, store_lane
 from ..physics.space.rotations import (
-    back,
-    composed,
+    Matrix,
+    Vector,
+    compose,
     cross,
-    difference,
     dot,
-    inverse,
+    inverse_rotation,
     matrix,
-    minus,
-    plus,
-    product,
     quaternion,
-    scaled,
-    shorter,
-    sum_of,
-    times,
-    transposed,
+    shortest_rotation,
     turn_of,
-    turned,
 )
 from .laws import GAUSS, channel_of
 
 
 @kernel
 def _inverse(A):
-    """Of a matrix, by Cramer's rule."""
-    a, b, c = transposed(A)
+    """Return the inverse of a 3 x 3 `Matrix` A by Cramer's rule."""
+    # columns of A; the rows of the inverse are their cross products over the determinant
+    a, b, c = A.T
     share = 1.0 / dot(a, cross(b, c))
-    return times(cross(b, c), share), times(cross(c, a), share), times(cross(a, b), share)
+    return Matrix(share * cross(b, c), share * cross(c, a), share * cross(a, b))
 
 
 @kernel
 def _on_the_way(s, turn, start, end):
-    """Axes at s, from -1 to 1, in those at -1: a cubic of rotation vectors, 0 to `turn`, with slopes at both ends."""
-    two = times(turn, (2.0 + s * (3.0 - s * s)) * 0.25)
-    slopes = plus(times(start, (1.0 - s) * (1.0 - s) * (1.0 + s) * 0.25), times(end, (s + 1.0) * (s * s - 1.0) * 0.25))
-    return matrix(quaternion(plus(two, slopes)))
+    """Return the tip's rotation matrix at s, in the axes that the tip had at s = -1; s runs from -1 to 1 over a period.
+
+    The rotation vector is a cubic Hermite polynomial from 0 to `turn` (rad), with slopes start at s = -1 and end at s =
+    1 (rad per unit of s).
+    """
+    two = (2.0 + s * (3.0 - s * s)) * 0.25 * turn
+    slopes = (1.0 - s) * (1.0 - s) * (1.0 + s) * 0.25 * start + (s + 1.0) * (s * s - 1.0) * 0.25 * end
+    return matrix(quaternion(two + slopes))
 
 
 @kernel
 def specific_force(lane, memory, base, room, c, i, r, psi, v, w, period, gravity, first):
-    """(3,) m/s^2 along the tip's axes, of its place r, rotation vector psi, velocity v (inertial), angular velocity w
-    (its own axes), in channels c, c + 1, c + 2: `laws.tip_acceleration` in space.
+    """Return the tip's specific force (acceleration less gravity) in tip axes, mean over the last period, (3,) m/s^2.
 
-    f = f0 + f1 s in the tip's own axes R(s), s from -1 to 1; M0 = mean R f = A0 f0 + A1 f1 and M1 = mean s R f =
-    A1 f0 + A2 f1 are the changes of velocity and place, A_j = mean s^j R at three Gauss points; f0 is wanted.
+    In the tip's own axes R(s), s from -1 to 1 over the period, f = f0 + f1 s is such that it carries the tip from its
+    position and velocity a period ago to those of now (`laws.tip_acceleration` in space):
+
+        M0 = mean R f = A0 f0 + A1 f1,     M1 = mean s R f = A1 f0 + A2 f1,     A_j = mean s^j R at three Gauss points,
+
+    where M0 and M1 follow from the changes of velocity and position; f0 is returned. r: position, m; psi: rotation
+    vector, rad; v: velocity, m/s; inertial axes. w: angular velocity, rad/s, tip axes. gravity: m/s^2, inertial axes.
+    memory: channels c, c + 1, c + 2 store r, v, psi, w for the next period; i: lane. base: offset of channel 0 in
+    `memory`; room: past outputs in a channel. first: True without a period before; f = w x R^T v - R^T g, for a
+    constant velocity in the tip's axes.
     """
     R = matrix(quaternion(psi))
     if first:
-        found = minus(cross(w, back(R, v)), back(R, gravity))
+        found = cross(w, R.T @ v) - R.T @ gravity
     else:
+        # turn: rotation over the period, in the tip's old axes; slopes at both ends from the angular velocities
         old_r, old_v, old_psi, old_w = _before(lane, memory, base, room, c, i)
         p = quaternion(old_psi)
-        whole = turn_of(shorter(composed(inverse(p), quaternion(psi))))
+        whole = turn_of(shortest_rotation(compose(inverse_rotation(p), quaternion(psi))))
         turn = whole.psi
-        start, end = times(old_w, 0.5 * period), times(turned(whole.T, w), 0.5 * period)
+        start, end = 0.5 * period * old_w, 0.5 * period * (whole.T @ w)
+        # M0 and M1, in the tip's old axes
         R0, share = matrix(p), 1.0 / period
-        M0 = back(R0, minus(times(minus(v, old_v), share), gravity))
-        M1 = back(R0, times(minus(plus(v, old_v), times(minus(r, old_r), 2.0 * share)), share))
+        M0 = R0.T @ (share * (v - old_v) - gravity)
+        M1 = R0.T @ (share * (v + old_v - 2.0 * share * (r - old_r)))
+        # rotation matrices at the Gauss points, and their moments A_j
         a = _on_the_way(-GAUSS, turn, start, end)
         b = _on_the_way(0.0, turn, start, end)
         d = _on_the_way(GAUSS, turn, start, end)
-        A0 = sum_of(scaled(sum_of(a, d), 5.0 / 18.0), scaled(b, 4.0 / 9.0))
-        A1 = scaled(difference(d, a), 5.0 / 18.0 * GAUSS)
-        A2 = scaled(sum_of(a, d), 5.0 / 18.0 * 0.6)
-        over = product(A1, _inverse(A2))
-        found = turned(_inverse(difference(A0, product(over, A1))), minus(M0, turned(over, M1)))
+        A0 = 5.0 / 18.0 * (a + d) + 4.0 / 9.0 * b
+        A1 = 5.0 / 18.0 * GAUSS * (d - a)
+        A2 = 5.0 / 18.0 * 0.6 * (a + d)
+        # eliminate f1: f0 = (A0 - A1 A2^-1 A1)^-1 (M0 - A1 A2^-1 M1)
+        over = A1 @ _inverse(A2)
+        found = _inverse(A0 - over @ A1) @ (M0 - over @ M1)
     for k in range(3):
         at = channel_of(base, room, c + k)
-        place(lane, memory, at.place, i, r[k])
-        place(lane, memory, at.speed, i, v[k])
-        place(lane, memory, at.turn, i, psi[k])
-        place(lane, memory, at.rate, i, w[k])
+        store_lane(lane, memory, at.place, i, r[k])
+        store_lane(lane, memory, at.speed, i, v[k])
+        store_lane(lane, memory, at.turn, i, psi[k])
+        store_lane(lane, memory, at.rate, i, w[k])
     return found
 
 
 @kernel
 def _before(lane, memory, base, room, c, i):
-    """Place, velocity, rotation vector and angular velocity an instant ago."""
+    """Return position (m), velocity (m/s), rotation vector (rad) and angular velocity (rad/s) of the tip a period ago.
+
+    Inertial axes, the angular velocity in tip axes. Channels c, c + 1, c + 2 store them for lane i, one component each.
+    base: offset of channel 0 in `memory`; room: past outputs in a channel.
+    """
     x, y, z = channel_of(base, room, c), channel_of(base, room, c + 1), channel_of(base, room, c + 2)
     return (
-        (pick(lane, memory, x.place, i), pick(lane, memory, y.place, i), pick(lane, memory, z.place, i)),
-        (pick(lane, memory, x.speed, i), pick(lane, memory, y.speed, i), pick(lane, memory, z.speed, i)),
-        (pick(lane, memory, x.turn, i), pick(lane, memory, y.turn, i), pick(lane, memory, z.turn, i)),
-        (pick(lane, memory, x.rate, i), pick(lane, memory, y.rate, i), pick(lane, memory, z.rate, i)),
+        _stored_vector(lane, memory, x.place, y.place, z.place, i),
+        _stored_vector(lane, memory, x.speed, y.speed, z.speed, i),
+        _stored_vector(lane, memory, x.turn, y.turn, z.turn, i),
+        _stored_vector(lane, memory, x.rate, y.rate, z.rate, i),
     )
+
+
+@kernel
+def _stored_vector(lane, memory, x, y, z, i):
+    """Return the vector whose components are entries x, y, z (offsets in a single lane) of lane i of `memory`."""
+    return Vector(load_lane(lane, memory, x, i), load_lane(lane, memory, y, i), load_lane(lane, memory, z, i))

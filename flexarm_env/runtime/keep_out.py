@@ -1,4 +1,4 @@
-"""How far an arm is from the shapes that it is to stay out of: of its points the nearest."""
+"""Clearance of an arm from shapes that it must stay out of: distance of the nearest of its points."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiler import apart, kernel, load, maximum, size, splat, stack, uncompiled
+from ..compiler import kernel, maximum, noinline, size, stack, store_lane, uncompiled
 from ..physics.obstacles import OBSTACLE, KeepOut, distance
-from ..physics.protocol import shape
+from ..physics.protocol import centerline
 from ..tasks.program import FURTHER
 from ..tasks.task import info_of, put_info
 
@@ -19,30 +19,39 @@ Array = NDArray[np.float64]
 _ONE = (0,)
 
 SPACING = 1.0 / 16.0
-"""Of the points that count along an arm, over its length, at most."""
+"""Largest spacing of the points that are checked along an arm, over its length."""
 
 
 def with_room(given: KeepOut | None, model: Any, q: Array, room: Array, groups: int, length: float) -> KeepOut | None:
-    """With room for the points of an arm of each group: as many as a state has in `room`, (many, 2 or 3); length: of
-    the arm, m."""
+    """Return the `KeepOut` with memory for centerline points, and the subdivision of the intervals between them.
+
+    given: or None, which is returned. q: a state of the model. room (many, 2 or 3): scratch that holds its points, m.
+    groups: of the batch. length: of the arm, m; intervals are subdivided to at most SPACING of it.
+    """
     if given is None:
         return None
-    count = int(uncompiled(shape)(model, q, room))
+    count = int(uncompiled(centerline)(model, q, room))
     gaps = np.linalg.norm(np.diff(room[:count], axis=0), axis=1)
     parts = np.ones(count, np.int64)
-    if given.tip is None:  # along rigid ends, for one, nothing is drawn
+    # between joint and beam a rigid end has no centerline points
+    if given.tip is None:
         parts[1:] = np.maximum(1, np.ceil(gaps / (SPACING * length) - 1e-9))
     return given._replace(rows=(0,) * len(q), points=np.zeros((groups, count, room.shape[1])), parts=parts)
 
 
-@apart
+@noinline
 def clearance(keep_out, model, g, lanes, i, q):
-    """Of arm i of group g: signed distance, m, of the nearest of its points from the nearest shape. The root, which is
-    held, does not count."""
+    """Return the signed distance (m) of arm i of group g from the nearest shape; negative within a shape.
+
+    Points along the centerline (inertial axes) are checked, or the tip alone where keep_out.tip is a tag. The root,
+    which is held, is not. q (n, lanes): coordinates (m, rad) of the group's arms. keep_out.parts: subdivision of the
+    intervals between centerline points; keep_out.rows, points: tag of n numbers, and scratch for the points.
+    """
     mine, points = stack(_ONE, keep_out.rows), keep_out.points[g]
+    # coordinates of this arm without lanes, then its centerline
     for k in range(size(model.n)):
         mine[k] = q[k * lanes + i]
-    count = shape(model, mine, points)
+    count = centerline(model, mine, points)
     least, first = math.inf, 1
     if keep_out.tip is not None:
         first = count - 1
@@ -52,6 +61,7 @@ def clearance(keep_out, model, g, lanes, i, q):
         if points.shape[1] > 2:
             z = points[j, 2]
             dz = z - points[j - 1, 2]
+        # subdivide the interval from point j back to point j - 1
         for part in range(keep_out.parts[j]):
             back = part / keep_out.parts[j]
             for s in range(keep_out.shapes.shape[0] // OBSTACLE.places.end):
@@ -61,11 +71,15 @@ def clearance(keep_out, model, g, lanes, i, q):
 
 @kernel
 def record_clearance(lane, p, g, q, live, info):
-    """That of the arms of group g into info, where `live` > 1/2."""
+    """Write clearance and penetration (m) of the arms of group g into info where live > 1/2.
+
+    Clearance: signed distance of the arm from the nearest shape to keep out of. Penetration: max(-clearance, 0). q (n,
+    lanes): coordinates (m, rad). No-op without such shapes (p.keep_out None).
+    """
     if p.keep_out is not None:
         found = stack(lane, _ONE)
         for i in range(len(lane)):
-            found[i] = clearance(p.keep_out, p.model, g, len(lane), i, q)
-        at, far = info_of(p.task).further, load(lane, found, 0)
+            store_lane(lane, found, 0, i, clearance(p.keep_out, p.model, g, len(lane), i, q))
+        at, far = info_of(p.task).further, found[0]
         put_info(lane, live, info, at + FURTHER.clearance, far)
-        put_info(lane, live, info, at + FURTHER.penetration, maximum(-far, splat(lane, 0.0)))
+        put_info(lane, live, info, at + FURTHER.penetration, maximum(-far, 0.0))

@@ -1,20 +1,29 @@
-"""What is kept of arms, to be gone back to: a `tasks.program.SAVED`, with of the record what there is room for."""
+"""Save and restore the state of arms, for periods that are repeated: a `tasks.program.SAVED` in lanes.
+
+`saved` holds q, v, a, b, books, u, psi, reactions, and as much of the record as its length leaves room for.
+"""
 
 from __future__ import annotations
 
-from ..compiler import apart, kernel
+from ..compiler import kernel, noinline
 
 
 @kernel
 def _parts(w, record, saved):
-    """What is kept, in the order of `SAVED`."""
+    """Return the views of a group's memory that are saved, in the order of `SAVED`.
+
+    w: the integrator's `Work`: q, v, a, b (coordinates, rates, accelerations, auxiliary ones), books (energy account),
+    inputs u, prescribed motions psi and their reactions. record: its first numbers are saved, as many as fit into
+    `saved`.
+    """
+    # numbers of `saved` before the record
     length = 4 * w.q.shape[0] + w.books.shape[0] + w.u.shape[0] + w.psi.shape[0] + w.reaction.shape[0]
     return w.q, w.v, w.a, w.b, w.books, w.u, w.psi, w.reaction, record[: saved.shape[0] - length]
 
 
 @kernel
 def write_parts(parts, kept):
-    """Rows of numbers into `kept`, one behind the other."""
+    """Copy the arrays `parts` into the array `kept`, one after the other."""
     first = 0
     for part in parts:
         for k in range(part.shape[0]):
@@ -24,7 +33,7 @@ def write_parts(parts, kept):
 
 @kernel
 def read_parts(parts, kept):
-    """`write_parts`, undone."""
+    """Copy `kept` back into the arrays `parts`, in the order in which `write_parts` stored them."""
     first = 0
     for part in parts:
         for k in range(part.shape[0]):
@@ -33,25 +42,41 @@ def read_parts(parts, kept):
 
 
 @kernel
-def keep(w, record, saved):
-    """All lanes into `saved`."""
+def save_lanes(w, record, saved):
+    """Save the state, inputs, energy account and record of all lanes in `saved`.
+
+    # in        w: q, v, a, b, books, u, psi, reaction;  record, as much as `saved` has room for
+    # out       saved, a `SAVED` in lanes
+    """
     write_parts(_parts(w, record, saved), saved)
 
 
 @kernel
-def keep_lane(lanes, i, w, record, saved):
-    """Lane i into `saved`."""
+def save_lane(lanes, i, w, record, saved):
+    """Save the state, inputs, energy account and record of lane i (of `lanes`) in `saved`.
+
+    # in        w: q, v, a, b, books, u, psi, reaction;  record, as much as `saved` has room for
+    # out       saved, a `SAVED` in lanes; other lanes stay
+    """
     _copy_lane(lanes, i, _parts(w, record, saved), saved, False)
 
 
 @kernel
-def put_back(lanes, i, w, saved, record):
-    """Lane i as it was kept."""
+def restore_lane(lanes, i, w, saved, record):
+    """Restore the state, inputs, energy account and record of lane i (of `lanes`) from `saved`.
+
+    # in        saved, a `SAVED` in lanes
+    # out       w: q, v, a, b, books, u, psi, reaction;  record, as much as was saved; other lanes stay
+    """
     _copy_lane(lanes, i, _parts(w, record, saved), saved, True)
 
 
 @kernel
 def _copy_lane(lanes, i, parts, saved, back):
+    """Copy lane i of the arrays `parts` to `saved`, one array after the other, or from `saved` where `back` is True.
+
+    All arrays hold lanes: number k of lane i is at k lanes + i.
+    """
     first = i
     for part in parts:
         if back:
@@ -61,8 +86,11 @@ def _copy_lane(lanes, i, parts, saved, back):
         first += part.shape[0]
 
 
-@apart
+@noinline
 def _copy(source, target, count, step):
-    """Of so many numbers every `step`-th; apart: it is seldom done, and LLVM makes much of a loop for each array."""
+    """Copy every `step`-th number of `source` to the same places of `target`, up to `count`.
+
+    Not inlined: it is seldom called, and LLVM would spend much code on a loop for each array.
+    """
     for k in range(0, count, step):
         target[k] = source[k]

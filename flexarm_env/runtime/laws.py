@@ -1,4 +1,10 @@
-"""How one quantity is read by its law: filter, delay, gain and bias, noise, resolution; and rows of readings."""
+"""The law by which a sensor reads one quantity: filter, delay, gain and bias, noise, resolution (`sensors.Law`).
+
+    reading = round(gain F u(t - delay) + bias + noise),        F: low-pass filter
+
+Between instants u is a straight line, for which filter and delay are exact. Bias, noise and resolution are in units of
+the entry's scale. A channel (`program.CHANNEL`) holds what a sensor remembers.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..compiler import alone, arms, kernel, pick, place, sincos, with_slope
+from ..compiler import kernel, lane_count, load_lane, sincos, store_lane, with_slope, without_tangents
 from ..tasks.program import CHANNEL, LAW, channel_at
 from ..tasks.stream import draw, uniform
 
@@ -17,7 +23,13 @@ LAW_SIZE = _LAW.end
 
 
 def law_of(law: Any, scale: float, period: float, path: str = "sensors") -> np.ndarray:
-    """A `LAW` for a sensor (`flexarm_env.sensors.Law`) read every `period` s. scale: of its entry, in its unit."""
+    """Return the `LAW` array of a sensor (`flexarm_env.sensors.Law`) that is read every `period` s.
+
+    scale: unit of the entry in SI; bias, noise and resolution are divided by it. path: of the sensor, for messages.
+    Raises ValueError for a delay of more than MOST_LATE periods, or a reading interval that is no whole number of
+    periods.
+    """
+    # delay and interval in periods; delay = whole periods + share of one
     late, every = law.delay / period, law.interval / period
     if round(every) != 0 and abs(every - round(every)) > 1e-6 * every:
         raise ValueError(f"{path}.period = {law.interval!r}: must be a whole number of periods of {period:g} s")
@@ -26,6 +38,7 @@ def law_of(law: Any, scale: float, period: float, path: str = "sensors") -> np.n
     whole = math.floor(late + 1e-9)
     share = late - whole if late - whole > 1e-9 else 0.0
     own, before, after = _held_filter(law.low_pass, period)
+    # rate of an encoder: rate <- kept rate + (1 - kept) (difference of readings) / period
     kept = math.exp(-2.0 * math.pi * getattr(law, "rate_frequency", 0.0) * period)
     return LAW.pack(
         {}, gain=law.gains, bias=np.array(law.biases) / scale, noise=law.noise / scale, quantum=law.step / scale,
@@ -35,14 +48,16 @@ def law_of(law: Any, scale: float, period: float, path: str = "sensors") -> np.n
 
 
 MOST_LATE = 1000
-"""Periods by which a sensor may be late: each of them is remembered."""
+"""Largest delay of a sensor in periods, each of which is stored."""
 
 
 @lru_cache(64)
 def _held_filter(low_pass: Any, period: float) -> tuple[Any, Any, Any]:
-    """A low-pass over a period in which its input runs straight: the exact solution of its equation.
+    """Return the exact transition of a low-pass filter over a period in which its input u is a straight line.
 
-    State (y, y' / w): y' = w s, s' = w (u - y) - 2 damping w s; of order 1 y' = w (u - y) alone.
+    State x = (y, s) with y' = w s, s' = w (u - y) - 2 damping w s; order 1 has y' = w (u - y) alone. Time is in
+    periods. Returned are own (4,) by rows, before (2,) and after (2,) of x+ = own x + before u + after u+. low_pass:
+    None for y = u.
     """
     if low_pass is None:
         return (0.0,) * 4, (0.0, 0.0), (1.0, 0.0)
@@ -52,6 +67,7 @@ def _held_filter(low_pass: Any, period: float) -> tuple[Any, Any, Any]:
     A, B = [[-w, 0.0], [0.0, -1.0]], [w, 0.0]
     if low_pass.order == 2:
         A, B = [[0.0, w], [-w, -2.0 * low_pass.damping * w]], [0.0, w]
+    # expm of ((A, B, 0), (0, 0, 1), (0, 0, 0)): state, input, slope of the input
     block = np.zeros((4, 4))
     block[:2, :2], block[:2, 2], block[2, 3] = A, B, 1.0
     power = expm(block)
@@ -59,11 +75,15 @@ def _held_filter(low_pass: Any, period: float) -> tuple[Any, Any, Any]:
 
 
 def _bow(low_pass: Any, period: float, share: float) -> np.ndarray:
-    """`LAW.bow` (4,): what is added to the straight line between a filter's outputs at two instants to have its output
-    `share` of a period before the second, where the input runs straight between them."""
+    """Return `LAW.bow` (4,), by which a delayed filter output exceeds the line between two outputs.
+
+    The filter's output `share` of a period before the second instant is (1 - share) y+ + share y + bow . (y, s, u, u+),
+    where the input runs straight from u to u+. Zeros without a filter or a fractional delay.
+    """
     if low_pass is None or share == 0.0:
         return np.zeros(4)
     rows = []
+    # output after the whole period, and after the part before the delayed instant, each by (y, s, u, u+)
     for part in (1.0, 1.0 - share):
         own, before, after = _held_filter(low_pass, part * period)
         rows.append(np.array([own[0], own[1], before[0] + (1.0 - part) * after[0], part * after[0]]))
@@ -71,139 +91,175 @@ def _bow(low_pass: Any, period: float, share: float) -> np.ndarray:
 
 
 def room_of(laws: np.ndarray) -> int:
-    """Room for the past that these laws (c, LAW) need."""
+    """Return how many past outputs a channel must store for laws (c, LAW): the largest whole delay, in periods."""
     return int(laws[:, _LAW.late].max(initial=0.0))
 
 
 def memory_of(channels: int, room: int) -> np.ndarray:
-    """A `CHANNEL` for each."""
+    """Return zeroed memory for `channels` channels, a `CHANNEL` with `room` past outputs each."""
     return np.zeros(channels * CHANNEL.offsets(0, room).end)
 
 
 @kernel
 def channel_of(base, room, c):
-    """Where the numbers of channel c are."""
+    """Return the offsets of the numbers of channel c, the memory of a sensor for one quantity (`program.CHANNEL`).
+
+    base: offset of channel 0; room: past outputs in a channel. Offsets count numbers of one arm, without lanes.
+    """
     return channel_at(base + c * channel_at(0, room).end, room)
 
 
 @kernel
 def normal(stream, arm):
-    """A standard normal number from an arm's stream (Box & Muller 1958)."""
+    """Return a normal number with mean 0 and standard deviation 1 from an arm's stream (Box & Muller 1958)."""
     radius = math.sqrt(-2.0 * math.log(1.0 - uniform(stream, arm)))
     return radius * math.cos(2.0 * math.pi * uniform(stream, arm))
 
 
 @kernel
 def read(lane, laws, room, c, memory, base, stream, arm, value, first):
-    """What channel c reads of a quantity, a period after the last time. base: of the channels in `memory`.
+    """Return the reading of a quantity by channel c, one period after the last call, and update its memory.
 
-    first: of an episode; the quantity has been what it is for ever. stream: None for readings without noise, never the
-    first. Under a dual tag the number of one arm goes through with its tangents; rounding leaves these as they are.
+    value: true quantity now, in the unit of its law. laws: a `LAW` a channel. memory: array in lanes that holds a
+    `CHANNEL` a channel from offset `base` on, with `room` past outputs each. arm: number in the batch; its lane is arm
+    % lanes.
+    first: True at the start of an episode; the quantity is taken to have had this value for ever. stream: random
+    numbers, or None for readings without noise (a first reading needs them). Under a dual tag the number of one arm
+    carries its tangents; rounding passes them unchanged.
     """
-    i, o, at = arm % arms(lane), c * _LAW.end, channel_of(base, room, c)
+    i, o, at = arm % lane_count(lane), c * _LAW.end, channel_of(base, room, c)
     since, late, share, bow = laws[o + _LAW.every], int(laws[o + _LAW.late]), laws[o + _LAW.share], o + _LAW.bow
+    # start: the filter is at rest at `value`
     if first:
         _remember(lane, laws, room, o, at, memory, stream, arm, value)
-        here = pick(lane, memory, at.output, i)
+        here = load_lane(lane, memory, at.output, i)
     else:
-        y, s = pick(lane, memory, at.output, i), pick(lane, memory, at.slope, i)
-        u = pick(lane, memory, at.input, i)
+        # filter: (output, slope) a period later, for an input that runs straight from u to value
+        y, s = load_lane(lane, memory, at.output, i), load_lane(lane, memory, at.slope, i)
+        u = load_lane(lane, memory, at.input, i)
         held = laws[o + _LAW.before] * u + laws[o + _LAW.after] * value
-        place(lane, memory, at.output, i, laws[o + _LAW.own] * y + laws[o + _LAW.own + 1] * s + held)
+        store_lane(lane, memory, at.output, i, laws[o + _LAW.own] * y + laws[o + _LAW.own + 1] * s + held)
         held = laws[o + _LAW.before + 1] * u + laws[o + _LAW.after + 1] * value
-        place(lane, memory, at.slope, i, laws[o + _LAW.own + 2] * y + laws[o + _LAW.own + 3] * s + held)
+        store_lane(lane, memory, at.slope, i, laws[o + _LAW.own + 2] * y + laws[o + _LAW.own + 3] * s + held)
         since = memory[at.since * len(lane) + i] + 1.0
-        here = pick(lane, memory, at.output, i)
+        here = load_lane(lane, memory, at.output, i)
+        # fractional delay: straight line between outputs plus the bow of the filtered line
         if share > 0.0:
             here = here + (y - here) * share
             here = here + (laws[bow] * y + laws[bow + 1] * s + laws[bow + 2] * u + laws[bow + 3] * value)
-    place(lane, memory, at.input, i, value)
+    store_lane(lane, memory, at.input, i, value)
+    # whole periods of delay: take the output from the past, then push the newest one onto it
     now = here
     if late > 0:
-        here = pick(lane, memory, at.past + late - 1, i)
+        here = load_lane(lane, memory, at.past + late - 1, i)
     for k in range(room - 1, 0, -1):
-        place(lane, memory, at.past + k, i, pick(lane, memory, at.past + k - 1, i))
+        store_lane(lane, memory, at.past + k, i, load_lane(lane, memory, at.past + k - 1, i))
     if room > 0:
-        place(lane, memory, at.past, i, now)
+        store_lane(lane, memory, at.past, i, now)
+    # a reading is taken every `every` periods and held between: gain, bias, noise, rounding
     if since > laws[o + _LAW.every] - 0.5:
-        here = here * pick(lane, memory, at.gain, i) + pick(lane, memory, at.bias, i)
+        here = here * load_lane(lane, memory, at.gain, i) + load_lane(lane, memory, at.bias, i)
         noise, quantum = laws[o + _LAW.noise], laws[o + _LAW.quantum]
         if stream is not None and noise > 0.0:
             here = here + noise * normal(stream, arm)
+        # rounded in value, slope 1 for derivatives
         if quantum > 0.0:
-            here = with_slope(quantum * math.floor(alone(here) / quantum + 0.5), here, 1.0)
-        place(lane, memory, at.reading, i, here)
+            here = with_slope(quantum * math.floor(without_tangents(here) / quantum + 0.5), here, 1.0)
+        store_lane(lane, memory, at.reading, i, here)
         since = 0.0
     memory[at.since * len(lane) + i] = since
-    return pick(lane, memory, at.reading, i)
+    return load_lane(lane, memory, at.reading, i)
 
 
 @kernel
 def _remember(lane, laws, room, o, at, memory, stream, arm, value):
-    """A channel at an episode's start."""
+    """Draw a channel's gain and bias and fill its memory with `value`, at the start of an episode.
+
+    o: offset of its law in `laws`. at: offsets of its numbers in `memory`. room: past outputs in a channel. value: the
+    true quantity, which is taken to have had this value for ever. Nothing happens without a stream.
+    """
     if stream is not None:
-        i = arm % arms(lane)
+        i = arm % lane_count(lane)
         memory[at.gain * len(lane) + i] = draw(stream, arm, laws[o + _LAW.gain :], 0)
         memory[at.bias * len(lane) + i] = draw(stream, arm, laws[o + _LAW.bias :], 0)
-        place(lane, memory, at.output, i, value)
-        place(lane, memory, at.slope, i, 0.0)
+        store_lane(lane, memory, at.output, i, value)
+        store_lane(lane, memory, at.slope, i, 0.0)
         for k in range(room):
-            place(lane, memory, at.past + k, i, value)
+            store_lane(lane, memory, at.past + k, i, value)
 
 
 @kernel
 def read_encoder(lane, laws, room, c, memory, base, stream, arm, angle, first):
-    """Angle and rate that an encoder reads (`flexarm_env.sensors.Encoder`)."""
-    i, o, at = arm % arms(lane), c * _LAW.end, channel_of(base, room, c)
-    before = pick(lane, memory, at.reading, i)
+    """Return the angle (rad) and rate (rad/s) that an encoder reads on channel c (`flexarm_env.sensors.Encoder`).
+
+        rate+ = kept rate + (1 - kept) (reading+ - reading) / period,        kept = exp(-2 pi rate_frequency period)
+
+    angle: true angle, rad. first: at the start of an episode, where the rate is 0. Other arguments as in `read`.
+    """
+    i, o, at = arm % lane_count(lane), c * _LAW.end, channel_of(base, room, c)
+    before = load_lane(lane, memory, at.reading, i)
     now = read(lane, laws, room, c, memory, base, stream, arm, angle, first)
     if first:
-        place(lane, memory, at.rate, i, 0.0)
+        store_lane(lane, memory, at.rate, i, 0.0)
     else:
-        rate = laws[o + _LAW.kept] * pick(lane, memory, at.rate, i) + laws[o + _LAW.rate] * (now - before)
-        place(lane, memory, at.rate, i, rate)
-    return now, pick(lane, memory, at.rate, i)
+        rate = laws[o + _LAW.kept] * load_lane(lane, memory, at.rate, i) + laws[o + _LAW.rate] * (now - before)
+        store_lane(lane, memory, at.rate, i, rate)
+    return now, load_lane(lane, memory, at.rate, i)
 
 
 GAUSS = math.sqrt(0.6)
-"""The outer two of three Gauss points between -1 and 1; their weights are 5/18, that of the middle 8/18."""
+"""Outer Gauss points of three on [-1, 1], +-GAUSS; weights for a mean are 5/18 each, and 8/18 in the middle."""
 
 
 @kernel
 def tip_acceleration(lane, memory, base, room, c, i, x, y, angle, vx, vy, rate, period, gravity_x, gravity_y, first):
-    """Mean over the last period of the tip's specific force f (acceleration less gravity) along its tangent and across,
-    m/s^2: f = f0 + f1 s, s from -1 to 1, in the tip's own axes, so that what it turns into in fixed ones brings the tip
-    from its place and velocity a period ago to those of now. The angle psi(s) is the cubic of angles and rates at both
-    ends; integrals are those of three Gauss points. With s^j e^(i psi) averaged, a_j, and the changes of velocity and
-    place, M0 = mean f e^(i psi) = a_0 f0 + a_1 f1 and M1 = mean s f e^(i psi) = a_1 f0 + a_2 f1, complex, f0 is wanted.
+    """Return the tip's specific force f in the plane (acceleration less gravity), mean over the last period, m/s^2.
 
-    first: there is no time before; what it is at the instant if the velocity in the tip's own axes stays as it is.
+    In the tip's own axes, along its tangent and across, f = f0 + f1 s with s from -1 to 1 over the period is such that,
+    turned into inertial axes, it carries the tip from its position and velocity a period ago to those of now. As
+    complex numbers,
+
+        M0 = mean f e^(i psi) = a_0 f0 + a_1 f1,     M1 = mean s f e^(i psi) = a_1 f0 + a_2 f1,
+        a_j = mean s^j e^(i psi),
+
+    where M0 and M1 follow from the changes of velocity and position; f0 is returned. The angle psi(s) is the cubic
+    through angles and rates at both ends; means are those of three Gauss points.
+
+    x, y, vx, vy: tip position and velocity, inertial axes, m and m/s. angle, rate: of its tangent, rad and rad/s.
+    gravity: inertial axes, m/s^2. memory: channels c and c + 1 store these numbers of lane i for the next period; base:
+    offset of channel 0; room: past outputs in a channel.
+    first: True without a period before; the velocity in the tip's axes is then taken as constant, f = rate x v - g.
     """
     a, b = channel_of(base, room, c), channel_of(base, room, c + 1)
     if first:
         fx, fy, turn = -rate * vy - gravity_x, rate * vx - gravity_y, angle
     else:
-        vx0, vy0 = pick(lane, memory, a.speed, i), pick(lane, memory, b.speed, i)
-        dx, dy = x - pick(lane, memory, a.place, i), y - pick(lane, memory, b.place, i)
-        angle0, rate0 = pick(lane, memory, a.turn, i), pick(lane, memory, b.turn, i)
+        vx0, vy0 = load_lane(lane, memory, a.speed, i), load_lane(lane, memory, b.speed, i)
+        dx, dy = x - load_lane(lane, memory, a.place, i), y - load_lane(lane, memory, b.place, i)
+        angle0, rate0 = load_lane(lane, memory, a.turn, i), load_lane(lane, memory, b.turn, i)
+        # M0 from the velocities, M1 from the positions
         M0x, M0y = (vx - vx0) / period - gravity_x, (vy - vy0) / period - gravity_y
         M1x = (vx + vx0 - dx * (2.0 / period)) / period
         M1y = (vy + vy0 - dy * (2.0 / period)) / period
+        # psi less its value in the middle, turn: odd part (half - cube) s + cube s^3, even part bow s^2
         half, bow = (angle - angle0) * 0.5, (rate - rate0) * (0.125 * period)
         cube = ((rate + rate0) * (0.25 * period) - half) * 0.5
-        sine, cosine = sincos((half - cube) * GAUSS + cube * (0.6 * GAUSS))  # of psi's odd part at the Gauss points
-        tilt, level = sincos(bow * 0.6)  # and of its even part
+        sine, cosine = sincos((half - cube) * GAUSS + cube * (0.6 * GAUSS))  # odd part at the Gauss point GAUSS
+        tilt, level = sincos(bow * 0.6)  # even part, there
         sine = sine * (GAUSS / 0.6)
+        # eliminate f1: f0 e^(i turn) = (M0 - a_1 / a_2 M1) / (a_0 - a_1^2 / a_2), expanded by the odd part's cosine
         X, Y = cosine * M0x + sine * M1y, cosine * M0y - sine * M1x
         re, im = cosine * (4.0 / 9.0) + level * (5.0 / 9.0), tilt * (5.0 / 9.0)
         norm = re * re + im * im
         fx, fy = (X * re + Y * im) / norm, (Y * re - X * im) / norm
         turn = angle - half - bow
-    place(lane, memory, a.place, i, x)
-    place(lane, memory, b.place, i, y)
-    place(lane, memory, a.speed, i, vx)
-    place(lane, memory, b.speed, i, vy)
-    place(lane, memory, a.turn, i, angle)
-    place(lane, memory, b.turn, i, rate)
+    # memory for the next period
+    store_lane(lane, memory, a.place, i, x)
+    store_lane(lane, memory, b.place, i, y)
+    store_lane(lane, memory, a.speed, i, vx)
+    store_lane(lane, memory, b.speed, i, vy)
+    store_lane(lane, memory, a.turn, i, angle)
+    store_lane(lane, memory, b.turn, i, rate)
+    # take off the phase of the middle: components in the tip's own axes
     sine, cosine = sincos(turn)
     return cosine * fx + sine * fy, cosine * fy - sine * fx

@@ -1,4 +1,4 @@
-"""Where things are in an arm's memory: how much room each section of a block needs."""
+"""Sizes of the sections of an arm's memory (`tasks.program.Block`)."""
 
 from __future__ import annotations
 
@@ -15,41 +15,52 @@ from ..tasks.program import CHANNEL, INFO, LAW, RECORD, SAVED, SCRATCH, Block
 
 
 def record_sizes(task: Any, entries: int, extras: Any) -> tuple[int, ...]:
-    """Sizes of a `RECORD`: joints, actions, rows of motors and of commands, delays, past observations, sensors."""
+    """Return the sizes of a `RECORD`, in the order of its layout.
+
+    They are: joints, actions, rows of motors, rows of commands, drawn delays, past observations, readings of sensors.
+    task: a `tasks.task.Task`. entries: of the observation. extras: a `tasks.program.Extras`.
+    """
     motors, sensors, instruments = extras.actuator, extras.sensors, extras.instruments
     return (
         len(task.links), len(task.acted), int(motors is not None), 0 if motors is None else motors.rows,
-        sum(part is not None and part.drawn is not None for part in (motors, sensors)),
+        sum(part is not None and part.drawn is not None for part in (motors, sensors))
+        + (0 if motors is None or motors.lag is None else 2),
         0 if sensors is None else entries * sensors.age, 0 if instruments is None else readings_size(instruments),
     )  # fmt: skip
 
 
 def readings_size(instruments: Any) -> int:
-    """Numbers that sensors remember."""
+    """Return how many numbers the sensors' channels take in a record: one `CHANNEL` for each law."""
     channels = len(instruments.laws) // LAW.places.end
     return channels * int(CHANNEL.offsets(0, instruments.room).end)
 
 
 def parameters_of(model: Any, space: bool) -> int:
-    """Numbers of an arm's own parameters, with the laws of its joints where these are its own."""
+    """Return how many parameters an arm has of its own, including the laws of its joints where each arm has its own.
+
+    space: whether the arm moves in space.
+    """
     count = len(OWN_IN_SPACE if space else OWN)
     return count + (len(model.data) if getattr(model, "own", None) is not None else 0)
 
 
 def layout_of(lanes: int, model: Any, task: Any, entries: int, extras: Any, fitted: bool) -> Block:
-    """Sections of a block, each beginning on a whole number of lanes (and of cache lines).
+    """Return the offsets of a block's sections for groups of `lanes` arms, each on whole lanes and cache lines.
 
-    task: a `tasks.task.Task`. entries: of the observation. extras: see `batch.Extras`. fitted: steps are, to a
-    tolerance.
+    task: a `tasks.task.Task`. entries: of the observation. extras: a `tasks.program.Extras`. fitted: whether steps are
+    fitted to a tolerance, which needs a `SCRATCH` behind the other sections.
     """
     links, record = len(task.links), RECORD.offsets(0, *record_sizes(task, entries, extras)).end
     info = INFO.offsets(0, links, len(task.targets), len(task.terms), len(task.further)).end
+    # the record is saved only where motors or a moving target change it within a period
     kept = 0 if extras.actuator is None and extras.reference is None else record
     saved = SAVED.offsets(0, size(model.n), size(model.n_inputs), 0, kept).end
+    # integrator's work array first, rounded up to a cache line of 8 numbers
     first = -(-int(uncompiled(work_size)(lanes, model, 0)) // 8) * 8
     starts = [first]
     space = len(task.targets) == 3
     pose = SPACE_POSE.end if space else POSE.end
+    # par, poses, record, action, seen, info, saved, in the order of `Block`
     for count in (parameters_of(model, space), pose * links + len(task.base), record, links, entries, info, saved):
         starts.append(starts[-1] + count * lanes)
     scratch = SCRATCH.offsets(0, links, saved).end * lanes if fitted else 0
@@ -57,15 +68,19 @@ def layout_of(lanes: int, model: Any, task: Any, entries: int, extras: Any, fitt
 
 
 def fit_rooms(rows: int, inputs: int, motions: int, links: int) -> tuple[np.ndarray, np.ndarray]:
-    """A `SAVED` and a `SCRATCH` for one arm of a scene, whose steps are fitted."""
+    """Return zeroed arrays for one arm of a scene whose steps are fitted: a `SAVED` without record and a `SCRATCH`.
+
+    rows: of the system. inputs, motions: entries of u, prescribed coordinates.
+    """
     saved = SAVED.offsets(0, rows, inputs, motions, 0).end
     return np.zeros(saved), np.zeros(SCRATCH.offsets(0, links, saved).end)
 
 
 def aligned(rows: int, columns: int) -> np.ndarray:
-    """Zeros that begin on a cache line, so that eight lanes are one, and not parts of two.
+    """Return zeros (rows, columns) that begin on a cache line, so that eight lanes fill exactly one.
 
-    ValueError for more than this machine's memory: a system that promises more ends whoever fills it.
+    Raises ValueError for more than this machine's memory: a system that overcommits memory would kill the process that
+    fills it.
     """
     have = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 2**46
     if 8 * rows * columns > have:

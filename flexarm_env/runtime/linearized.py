@@ -1,7 +1,7 @@
-"""Linear models of many arms at once: accelerations, or the state a period later, and what is read off, with slopes.
+"""Linear models of many arms at once: accelerations or the state a period later, and outputs, with their derivatives.
 
-Of elasticas with ideal joints, whose coordinates are independent and whose accelerations follow from them: a state is
-q, then v. Torques are held.
+For elasticas with ideal joints, whose coordinates are independent and determine the accelerations. A state is q, then
+v. Torques are constant over the period.
 """
 
 from __future__ import annotations
@@ -10,14 +10,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compiler import arms, follow, kernel, load, size, splat, store
-from ..physics.integrator.newton import slopes_of
+from ..compiler import dereference, kernel, lane_count, load, size, splat, store
+from ..physics.integrator.newton import newmark_slopes
 from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
-from ..physics.integrator.tangents import copy_state, prepare, restart_tangents, step_tangents
+from ..physics.integrator.tangents import copy_state, factor_step_end, restart_tangents, step_tangents
 from ..physics.integrator.work import unpack
 from ..physics.layout import POSE
-from ..physics.protocol import link_poses, ports
+from ..physics.protocol import input_displacements, link_poses
 from ..tasks.program import PARAMETERS
 from ..tasks.task import deflection
 from .derivative import fill_rows
@@ -26,35 +26,39 @@ from .derivative import fill_rows
 class Linearization(NamedTuple):
     """Rows of n arms of N links: z = (q, v, torques), m numbers of which the state has s; p outputs."""
 
-    lane: tuple[int, ...]
-    dual: tuple[int, ...]
+    lane: tuple[int, ...]  # tag of plain lanes
+    dual: tuple[int, ...]  # tag of the same lanes with tangents
     model: Any
-    scheme: Any
-    links: tuple[int, ...]
-    h: float  # s
-    n_steps: int  # 0: rates in place of a period
-    n: int
-    work: int  # numbers of a work array, per number of the tag
+    scheme: Any  # the integrator's coefficients
+    links: tuple[int, ...]  # N zeros
+    h: float  # step, s
+    n_steps: int  # steps of a period; 0: rates (v, a) in place of the state a period later
+    n: int  # arms
+    work: int  # length of a work array over the length of its lane tag
     given: np.ndarray  # (n (m + PARAMETERS),): z, then the arm's own parameters
-    places: np.ndarray  # (m + PARAMETERS,) int64: where these are in a block
-    twice: np.ndarray  # likewise in a dual one
-    read: np.ndarray  # (s + p,) int64: where in a dual one rates, or the state a period later, are, then the outputs
-    values: np.ndarray  # (n (s + p),) of these
-    slopes: np.ndarray  # (n (s + p) m,)
-    block: np.ndarray
-    scratch: np.ndarray  # dual
+    places: np.ndarray  # (m + PARAMETERS,) int64: their offsets in a plain block
+    twice: np.ndarray  # (m + PARAMETERS,) int64: their offsets in a dual block
+    read: np.ndarray  # (s + p,) int64: offsets in a dual block of rates or state a period later, then of outputs
+    values: np.ndarray  # (n (s + p),): rates or state a period later, then outputs
+    slopes: np.ndarray  # (n (s + p) m,): their derivatives by z
+    block: np.ndarray  # plain block, scratch
+    scratch: np.ndarray  # dual blocks, scratch
 
 
 @kernel
 def outputs_of(n):
-    """Numbers read off an arm of n links: joint angles, rates, deflections, rates, the tip."""
+    """Return the number of outputs of n links: joint angles and rates, deflections and their rates, tip x and y."""
     return 4 * n + 2
 
 
 @kernel
 def linearize(address, first, last):
-    """The models of groups first ... last - 1."""
-    d = follow(address)
+    """Compute values and derivatives of groups first ... last - 1; address: of a `Linearization`. Returns 0.
+
+    Written are d.values (rates, or state a period later, then outputs) and d.slopes (their derivatives by q, v,
+    torques).
+    """
+    d = dereference(address)
     at_once = len(d.dual) // len(d.lane) - 1
     for g in range(first, last):
         _group(d.lane, d.dual, d, g, at_once)
@@ -63,22 +67,31 @@ def linearize(address, first, last):
 
 @kernel
 def room(work, lanes, links):
-    """Numbers of a block: a work array, parameters, poses and outputs."""
+    """Return the length of a block: a work array, own parameters, poses and outputs.
+
+    work: length of the work array. lanes: length of the lane tag. links: of an arm.
+    """
     return work + (PARAMETERS + POSE.end * links + outputs_of(links)) * lanes
 
 
 @kernel
 def _par(lane, d, block):
+    """Return the section of a block with the arms' own parameters."""
     return block[d.work * len(lane) : (d.work + PARAMETERS) * len(lane)]
 
 
 @kernel
 def _read_off(lane, d, block, w):
-    """Outputs, behind the poses."""
+    """Write the outputs behind the poses of a block.
+
+    Joint angles (rad), joint rates (rad/s), tip deflections of the links (m, normal to the root's tangent) and their
+    rates (m/s), tip x and y of the last link (m, inertial axes).
+    """
     links = size(d.links)
     poses = block[(d.work + PARAMETERS) * len(lane) :]
     out = poses[POSE.end * links * len(lane) :]
     link_poses(lane, d.model, _par(lane, d, block), w.q, w.v, poses)
+    # deflections and their rates, then the tip
     for k in range(links):
         normal, _, rate, _, _, _, _, _, _ = deflection(lane, poses, k)
         store(out, 2 * links + k, normal)
@@ -86,36 +99,46 @@ def _read_off(lane, d, block, w):
     tip = POSE.end * (links - 1) + POSE.tip_x
     store(out, 4 * links, load(lane, poses, tip))
     store(out, 4 * links + 1, load(lane, poses, tip + 1))
+    # input displacements of q are joint angles, of v their rates
     for rates in range(2):
-        ports(lane, d.model, _par(lane, d, block), w.v if rates else w.q, w.y)
+        input_displacements(lane, d.model, _par(lane, d, block), w.v if rates else w.q, w.y)
         for k in range(links):
             store(out, rates * links + k, load(lane, w.y, k))
 
 
 @kernel
 def _fill(lane, d, places, g, block, w):
-    """State, torques and parameters of group g."""
+    """Copy states, torques and parameters of group g into a block, with tangents 0 and flag OK.
+
+    places: offsets of z and parameters in the block, whose rows come from d.given, arm by arm.
+    """
     fill_rows(lane, d.n, g, places, d.given, block)
     store(w.flag, 0, splat(lane, 0.0))
 
 
 @kernel
 def _seed(lane, d, j, count, block):
-    """Tangents of 1 for `count` columns from j on."""
+    """Set tangent c to 1 in number j + c of z, for columns j ... j + count - 1."""
     for c in range(count):
-        for i in range(arms(lane)):
-            block[d.twice[j + c] + (1 + c) * arms(lane) + i] = 1.0
+        for i in range(lane_count(lane)):
+            block[d.twice[j + c] + (1 + c) * lane_count(lane) + i] = 1.0
 
 
 @kernel
 def _group(lane, wide, d, g, at_once):
+    """Linearize the arms of group g: values in plain lanes, `at_once` columns in each dual block.
+
+    wide: the dual tag. Outputs are those at the start of the period.
+    """
     model, n, links = d.model, size(d.model.n), size(d.links)
     block = d.block
     w, par = unpack(lane, model, block, 0), _par(lane, d, block)
     columns, length = 2 * n + links, room(d.work * len(wide), len(wide), links)
+    # accelerations at the start
     _fill(lane, d, d.places, g, block, w)
     _read_off(lane, d, block, w)
     restart(lane, model, None, par, block, 0, 0.0, d.h, True)
+    # d(accelerations, outputs)/d(q, v, torques): columns side by side in the dual lanes
     for j in range(0, columns, at_once):
         both = d.scratch[j // at_once * length : (j // at_once + 1) * length]
         x = unpack(wide, model, both, 0)
@@ -126,14 +149,16 @@ def _group(lane, wide, d, g, at_once):
         for k in range(n):
             store(x.a, k, load(wide, x.r, k))
             store(x.b, k, load(wide, x.r, k))
-    slopes = slopes_of(d.scheme, d.h)
+    # steps, and their tangents from the factored matrix at each step's end
+    slopes = newmark_slopes(d.scheme, d.h)
     for _ in range(d.n_steps):
         advance(lane, model, None, par, block, 0, 0.0, d.h, 1, d.scheme, None)
-        prepare(lane, model, par, w, slopes)
+        factor_step_end(lane, model, par, w, slopes)
         for j in range(0, columns, at_once):
             both = d.scratch[j // at_once * length : (j // at_once + 1) * length]
             x = unpack(wide, model, both, 0)
             step_tangents(lane, wide, model, _par(wide, d, both), w, x, slopes, d.scheme, 1)
+    # results
     for j in range(0, columns, at_once):
         both = d.scratch[j // at_once * length : (j // at_once + 1) * length]
         x = unpack(wide, model, both, 0)
@@ -143,15 +168,18 @@ def _group(lane, wide, d, g, at_once):
 
 @kernel
 def _record(lane, d, g, j, count, columns, both, flag):
-    """Columns from j on, and the values."""
+    """Copy values and columns j ... j + count - 1 of group g from a dual block into d.values and d.slopes.
+
+    flag: status of each lane; the first value of an arm that failed becomes nan.
+    """
     rows = d.read.shape[0]
-    for i in range(arms(lane)):
-        arm = g * arms(lane) + i
+    for i in range(lane_count(lane)):
+        arm = g * lane_count(lane) + i
         if arm < d.n:
             for k in range(rows):
                 at = d.read[k] + i
                 d.values[arm * rows + k] = both[at]
                 for c in range(count):
-                    d.slopes[(arm * rows + k) * columns + j + c] = both[at + (1 + c) * arms(lane)]
+                    d.slopes[(arm * rows + k) * columns + j + c] = both[at + (1 + c) * lane_count(lane)]
             if flag[i] != 0.0:
                 d.values[arm * rows] = np.nan

@@ -1,111 +1,156 @@
-"""From actions to joint torques: amplifiers, controllers under the action, motors with lag, delay and saturation."""
+"""From actions to joint torques: amplifiers, PD controllers, motors with lag, delay and saturation."""
 
 from __future__ import annotations
 
 import math
 
-from ..compiler import kernel, largest, load, select_lt, size, splat, store
-from ..physics.arithmetic import clip, put
+from ..compiler import Lanes, kernel, max_over_lanes, select_lt, size, stack
+from ..physics.arithmetic import clip, decay, store_where
 from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
-from ..physics.integrator.switching import switch
-from ..physics.integrator.work import copy_rows
+from ..physics.integrator.switching import jump_accelerations
+from ..physics.integrator.work import Work, copy_rows
 from ..physics.layout import POSE, SPACE_POSE
-from ..physics.protocol import light, ports, task_poses
+from ..physics.protocol import input_displacements, task_poses
 from ..tasks.program import FURTHER, GOAL, LATE, PERIODS, TORQUE_FACTOR, record_at, saved_at
 from ..tasks.stream import draw_whole, uniform
 from ..tasks.task import info_of, put_info
+from .energy_balance import close_step, open_step
 from .events import set_pushes
 
+_NO_LAG = 1e-3  # over h: exp(-1000) is 0
 _ANGLE, _RATE = 0, POSE.rate - POSE.angle
 
 
 @kernel
-def _joint(lane, task, poses, k, rates):
-    """Angle (_ANGLE) or rate (_RATE) of joint k."""
+def _joint(lane, task, poses: Lanes, k, rates):
+    """Return the angle (rad) or rate (rad/s) of joint k, from poses of the links in inertial axes.
+
+    rates: `_ANGLE` or `_RATE`, the offset of the number within a planar pose. In the plane a joint's angle is the root
+    angle of its link less the tip angle of the link before; spatial poses (targets of three numbers) hold it directly.
+    """
     if size(task.targets) == 3:
-        return load(lane, poses, SPACE_POSE.end * k + (SPACE_POSE.rate if rates else SPACE_POSE.angle))
-    here = load(lane, poses, POSE.end * k + POSE.angle + rates)
+        return poses[SPACE_POSE.end * k + (SPACE_POSE.rate if rates else SPACE_POSE.angle)]
+    here = poses[POSE.end * k + POSE.angle + rates]
     if k == 0:
         return here
-    return here - load(lane, poses, POSE.end * (k - 1) + POSE.tip_angle + rates)
+    return here - poses[POSE.end * (k - 1) + POSE.tip_angle + rates]
 
 
 @kernel
-def _control(lane, task, controller, model, par, poses, record, w):
-    """w.u <- what the controllers make of the action's torques in it, by encoders on the links' side of the gears, or
-    on motors that have angles of their own."""
+def _control(lane, task, controller, model, par, poses, record: Lanes, w: Work):
+    """Apply the PD joint controllers: w.u <- clip(share w.u + stiffness (goal - angle) - damping rate), N m.
+
+    Angles (rad) and rates (rad/s) are those of the joints, from encoders on the link side of the gears, or those of the
+    motors where controller.motors is a tag. goal: record.goal, rad. controller: share of the action's torque, stiffness
+    (N m/rad) and damping (N m s/rad) of each joint. Torques are clipped to task.torque_limits.
+    # in        w.u, torques of the action;  w.q, w.v;  record.goal
+    # scratch   poses, or w.y
+    # out       w.u (joints, lanes)
+    """
     if controller.motors is None:
         task_poses(lane, model, par, w.q, w.v, poses)
     else:
-        ports(lane, model, par, w.q, w.y)
+        input_displacements(lane, model, par, w.q, w.y)
+    # proportional part
     for k in range(size(task.links)):
-        angle = _joint(lane, task, poses, k, _ANGLE) if controller.motors is None else load(lane, w.y, k)
-        error = load(lane, record, GOAL + k) - angle
-        store(w.u, k, load(lane, w.u, k) * controller.share + error * controller.stiffness[k])
+        angle = _joint(lane, task, poses, k, _ANGLE) if controller.motors is None else w.y[k]
+        error = record[GOAL + k] - angle
+        w.u[k] = w.u[k] * controller.share + error * controller.stiffness[k]
+    # damping part, then saturation
     if controller.motors is not None:
-        ports(lane, model, par, w.v, w.y)
+        input_displacements(lane, model, par, w.v, w.y)
     for k in range(size(task.links)):
-        rate = _joint(lane, task, poses, k, _RATE) if controller.motors is None else load(lane, w.y, k)
-        store(w.u, k, clip(load(lane, w.u, k) - rate * controller.damping[k], task.torque_limits[k]))
+        rate = _joint(lane, task, poses, k, _RATE) if controller.motors is None else w.y[k]
+        w.u[k] = clip(w.u[k] - rate * controller.damping[k], task.torque_limits[k])
 
 
 @kernel
-def _amplify(lane, task, amplifier, model, par, action, factor, w):
-    """w.u <- torques, N m, of what the amplifiers are asked for: shares of the largest currents or voltages.
+def _amplify(lane, task, amplifier, model, par, action: Lanes, factor, w: Work):
+    """Convert actions into torques w.u (N m) of motors driven by currents or by voltages.
 
-    factor: on the torque of a current, or on a voltage. A voltage makes u = gain a less emf times the rate, which is
-    viscous friction to the equations of motion, so that it holds throughout the period and for steps of any length;
-    limits of current and torque are looked at at its start.
+        current (emf None):  u = factor clip(gain a, limits)
+        voltage:             u = clip(factor gain a - emf w, limits) + emf w
+
+    a: action, -1 to 1. gain: N m, torque of the largest current, or of the largest voltage at rest. limits: N m. emf:
+    back EMF, N m s/rad; w: joint rate, rad/s. factor: drawn factor on the torque constant or voltage. With voltages the
+    equations of motion contain emf w as viscous friction, so that back-emf acts throughout the period and for steps of
+    any length. Adding it back here leaves the motor's torque within its limits at the start of the period. w.y is
+    scratch.
     """
     if amplifier.emf is None:
         for k in range(size(task.links)):
-            torque = clip(load(lane, action, k) * amplifier.gain[k], amplifier.limits[k])
-            store(w.u, k, torque * factor)
+            torque = clip(action[k] * amplifier.gain[k], amplifier.limits[k])
+            w.u[k] = torque * factor
     else:
-        ports(lane, model, par, w.v, w.y)
+        input_displacements(lane, model, par, w.v, w.y)
         for k in range(size(task.links)):
-            held = load(lane, w.y, k) * amplifier.emf[k]
-            asked = load(lane, action, k) * amplifier.gain[k] * factor
-            store(w.u, k, clip(asked - held, amplifier.limits[k]) + held)
+            held = w.y[k] * amplifier.emf[k]
+            asked = action[k] * amplifier.gain[k] * factor
+            w.u[k] = clip(asked - held, amplifier.limits[k]) + held
 
 
 @kernel
-def command(lane, task, controller, amplifier, model, par, action, poses, record, w):
-    """w.u <- torques asked for, N m: what the amplifiers make of the action, or its share of the limits, or what the
-    controllers make of that."""
-    factor = load(lane, record, TORQUE_FACTOR)
+def command(lane, task, controller, amplifier, model, par, action: Lanes, poses, record: Lanes, w: Work):
+    """Write the commanded joint torques of a control period into w.u, N m.
+
+    The torque is the amplifier's, or the action times the torque limit, or that plus the PD controllers' torque; a
+    drawn factor on the torque constant multiplies it. amplifier, controller: None where absent.
+    # in        action (joints, lanes) in [-1, 1];  w.q, w.v;  record.goal, record.torque_factor
+    # scratch   poses, w.y
+    # out       w.u (joints, lanes)
+    """
+    factor = record[TORQUE_FACTOR]
     if amplifier is not None:
         _amplify(lane, task, amplifier, model, par, action, factor, w)
     else:
+        # torque as a share of the limit, with or without a PD controller
         for k in range(size(task.links)):
-            store(w.u, k, load(lane, action, k) * task.torque_limits[k])
+            w.u[k] = action[k] * task.torque_limits[k]
         if controller is not None:
             _control(lane, task, controller, model, par, poses, record, w)
         for k in range(size(task.links)):
-            store(w.u, k, load(lane, w.u, k) * factor)
+            w.u[k] *= factor
 
 
 @kernel
 def take_steps(lane, p, model, parts, par, poses, record, action, saved, block, w):
-    """The steps of one period under an action, each in so many parts; motors that are not ideal in each step anew."""
-    ask(lane, p, model, par, poses, record, action, w)
+    """Advance the arms by one control period of p.n_steps steps of p.h seconds, each cut into `parts` equal parts.
+
+    Ideal motors hold their torque over the period. Other motors (p.actuator) update their torque in each step.
+    # in        action (joints, lanes) in [-1, 1];  saved, the state at the start of the period;  par, own parameters
+    # in, out   w: q (m, rad), v, a, b, u (N m, N), books (J), flag; views of the group's memory `block`
+    #           record, torques and commands of the motors
+    # scratch   poses
+    """
+    command_motors(lane, p, model, par, poses, record, action, w)
+    # constant torques: one jump, then all steps at once
     if p.actuator is None:
-        jump(lane, p, model, par, 0, record, saved, block, w)
+        jump_with_torques(lane, p, model, par, 0, record, saved, block, w)
         advance(lane, model, None, par, block, 0, 0.0, p.h / parts, p.n_steps * parts, p.scheme, p.books)
     else:
+        start = stack(lane, p.task.links)
+        # torques of step s, the jump of accelerations that they cause, the step, and the motors' work in it
         for s in range(p.n_steps):
             if s > 0:
                 copy_rows(lane, size(model.n_inputs), w.u, w.u0)
-            turn_motors(lane, p.task, p.actuator, s, record, w)
-            if jumps(p.actuator, s):
-                jump(lane, p, model, par, s, record, saved, block, w)
+            update_motor_torques(lane, p.task, p.actuator, s, record, w)
+            if may_jump_before_step(p.actuator, s):
+                jump_with_torques(lane, p, model, par, s, record, saved, block, w)
+            open_step(lane, p, model, par, w, start)
             advance(lane, model, None, par, block, 0, 0.0, p.h / parts, parts, p.scheme, p.books)
+            close_step(lane, p, model, par, record, w, start)
 
 
 @kernel
-def ask(lane, p, model, par, poses, record, action, w):
-    """w.u <- inputs of a period, u0 those before; what motors are asked for they remember."""
+def command_motors(lane, p, model, par, poses, record, action, w):
+    """Write the inputs of a period into w.u (torques, N m; pushes, N), and save those of the period before in w.u0.
+
+    Commands to motors that are not ideal are also stored in the record, from which `update_motor_torques` delays them.
+    # in        action (joints, lanes) in [-1, 1];  w.q, w.v;  record: goal, torque factor, push
+    # scratch   poses, w.y
+    # out       w.u, w.u0 (inputs, lanes);  record.commands, newest first
+    """
     copy_rows(lane, size(model.n_inputs), w.u, w.u0)
     set_pushes(lane, p, record, w)
     command(lane, p.task, p.controller, p.amplifier, model, par, action, poses, record, w)
@@ -114,8 +159,11 @@ def ask(lane, p, model, par, poses, record, action, w):
 
 
 @kernel
-def jumps(actuator, s):
-    """Whether torques may jump ahead of step s of a period."""
+def may_jump_before_step(actuator, s):
+    """Return whether torques may jump before step s: before the first of a period, or before any with actuator.within.
+
+    s: number of the step in its control period, from 0. actuator: None for ideal motors.
+    """
     if actuator is not None:
         if actuator.within is not None:
             return True
@@ -123,97 +171,162 @@ def jumps(actuator, s):
 
 
 @kernel
-def starting(lane, s, record):
-    """1 in lanes where an episode begins with step s of a period."""
-    return select_lt(load(lane, record, PERIODS) + splat(lane, s), 0.5, splat(lane, 1.0), splat(lane, 0.0))
+def is_starting(lane, s, record: Lanes):
+    """Return 1.0 in lanes whose episode begins with step s (from 0) of this period, otherwise 0.0."""
+    return select_lt(record[PERIODS] + s, 0.5, 1.0, 0.0)
 
 
 @kernel
-def start_stiff(lane, p, model, par, s, record, saved, block, w):
-    """1 in lanes where an episode begins, whose accelerations are solved for; elsewhere they stay."""
-    n, first = size(model.n), starting(lane, s, record)
-    if largest(first) > 0.5:
+def start_stiff(lane, p, model, par, s, record, saved: Lanes, block, w: Work):
+    """Solve for the accelerations of arms whose episode begins with step s; return 1.0 in their lanes, otherwise 0.0.
+
+    Other lanes keep the accelerations a and b that were saved at the start of the period. In the lanes that begin w.u0
+    <- w.u, so that no jump of torques follows. block: memory of the group, of which w is a view.
+    # in        saved, accelerations of lanes that go on;  w.u, inputs (N m, N)
+    # out       w.a, w.b (m/s^2, rad/s^2), w.u0
+    """
+    n, first = size(model.n), is_starting(lane, s, record)
+    if max_over_lanes(first) > 0.5:
+        # all lanes are solved; those that do not begin are then restored
         restart(lane, model, None, par, block, 0, 0.0, p.h, True)
         for k in range(size(model.n_inputs)):
-            put(first, w.u0, k, load(lane, w.u, k), load(lane, w.u0, k))
+            store_where(lane, first, w.u0, k, w.u[k], w.u0[k])
         at = saved_at(0, n, 0, 0, 0)
         for k in range(n):
-            put(first, w.a, k, load(lane, w.a, k), load(lane, saved, at.a + k))
-            put(first, w.b, k, load(lane, w.b, k), load(lane, saved, at.b + k))
+            store_where(lane, first, w.a, k, w.a[k], saved[at.a + k])
+            store_where(lane, first, w.b, k, w.b[k], saved[at.b + k])
     return first
 
 
 @kernel
-def jump(lane, p, model, par, s, record, saved, block, w, kept=None):
-    """Accelerations jump with the torques, from w.u0 to w.u, ahead of step s of a period.
+def jump_with_torques(lane, p, model, par, s, record, saved, block, w, kept=None):
+    """Let accelerations w.a, w.b jump with the inputs, from w.u0 to w.u (N m, N), ahead of step s of a period.
 
-    They are solved afresh where nothing is stiff, the elastica (a pair as predictor); elsewhere where an episode begins
-    only (`switching.switch` says why). kept: as there.
+    The elastica (`NewtonPolicy.resolved`) solves for its accelerations anew. Stiff models do so only where an episode
+    begins: accelerations solved from round-off in stiff strains would be large (`switching.jump_accelerations`). Models
+    with light joints include the joints' damping and stiffness in the matrix of the jump. saved: state at the start of
+    the period. kept: a tag where w.a0 is to keep the accelerations before the jump, or None.
     """
-    if isinstance(model.predictor, tuple):
+    if model.newton.resolved is not None:
         restart(lane, model, None, par, block, 0, 0.0, p.h, True)
-    elif light(model) is not None:
-        switch(lane, model, par, block, 0, p.h, starting(lane, s, record), kept)
+    elif model.newton.light_joints is not None:
+        jump_accelerations(lane, model, par, block, 0, p.h, is_starting(lane, s, record), kept)
     else:
         start_stiff(lane, p, model, par, s, record, saved, block, w)
-        switch(lane, model, par, block, 0, p.h, None, kept)
+        jump_accelerations(lane, model, par, block, 0, p.h, None, kept)
 
 
 @kernel
 def motors_at(task, actuator):
-    """Where in the record the motors' fields are."""
+    """Return the offsets of the record's fields for a task with motors that are not ideal: torque, commands, delays."""
     return record_at(0, size(task.links), size(task.acted), 1, actuator.rows, 0, 0, 0)
 
 
 @kernel
-def record_commands(lane, task, actuator, record, w):
-    """Remember what the motors are asked for, w.u."""
+def record_commands(lane, task, actuator, record: Lanes, w: Work):
+    """Push the commanded torques w.u (N m) onto record.commands, newest first; the oldest row is dropped.
+
+    record.commands: (actuator.rows, joints), the commands of as many control periods, in lanes.
+    """
     n, at = size(task.links), motors_at(task, actuator)
     for k in range(n):
         for row in range(actuator.rows - 1, 0, -1):
-            store(record, at.commands + row * n + k, load(lane, record, at.commands + (row - 1) * n + k))
-        store(record, at.commands + k, load(lane, w.u, k))
+            record[at.commands + row * n + k] = record[at.commands + (row - 1) * n + k]
+        record[at.commands + k] = w.u[k]
 
 
 @kernel
-def turn_motors(lane, task, actuator, s, record, w):
-    """w.u <- the motors' torques in step s of a period, their mean over it; what they end with they remember."""
+def update_motor_torques(lane, task, actuator, s, record: Lanes, w: Work):
+    """Advance the motors by step s: w.u <- mean torque over the step, record.torque <- torque at its end, N m.
+
+    A motor approaches its delayed command c by a first-order lag and saturates:
+
+        tau+ = clip(tau + share (c - tau)),     mean = clip(tau + mean_share (c - tau))
+
+    with share = 1 - exp(-h / lag), mean_share its mean over the step. The command is `age` periods old, one more in the
+    first `late` steps of a period; with jitter it comes later by a drawn number of steps.
+    # in        record.commands (rows, joints), newest first;  record.late, record.delays, steps
+    # out       w.u, record.torque
+    """
     n, at = size(task.links), motors_at(task, actuator)
+    share, mean = _lag(lane, task, actuator, record)
+    # row of the command that acts in step s
     age = actuator.age + 1 if s < actuator.late else actuator.age
     for k in range(n):
-        asked = load(lane, record, at.commands + age * n + k)
+        # command that has arrived by step s without jitter
+        asked = record[at.commands + age * n + k]
         if actuator.jitter is not None:
             _, period, oldest = actuator.jitter
             late = _lateness(lane, task, actuator, record)
             for older in range(age + 1, oldest + 1):
+                # row older - 1 was due `due` steps ago; while the drawn delay is longer, the row behind it still acts
                 due = s + (older - 1 - actuator.age) * period - actuator.late
-                before = load(lane, record, at.commands + older * n + k)
-                asked = select_lt(splat(lane, due + 0.5), late, before, asked)
-        torque = load(lane, record, at.torque + k)
+                before = record[at.commands + older * n + k]
+                asked = select_lt(due + 0.5, late, before, asked)
+        # first-order lag and saturation: end of the step, then mean over it
+        torque = record[at.torque + k]
         left = asked - torque
-        store(record, at.torque + k, clip(torque + left * actuator.share, actuator.limits[k]))
-        store(w.u, k, clip(torque + left * actuator.mean, actuator.limits[k]))
+        record[at.torque + k] = clip(torque + left * share, actuator.limits[k])
+        w.u[k] = clip(torque + left * mean, actuator.limits[k])
 
 
 @kernel
-def _lateness(lane, task, actuator, record):
-    """Steps by which this period's commands come later than they always do."""
-    late = load(lane, record, LATE)
+def _lag(lane, task, actuator, record: Lanes):
+    """Return (share, mean): the fraction of the way to its command that a motor covers in a step, and its mean.
+
+    share = 1 - exp(-h / lag) after the step of h (s); mean: of that fraction over the step. They are those of the
+    record where a lag is drawn for each episode, otherwise constants of the actuator.
+    """
+    if actuator.lag is None:
+        return actuator.share, actuator.mean
+    at = _lag_at(task, actuator)
+    return record[at], record[at + 1]
+
+
+@kernel
+def _lag_at(task, actuator):
+    """Return the offset in a record of a drawn lag (two numbers); a drawn delay (one number) is stored before it."""
+    at = motors_at(task, actuator).delays
+    return at if actuator.drawn is None else at + 1
+
+
+@kernel
+def _lateness(lane, task, actuator, record: Lanes):
+    """Return the drawn extra delay of this period's commands (steps), beyond actuator.age and actuator.late."""
+    late = record[LATE]
     if actuator.drawn is not None:
-        late = late + load(lane, record, motors_at(task, actuator).delays)
+        late = late + record[motors_at(task, actuator).delays]
     return late
 
 
 @kernel
 def draw_delay(actuator, task, stream, arm, record, lanes):
-    """By how many steps the commands of arm's episode come late, where that is drawn."""
+    """Draw the command delay of an arm's episode (whole steps) into record.delays, where the delay is drawn.
+
+    actuator.drawn: least and largest delay, or None. arm: number in the batch; lanes: of a group.
+    """
     if actuator is not None and actuator.drawn is not None:
         record[motors_at(task, actuator).delays * lanes + arm % lanes] = draw_whole(stream, arm, actuator.drawn)
 
 
 @kernel
+def draw_lag(p, arm, record, info, lanes):
+    """Draw the motors' lag in an arm's episode, where it is drawn: its share and mean into the record, s into info.
+
+    share = 1 - exp(-h / lag): fraction of the way to the command in a step; mean: of that fraction over the step.
+    lanes: lanes of a group; arm: number in the batch.
+    """
+    if p.actuator is not None and p.actuator.lag is not None:
+        least, most = p.actuator.lag
+        lag, at = least + (most - least) * uniform(p.stream, arm), _lag_at(p.task, p.actuator) * lanes + arm % lanes
+        share = 1.0 - decay(1.0 / max(lag, _NO_LAG))
+        record[at], record[at + lanes] = share, 1.0 - share * lag
+        info[(info_of(p.task).further + FURTHER.told + 2) * lanes + arm % lanes] = lag * p.h
+
+
+@kernel
 def record_delay(lane, p, record, live, info):
-    """How late the period's commands came into info, where that is drawn."""
+    """Write the delay (s) of this period's commands into info where live > 1/2, if the delay is drawn or jitters."""
     actuator = p.actuator
     if actuator is not None and actuator.jitter is not None:
         late = _lateness(lane, p.task, actuator, record) + float(actuator.age * p.n_steps + actuator.late)
@@ -222,7 +335,10 @@ def record_delay(lane, p, record, live, info):
 
 @kernel
 def draw_lateness(actuator, stream, arm, record, lanes):
-    """How late the commands of arm's next period come, where that is drawn."""
+    """Draw the extra delay of the next period's commands into record.late, where commands jitter.
+
+    It is a whole number of steps from 0 to actuator.jitter[0]. lanes: lanes of a group; arm: number in the batch.
+    """
     if actuator is not None and actuator.jitter is not None:
         drawn = math.floor(uniform(stream, arm) * (actuator.jitter[0] + 1.0))
         record[LATE * lanes + arm % lanes] = drawn

@@ -1,27 +1,32 @@
-"""What sensors read at the instants of a trajectory."""
+"""Sensor readings at the instants of a recorded trajectory."""
 
 from __future__ import annotations
 
 from ..compiler import SINGLE, kernel, size
+from ..physics.space.rotations import Vector
 from .inertial import specific_force
 from .laws import read, read_encoder, tip_acceleration
 
 
 @kernel
 def read_rows(laws, room, memory, stream, period, gravity, encoders, shaken, inputs, out):
-    """Readings at instants `period` apart, an instant a row of `out`; all in SI, not in scales.
+    """Compute the sensor readings at instants `period` s apart, one row of `out` for each row of `inputs`, in SI units.
 
-    Columns of inputs: an angle for each encoder; of an accelerometer (shaken: None without one, a tuple of its 2 or 3
-    axes) the tip's x, y, angle and their rates, in space its place, rotation vector, velocity and angular velocity
-    about its own axes; then what is read as it stands. Columns of out: angle and rate for each encoder, then one for
-    each channel. gravity (3,): m/s^2.
+    Columns of inputs: an angle (rad) for each of `encoders` encoders; for an accelerometer the tip's x, y, angle and
+    their rates in the plane, or position, rotation vector, velocity (inertial axes) and angular velocity (tip axes) in
+    space; then quantities that are read as they are. Columns of out: angle and rate for each encoder, then one for each
+    channel.
+    shaken: tuple of the accelerometer's 2 or 3 axes, or None without one. gravity (3,): m/s^2, inertial axes.
+    laws: a `LAW` a channel, with `room` past outputs. memory: their `CHANNEL`s. stream: random numbers, or None.
     """
     for k in range(inputs.shape[0]):
         first, c, column, put = k == 0, 0, 0, 0
+        # encoders: one channel, two columns of out
         for _ in range(encoders):
             angle, rate = read_encoder(SINGLE, laws, room, c, memory, 0, stream, 0, inputs[k, column], first)
             out[k, put], out[k, put + 1] = angle, rate
             c, column, put = c + 1, column + 1, put + 2
+        # accelerometer: specific force in the tip's axes, a channel for each axis
         if shaken is not None:
             if size(shaken) == 2:
                 x, y, angle = inputs[k, column], inputs[k, column + 1], inputs[k, column + 2]
@@ -33,12 +38,13 @@ def read_rows(laws, room, memory, stream, period, gravity, encoders, shaken, inp
                 found = specific_force(
                     SINGLE, memory, 0, room, c, 0, _three(inputs, k, column), _three(inputs, k, column + 3),
                     _three(inputs, k, column + 6), _three(inputs, k, column + 9), period,
-                    (gravity[0], gravity[1], gravity[2]), first,
+                    Vector(gravity[0], gravity[1], gravity[2]), first,
                 )  # fmt: skip
             for axis in range(size(shaken)):
                 out[k, put] = read(SINGLE, laws, room, c, memory, 0, stream, 0, found[axis], first)
                 c, put = c + 1, put + 1
             column += 6 if size(shaken) == 2 else 12
+        # all other quantities: one column, one channel
         while put < out.shape[1]:
             out[k, put] = read(SINGLE, laws, room, c, memory, 0, stream, 0, inputs[k, column], first)
             c, column, put = c + 1, column + 1, put + 1
@@ -46,4 +52,5 @@ def read_rows(laws, room, memory, stream, period, gravity, encoders, shaken, inp
 
 @kernel
 def _three(inputs, k, column):
-    return inputs[k, column], inputs[k, column + 1], inputs[k, column + 2]
+    """Return the vector of the three numbers of row k of `inputs` that begin at `column`."""
+    return Vector(inputs[k, column], inputs[k, column + 1], inputs[k, column + 2])

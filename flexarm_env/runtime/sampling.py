@@ -1,4 +1,4 @@
-"""Entry points from Python that look at one arm, or move it and look at it at many instants."""
+"""Advance one arm of a scene and record its state at sample instants; entry points called from Python."""
 
 from __future__ import annotations
 
@@ -9,44 +9,45 @@ from ..layout import Field, Layout
 from ..physics.integrator.start import restart_within
 from ..physics.integrator.step import advance_within
 from ..physics.integrator.work import unpack
-from ..physics.layout import DISSIPATED, POSES, WORK_DONE
+from ..physics.layout import BEYOND, DISSIPATED, POSES, WORK_DONE
 from ..physics.model import DIVERGED, NOT_FINITE, OK
-from ..physics.protocol import energy, link_poses, shape
+from ..physics.protocol import centerline, energy, link_poses
 
 SAMPLE = Layout(
     "Sample", "rows, links, motions",
-    Field("time", (), "s", ""),
-    Field("poses", ("links", POSES.length), "m, rad", "of the links"),
-    Field("energies", (3,), "J", "kinetic, strain, gravity"),
-    Field("work", (), "J", "of the drives"),
-    Field("dissipated", (), "J", "by damping"),
-    Field("torque", ("links",), "N m", "on the joints"),
-    Field("reaction", ("motions",), "N m or N", "that holds each prescribed coordinate"),
-    Field("q", ("rows",), "", "state"),
-    Field("v", ("rows",), "", "its rate"),
-    Field("a", ("rows",), "", "its second rate"),
+    Field("time", (), "s", "t"),
+    Field("poses", ("links", POSES.length), "m, rad", "pose of each link (`physics.layout.POSES`), inertial axes"),
+    Field("energies", (3,), "J", "kinetic, strain and gravitational energy"),
+    Field("work", (), "J", "work of inputs and prescribed motions so far"),
+    Field("dissipated", (), "J", "energy dissipated by damping so far"),
+    Field("beyond", (), "J", "work of damping forces by strain rates that steps do not resolve"),
+    Field("torque", ("links",), "N m", "joint torques"),
+    Field("reaction", ("motions",), "N m or N", "force that holds each prescribed coordinate"),
+    Field("q", ("rows",), "", "coordinates, m and rad; rows of multipliers: N, N m"),
+    Field("v", ("rows",), "", "velocities, m/s and rad/s"),
+    Field("a", ("rows",), "", "accelerations, m/s^2 and rad/s^2"),
 )  # fmt: skip
-"""What is recorded of an instant."""
+"""Record of one arm at an instant, a row of `sample_rows`' table."""
 
 STRETCH = Layout(
     "Stretch", "",
-    Field("time", (), "s", "reached"),
-    Field("longest", (), "s", "longest step"),
-    Field("gross", (), "J", "gross work of the drives"),
-    Field("start_energy", (), "J", "where it began: of the last sample to which it did not move"),
-    Field("gain", (), "", "how many times what can account for it the energy may become"),
-    Field("begun", (), "s", "where the way to the next instant began, where it is under way"),
-    Field("done", (), "", "steps of that way that are done; 0: none is under way"),
-    Field("starts", (), "", "how it begins: GOES_ON, AT_KINK or ANEW"),
-    Field("points", (), "", "how many there are along the chain"),
+    Field("time", (), "s", "instant reached"),
+    Field("longest", (), "s", "longest step allowed"),
+    Field("gross", (), "J", "gross work of the drives, the sum of absolute values"),
+    Field("start_energy", (), "J", "energy at the start: of the last sample that was reached without a step"),
+    Field("gain", (), "", "the energy may grow to this multiple of what accounts for it"),
+    Field("begun", (), "s", "start of the interrupted interval to the next instant"),
+    Field("done", (), "", "steps completed of that interval; 0: no interval is interrupted"),
+    Field("starts", (), "", "start of the next interval: GOES_ON, AT_KINK or ANEW"),
+    Field("points", (), "", "number of centerline points written"),
 )  # fmt: skip
-"""What a run carries from one call of `sample_rows` to the next."""
+"""State of a run between two calls of `sample_rows`."""
 
 GOES_ON, AT_KINK, ANEW = 0.0, 1.0, 2.0
-"""As it is; with a consistent start, as at a kink within a run or a fresh one (`physics.integrator.start.restart`)."""
+"""Starts of an interval: state as it is; consistent start at a kink; fresh consistent start (`start.restart`)."""
 
 NEAR = 1e-12
-"""Share of the time (of 1 s where it is less) within which two instants are one."""
+"""Tolerance, relative to the time (at least 1 s), within which two instants are taken as one."""
 
 sample_at = kernel(SAMPLE.offsets)
 _AT = STRETCH.places
@@ -54,20 +55,26 @@ _AT = STRETCH.places
 
 @kernel
 def observe_arm(lane, model, par, q, v, poses, energies, points):
-    """Link poses (`POSES`), (kinetic, strain, gravity) energy and points along the chain; SINGLE only.
+    """Write link poses, energies (J) and centerline points of one arm; return the number of points (SINGLE lane only).
 
-    Returns how many points were written; none where `points` is empty.
+    # in        q, v (n,) coordinates (m, rad) and velocities;  par, the arm's own parameters
+    # out       poses, a `POSES` a link (inertial axes);  energies (3,): kinetic, strain, gravitational
+    #           points (P, 2 or 3): m, inertial axes; none are written where P = 0
     """
     link_poses(lane, model, par, q, v, poses)
     energies[0], energies[1], energies[2] = energy(lane, model, par, q, v)
     if points.shape[0] == 0:
         return 0
-    return shape(model, q, points)
+    return centerline(model, q, points)
 
 
 @kernel
-def gained(kinetic, strain, gravity, start, gross, dissipated, gain):
-    """Whether there is `gain` times the energy that start (J), gross work (J), dissipation and gravity account for."""
+def has_gained_energy(kinetic, strain, gravity, start, gross, dissipated, gain):
+    """Return whether the energy exceeds `gain` times |start| + gross + |dissipated| + |gravity| (all J).
+
+    kinetic + strain + gravity: present energy. start: energy at the start. gross: gross work of the drives. Energies
+    below 1e-9 J never count.
+    """
     total = abs(kinetic + strain + gravity)
     known = abs(start) + gross + abs(dissipated) + abs(gravity)
     return not total <= gain * (known + 1e-300) and total > 1e-9
@@ -75,25 +82,36 @@ def gained(kinetic, strain, gravity, start, gross, dissipated, gain):
 
 @inlined
 def _go(lane, arm, drive, p, w, stretch, stop, chunk, most, scheme, books):
-    """Equal steps of at most stretch.longest to `stop`; returns how many of `most` steps are left, -1 where the arm has
-    failed or there were too few: what is done is then noted in `stretch`."""
+    """Advance an arm to the instant `stop` (s) in equal steps of at most stretch.longest (s).
+
+    Returns how many of `most` steps remain, or -1 where the arm failed (w.flag) or `most` steps were not enough. The
+    interval is then interrupted: stretch.begun and stretch.done store its start and the completed steps, and the next
+    call continues with the same steps. arm: the model; p: the arm's own parameters; drive: loads and motions as
+    functions of time, or None. stretch: a `STRETCH`, in and out. scheme: coefficients and Newton tolerance of the
+    integrator. chunk: number of steps after which the absolute value of their work is added to the gross work. books: a
+    tag where energies are kept, or None.
+    """
     start, done = stretch[_AT.time], int(stretch[_AT.done])
     if done > 0:
         start = stretch[_AT.begun]
+    # steps of equal length; 1e-9 keeps round-off from adding a step
     if start < stop - NEAR * max(1.0, stop):
         n_steps = max(1, math.ceil((stop - start) / stretch[_AT.longest] * (1.0 - 1e-9)))
         h = (stop - start) / n_steps
         while done < n_steps:
+            # out of steps: store where to continue
             if most <= 0:
                 stretch[_AT.begun], stretch[_AT.done] = start, done
                 return -1
             before = w.books[WORK_DONE * len(lane)]
             steps = min(chunk, n_steps - done)
             most -= steps
+            # gross work: absolute work of each chunk
             stretch[_AT.time] = advance_within(lane, arm, drive, p, w, start + done * h, h, steps, scheme, books)
             stretch[_AT.gross] += abs(w.books[WORK_DONE * len(lane)] - before)
             if w.flag[0] != OK:
                 return -1
+            # flag a state that is not finite
             for k in range(size(arm.n)):
                 if not math.isfinite(w.q[k * len(lane)]):
                     w.flag[0] = NOT_FINITE
@@ -105,13 +123,16 @@ def _go(lane, arm, drive, p, w, stretch, stop, chunk, most, scheme, books):
 
 @kernel
 def _write(lane, model, par, w, t, links, row):
-    """A `SAMPLE` of the present state; its energies."""
+    """Write a `SAMPLE` of the present state into `row`; return (kinetic, strain, gravitational) energy, J.
+
+    t: s, time of the sample. w: the integrator's `Work` of one arm. links: their number.
+    """
     at = sample_at(0, size(model.n), links, w.reaction.shape[0])
     row[at.time] = t
     link_poses(lane, model, par, w.q, w.v, row[at.poses : at.energies])
     energies = energy(lane, model, par, w.q, w.v)
     row[at.energies], row[at.energies + 1], row[at.energies + 2] = energies
-    row[at.work], row[at.dissipated] = w.books[WORK_DONE], w.books[DISSIPATED]
+    row[at.work], row[at.dissipated], row[at.beyond] = w.books[WORK_DONE], w.books[DISSIPATED], w.books[BEYOND]
     for k in range(links):
         row[at.torque + k] = w.u[k]
     for k in range(w.reaction.shape[0]):
@@ -123,7 +144,12 @@ def _write(lane, model, par, w, t, links, row):
 
 @kernel
 def start_consistently(lane, model, drive, par, w, stretch):
-    """A consistent start at t+ where the stretch asks for one, its impulses in the books."""
+    """Make velocities and accelerations consistent just after the present time, where stretch.starts asks for it.
+
+    Loads or prescribed velocities may jump there (`physics.integrator.start.restart`). The work of the impulses is
+    added to w.books, its absolute value to stretch.gross. stretch: a `STRETCH`; its `starts` (GOES_ON: nothing to do;
+    AT_KINK; ANEW) becomes GOES_ON. drive: loads and motions as functions of time. w: state, in and out.
+    """
     if stretch[_AT.starts] != GOES_ON:
         before, fresh = w.books[WORK_DONE * len(lane)], stretch[_AT.starts] == ANEW
         restart_within(lane, model, drive, par, w, stretch[_AT.time], stretch[_AT.longest], fresh)
@@ -135,15 +161,18 @@ def start_consistently(lane, model, drive, par, w, stretch):
 def sample_rows(
     lane, model, drive, par, flat, n_motions, links, stretch, instants, kinks, chunk, most, scheme, books, table, points
 ):
-    """Advance, stopping at instants; a row of `table` (a `SAMPLE`) and points (P, 2) each.
+    """Advance one arm through sample instants and write a `SAMPLE` row and centerline points at each.
 
-    Steps are equal between instants and at most stretch.longest. `kinks`: instants, in order, where loads or motions
-    may jump: a step ends there, what is sampled there is the state before, and if it goes on from there it begins
-    AT_KINK; None: there are none, and what begins here GOES_ON. `chunk`: steps after which the work done is looked at.
-    books: a tag, (0,), where books are kept, or None. Returns how many rows were written; fewer than there are instants
-    where the arm has failed (its flag says why; a row of a diverged arm is written), or after `most` steps: called
-    again with the instants that are left, it goes on with the same steps. No points where P = 0. table None: nothing is
-    written, and the lane may be a dual one of one arm; otherwise SINGLE only.
+    Returns the number of rows written. Steps between two instants are equal and at most stretch.longest. Fewer rows
+    than instants are returned where the arm has failed (w.flag; the row of a diverged arm is written), or after `most`
+    steps: called again with the remaining instants, the run continues with the same steps. drive: loads and motions as
+    functions of time, or None. flat: memory of the integrator's `Work`, with n_motions prescribed coordinates. stretch:
+    a `STRETCH`, in and out. instants: s, ascending. table (instants, SAMPLE) or None: nothing is written, and the lane
+    may then be a dual one of one arm; otherwise SINGLE only. points (instants, P, 2 or 3), m; P = 0: none. links: their
+    number. kinks: instants (s, ascending) where loads or motions may jump, or None. A step ends at a kink, a sample
+    there is the state before it, and the run continues AT_KINK. Without kinks every interval GOES_ON. chunk: steps
+    between sums of the gross work. scheme: coefficients and Newton tolerance of the integrator. books: a tag, (0,),
+    where energies are kept, or None.
     """
     w = unpack(lane, model, flat, n_motions)
     i, k = 0, 0
@@ -152,6 +181,7 @@ def sample_rows(
             start_consistently(lane, model, drive, par, w, stretch)
         if i == instants.shape[0]:
             return i
+        # next stop: the sample instant, or a kink before it; kinks behind are passed over
         stop, wanted, kinked = instants[i], True, False
         if kinks is not None:
             while k < kinks.shape[0] and kinks[k] <= stretch[_AT.time] + NEAR * max(1.0, kinks[k]):
@@ -160,21 +190,24 @@ def sample_rows(
             if kinked:
                 wanted = stop <= kinks[k] + NEAR * max(1.0, stop)
                 stop = kinks[k]
+        # one interval
         moving = stretch[_AT.time] < stop or stretch[_AT.done] > 0.0
         most = _go(lane, model, drive, par, w, stretch, stop, chunk, most, scheme, books)
         if most < 0:
             return i
+        # sample; the energy must not grow beyond what accounts for it
         if wanted:
             i += 1
             if table is not None:
                 kinetic, strain, gravity = _write(lane, model, par, w, stretch[_AT.time], links, table[i - 1])
                 if points.shape[1] > 0:
-                    stretch[_AT.points] = shape(model, w.q, points[i - 1])
+                    stretch[_AT.points] = centerline(model, w.q, points[i - 1])
                 if not moving:
                     stretch[_AT.start_energy] = kinetic + strain + gravity
                 start, gross, gain = stretch[_AT.start_energy], stretch[_AT.gross], stretch[_AT.gain]
-                if moving and gained(kinetic, strain, gravity, start, gross, w.books[DISSIPATED], gain):
+                if moving and has_gained_energy(kinetic, strain, gravity, start, gross, w.books[DISSIPATED], gain):
                     w.flag[0] = DIVERGED
                     return i
+        # a kink was reached and the run continues from it
         if kinked and i < instants.shape[0]:
             stretch[_AT.starts] = AT_KINK

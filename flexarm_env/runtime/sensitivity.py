@@ -1,10 +1,10 @@
-"""How a run of one arm changes with a number that its model was made from, by the implicit function theorem.
+"""Derivative of one arm's run by a number theta that its model was made from, by the implicit function theorem.
 
-A step ends where r(q, v, a; theta) = 0, with v and a that follow from q and the step's start. What r changes by with
-theta is a difference between models that were made with theta a little larger and smaller, at the state as it is; what
-it changes by with that state is one residual in dual lanes; then S dq = -dr with the matrix of the step's end. No
-difference is taken of what was iterated, nor along a motion, so that steps of 1e-5 of theta leave errors of 1e-9
-however far the arm has gone. Joints with Coulomb friction slide or stick as they did.
+A step ends where r(q, v, a; theta) = 0, with v and a that follow from q and the step's start. dr/dtheta is a difference
+of models made with theta a little larger and smaller, at the same state; dr/dstate is one residual in dual lanes; then
+S dq = -dr with the matrix of the step's end. No difference is taken of iterated results or along a motion, so that
+offsets of 1e-5 of theta leave errors of 1e-9 however far the arm has moved. Joints with Coulomb friction slide or stick
+as they did.
 """
 
 from __future__ import annotations
@@ -15,37 +15,40 @@ import numpy as np
 
 from ..compiler import kernel, load, size, splat, store
 from ..physics.integrator.drive import set_inputs, set_motions
-from ..physics.integrator.newton import slopes_of
-from ..physics.integrator.step import foresee
-from ..physics.integrator.work import copy_rows, state_of, take_out_known, unpack, work_size
-from ..physics.joints.friction import change_friction, friction_tangents, note_branch
+from ..physics.integrator.newton import newmark_slopes
+from ..physics.integrator.step import newmark_predict
+from ..physics.integrator.work import copy_rows, remove_known_rows, state_of, unpack, work_size
+from ..physics.joints.friction import change_friction, friction_tangents, store_branch
 from ..physics.layout import OF_MOTION
-from ..physics.protocol import State, Weights, assemble, difference, factor, link_poses, residual, solve, update
+from ..physics.protocol import State, Weights, assemble, factor, link_poses, local_difference, residual, retract, solve
 
 
 class Neighbour(NamedTuple):
-    """A model made with theta + offset; what it gives counts by its weight in the derivative."""
+    """A model made with theta + offset; its residual enters the derivative with `weight`."""
 
     model: Any
-    par: np.ndarray
-    u: np.ndarray  # (rows inputs,): inputs at the steps' ends
-    offset: float
-    weight: float
+    par: np.ndarray  # the arm's own parameters
+    u: np.ndarray  # (rows inputs,): inputs at the steps' ends, N m and N
+    offset: float  # of theta
+    weight: float  # coefficient in the difference formula, 1 / unit of theta
 
 
 class Steps(NamedTuple):
-    """Steps one after the other: what they came to, a row each, and their lengths."""
+    """The steps of a run, one a row: states and inputs at their ends, and their lengths."""
 
-    q: np.ndarray  # (rows n,)
-    v: np.ndarray
-    a: np.ndarray
-    u: np.ndarray  # (rows inputs,)
-    h: np.ndarray  # (rows,) s
+    q: np.ndarray  # (rows n,) coordinates, m and rad
+    v: np.ndarray  # (rows n,) velocities
+    a: np.ndarray  # (rows n,) accelerations
+    u: np.ndarray  # (rows inputs,) N m and N
+    h: np.ndarray  # (rows,) step lengths, s
 
 
 @kernel
 def drive_rows(lane, drive, times, h, u, psi):
-    """Inputs (rows, inputs) and a `MOTION` for each prescribed coordinate (rows, ...) at the ends of steps."""
+    """Write inputs u (rows, inputs) and prescribed motions psi (rows, motions, `MOTION`) at the ends of steps.
+
+    times, h (rows,): ends and lengths of the steps, s. At a kink the values before it count.
+    """
     for k in range(times.shape[0]):
         before = times[k] - 1e-6 * h[k]
         set_inputs(lane, drive, u[k], times[k], before)
@@ -54,52 +57,63 @@ def drive_rows(lane, drive, times, h, u, psi):
 
 @kernel
 def factor_rows(lane, model, drive, par, steps, scheme, r, factors):
-    """The factored matrix of each step's end, (rows n_factor,)."""
+    """Write the factored Newton matrix of each step's end into factors (rows, n_factor).
+
+    # in        steps, states and inputs;  par, the arm's own parameters
+    # scratch   r (n,)
+    Which joints slide or stick by Coulomb friction is stored with the factors.
+    """
     n, length, inputs = size(model.n), size(model.n_factor), size(model.n_inputs)
     for k in range(steps.h.shape[0]):
-        slopes = slopes_of(scheme, steps.h[k])
+        slopes = newmark_slopes(scheme, steps.h[k])
         own = factors[k * length : (k + 1) * length]
-        state, weights = _state(steps, k, n), Weights(slopes.a, slopes.v, 1.0)
+        state, weights = _state(steps, k, n), Weights(slopes.a, slopes.v, 1.0, newton_share=1.0)
         assemble(lane, model, par, state, steps.u[k * inputs : (k + 1) * inputs], weights, r, own)
-        take_out_known(lane, model, drive, r, own, True)
+        remove_known_rows(lane, model, drive, r, own, True)
         factor(lane, model, own)
-        note_branch(lane, model, par, state, weights, slopes.v / slopes.a, r, own)
+        store_branch(lane, model, par, state, weights, slopes.v / slopes.a, r, own)
 
 
 @kernel
 def _state(on, k, n):
+    """Return the `State` of row k of `on`, a `Steps` of n coordinates."""
     return State(on.q[k * n : (k + 1) * n], on.v[k * n : (k + 1) * n], on.a[k * n : (k + 1) * n])
 
 
 @kernel
 def room_of(model, par):
-    """Numbers that `tangent_rows` works in: a work array of numbers with their tangents, and more."""
+    """Return the length of the scratch array of `tangent_rows`."""
     return work_size(2, model, 0) + 6 * size(model.n) + 2 * par.shape[0]
 
 
 @kernel
 def tangent_rows(lane, wide, model, drive, steps, scheme, factors, here, ahead, behind, moved, passes, room, out):
-    """out (rows, 2 n) <- what q and v at the steps' ends change by.
+    """Write the derivatives of q and v at the steps' ends by theta into out (rows, 2 n).
 
-    wide: `lane` with a tangent. here, ahead, behind: `Neighbour`s; here is the model itself. moved (rows, motions, 3):
-    what motions change by. passes: 1 where the factored matrix is the residual's derivative; where it is nearly so,
-    what is left is solved for again. room: of `room_of` numbers, first a work array whose q, v, a and b hold the state,
-    each number followed by its tangent: before, then after. A step ends at its prediction moved by what Newton found,
-    and v, a and b follow that; rotations are moved by `protocol.update`, on both ways.
+    wide: `lane` with one tangent. here, ahead, behind: `Neighbour`s; here is the model itself. factors: of
+    `factor_rows`.
+    moved (rows, motions, 3): derivatives of the prescribed motions. passes: 1 where the factored matrix is the exact
+    derivative of the residual; otherwise the remainder is solved for again.
+    # in, out   room: `room_of` numbers of scratch, first a `Work` whose q, v, a, b hold the state and its tangents
+    A step ends at its prediction moved by Newton's increment, which v, a and b follow; rotations are moved by
+    `protocol.retract`, in both.
     """
     n, length, inputs = size(model.n), size(model.n_factor), size(model.n_inputs)
     w, more = unpack(wide, model, room, 0), room[work_size(2, model, 0) :]
+    # vectors of n numbers; d in dual lanes; par with tangents 0
     r, given, dv, da = more[:n], more[n : 2 * n], more[2 * n : 3 * n], more[3 * n : 4 * n]
     d, par = more[4 * n : 6 * n], more[6 * n :]
     for i in range(here.par.shape[0]):
         store(par, i, splat(wide, here.par[i]))
     for k in range(steps.h.shape[0]):
-        h, slopes, own = steps.h[k], slopes_of(scheme, steps.h[k]), factors[k * length : (k + 1) * length]
-        foresee(wide, model, w, h, scheme)
+        h, slopes, own = steps.h[k], newmark_slopes(scheme, steps.h[k]), factors[k * length : (k + 1) * length]
+        # prediction of the step with the tangents of its start
+        newmark_predict(wide, model, w, h, scheme)
         copy_rows(wide, n, w.q, w.q0)
         copy_rows(wide, n, w.v, w.v0)
         copy_rows(wide, n, w.a, w.a0)
         copy_rows(wide, n, w.b, w.b0)
+        # q at the step's end is known; its tangent is sought, at first 0 except for prescribed rows
         for i in range(n):
             store(w.q, i, splat(wide, steps.q[k * n + i]))
             given[i] = 0.0
@@ -107,29 +121,35 @@ def tangent_rows(lane, wide, model, drive, steps, scheme, factors, here, ahead, 
             w.q[2 * drive.known[i] + 1] = moved[k, i, OF_MOTION.value]
         for i in range(inputs):
             store(w.u, i, splat(wide, here.u[k * inputs + i]))
+        # given <- dr/dtheta at fixed state
         for one in (here, ahead, behind):
             _add_residual(lane, one, steps, k, r, w.S, given)
+        # dr by the state's tangents, then S dq = -(given + dr)
         for _ in range(passes):
             _follow(wide, model, drive, w, d, slopes, steps, k, moved)
             residual(wide, model, par, state_of(w), w.u, w.r, w.S)
             for i in range(n):
                 r[i], dv[i], da[i] = given[i] + w.r[2 * i + 1], w.v[2 * i + 1], w.a[2 * i + 1]
-            take_out_known(lane, model, drive, r, own, False)
+            remove_known_rows(lane, model, drive, r, own, False)
             solve(lane, model, own, r)
+            # joints that slide: their Coulomb friction changes with theta as well; stored with the factors in `own`
             for one in (here, ahead, behind):
-                if one.weight != 0.0:  # what `own` notes of friction changes by a neighbour's, where joints slide
+                if one.weight != 0.0:
                     change_friction(lane, one.model, one.par, one.weight, own)
-            weights = Weights(slopes.a, slopes.v, 1.0)
+            weights = Weights(slopes.a, slopes.v, 1.0, newton_share=1.0)
             friction_tangents(lane, model, State(dv, dv, da), weights, slopes.v / slopes.a, own, r)
+            # move q by the solution: tangents change, values are those of the step
             for i in range(n):
                 w.r[2 * i], w.r[2 * i + 1] = -0.0, -r[i]
-            update(wide, model, w.q, 1.0, w.r, None)
+            retract(wide, model, w.q, 1.0, w.r, None)
             for i in range(n):
                 w.q[2 * i] = steps.q[k * n + i]
+        # rates follow; b for the next step
         _follow(wide, model, drive, w, d, slopes, steps, k, moved)
         for i in range(n):
             store(w.b, i, load(wide, w.b0, i) + load(wide, d, i) * slopes.b)
             out[k, i], out[k, n + i] = w.q[2 * i + 1], w.v[2 * i + 1]
+        # prescribed rows: b = a
         for i in range(drive.known.shape[0]):
             j = drive.known[i]
             store(w.b, j, load(wide, w.a, j))
@@ -137,9 +157,13 @@ def tangent_rows(lane, wide, model, drive, steps, scheme, factors, here, ahead, 
 
 @kernel
 def _follow(wide, model, drive, w, d, slopes, on, k, moved):
-    """d <- what moves the prediction to q; v and a follow it, their values those of step k."""
+    """Set v and a in dual lanes from the increment d between prediction and q; values are those of step k.
+
+    Tangents follow d, v = v_p + slopes.v d and a = a_p + slopes.a d. d (n,) is written. moved: derivatives of the
+    prescribed motions, which prescribed rows take.
+    """
     n = size(model.n)
-    difference(wide, model, w.q0, w.q, d)
+    local_difference(wide, model, w.q0, w.q, d)
     for i in range(n):
         store(w.v, i, load(wide, w.v0, i) + load(wide, d, i) * slopes.v)
         store(w.a, i, load(wide, w.a0, i) + load(wide, d, i) * slopes.a)
@@ -151,7 +175,10 @@ def _follow(wide, model, drive, w, d, slopes, on, k, moved):
 
 @kernel
 def _add_residual(lane, one, on, k, r, free, given):
-    """given <- given + the weight of a neighbour's residual at the state."""
+    """Add one neighbour's residual at the state of row k, times its weight, to given (n,).
+
+    r, free: scratch, residual and matrix.
+    """
     if one.weight != 0.0:
         n, inputs = size(one.model.n), size(one.model.n_inputs)
         residual(lane, one.model, one.par, _state(on, k, n), one.u[k * inputs : (k + 1) * inputs], r, free)
@@ -161,6 +188,10 @@ def _add_residual(lane, one, on, k, r, free, given):
 
 @kernel
 def pose_rows(lane, model, par, q, v, poses):
-    """Poses of the links, a row of q and v each; SINGLE only."""
+    """Write the link poses (`physics.layout.POSES`, inertial axes) of each row of q and v; SINGLE lane only.
+
+    # in        q, v (rows, n), m, rad and rates
+    # out       poses (rows, links POSES): root and tip position (m), angle (rad) and their rates
+    """
     for k in range(q.shape[0]):
         link_poses(lane, model, par, q[k], v[k], poses[k])

@@ -1,4 +1,8 @@
-"""What sensors make of an observation: readings by their laws, strain gauges, noise and delay, choice and history."""
+"""From the true state to the observation: sensor readings, strain gauges, noise, delay, selection and history.
+
+A reading is a quantity that a sensor measures by a law (`laws.read`); each has a channel, which stores its past.
+Entries of the observation are divided by their scales and clipped to +-CLIP.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compiler import arms, kernel, load, maximum, pick, place, sincos, size, square_root, store
+from ..compiler import Lanes, kernel, lane_count, load_lane, maximum, sincos, size, square_root, store_lane
 from ..physics.arithmetic import arctangent, clip
+from ..physics.integrator.work import Work
 from ..physics.layout import BASE_POSE, POSE, SPACE_POSE
-from ..physics.protocol import gauge, ports
-from ..physics.space.rotations import matrix, quaternion, times, turned
+from ..physics.protocol import input_displacements, strain_gauge
+from ..physics.space.rotations import Vector, matrix, quaternion
 from ..tasks.program import CLIP, FURTHER, GOAL, TARGET, channel_at
 from ..tasks.stream import draw_whole
 from ..tasks.task import info_of
@@ -19,46 +24,66 @@ from .laws import LAW_SIZE, channel_of, normal, read, read_encoder, tip_accelera
 
 
 @kernel
-def read_gauges(lane, sensors, entries, model, q, seen):
-    """Scaled curvatures at the gauges, the last entries of the observation."""
+def read_gauges(lane, sensors, entries, model, q, seen: Lanes):
+    """Write the curvatures at the strain gauges, over their scales, into the last entries of `seen`, clipped to +-CLIP.
+
+    entries: length of the observation. sensors.gauges (G, n): rows with curvature / scale = row . q. q (n, lanes):
+    coordinates. sensors: None without gauges.
+    """
     if sensors is not None:
         n = size(model.n)
         count = sensors.gauges.shape[0] // n
         for g in range(count):
-            read = gauge(lane, model, q, sensors.gauges[g * n : (g + 1) * n])
-            store(seen, entries - count + g, clip(read, CLIP))
+            read = strain_gauge(lane, model, q, sensors.gauges[g * n : (g + 1) * n])
+            seen[entries - count + g] = clip(read, CLIP)
 
 
 @kernel
-def record_motor_angles(lane, instruments, model, par, record, w):
-    """Motors' angles to where their encoders will find them."""
+def record_motor_angles(lane, instruments, model, par, record: Lanes, w: Work):
+    """Store the motors' angles (rad, after the ratio) in the record's channels, where encoders on motors read them.
+
+    The encoder of joint k reads channel k. w.q: coordinates (m, rad); w.y is scratch.
+    """
     if instruments is not None:
         if instruments.motors is not None:
-            base = record.shape[0] // len(lane) - readings_size(instruments)
-            ports(lane, model, par, w.q, w.y)
+            base = record.shape[0] - readings_size(instruments)
+            input_displacements(lane, model, par, w.q, w.y)
             for k in range(instruments.motors.shape[0]):
-                store(record, channel_of(base, instruments.room, k).motor, load(lane, w.y, k))
+                record[channel_of(base, instruments.room, k).motor] = w.y[k]
 
 
 @kernel
 def write_observation(lane, p, arm, poses, record, seen, first):
-    """The observation of one arm, as it is measured; first: of an episode, nothing to remember."""
+    """Measure the true entries of one arm and write its row of p.observation, float32.
+
+    arm: number in the batch. poses: of the links, inertial axes. record: channels (memory of the sensors), in and out.
+    first: True at the start of an episode, which has no past. seen: true entries in, measured entries out.
+    """
     measure(lane, p, p.stream, arm, poses, record, seen, first)
     _select(len(lane), p, arm, record, seen, first)
 
 
 @kernel
 def measure(lane, p, stream, arm, poses, record, seen, first):
-    """Entries as sensors read them, in the place of the true ones; stream: see `read`."""
+    """Replace the true entries of one arm in `seen` by what its sensors read.
+
+    A channel is the memory of a sensor for one number. Channels are in the order encoders, accelerometer, gyroscope,
+    camera, gauges; each sensor replaces or adds its entries in `seen`. arm: number in the batch. stream: of random
+    numbers; None for readings without noise and without drawn gains or biases. first: at the start of an episode.
+    poses: of the links, m, rad, inertial axes; record: channels, in and out. No-op without instruments.
+    """
     instruments = p.instruments
     if instruments is not None:
+        # channels are the last numbers of the record; sensor entries follow those of the task and of a moving target
         base, at = record.shape[0] // len(lane) - readings_size(instruments), size(p.task.entries)
         if p.reference is not None:
             at += p.reference.scales.shape[0]
-        who = Who(stream, arm, arm % arms(lane), base, first)
+        # encoders first: frames of moving targets and goals use the angles that they read
+        who = Who(stream, arm, arm % lane_count(lane), base, first)
         c = _encoders(lane, p, instruments, who, poses, record, seen)
         _turned(lane, p, instruments, who, poses, record, seen)
         at = _goals(lane, p, instruments, who, at, poses, record, seen)
+        # accelerometer, gyroscope, camera: one entry and one channel for each number
         felt = _acceleration(lane, p, instruments, who, c, poses, record)
         for readings in (felt, _spin(lane, p, instruments, who, poses), _picture(lane, p, instruments, who, poses)):
             for value in readings:
@@ -68,18 +93,21 @@ def measure(lane, p, stream, arm, poses, record, seen, first):
 
 
 class Who(NamedTuple):
-    """Whose sensors are read."""
+    """The arm whose sensors are read."""
 
-    stream: Any  # of random numbers, or None
-    arm: int
+    stream: Any  # random numbers of all arms; None: readings without noise
+    arm: int  # its number, the stream's index
     i: int  # its lane
-    base: int  # of its channels in the record
-    first: bool  # in its episode
+    base: int  # offset of its first channel in the record
+    first: bool  # whether this is the first reading of an episode
 
 
 @kernel
 def readings_size(instruments):
-    """Numbers that sensors remember, the last of a record."""
+    """Return how many numbers of a record the sensors' channels take, its last ones; 0 without instruments.
+
+    A channel is the memory of a sensor for one number (`program.CHANNEL`).
+    """
     if instruments is not None:
         return (instruments.laws.shape[0] // LAW_SIZE) * channel_at(0, instruments.room).end
     return 0
@@ -87,120 +115,179 @@ def readings_size(instruments):
 
 @kernel
 def _true_angle(lane, task, i, k, poses):
-    """Angle of joint k."""
+    """Return the true angle of joint k, rad, of the arm in lane i, from poses of the links in inertial axes.
+
+    In the plane it is the link's root angle less the tip angle of the link before, or less the attitude of a floating
+    base. Poses in space (targets of three numbers) hold it directly.
+    """
     if size(task.targets) == 3:
-        return pick(lane, poses, SPACE_POSE.end * k + SPACE_POSE.angle, i)
-    angle = pick(lane, poses, POSE.end * k + POSE.angle, i)
+        return load_lane(lane, poses, SPACE_POSE.end * k + SPACE_POSE.angle, i)
+    angle = load_lane(lane, poses, POSE.end * k + POSE.angle, i)
     if k == 0 and size(task.base) > 0:
-        angle = angle - pick(lane, poses, POSE.end * size(task.links) + BASE_POSE.angle, i)
+        angle = angle - load_lane(lane, poses, POSE.end * size(task.links) + BASE_POSE.angle, i)
     if k > 0:
-        angle = angle - pick(lane, poses, POSE.end * (k - 1) + POSE.tip_angle, i)
+        angle = angle - load_lane(lane, poses, POSE.end * (k - 1) + POSE.tip_angle, i)
     return angle
 
 
 @kernel
 def _angle(lane, task, instruments, who, k, poses, record):
-    """Angle of joint k as its encoder reads it, or as it is where there is none."""
+    """Return the angle of joint k, rad, as its encoder reads it, or the true angle where there are no encoders.
+
+    who: the arm, a `Who`. poses: of the links, inertial axes. record: channels of the sensors, with the last readings.
+    """
     if instruments.encoders is not None:
-        return pick(lane, record, channel_of(who.base, instruments.room, k).reading, who.i)
+        return load_lane(lane, record, channel_of(who.base, instruments.room, k).reading, who.i)
     return _true_angle(lane, task, who.i, k, poses)
 
 
 @kernel
 def _encoders(lane, p, instruments, who, poses, record, seen):
-    """Sine, cosine and rate of each joint; returns the next channel."""
+    """Read the encoders: write sine, cosine and scaled rate of each joint into `seen`; return the next channel.
+
+    who: the arm, a `Who`.
+    # in        poses of the links (inertial axes), or motor angles in the channels
+    # out       seen, at the indices instruments.encoders: sine, cosine, rate over its scale, clipped to +-CLIP
+    #           record, channels 0 ... N - 1, one for each joint
+    """
     if instruments.encoders is not None:
         i, n, encoders = who.i, size(p.task.links), instruments.encoders
         for k in range(n):
+            # quantity measured: the joint's angle
             true = _true_angle(lane, p.task, i, k, poses)
+            # an encoder on the motor reads the motor's angle, after the ratio
             if instruments.motors is not None:
-                if instruments.motors[k] == 1:  # it turns with the motor
-                    true = pick(lane, record, channel_of(who.base, instruments.room, k).motor, i)
+                if instruments.motors[k] == 1:
+                    true = load_lane(lane, record, channel_of(who.base, instruments.room, k).motor, i)
+            # readings; the rate is filtered differences of the angle
             angle, rate = read_encoder(
                 lane, instruments.laws, instruments.room, k, record, who.base, who.stream, who.arm, true, who.first
             )
             sine, cosine = sincos(angle)
-            place(lane, seen, encoders[3 * k], i, sine)
-            place(lane, seen, encoders[3 * k + 1], i, cosine)
-            place(lane, seen, encoders[3 * k + 2], i, clip(rate / p.task.scales[encoders[3 * k + 2]], CLIP))
+            store_lane(lane, seen, encoders[3 * k], i, sine)
+            store_lane(lane, seen, encoders[3 * k + 1], i, cosine)
+            store_lane(lane, seen, encoders[3 * k + 2], i, clip(rate / p.task.scales[encoders[3 * k + 2]], CLIP))
         return n
     return 0
 
 
 @kernel
 def _turned(lane, p, instruments, who, poses, record, seen):
-    """What is shown of a moving point, from the frame of the hub's angle into that of its encoder's."""
+    """Turn the entries of a moving target from the frame of the true hub angle into that of the encoder's hub angle.
+
+    Entries are vectors (target rate and displacements ahead, over their scales) in axes that turn with the hub. They
+    were written for the true angle; the observer knows only the measured one. Angular targets of one number do not
+    turn. who: the arm, a `Who`. poses: of the links, inertial axes. seen: in and out, clipped to +-CLIP.
+    """
     if instruments.encoders is not None:
         if p.reference is not None:
             i, first, count = who.i, size(p.task.entries), p.reference.scales.shape[0]
+            # in space: rotation about the axis of joint 0 by true less measured angle
             if p.reference.axis is not None:
-                axis = (p.reference.axis[0], p.reference.axis[1], p.reference.axis[2])
+                axis = Vector(p.reference.axis[0], p.reference.axis[1], p.reference.axis[2])
                 read_as = _angle(lane, p.task, instruments, who, 0, poses, record)
-                turn = matrix(quaternion(times(axis, _true_angle(lane, p.task, i, 0, poses) - read_as)))
+                turn = matrix(quaternion((_true_angle(lane, p.task, i, 0, poses) - read_as) * axis))
                 for k in range(first, first + count, 3):
-                    a = (pick(lane, seen, k, i), pick(lane, seen, k + 1, i), pick(lane, seen, k + 2, i))
-                    b = turned(turn, a)
+                    a = Vector(
+                        load_lane(lane, seen, k, i),
+                        load_lane(lane, seen, k + 1, i),
+                        load_lane(lane, seen, k + 2, i),
+                    )
+                    b = turn @ a
                     for d in range(3):
-                        place(lane, seen, k + d, i, clip(b[d], CLIP))
+                        store_lane(lane, seen, k + d, i, clip(b[d], CLIP))
             elif size(p.task.targets) == 2:
                 off = _angle(lane, p.task, instruments, who, 0, poses, record)
-                sine, cosine = sincos(off - pick(lane, poses, POSE.angle, i))
+                sine, cosine = sincos(off - load_lane(lane, poses, POSE.angle, i))
+                # in the plane: rotate back by measured less true angle
                 for k in range(first, first + count, 2):
-                    x, y = pick(lane, seen, k, i), pick(lane, seen, k + 1, i)
-                    place(lane, seen, k, i, clip(cosine * x + sine * y, CLIP))
-                    place(lane, seen, k + 1, i, clip(cosine * y - sine * x, CLIP))
+                    x, y = load_lane(lane, seen, k, i), load_lane(lane, seen, k + 1, i)
+                    store_lane(lane, seen, k, i, clip(cosine * x + sine * y, CLIP))
+                    store_lane(lane, seen, k + 1, i, clip(cosine * y - sine * x, CLIP))
 
 
 @kernel
 def _goals(lane, p, instruments, who, at, poses, record, seen):
-    """Joint angles at the goal less encoder angles, rad, and a point, over the arm's length; returns the next entry."""
+    """Write goal angles less encoder angles (rad) into `seen`, and a target point over the arm's length.
+
+    at: first entry. Returns the next entry; `at` itself without instruments.goals. who: the arm, a `Who`. Goal angles
+    are record.goal, rad; the target is record.target, m, inertial axes. All entries are clipped to +-CLIP.
+    """
     if instruments.goals is not None:
         i, n, targets = who.i, size(p.task.links), size(p.task.targets)
         for k in range(n):
             angle = _angle(lane, p.task, instruments, who, k, poses, record)
-            place(lane, seen, at + k, i, clip(pick(lane, record, GOAL + k, i) - angle, CLIP))
+            store_lane(lane, seen, at + k, i, clip(load_lane(lane, record, GOAL + k, i) - angle, CLIP))
         if targets == 1:
             return at + n
         for d in range(targets):
-            place(lane, seen, at + n + d, i, clip(pick(lane, record, TARGET + d, i) / p.task.length, CLIP))
+            store_lane(lane, seen, at + n + d, i, clip(load_lane(lane, record, TARGET + d, i) / p.task.length, CLIP))
         return at + n + targets
     return at
 
 
 @kernel
 def _show(lane, instruments, who, at, c, record, seen, value):
-    """Entry `at`: what channel c reads of a value."""
+    """Write entry `at` of `seen`: the reading of `value` by the law of channel c, clipped to +-CLIP.
+
+    value: true quantity of one arm, over its scale. who: the arm, a `Who`. record: channels of the sensors, in and out.
+    """
     laws, room, arm = instruments.laws, instruments.room, who.arm
     shown = read(lane, laws, room, c, record, who.base, who.stream, arm, value, who.first)
-    place(lane, seen, at, who.i, clip(shown, CLIP))
+    store_lane(lane, seen, at, who.i, clip(shown, CLIP))
 
 
 @kernel
 def _of_tip(lane, p, who, poses, field):
-    """Three numbers of the last link's pose in space."""
+    """Return a vector of the last link's pose in space; field: offset of tip, turn, velocity or spin in a pose.
+
+    tip: position, m; turn: rotation vector, rad; velocity: m/s; all in inertial axes. spin: rad/s, tip axes. who: the
+    arm, a `Who`.
+    """
     o = SPACE_POSE.end * (size(p.task.links) - 1) + field
-    return pick(lane, poses, o, who.i), pick(lane, poses, o + 1, who.i), pick(lane, poses, o + 2, who.i)
+    return Vector(
+        load_lane(lane, poses, o, who.i),
+        load_lane(lane, poses, o + 1, who.i),
+        load_lane(lane, poses, o + 2, who.i),
+    )
 
 
 @kernel
 def _acceleration(lane, p, instruments, who, c, poses, record):
-    """What an accelerometer feels along the tip's tangent and across it, in space along its axes; c: its channel."""
+    """Return the tip's specific force (acceleration less gravity) in its own axes, mean over a period, over its scale.
+
+    In the plane along the tangent and across it, in space along x, y, z of the tip's axes; () without an accelerometer.
+    instruments.accelerometer: gravity (m/s^2, inertial axes), then the scale (m/s^2). c: first of its channels in the
+    record, one for each axis, whose place, speed and angle of the period before are used and replaced. poses: of the
+    links.
+    """
     accelerometer = instruments.accelerometer
     if accelerometer is None:
         return ()
     i, room, period = who.i, instruments.room, instruments.period
     if size(p.task.targets) == 3:
+        # in space: position m, rotation vector rad, velocity m/s in inertial axes, spin rad/s in tip axes
         x, y, z = specific_force(
-            lane, record, who.base, room, c, i, _of_tip(lane, p, who, poses, SPACE_POSE.tip),
-            _of_tip(lane, p, who, poses, SPACE_POSE.turn), _of_tip(lane, p, who, poses, SPACE_POSE.velocity),
-            _of_tip(lane, p, who, poses, SPACE_POSE.spin), period,
-            (accelerometer[0], accelerometer[1], accelerometer[2]), who.first,
+            lane,
+            record,
+            who.base,
+            room,
+            c,
+            i,
+            _of_tip(lane, p, who, poses, SPACE_POSE.tip),
+            _of_tip(lane, p, who, poses, SPACE_POSE.turn),
+            _of_tip(lane, p, who, poses, SPACE_POSE.velocity),
+            _of_tip(lane, p, who, poses, SPACE_POSE.spin),
+            period,
+            Vector(accelerometer[0], accelerometer[1], accelerometer[2]),
+            who.first,
         )  # fmt: skip
-        return x / accelerometer[3], y / accelerometer[3], z / accelerometer[3]
+        return Vector(x / accelerometer[3], y / accelerometer[3], z / accelerometer[3])
+    # in the plane: x, y, angle of the tip and their rates
     o = POSE.end * (size(p.task.links) - 1)
-    x, vx = pick(lane, poses, o + POSE.tip_x, i), pick(lane, poses, o + POSE.tip_vx, i)
-    y, vy = pick(lane, poses, o + POSE.tip_y, i), pick(lane, poses, o + POSE.tip_vy, i)
-    angle, rate = pick(lane, poses, o + POSE.tip_angle, i), pick(lane, poses, o + POSE.tip_rate, i)
+    x, vx = load_lane(lane, poses, o + POSE.tip_x, i), load_lane(lane, poses, o + POSE.tip_vx, i)
+    y, vy = load_lane(lane, poses, o + POSE.tip_y, i), load_lane(lane, poses, o + POSE.tip_vy, i)
+    angle, rate = load_lane(lane, poses, o + POSE.tip_angle, i), load_lane(lane, poses, o + POSE.tip_rate, i)
     along, across = tip_acceleration(
         lane, record, who.base, room, c, i, x, y, angle, vx, vy, rate, period, accelerometer[0], accelerometer[1],
         who.first,
@@ -210,22 +297,30 @@ def _acceleration(lane, p, instruments, who, c, poses, record):
 
 @kernel
 def _spin(lane, p, instruments, who, poses):
-    """Angular velocity about the tip's axes, where there is a gyroscope."""
+    """Return the angular velocity of the tip about its own axes, over its scale; () without a gyroscope.
+
+    Three numbers, about the x, y, z axes of the last link's tip section; the scale instruments.gyroscope is in rad/s.
+    who: the arm, a `Who`. poses: of the links in space.
+    """
     if instruments.gyroscope is None:
         return ()
     x, y, z = _of_tip(lane, p, who, poses, SPACE_POSE.spin)
-    return x / instruments.gyroscope, y / instruments.gyroscope, z / instruments.gyroscope
+    return Vector(x / instruments.gyroscope, y / instruments.gyroscope, z / instruments.gyroscope)
 
 
 @kernel
 def rise(x):
-    """The angle whose sine is x, from -pi/2 to pi/2."""
+    """Return the angle whose sine is x, rad, from -pi/2 to pi/2."""
     return arctangent(x, square_root(maximum(1.0 - x * x, 0.0)))
 
 
 @kernel
 def _picture(lane, p, instruments, who, poses):
-    """The tip's position that a camera sees, in space also by what its axis rises towards y and z."""
+    """Return the tip's position in inertial axes over the camera's scale; in space also the rise of its x axis, rad.
+
+    The rise is two angles, by which the axis rises towards the inertial y and z axes. () without a camera. who: the
+    arm, a `Who`. poses: of the links; instruments.camera: scale, m.
+    """
     if instruments.camera is None:
         return ()
     if size(p.task.targets) == 3:
@@ -233,30 +328,51 @@ def _picture(lane, p, instruments, who, poses):
         A = matrix(quaternion(_of_tip(lane, p, who, poses, SPACE_POSE.turn)))
         return x / instruments.camera, y / instruments.camera, z / instruments.camera, rise(A[1][0]), rise(A[2][0])
     o = POSE.end * (size(p.task.links) - 1) + POSE.tip_x
-    return pick(lane, poses, o, who.i) / instruments.camera, pick(lane, poses, o + 1, who.i) / instruments.camera
+    return load_lane(lane, poses, o, who.i) / instruments.camera, load_lane(
+        lane, poses, o + 1, who.i
+    ) / instruments.camera
 
 
 @kernel
 def _gauges(lane, p, instruments, who, c, record, seen):
+    """Replace the true gauge curvatures, the last entries of `seen`, by the readings of channels c, c + 1, ...
+
+    Values are curvatures over their scales. c: the first channel of a gauge. who: the arm, a `Who`. record: channels.
+    """
     if instruments.gauges is not None:
         count = size(instruments.gauges)
         for g in range(count):
             k = p.entries - count + g
-            _show(lane, instruments, who, k, c + g, record, seen, pick(lane, seen, k, who.i))
+            _show(lane, instruments, who, k, c + g, record, seen, load_lane(lane, seen, k, who.i))
 
 
 # --- the observation -----------------------------------------------------------------------------------
 @kernel
 def _select(lanes, p, arm, record, seen, first):
-    """All entries, or those that are chosen, behind the observations before."""
+    """Write one arm's row of p.observation, float32: all entries, or the chosen ones behind earlier observations.
+
+    seen: measured entries, in lanes. A row with history holds `frames` observations, the oldest first. Chosen indices
+    from p.entries on are actions of the period that ends here. At the start of an episode (first) the history is filled
+    with the first observation, and actions are 0.
+    """
     selection, observation = p.selection, p.observation
     if selection is not None:
+        # older: how many entries all frames have but the newest
         count, older = selection.chosen.shape[0], selection.chosen.shape[0] * (selection.frames - 1)
         out = arm * (count + older)
+        # shift the history by one observation
         for j in range(older):
             observation[out + j] = observation[out + j + count]
         for j in range(count):
-            observation[out + older + j] = _entry(lanes, p, arm, selection.chosen[j], record, seen, first)
+            k = selection.chosen[j]
+            if k < p.entries:
+                observation[out + older + j] = _entry(lanes, p, arm, k, record, seen, first)
+            elif first:
+                observation[out + older + j] = np.float32(0.0)
+            else:  # the action of the period that ends here
+                done = p.action[arm * size(p.task.links) + k - p.entries]
+                observation[out + older + j] = np.float32(min(1.0, max(-1.0, done)))
+        # no past yet: repeat the newest observation
         if first:
             for j in range(older):
                 observation[out + j] = observation[out + older + j % count]
@@ -268,36 +384,52 @@ def _select(lanes, p, arm, record, seen, first):
 
 @kernel
 def _past_at(lanes, p, record):
-    """Where past observations are, `RECORD.seen`; before them how late they come, where that is drawn."""
+    """Return the offset of past observations in the record; the number before them is the drawn delay, in periods.
+
+    lanes: of a group. The sensors' channels, the last numbers of the record, follow the past observations.
+    """
     return record.shape[0] // lanes - readings_size(p.instruments) - p.entries * p.sensors.age
 
 
 @kernel
 def draw_age(p, arm, record, lanes):
-    """By how many periods the observations of arm's episode come late, where that is drawn."""
+    """Draw the observation delay of an arm's episode, in whole control periods, into its record, where it is drawn.
+
+    arm: number in the batch. lanes: of a group. p.sensors.drawn: least and largest delay, or None.
+    """
     if p.sensors is not None and p.sensors.drawn is not None:
         record[(_past_at(lanes, p, record) - 1) * lanes + arm % lanes] = draw_whole(p.stream, arm, p.sensors.drawn)
 
 
 @kernel
 def record_drawn(lanes, p, i, record, info):
-    """What of the sensors is drawn for the episode of the arm in lane i into info: how late they are, and gains."""
+    """Write the drawn observation delay (s) and channel gains of the arm in lane i into info.
+
+    record: delay in periods and gains of the channels, as drawn at the start of the episode.
+    """
     first, instruments = info_of(p.task).further + FURTHER.told, p.instruments
     if p.sensors is not None and p.sensors.drawn is not None:
         info[(first + 1) * lanes + i] = record[(_past_at(lanes, p, record) - 1) * lanes + i] * p.period
     if instruments is not None:
         base = record.shape[0] // lanes - readings_size(instruments)
-        for c in range(size(p.task.further) - FURTHER.told - 2):
-            info[(first + 2 + c) * lanes + i] = record[channel_of(base, instruments.room, c).gain * lanes + i]
+        for c in range(size(p.task.further) - FURTHER.told - 3):
+            info[(first + 3 + c) * lanes + i] = record[channel_of(base, instruments.room, c).gain * lanes + i]
 
 
 @kernel
 def _entry(lanes, p, arm, k, record, seen, first):
-    """Entry k of the observation with its noise, as it arrives."""
+    """Return entry k of one arm's observation as float32, with noise and delay.
+
+    seen: measured entries, in lanes; arm: number in the batch. The record holds the last `age` values of the entry.
+    Each call shifts them by one period and returns the oldest, or the one as old as the delay drawn for the episode. At
+    the start of an episode (first) the past is filled with the value.
+    """
     value, sensors = seen[k * lanes + arm % lanes], p.sensors
     if sensors is not None:
         if sensors.noise[k] > 0.0:
+            # normal noise, standard deviation in scales
             value = min(CLIP, max(-CLIP, value + sensors.noise[k] * normal(p.stream, arm)))
+        # `value` moves through the past: newest in, oldest out
         past = _past_at(lanes, p, record)
         arrived = value
         for j in range(sensors.age):
@@ -307,7 +439,7 @@ def _entry(lanes, p, arm, k, record, seen, first):
             older = record[at]
             record[at] = value
             value = older
-            if sensors.drawn is not None:  # of which that many periods are the episode's
+            if sensors.drawn is not None:  # a delay of so many periods was drawn for the episode
                 if j < record[(past - 1) * lanes + arm % lanes]:
                     arrived = value
         if sensors.drawn is not None:

@@ -1,4 +1,4 @@
-"""Starts of episodes: an arm drawn from its stream, put in its place and observed; and arms moved elsewhere."""
+"""Starts of episodes: draw an arm from its random stream, set its initial state and observe it; finish guided arms."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import math
 
 import numpy as np
 
-from ..compiler import apart, follow, kernel, load, size, splat, stack, store
-from ..physics.integrator.work import copy_rows, solve_known, unpack
+from ..compiler import dereference, kernel, load, noinline, size, splat, stack, store, store_lane
+from ..physics.integrator.work import copy_rows, solve_unknown_rows, unpack
 from ..physics.joints.layout import LAWS
 from ..physics.layout import SPACE_POSE
 from ..physics.model import EI_Y_FACTOR, GJ_FACTOR, OK, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
-from ..physics.protocol import RESIDUAL_ALONE, State, Weights, assemble, energy, stand, task_poses
+from ..physics.protocol import RESIDUAL_ALONE, State, Weights, assemble, energy, set_joint_configuration, task_poses
+from ..tasks.attainable import MOST_DRAWS, attainable, held_in_space
+from ..tasks.own_terms import judge_with_terms
 from ..tasks.program import (
     FURTHER,
     GOAL,
@@ -29,23 +31,27 @@ from ..tasks.program import (
 )
 from ..tasks.starts import ALWAYS, FACTOR
 from ..tasks.stream import draw, uniform
-from ..tasks.task import aim, info_of, judge, target_from
+from ..tasks.task import aim, info_of, target_from
 from ..tasks.track import start_path
 from .episode import OUTCOME, copy_info, finish_arm, observe_material, observe_state, record_energies, reward
 from .events import draw_events
 from .keep_out import record_clearance
-from .motors import draw_delay, draw_lateness, record_delay
+from .motors import draw_delay, draw_lag, draw_lateness, record_delay
 from .sensors import draw_age, record_drawn, write_observation
 
 _MODES = 3
-"""Of an initial vibration in space: bending along y, along z, torsion."""
+"""Modes of an initial vibration in space: bending along y, bending along z, torsion."""
 _ONE, _RECORD, _START = (0,), (0,) * GOAL, (0,) * START.offsets(0, 0).end
 
 
 @kernel
 def start_episodes(address, mode, count):
-    """Fresh starts of the arms p.queue[:count], drawn from their streams, in a mode."""
-    p = follow(address)
+    """Start new episodes of the arms p.queue[0 ... count - 1], each drawn from its random stream.
+
+    address: of a `Program`. mode: for their records, RUNNING (moved by the next step), FRESH (skipped by the next step)
+    or GUIDED (follows prescribed motions).
+    """
+    p = dereference(address)
     for k in range(count):
         arm = p.queue[k]
         g = arm // len(p.lane)
@@ -53,22 +59,33 @@ def start_episodes(address, mode, count):
         _start(p.lane, p, arm, mode, block, unpack(p.lane, p.model, block, 0))
 
 
-@apart
+@noinline
 def _start(lane, p, arm, mode, block, w):
+    """Start a new episode of one arm: draw it, set its state and record, write its first observation.
+
+    arm: number in the batch. mode: RUNNING, FRESH or GUIDED, for record.mode. The other lanes of the group keep all
+    their numbers.
+    # block     memory of the arm's group; parameters, poses, record, action, seen and info are written
+    # w         q (m, rad), v, a, b, u and books of the lane are written; w.r, w.S, w.v0, w.a0, w.b0 are scratch
+    """
     task, lanes, i, n_joints = p.task, len(lane), arm % len(lane), size(p.task.links)
     par, poses, record, action, seen, info, _, _ = sections(p.layout, block)
     own, at = stack(_ONE, task.links + _START), start_at(0, n_joints)
+    # own: a `START`, of this arm alone (not in lanes)
     _draw(task, p.ranges, p.stream, p.request, arm, own)
+    # record: all zero but for the numbers drawn and the periods allowed, which a reset sets
     limit = record[PERIODS_ALLOWED * lanes + i]
     for k in range(record.shape[0] // lanes):
         record[k * lanes + i] = 0.0
     record[PERIODS_ALLOWED * lanes + i], record[MODE * lanes + i] = limit, float(mode)
     record[TORQUE_FACTOR * lanes + i] = own[at.factors + FACTOR.torque_constant]
     record[TARGET * lanes + i], record[(TARGET + 1) * lanes + i] = own[at.target], own[at.target + 1]
+    # the arm's own parameters; no inputs
     for k in range(PARAMETERS):
         par[k * lanes + i] = own[at.parameters + k]
     for k in range(w.u.shape[0] // lanes):
         w.u[k * lanes + i] = 0.0
+    # state: straight links at the drawn joint angles
     if p.ranges.pose is not None:
         _place(lanes, i, p.ranges.pose, p.ranges.shake, n_joints, own, size(p.model.n), w.q, w.v, w.a, w.b)
     else:
@@ -79,12 +96,14 @@ def _start(lane, p, arm, mode, block, w):
         _draw_more(p, lanes, i, arm, own[at.factors : at.parameters], par)
     if p.ranges.pose is None and p.ranges.shake is not None:
         _swing(lane, p, i, _only(lane, i), own, par, action, w)
+    # no action yet; goal: the initial joint angles, from which `aim` finds those that reach the target
     for k in range(n_joints):
         action[k * lanes + i] = 0.0
         if p.ranges.pose is not None:
             record[(GOAL + k) * lanes + i] = own[at.angles + k]
     for k in range(w.books.shape[0] // lanes):
         w.books[k * lanes + i] = 0.0
+    # moving target, poses, info; the order of draws from the stream is part of the specification
     if p.reference is not None:
         start_path(p.reference, task, p.stream, arm, record, lanes)
     task_poses(lane, p.model, par, w.q, w.v, poses)
@@ -94,10 +113,12 @@ def _start(lane, p, arm, mode, block, w):
         info[k] = 0.0
     _start_info(lanes, p, arm, record, info)
     draw_delay(p.actuator, task, p.stream, arm, record, lanes)
+    draw_lag(p, arm, record, info, lanes)
     draw_age(p, arm, record, lanes)
     record_delay(lane, p, record, live, info)
     draw_events(lanes, p, arm, par, record, info)
     record_clearance(lane, p, arm // lanes, w.q, live, info)
+    # factors drawn, for info
     if size(task.further) > 0:
         for k in range(FACTOR.end):
             info[(info_of(task).further + FURTHER.drawn + k) * lanes + i] = own[at.factors + k]
@@ -108,29 +129,46 @@ def _start(lane, p, arm, mode, block, w):
 
 @kernel
 def _only(lane, i):
-    """1 in lane i, 0 elsewhere."""
+    """Return a mask over lanes: 1.0 in lane i, 0.0 elsewhere."""
     mask = stack(lane, _ONE)
-    store(mask, 0, splat(lane, 0.0))
-    mask[i] = 1.0
-    return load(lane, mask, 0)
+    mask[0] = 0.0
+    store_lane(lane, mask, 0, i, 1.0)
+    return mask[0]
 
 
 @kernel
 def _draw(task, ranges, stream, request, arm, own):
-    """own <- a `START`: as requested, or drawn. As many draws for any request."""
+    """Draw an arm's `START` (joint angles, target, vibration, factors, parameters) into own, unless requested.
+
+    request: a `REQUEST`, NaN where a number is to be drawn. Every request consumes equally many numbers of the stream,
+    so that later draws are the same.
+    # in        task, ranges (`Ranges`), request
+    # in, out   stream[arm]
+    # out       own: angles, rad; target (2,), m or rad; vibration, over L; factors; parameters (kg, kg m^2, -, s)
+    """
     n = size(task.links)
     at, asked = start_at(0, n), request_at(0, n, 0)
-    straight = uniform(stream, arm) < ranges.straight
+    # joint angles, all 0 in a share of the starts
+    straight = uniform(stream, arm) < ranges.straight[0]
     for k in range(n):
         angle = draw(stream, arm, ranges.start, k)
         own[at.angles + k] = _given(request[asked.angles + k], 0.0 if straight else angle)
+    # target; in the plane drawn again until the arm can hold itself there
     first, second = draw(stream, arm, ranges.target, 0), draw(stream, arm, ranges.target, 1)
     first, second = target_from(task, own[at.angles : at.end], first, second)
+    if ranges.attainable is not None and ranges.pose is not None:
+        for _ in range(MOST_DRAWS):
+            if attainable(task, ranges.attainable, own[at.angles : at.end], first, second) > 0.5:
+                break
+            first, second = draw(stream, arm, ranges.target, 0), draw(stream, arm, ranges.target, 1)
+            first, second = target_from(task, own[at.angles : at.end], first, second)
     own[at.target] = _given(request[asked.target], first)
     own[at.target + 1] = _given(request[asked.target + 1], second)
+    # amplitudes of the initial vibration: one in the plane, one for each mode in space
     for k in range(1 if ranges.pose is not None or ranges.shake is None else _MODES):
         vibration = (2.0 * uniform(stream, arm) - 1.0) * ranges.vibration
         own[at.vibration + k] = _given(request[asked.vibration + k], vibration)
+    # factors on nominal values; those behind ALWAYS are drawn by `_draw_more`
     for k in range(ALWAYS):
         own[at.factors + k] = draw(stream, arm, ranges.factors, k)
     for k in range(ALWAYS, FACTOR.end):
@@ -143,14 +181,20 @@ def _draw(task, ranges, stream, request, arm, own):
 
 @kernel
 def _draw_more(p, lanes, i, arm, factors, par):
-    """What of an arm's own parameters is drawn only where it is asked for, by the later ones of its `FACTORS`."""
+    """Draw the optional factors (friction, backlash, inertias, EI_y, GJ) of an arm and apply them to par in lane i.
+
+    factors: a `FACTORS`, of which entries from ALWAYS on are written. par: the arm's own parameters in lanes; behind
+    them the laws of its joints (`joints.layout.LAWS`), which get the model's laws times the factors.
+    """
     for k in range(p.ranges.more.shape[0] // 2):
         factors[ALWAYS + k] = draw(p.stream, arm, p.ranges.more, k)
+    # factor on the payload's inertia, on top of that on mass and inertia
     par[PAYLOAD_INERTIA * lanes + i] = par[PAYLOAD_INERTIA * lanes + i] * factors[FACTOR.payload_inertia]
     friction, play, rotor = factors[FACTOR.friction], factors[FACTOR.backlash], factors[FACTOR.motor_inertia]
     if p.ranges.pose is None:
         par[EI_Y_FACTOR * lanes + i] = par[EI_Y_FACTOR * lanes + i] * factors[FACTOR.EI_y]
         par[GJ_FACTOR * lanes + i] = par[GJ_FACTOR * lanes + i] * factors[FACTOR.GJ]
+    # laws of the joints: the model's numbers, then those that factors change
     if p.ranges.laws is not None:
         laws = par[size(p.model.own) * lanes :]
         for k in range(0, p.model.data.shape[0], LAWS.end):
@@ -160,6 +204,7 @@ def _draw_more(p, lanes, i, arm, factors, par):
             laws[(k + LAWS.coulomb) * lanes + i] = p.model.data[k + LAWS.coulomb] * friction
             laws[(k + LAWS.play) * lanes + i] = p.model.data[k + LAWS.play] * play
             laws[(k + LAWS.rotor) * lanes + i] = p.model.data[k + LAWS.rotor] * rotor
+        # hub inertia: the difference to the nominal one goes to the hub of the first joint's law, or to its rotor
         at = LAWS.rotor * lanes + i
         if p.model.hub is not None:
             at = LAWS.hub * lanes + i
@@ -168,7 +213,7 @@ def _draw_more(p, lanes, i, arm, factors, par):
 
 @kernel
 def _given(requested, drawn):
-    """What was requested, or else what was drawn."""
+    """Return `requested`, or `drawn` where requested is NaN."""
     if math.isnan(requested):
         return drawn
     return requested
@@ -176,12 +221,19 @@ def _given(requested, drawn):
 
 @kernel
 def _place(lanes, i, pose, shake, n_joints, own, rows, q, v, a, b):
-    """Arm in lane i: straight links at their joint angles, at rest but for the initial vibration."""
+    """Set the state of lane i in the plane: straight links at their joint angles, with the initial vibration.
+
+    q and v are linear in the `BASIS` (1, alpha_k, cos alpha_k, sin alpha_k) of the links' absolute angles alpha (rad):
+    q = pose BASIS, v = vibration * shake BASIS.
+    # in        pose, shake (rows, BASIS); own, a `START` with joint angles and vibration (tip deflection over L)
+    # out       q (m, rad), v (m/s, rad/s), a = b = 0 in lane i, `rows` rows
+    """
     at = start_at(0, n_joints)
     vibration = own[at.vibration]
     length = basis_at(0, n_joints).end
     for row in range(rows):
         by = basis_at(row * length, n_joints)
+        # alpha: absolute angle of link k, the sum of joint angles up to k
         alpha, value, rate = 0.0, pose[by.one], shake[by.one]
         for k in range(n_joints):
             alpha += own[at.angles + k]
@@ -195,34 +247,79 @@ def _place(lanes, i, pose, shake, n_joints, own, rows, q, v, a, b):
 
 @kernel
 def _place_in_space(lane, p, arm, own, par, poses, record, action, w):
-    """Arm in its lane at rest: first at the goal's angles, drawn, which say where its target is, then at its own."""
+    """Set the state of an arm in space at rest, and its target, the tip's position at drawn joint angles.
+
+    The arm is placed twice: at the goal's joint angles, which give the target, then at its own initial angles.
+    # in        own, a `START`; p.request, goals; p.ranges.target, joint angles (rad); par, the arms' own parameters
+    # scratch   poses
+    # out       w.q, w.v, w.a, w.b; record.goal (rad), record.target (m, inertial axes); all in the arm's lane
+    #           action, the initial joint angles, rad
+    """
     lanes, i, n = len(lane), arm % len(lane), size(p.task.links)
     live, at, asked = _only(lane, i), start_at(0, n), request_at(0, n, n)
     for k in range(0, size(p.model.n) * lanes, lanes):
         w.q[k + i], w.v[k + i], w.a[k + i], w.b[k + i] = 0.0, 0.0, 0.0, 0.0
+    # goal angles, drawn or requested
     for k in range(n):
         angle = draw(p.stream, arm, p.ranges.target, k)
         record[(GOAL + k) * lanes + i] = _given(p.request[asked.goals + k], angle)
         action[k * lanes + i] = own[at.angles + k]
-    stand(lane, p.model, live, record[GOAL * lanes : (GOAL + n) * lanes], None, w.q, w.v)
+    if p.ranges.attainable is not None:
+        _draw_held(p, arm, lanes, record)
+    # target: the tip of the last link at the goal
+    set_joint_configuration(lane, p.model, live, record[GOAL * lanes : (GOAL + n) * lanes], None, w.q, w.v)
     task_poses(lane, p.model, par, w.q, w.v, poses)
     for d in range(size(p.task.targets)):
         record[(TARGET + d) * lanes + i] = poses[(SPACE_POSE.end * (n - 1) + SPACE_POSE.tip + d) * lanes + i]
-    stand(lane, p.model, live, action, None, w.q, w.v)
+    # state: straight links at the initial angles, which `action` holds meanwhile
+    set_joint_configuration(lane, p.model, live, action, None, w.q, w.v)
+
+
+@kernel
+def _draw_held(p, arm, lanes, record):
+    """Draw goal angles (rad) anew until the motors can hold the rigid arm there, at most MOST_DRAWS times.
+
+    Angles that a reset requests stay. record.goal of the arm's lane: in and out. arm: number in the batch; lanes: of a
+    group.
+    """
+    n, i = size(p.task.links), arm % lanes
+    asked, mine = request_at(0, n, n), stack(_ONE, p.task.links)
+    for k in range(n):
+        mine[k] = record[(GOAL + k) * lanes + i]
+    for _ in range(MOST_DRAWS):
+        if held_in_space(p.ranges.attainable, p.task.links, mine) > 0.5 or not math.isnan(p.request[asked.goals]):
+            break
+        for k in range(n):
+            mine[k] = draw(p.stream, arm, p.ranges.target, k)
+    for k in range(n):
+        record[(GOAL + k) * lanes + i] = mine[k]
 
 
 @kernel
 def _swing(lane, p, i, live, own, par, angles, w):
-    """The arm in lane i at these joint angles, moving as in the modes of its amplitudes and with their energy. These
-    are modes at other angles, so that joints would swing: v less (M + c K)^-1 M v has no momentum of a joint, for to
-    turn one does not strain the arm, and of a vibration as much as c is long beside the square of its period."""
+    """Set the velocities of an arm in space to a vibration in its modes, with the energy that the amplitudes ask for.
+
+    p.ranges.shake (`envs.vibration.swing`) holds modes about joint angles 0. At other angles their rates would swing
+    the joints as well. Therefore
+
+        v <- v - (M + c K)^-1 M v,      c long beside the square of every period over 2 pi,
+
+    which removes the momentum of the joints (turning a joint does not strain the arm) and almost nothing of a
+    vibration. v is then scaled to the kinetic energy sum_m E_m amplitude_m^2. M, K: mass and stiffness matrix.
+    i, live: lane of the arm and its mask. own: a `START` with amplitudes (over L). angles: joint angles, rad.
+    # in        w.q;  shake: rates (n, 3), energies E (3,) J, c (s^2)
+    # scratch   w.a0, w.v0, w.b0, w.r, w.S
+    # out       w.v, and w.b = 0, in lane i
+    """
     n, lanes, at, shake, asked = size(p.model.n), len(lane), start_at(0, size(p.task.links)), p.ranges.shake, 0.0
+    # w.b <- joint rates and strain rates of the modes' sum; v follows for straight links at `angles`
     for k in range(n):
         rate = 0.0
         for mode in range(_MODES):
             rate += shake[_MODES * k + mode] * own[at.vibration + mode]
         w.b[k * lanes + i] = rate
-    stand(lane, p.model, live, angles, w.b, w.q, w.v)
+    set_joint_configuration(lane, p.model, live, angles, w.b, w.q, w.v)
+    # w.b0 <- residual of accelerations v, w.S <- M + c K; less the residual at rest, M v is left
     for k in range(n):
         store(w.v0, k, splat(lane, 0.0))
         store(w.a0, k, load(lane, w.v, k) * live)
@@ -231,11 +328,14 @@ def _swing(lane, p, i, live, own, par, angles, w):
     assemble(lane, p.model, par, State(w.q, w.v0, w.v0), w.u, RESIDUAL_ALONE, w.r, w.S)
     for k in range(n):
         store(w.r, k, load(lane, w.b0, k) - load(lane, w.r, k))
-    solve_known(lane, p.model, None, w, True)
+    # w.r <- (M + c K)^-1 M v
+    solve_unknown_rows(lane, p.model, None, w, True)
     for k in range(i, n * lanes, lanes):
         w.v[k], w.b[k] = w.v[k] - w.r[k], 0.0
+    # scale v to the energy asked for, J; 1e-300 avoids 0 / 0 without a vibration
     for mode in range(_MODES):
-        asked += shake[_MODES * n + mode] * own[at.vibration + mode] ** 2
+        amplitude = own[at.vibration + mode]
+        asked += shake[_MODES * n + mode] * (amplitude * amplitude)
     store(w.r, 0, energy(lane, p.model, par, w.q, w.v)[0])
     scale = math.sqrt(asked / max(w.r[i], 1e-300))
     for k in range(i, n * lanes, lanes):
@@ -244,12 +344,17 @@ def _swing(lane, p, i, live, own, par, angles, w):
 
 @kernel
 def _start_info(lanes, p, arm, record, info):
-    """The info of an arm before anything has happened: zeros, but for what is drawn; the joint angles that reach its
-    target."""
+    """Write the info of an arm before its first period: zeros, in_range 1, error estimate; aim at the target.
+
+    arm: number in the batch; lanes: of a group. info: all fields before `further`. error: p.estimate of the
+    formulation's own error, over the arm's length. record.target is in; record.goal (rad), the joint angles that reach
+    it, and hold = 0 (instants within the success bands) are out.
+    """
     task, i, at = p.task, arm % lanes, info_of(p.task)
     for k in range(i, at.further * lanes, lanes):
         info[k] = 0.0
     info[at.in_range * lanes + i], info[at.error * lanes + i] = 1.0, p.estimate
+    # `aim` works on one arm's record without lanes
     mine = stack(_ONE, task.links + _RECORD)
     for k in range(GOAL + size(task.links)):
         mine[k] = record[k * lanes + i]
@@ -261,10 +366,14 @@ def _start_info(lanes, p, arm, record, info):
 
 @kernel
 def _first_observation(lane, p, arm, live, record, action, poses, seen, info):
-    """The first observation of an episode; no reward yet."""
+    """Write the first observation of an arm's episode; reward 0, neither terminated nor truncated.
+
+    Also draws the delay of the first commands and writes the drawn sensor delay and gains into info. live: lanes, 1 for
+    this arm. The reward is computed for the info of this lane; reward terms and the last action are then set to 0.
+    """
     lanes, i, at = len(lane), arm % len(lane), info_of(p.task)
     observe_state(lane, p, True, poses, record, seen)
-    judge(lane, p.task, poses, action, record, live, info)
+    judge_with_terms(lane, p.task, poses, action, record, live, info)
     for k in range(GOAL + size(p.task.links), GOAL + size(p.task.links) + size(p.task.acted)):
         record[k * lanes + i] = 0.0
     for k in range(at.terms, at.terms + size(p.task.terms)):
@@ -277,11 +386,14 @@ def _first_observation(lane, p, arm, live, record, action, poses, seen, info):
 
 @kernel
 def finish_guided(address, arm, code):
-    """The outcome of a period of an arm that is moved elsewhere, whose poses, action and gauges stand in its block.
+    """Write the results of a period of a guided arm, from the poses, action and gauges in its block.
 
-    code: status of the period, or -1 for an episode's start.
+    code: status code of the period, or -1 at the start of an episode. A guided arm follows prescribed motions and is
+    advanced by a `Simulation`, not by the batch; this replaces the end of `episode.step`.
+    # in        poses (inertial axes, m, rad and rates), action, gauges in `seen`, record
+    # out       p.reward, p.terminated, p.truncated, p.observation of the arm;  its info
     """
-    p = follow(address)
+    p = dereference(address)
     lane, g = p.lane, arm // len(p.lane)
     block = p.block[g * p.layout.row : (g + 1) * p.layout.row]
     _, poses, record, action, seen, info, _, _ = sections(p.layout, block)

@@ -1,9 +1,12 @@
-"""Scenes: what an arm goes through (``definition``, ``drives``), in which plane (``plane``), and files (``toml``)."""
+"""Scenes: an arm's motions and loads (``definition``, ``drives``), plane of motion (``plane``), files (``toml``)."""
 
 from flexarm_env.scene.definition import Scene, standing_scene
 from flexarm_env.scene.drives import JointTorque, Load, Motion, PointLoad
+from flexarm_env.scene.mesh import default_mesh, divided, halved_mesh
 from flexarm_env.scene.plane import InPlane, computed, in_plane
+from flexarm_env.scene.resolution import resolving_step
 
 __all__ = [
     "Scene", "Motion", "JointTorque", "PointLoad", "Load", "InPlane", "computed", "in_plane", "standing_scene",
+    "default_mesh", "divided", "halved_mesh", "resolving_step",
 ]  # fmt: skip

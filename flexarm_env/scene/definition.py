@@ -1,7 +1,7 @@
-"""A scene: an arm, how it starts, what moves and loads it, for how long.
+"""A scene: an arm, its initial configuration, prescribed motions, loads, and duration.
 
-Angles are measured from the global +x axis, counter-clockwise, in rad; all quantities are SI. A scene is frozen and
-hashable, and checked when it is made: a ``ValueError`` names the key path, the value and what is allowed.
+Angles are measured from the global +x axis, counter-clockwise, in rad; all quantities are in SI units. A scene is
+frozen, hashable and validated at creation: a ``ValueError`` names the key path, the value and what is allowed.
 """
 
 from __future__ import annotations
@@ -18,42 +18,43 @@ from flexarm_env import validation as check
 from flexarm_env.parameters import Arm
 from flexarm_env.scene import toml
 from flexarm_env.scene.drives import ROOT, JointTorque, Load, Motion, PointLoad
-from flexarm_env.settings import FORMULATIONS, Settings, check_options, default_options, merged
+from flexarm_env.scene.mesh import default_mesh
+from flexarm_env.settings import Settings, default_options, expand_preset, merged
 from flexarm_env.time_functions import TimeFunction, constant
 
 _SAME_TIME = 1e-9
-"""Instants of different functions this close (s, and relative to the duration) are one instant."""
+"""Instants of different functions that differ by less than this (s, or relative to the duration) count as one."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """An arm that starts with links without stress, at rest or turning, its joints, motions, loads and duration.
+    """An arm with its initial state, joints, prescribed motions, loads and duration.
 
     Args:
         name: a short word.
         arm: the arm, N links.
         duration: s. dt: default step, s. sample: default sampling interval, s (None: ``dt``).
-        root: "pinned" (position held or prescribed, hub angle free unless prescribed) or "free" (a free body; of an arm
-            with a base that, and the arm on it).
-        position: of the root at t = 0, m, (x, y), in space (x, y, z).
-        angles: absolute angles of the links at t = 0, N numbers (rad), or () for all along +x; of curved links those
-            of their tangents at their roots. Of an arm whose links turn out of the plane (`Arm.spatial`) those of its
-            joints.
-        velocity: of the root before t = 0, m/s, likewise. rates: absolute rates of the links then, N numbers (rad/s),
-            or () for none, of such an arm those of its joints; links turn as rigid ones, and a motion that begins with
-            another rate jumps.
-        start: "unloaded": without stress; "held": at rest under gravity and the loads as they are at t = 0, with the
-            joints at `angles` (behind an elastic gear its motor), which are let go at t = 0 unless a motion prescribes
-            them; "equilibrium": where the arm comes to rest under these, its joints free.
-        rigid_joints: joints k >= 1 at which link k is fixed to link k-1 (at the angle it starts with), not hinged.
+        root: "pinned" (position fixed or prescribed, hub angle free unless prescribed) or "free" (a free body; for an
+            arm with a base, the base and the arm on it).
+        position: of the root at t = 0, m: (x, y), in space (x, y, z).
+        angles: absolute angles of the links at t = 0, N numbers (rad), or () for all along +x; for curved links those
+            of their tangents at their roots. If the links turn out of the plane (`Arm.spatial`), the joint angles
+            instead.
+        velocity: of the root before t = 0, m/s: (x, y), in space (x, y, z). rates: absolute rates of the links before
+            t = 0, N numbers (rad/s), or () for none; in space the joint rates. Links turn as rigid bodies, and a motion
+            that begins with another rate jumps.
+        start: "unloaded": without stress. "held": at rest under gravity and the loads at t = 0, with the joints at
+            `angles` (the motor's side of an elastic gear), released at t = 0 unless a motion prescribes them.
+            "equilibrium": at rest under these loads with free joints.
+        rigid_joints: joints k >= 1 at which link k is fixed to link k-1 at its initial angle.
         motions: prescribed coordinates; each starts at the value given by ``position`` and ``angles``.
         loads: joint torques and point loads.
         gravity: acceleration (gx, gy), in space (gx, gy, gz), m/s^2, or None.
-        space: True computes an arm in space that could be computed in the plane. What leaves the x-y plane is in space
-            always: such an arm, gravity, place, velocity, a force, a moment or a motion of the root out of it; where
-            that stays in another plane `simulate` finds it (`scene.plane.in_plane`).
-        solver: formulation and flat options that suit the scene, as pairs (name, value); a dict is taken too.
-        description, source, note: what it is, where it is from, what was assumed.
+        space: True: compute in space an arm that could be computed in the plane. A scene is always in space if an arm,
+            gravity, position, velocity, force, moment or motion of the root leaves the x-y plane; if it stays in
+            another plane, `simulate` finds that plane (`scene.plane.in_plane`).
+        solver: formulation and flat options that suit the scene, as pairs (name, value) or a dict.
+        description, source, note: content, origin and assumptions.
     """
 
     name: str
@@ -79,10 +80,12 @@ class Scene:
     space: bool = False
 
     def __post_init__(self) -> None:
+        """Validate each field, then their combinations; `InvalidValue` names the field."""
         check.text("name", self.name, empty=False)
         n = check.instance("arm", self.arm, Arm).n_links
         check.choice("root", self.root, ("pinned", "free"))
         check.choice("start", self.start, ("unloaded", "held", "equilibrium"))
+        # each field by itself
         values: dict[str, Any] = {
             "duration": check.number("duration", self.duration, "s", above=0.0),
             "dt": check.number("dt", self.dt, "s", above=0.0),
@@ -96,6 +99,7 @@ class Scene:
             "loads": check.sequence("loads", self.loads, "JointTorque or PointLoad"),
             "solver": _solver(self.solver),
         }
+        # sampling interval: dt unless given
         values["sample"] = values["dt"] if self.sample is None else check.number("sample", self.sample, "s", above=0.0)
         for name in ("dt", "sample"):
             if values[name] > values["duration"]:
@@ -103,22 +107,27 @@ class Scene:
         for name in ("description", "source", "note"):
             check.text(name, getattr(self, name))
         check.flag("space", self.space)
+        # the checks of combinations below read the validated fields
         check.store(self, **values)
         self._check_rates()
         self._check_motions()
         self._check_joints()
         self._check_loads()
+        # in space position, velocity and gravity have three components
         if self.spatial:
             vectors = {name: getattr(self, name) for name in ("position", "velocity", "gravity")}
             check.store(self, **{name: (*v, 0.0)[:3] for name, v in vectors.items() if v is not None})
         self._join_instants()
 
     def _one_a_link(self, name: str, unit: str, n: int) -> tuple[float, ...]:
+        """Validate a field with one number per link, or () for zeros."""
         what = f"{n} numbers ({unit})"
         given = check.sequence(name, getattr(self, name), what)
         return check.numbers(name, given, what, n, unit) if given else (0.0,) * n
 
     def _check_rates(self) -> None:
+        """Check the initial rates: zero for a start at rest, equal across rigid joints, zero where the root is held."""
+        # start at rest: a held root and no rates
         if self.start != "unloaded":
             if self.root == "free":
                 raise check.InvalidValue("start", self.start, 'must be "unloaded" where the root is free')
@@ -126,12 +135,14 @@ class Scene:
                 if any(getattr(self, name)):
                     what = f'must be 0 where start = "{self.start}": the arm rests'
                     raise check.InvalidValue(name, getattr(self, name), what)
+        # a rigid joint: equal absolute rates in the plane, zero joint rate in space
         for k in self.rigid_joints:
             if self.arm.spatial and self.rates[k]:
                 raise check.InvalidValue(f"rates[{k}]", self.rates[k], f"must be 0: joint {k} is rigid")
             if not self.arm.spatial and self.rates[k] != self.rates[k - 1]:
                 what = f"must be that of the link before, {self.rates[k - 1]!r}: joint {k} is rigid"
                 raise check.InvalidValue(f"rates[{k}]", self.rates[k], what)
+        # the root's velocity must belong to a motion, or the root be free
         if self.root != "free" and any(self.velocity):
             for name, rate in zip(ROOT, self.velocity, strict=False):
                 if rate and self.motion_of(name) is None:
@@ -139,6 +150,7 @@ class Scene:
                     raise check.InvalidValue("velocity", self.velocity, what)
 
     def _checked_rigid_joints(self, n: int) -> tuple[int, ...]:
+        """Validate the indices of rigid joints and return them sorted."""
         joints = check.sequence("rigid_joints", self.rigid_joints, "joint indices")
         for i, joint in enumerate(joints):
             check.integer(f"rigid_joints[{i}]", joint, minimum=1, maximum=max(n - 1, 0))
@@ -147,6 +159,7 @@ class Scene:
         return tuple(sorted(int(joint) for joint in joints))
 
     def _check_motions(self) -> None:
+        """Check that each motion prescribes an existing, free coordinate once and starts at its initial value."""
         for i, motion in enumerate(self.motions):
             name = check.instance(f"motions[{i}]", motion, Motion).coordinate
             path, joint = f"motions[{i}].coordinate", motion.joint
@@ -162,13 +175,14 @@ class Scene:
                 raise check.InvalidValue(path, name, what)
             if joint in self.rigid_joints:
                 raise check.InvalidValue(path, name, f"must be a joint that can turn; rigid: {self.rigid_joints}")
+            # no jump at t = 0
             initial = self.initial_value(name)
             if abs(motion.function.start - initial) > 1e-9 * max(1.0, abs(initial)):
                 what = f"must be {initial!r}, the value of {name} that position and angles give at t = 0"
                 raise check.InvalidValue(f"motions[{i}].function(0)", motion.function.start, what)
 
     def _check_joints(self) -> None:
-        """What turns a joint needs one that turns, and a link or ground before it."""
+        """Reject motors, gears and friction at joints that cannot turn: rigid ones, and the root of a free arm."""
         for k, joint in enumerate(self.arm.joints):
             path = f"arm.joints[{k}]"
             if joint.moves and (k in self.rigid_joints or (k == 0 and self.root == "free")):
@@ -176,10 +190,12 @@ class Scene:
                 raise check.InvalidValue(path, joint, f"must be an ideal Joint() {where}")
 
     def _check_loads(self) -> None:
+        """Check that each load acts on an existing link or on a joint that is free to turn."""
         n, prescribed = self.arm.n_links, [motion.joint for motion in self.motions]
         for i, load in enumerate(self.loads):
             if isinstance(load, JointTorque):
                 path, joint = f"loads[{i}].joint", load.joint
+                # a joint torque acts on a free joint only
                 if joint >= n:
                     raise check.InvalidValue(path, joint, f"must be a joint of the arm, 0 to {n - 1}")
                 if joint in prescribed:
@@ -190,15 +206,18 @@ class Scene:
                     what = 'must not be 0 where the root is free; give the torque to link 0, end "root", or arm.base'
                     raise check.InvalidValue(path, joint, what)
             elif isinstance(load, PointLoad):
+                # a point load acts on any link
                 if load.link >= n:
                     raise check.InvalidValue(f"loads[{i}].link", load.link, f"must be a link of the arm, 0 to {n - 1}")
             else:
                 raise check.InvalidValue(f"loads[{i}]", load, "must be a JointTorque or a PointLoad")
 
     def _join_instants(self) -> None:
-        """Give instants of different functions that differ by round-off one value, so that no step ends up between."""
+        """Give instants of different functions that differ by round-off one value, to avoid a tiny step between."""
+        # starts of all pieces but each function's first
         starts = [function.pieces[1:, 0] for function in self._functions()]
         times = np.unique(np.concatenate([np.zeros(0), *starts]))
+        # map each later instant to the first one of its cluster
         joined: dict[float, float] = {}
         for k in np.flatnonzero(np.diff(times) <= _SAME_TIME * max(1.0, self.duration)):
             earlier, later = float(times[k]), float(times[k + 1])
@@ -206,6 +225,7 @@ class Scene:
         if not joined or not self._can_join(joined):
             return
 
+        # replace a motion's or load's functions by those with joined instants
         def moved(item: Any) -> Any:
             functions = {f.name: getattr(item, f.name) for f in dataclasses.fields(item)}
             changed = {k: f.with_times(joined) for k, f in functions.items() if isinstance(f, TimeFunction)}
@@ -214,21 +234,27 @@ class Scene:
         check.store(self, motions=tuple(map(moved, self.motions)), loads=tuple(map(moved, self.loads)))
 
     def _can_join(self, joined: dict[float, float]) -> bool:
-        """No function has two pieces that would begin at one instant (a table finer than round-off)."""
+        """Return False if joining would give a function two pieces with one start (a table finer than round-off)."""
         starts = [[joined.get(t, t) for t in f.pieces[:, 0].tolist()] for f in self._functions()]
         return all(len(set(own)) == len(own) for own in starts)
 
     def _functions(self) -> Iterator[TimeFunction]:
+        """Yield the functions of time of all motions and loads."""
         yield from (motion.function for motion in self.motions)
         yield from (function for load in self.loads for function in load.functions)
 
     def initial_value(self, coordinate: str) -> float:
-        """Value at t = 0 of "joint0", ... (rad), of "motor0", ... (the same: at rest), "root_x", ... (m)."""
+        """Return a coordinate's value at t = 0: "joint0", "motor0", ... in rad, "root_x", ... in m.
+
+        A motor's angle equals its joint's.
+        """
         if coordinate in ROOT:
             return (*self.position, 0.0)[ROOT.index(coordinate)]
+        # names end in the index: "joint0", "motor0"
         joint = int(coordinate[5:])
         if joint == 0 or self.arm.spatial:
             return self.angles[joint]
+        # relative angle: from the tip tangent of the link before
         before = self.angles[joint - 1]
         link = self.arm.links[joint - 1]
         return self.angles[joint] - (before + link.turn if link.curved else before)
@@ -237,84 +263,92 @@ class Scene:
     def spatial(self) -> bool:
         """Whether the scene is computed in space."""
         vectors = (self.position, self.velocity, self.gravity or ())
+        # out of the plane: a load, a third component, or a motion along z
         loads = any(isinstance(load, PointLoad) and load.spatial for load in self.loads)
         away = any(any(v[2:]) for v in vectors) or self.motion_of("root_z") is not None
         return self.space or self.arm.spatial or loads or away
 
     @property
     def floats(self) -> bool:
-        """Whether the arm is carried by a base that floats freely."""
+        """Whether the arm is mounted on a freely floating base."""
         return self.root == "free" and self.arm.base is not None
 
     @property
     def undriven(self) -> bool:
-        """Whether nothing moves or loads the arm but what comes from outside."""
+        """Whether the scene prescribes no motion and no load other than zero forces."""
         return not self.motions and all(isinstance(load, PointLoad) and load.silent for load in self.loads)
 
     def motion_of(self, coordinate: str) -> TimeFunction | None:
-        """The function that prescribes a coordinate, or None where it is free."""
+        """Return the function that prescribes a coordinate, or None if it is free."""
         return next((motion.function for motion in self.motions if motion.coordinate == coordinate), None)
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Instants (s) inside the run on which a step must end: where a motion's value, rate or acceleration jumps,
-        or a load's value or slope; in order."""
+        """Instants (s) inside the run on which a step must end, in order.
+
+        They are the jumps of a motion's value, rate or acceleration and those of a load's value or slope.
+        """
+        # motions count with two derivatives (acceleration), loads with one
         times = {t for motion in self.motions for t in motion.function.kinks}
         times |= {t for load in self.loads for function in load.functions for t in function.load_kinks}
         return tuple(sorted(t for t in times if 0.0 < t < self.duration * (1.0 - 1e-12)))
 
     def settings(self, formulation: str | None = None, **options: Any) -> Settings:
-        """Settings to run this scene with: defaults, under the scene's ``solver``, under ``options``; dt never None.
+        """Return this scene's settings: defaults, overridden by the scene's ``solver``, then by ``options``; dt is set.
 
-        The scene's own solver options apply to its own formulation only (its default is "floating_frame", in space
-        "geometrically_exact").
+        The default mesh is finer for arms whose sections jump or kink (`scene.mesh`). The scene's solver options apply
+        to its own formulation only (default "floating_frame", in space "geometrically_exact").
         """
         own = dict(self.solver)
         preferred = own.pop("formulation", "geometrically_exact" if self.spatial else "floating_frame")
-        formulation = formulation or preferred
+        formulation, options = expand_preset(formulation or preferred, options)
+        # the scene's options belong to its own formulation
         if formulation != preferred:
             own = {}
-        check_options(formulation, options)
-        return Settings.make(formulation, **merged(own, options)).with_dt(self.dt)
+        chosen = merged(own, options)
+        mesh = default_mesh(self.arm, formulation, chosen, self.spatial)
+        return Settings.make(formulation, **{**mesh, **chosen}).with_dt(self.dt)
 
     @classmethod
     def from_toml(cls, source: str | os.PathLike[str], parameter_set: str | None = None) -> Scene:
-        """The scene in a TOML file or text (docs/scenes.md).
+        """Read the scene from a TOML file or text (docs/scenes.md).
 
         Args:
-            source: a path, or the text itself. parameter_set: the name of one that the file holds, or None.
+            source: a path, or the text itself. parameter_set: name of a parameter set in the file, or None.
         Raises:
             ValueError: names the file, the key path, the value and what is allowed.
-            OSError: there is no such file.
+            OSError: the file does not exist.
         """
         return toml.read(cls, source, parameter_set)
 
     def to_toml(self) -> str:
-        """TOML text that :meth:`from_toml` reads back to an equal scene."""
+        """Return TOML text that :meth:`from_toml` reads back to an equal scene."""
         return toml.text_of(self)
 
 
 def _vector(path: str, values: object, unit: str) -> tuple[Any, ...]:
-    """Two numbers, or three where the third is not 0."""
+    """Validate two numbers, or three; a third that is 0 is dropped."""
     count = 3 if isinstance(values, list | tuple | np.ndarray) and len(values) == 3 else 2
     found = check.numbers(path, values, f"{count} numbers ({unit})", count, unit)
     return found if any(found[2:]) else found[:2]
 
 
 def _solver(value: Any) -> tuple[tuple[str, Any], ...]:
-    """Checked pairs, the formulation first, the others in the order of the formulation's options."""
+    """Validate solver options; return pairs, the formulation first, then the options in the formulation's order."""
+    # pairs, or a dict
     if not isinstance(value, Mapping):
         pairs = check.sequence("solver", value, "pairs (name, value)")
         pairs = tuple(check.sequence(f"solver[{i}]", pair, "a name and a value", 2) for i, pair in enumerate(pairs))
         value = {check.text(f"solver[{i}][0]", name): entry for i, (name, entry) in enumerate(pairs)}
     given = dict(value)
-    formulation = check.choice("solver.formulation", given.pop("formulation", "floating_frame"), FORMULATIONS)
     if "dt" in given:
         raise check.InvalidValue("solver.dt", given["dt"], "must be given as the scene's own dt")
-    if not given and not value:
+    if not value:
         return ()
     with check.under("solver"):
+        formulation, given = expand_preset(given.pop("formulation", "floating_frame"), given)
         settings = Settings.make(formulation, **given)
+    # fixed order, so that equal options are equal tuples
     ordered = [(name, getattr(settings, name)) for name in default_options(formulation) if given.get(name) is not None]
     return (("formulation", formulation), *ordered)
 
@@ -322,8 +356,14 @@ def _solver(value: Any) -> tuple[tuple[str, Any], ...]:
 def standing_scene(
     arm: Arm, dt: float, gravity: tuple[float, ...] | None, angles: Sequence[float] = (), pushed: bool = False
 ) -> Scene:
-    """The arm, pinned, or on its base, which floats; nothing moves it. pushed: there is room for a force on its tip."""
+    """Return a scene of the arm without motions: pinned, or on its floating base.
+
+    Args:
+        dt: step, s. gravity: m/s^2, or None. angles: initial ones, rad. pushed: add a zero force on the tip, as memory
+            for a force from outside.
+    """
     root = "pinned" if arm.base is None else "free"
     loads = (PointLoad(arm.n_links - 1, "tip", force_x=constant(0.0)),) if pushed else ()
     given: dict[str, Any] = {"gravity": gravity, "angles": tuple(angles), "loads": loads, "root": root}
+    # the duration is arbitrary: environments advance the arm themselves
     return Scene("environment", arm, duration=max(1.0, dt), dt=dt, **given)

@@ -1,4 +1,4 @@
-"""What moves and loads the arm of a scene: prescribed coordinates, joint torques, point loads."""
+"""Motions and loads of a scene: prescribed coordinates, joint torques, point loads."""
 
 import re
 from dataclasses import dataclass
@@ -12,43 +12,45 @@ ROOT = ("root_x", "root_y", "root_z")
 
 OUT_OF_PLANE = ("force_z", "torque_x", "torque_y")
 FORCES = ("force_x", "force_y", "torque", *OUT_OF_PLANE)
-"""What a point load may have, and what of it in space alone."""
+"""Components of a point load; `OUT_OF_PLANE` are those that exist in space only."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """A coordinate that is prescribed.
+    """A prescribed coordinate.
 
     Args:
-        coordinate: "joint0" (absolute angle of the root of link 0), "joint1", ... (angle of link k's root from the
-            tip section of link k-1), "motor0", ... (angle of the motor behind an elastic gear, over its ratio, from
-            the same), "root_x", "root_y" or, in space, "root_z" (position of the root, m).
-        function: its value (rad or m) over time; the value must not jump.
+        coordinate: "joint0" (absolute angle of the root of link 0), "joint1", ... (angle of link k's root from the tip
+            section of link k-1), "motor0", ... (angle of the motor before an elastic gear, divided by the gear ratio,
+            measured like the joint's), "root_x", "root_y" or, in space, "root_z" (position of the root, m).
+        function: the value (rad or m) over time; it must not jump.
     """
 
     coordinate: str
     function: TimeFunction
 
     def __post_init__(self) -> None:
+        """Validate the coordinate's name, and that the function has no jumps."""
         name = self.coordinate
+        # a root coordinate, or joint or motor with an index
         if not isinstance(name, str) or not (name in ROOT or re.fullmatch(r"(joint|motor)(0|[1-9][0-9]*)", name)):
             raise check.InvalidValue("coordinate", name, f"must be {COORDINATES}")
         check.instance("function", self.function, TimeFunction).check_no_jump()
 
     @property
     def joint(self) -> int | None:
-        """Index of the joint, or of the motor's, or None for a coordinate of the root's position."""
+        """Index of the joint or of the motor's joint; None for a coordinate of the root's position."""
         return None if self.coordinate.startswith("root") else int(self.coordinate[5:])
 
     @property
     def on_motor(self) -> bool:
-        """Whether the motor's side of an elastic gear is prescribed, not the link's."""
+        """Whether the motion prescribes the motor's side of an elastic gear instead of the link's."""
         return self.coordinate.startswith("motor")
 
 
 @dataclass(frozen=True)
 class JointTorque:
-    """A torque (N m) of joint ``k``: + on the root of link k, - on the tip of link k-1 (k = 0: on the ground)."""
+    """Torque (N m) of joint ``k``: + on the root of link k, - on the tip of link k-1 (k = 0: on the ground)."""
 
     joint: int
     function: TimeFunction
@@ -59,15 +61,15 @@ class JointTorque:
 
     @property
     def functions(self) -> tuple[TimeFunction, ...]:
-        """The functions of time in it."""
+        """Functions of time of this load."""
         return (self.function,)
 
 
 @dataclass(frozen=True)
 class PointLoad:
-    """A force in global axes (N) and a torque (N m) on the "root" or "tip" of a link; at least one of these.
+    """Force (N) and torque (N m) in global axes on the "root" or "tip" of a link; at least one component.
 
-    In space: force_z, and torque_x, torque_y beside the torque about z; global axes as well.
+    In space also force_z and, beside the torque about z, torque_x and torque_y, all in global axes.
     """
 
     link: int
@@ -80,6 +82,7 @@ class PointLoad:
     torque_y: TimeFunction | None = None
 
     def __post_init__(self) -> None:
+        """Validate link, end and functions; a load needs at least one."""
         object.__setattr__(self, "link", check.integer("link", self.link, minimum=0))
         check.choice("end", self.end, ("root", "tip"))
         for name in FORCES:
@@ -90,17 +93,17 @@ class PointLoad:
 
     @property
     def spatial(self) -> bool:
-        """Whether it acts out of the plane."""
+        """Whether the load has components out of the plane."""
         return any(getattr(self, name) is not None for name in OUT_OF_PLANE)
 
     @property
     def functions(self) -> tuple[TimeFunction, ...]:
-        """The functions of time in it."""
+        """Functions of time of the given components."""
         return tuple(f for f in (getattr(self, name) for name in FORCES) if f is not None)
 
     @property
     def silent(self) -> bool:
-        """Whether it is zero throughout: a place for forces that come from outside."""
+        """Whether the load is zero at all times: memory for forces from outside."""
         return not any(f.pieces[:, C0:].any() for f in self.functions)
 
 

@@ -1,4 +1,4 @@
-"""The plane that an arm of a scene in space stays in, where there is one, and the scene of the plane that this is."""
+"""Find the plane in which an arm of a scene in space stays, and express the scene in that plane."""
 
 import dataclasses
 import math
@@ -17,15 +17,16 @@ from flexarm_env.time_functions import C0, OMEGA, PHASE, T0, TimeFunction
 from flexarm_env.validation import Array
 
 EXACT = 1e-12
-"""How far a direction may be off the plane, of its length: round-off."""
+"""Relative deviation of a direction from the plane that counts as round-off."""
 
 
 class InPlane(NamedTuple):
-    """A scene that stays in a plane.
+    """A scene that stays in a plane, expressed in that plane.
 
-    scene: the same of the x-y plane. axes (3, 3): that plane's x, y and normal as columns. height: m, of the plane
-    along its normal. frames (N, 3, 3): rows are the x, y and normal of each link in the plane, in the link's own axes.
-    signs, offsets (N,): an angle of a joint there is offset (rad) + sign times that of the scene.
+    scene: the equivalent scene in the x-y plane. axes (3, 3): columns are the plane's x axis, y axis and normal in
+    inertial axes. height: position of the plane along its normal, m. frames (N, 3, 3): rows are each link's x axis, y
+    axis and normal in the plane, in the link's own axes. signs, offsets (N,): relative joint angle in the plane =
+    offset (rad) + sign times the joint angle of the scene in space.
     """
 
     scene: Scene
@@ -37,44 +38,51 @@ class InPlane(NamedTuple):
 
 
 class _Leaves(Exception):
-    """Something leaves the plane."""
+    """Raised where a part of the scene leaves the plane."""
 
 
 @lru_cache(maxsize=64)
 def in_plane(scene: Scene) -> InPlane | None:
-    """The plane of a scene in space; None where it leaves it, has a rigid link, or `space` or a planar scene is given.
+    """Return the scene in its plane, or None if it leaves the plane, has a rigid link, is planar or demands `space`.
 
-    All joints turn about one direction, and that is a principal axis of every section, of every tensor and square to
-    gravity, forces, the root's motion and velocity, the payload's offset; moments act about it; to `EXACT`.
+    Conditions, to `EXACT`: all joint axes have one direction; it is a principal axis of every section and every inertia
+    tensor, and perpendicular to gravity, forces, the root's motion and velocity, and the payload's offset; moments act
+    about it.
     """
+    # rigid links are computed in space only
     rigid = any(link.rigid for link in scene.arm.links)
     if scene.space or not scene.spatial or rigid or not all(map(_across, scene.arm.links)):
         return None
     try:
-        return _found(scene)
+        return _planar_scene(scene)
     except _Leaves:
         return None
 
 
 def computed(scene: Scene) -> Scene:
-    """The scene that `simulate` runs: that of its plane, or itself."""
+    """Return the scene that `simulate` runs: the one in the arm's plane if there is one, otherwise the scene itself."""
     flat = in_plane(scene)
     return flat.scene if flat else scene
 
 
-def _found(scene: Scene) -> InPlane:
+def _planar_scene(scene: Scene) -> InPlane:
+    """Build the planar scene: axes, arm, initial state, motions, loads; raise `_Leaves` if it leaves the plane."""
     arm, n = scene.arm, scene.arm.n_links
+    # frames: each link's axes in the plane; axes (3, 3): the plane itself, in inertial axes
     elbows = [arm.elbow(k) for k in range(1, n)]
+    # the root: its frame, and the angle of its mount in the plane
     first = _matrix(arm.hub_mount)
     frames, signs, offsets = [_frame(np.array(arm.hub_axis))], [1.0], [0.0]
     axes = _axes(scene, first @ frames[0][2], first[:, 0])
     offsets = [_angle(axes.T @ first[:, 0])]
+    # each mount turns the normal into the next link's axes; the joint axis must be plus or minus the normal
     for elbow in elbows:
         mount = _matrix(elbow.mount)
         offsets.append(_angle(frames[-1] @ mount[:, 0]))
         frames.append(_frame(mount.T @ frames[-1][2]))
         signs.append(math.copysign(1.0, float(frames[-1][2] @ elbow.axis)))
         _require(np.array(elbow.axis) - signs[-1] * frames[-1][2], 1.0)
+    # arm in the plane: sections and inertias about the normal
     planar = Arm(
         arm.name,
         tuple(map(_link, arm.links, frames)),
@@ -83,7 +91,9 @@ def _found(scene: Scene) -> InPlane:
         payload=_payload(arm.payload, frames[-1]),
         **{name: getattr(arm, name) for name in ("tau_d", "mass_damping", "joints", "source")},
     )
+    # absolute angles and rates: sums of the relative ones along the chain
     angles, rates = [], []
+    # end: angle of the tip section before; spin: its rate (rad/s)
     end = spin = before = 0.0
     for k, link in enumerate(planar.links):
         end += offsets[k] + signs[k] * scene.initial_value(f"joint{k}")
@@ -92,6 +102,7 @@ def _found(scene: Scene) -> InPlane:
         angles.append(end)
         rates.append(spin)
         end += link.turn
+    # position of the root along the plane's axes; the third component is the height
     place = axes.T @ scene.position
     flat = dataclasses.replace(
         scene, arm=planar, angles=tuple(angles), rates=tuple(rates), position=tuple(_clean(place)[:2]),
@@ -104,18 +115,19 @@ def _found(scene: Scene) -> InPlane:
 
 # ------------------------------------------------------------------------------------------ directions
 def _require(off: Any, size: float) -> None:
+    """Raise `_Leaves` if an entry of `off` exceeds `EXACT` times `size`."""
     if np.abs(off).max() > EXACT * size:
         raise _Leaves
 
 
 def _clean(v: Any) -> Array:
-    """Without what is round-off beside its largest number."""
+    """Return a vector with components that are round-off beside its largest set to 0."""
     v = np.asarray(v, np.float64)
     return np.where(np.abs(v) <= EXACT * np.abs(v).max(), 0.0, v)
 
 
 def _vector(v: Sequence[float], axes: Array) -> tuple[float, float]:
-    """What it is in the plane."""
+    """Return the plane components (x, y) of a vector in inertial axes; raise `_Leaves` if it has a normal component."""
     x, y, off = (axes.T @ v).tolist()
     _require(off, float(np.linalg.norm(v)))
     x, y, _ = _clean([x, y, 0.0]).tolist()
@@ -123,24 +135,34 @@ def _vector(v: Sequence[float], axes: Array) -> tuple[float, float]:
 
 
 def _matrix(mount: Any) -> Array:
+    """Return a mount as a rotation matrix; None is the identity."""
     return np.eye(3) if mount is None else np.array(mount)
 
 
 def _angle(along: Array) -> float:
+    """Return the angle of a direction from the x axis, rad."""
     return math.atan2(along[1], along[0])
 
 
 def _frame(normal: Array) -> Array:
-    """Rows x, y and normal of a link in the plane, in its own axes."""
+    """Return the rows x, y and normal (3, 3) of a link in the plane, in the link's own axes; normal: in these axes.
+
+    The link's x axis lies in the plane: the normal is (0, a, b) and the y axis (0, b, -a).
+    """
     _require(normal[0], 1.0)
     _, a, b = _clean([0.0, *normal[1:]]) / np.hypot(*normal[1:])
     return np.array([[1.0, 0.0, 0.0], [0.0, b, -a], [0.0, a, b]]) + 0.0
 
 
 def _axes(scene: Scene, normal: Array, along: Array) -> Array:
-    """The plane's axes: x is one of the inertial ones that lies in it, the first that is prescribed if any is."""
+    """Return the plane's axes as columns, in inertial axes.
+
+    x is the first inertial axis in the plane, prescribed coordinates of the root first; without one the first link's
+    direction `along`.
+    """
     normal = _clean(normal)
     prescribed = [i for i, name in enumerate(ROOT) if scene.motion_of(name)]
+    # a prescribed root coordinate must lie in the plane
     _require([0.0, *normal[prescribed]], 1.0)
     inertial = [np.eye(3)[i] for i in (*prescribed, 0, 1, 2) if normal[i] == 0.0]
     x = [*inertial, along][0]
@@ -149,14 +171,16 @@ def _axes(scene: Scene, normal: Array, along: Array) -> Array:
 
 # ------------------------------------------------------------------------------------------ the arm
 def _across(link: Link) -> bool:
-    """Whether its sections say what they are in space: else that is refused there."""
+    """Return whether a link's sections have all properties in space; the solver in space reports a missing one."""
     points = link.section if isinstance(link.section, tuple) else ((0.0, link.section),)
     return all(getattr(own, name, 0.0) is not None for _, own in points for name in ACROSS)
 
 
 def _link(link: Link, frame: Array) -> Link:
+    """Return a link in the plane: its section about the normal (0, a, b) and its curvature with the normal's sign."""
     a, b = frame[2, 1:].tolist()
     curve = link.curvature
+    # a curved link bends in its own x-y plane: the normal is plus or minus z
     if link.curved:
         _require(a, 1.0)
         curve = curve * b if isinstance(curve, float) else tuple((s, kappa * b) for s, kappa in curve)
@@ -168,10 +192,14 @@ def _link(link: Link, frame: Array) -> Link:
 
 
 def _section(section: Any, a: float, b: float) -> Any:
-    """As it bends about (0, a, b): one of its principal axes."""
+    """Return a section that bends in the plane of motion, whose normal (0, a, b) is a principal axis of the section.
+
+    b = 0: the principal axes y and z are exchanged. Neither 0: the section must be the same about all axes.
+    """
     if a == 0.0:
         return section
     turned: Section | Taper
+    # normal y: width and thickness exchange roles
     if isinstance(section, Taper):
         _require(b, 1.0)
         turned = dataclasses.replace(section, widths=section.thicknesses, thicknesses=section.widths)
@@ -186,7 +214,7 @@ def _section(section: Any, a: float, b: float) -> Any:
 
 
 def _inertia(value: Any, frame: Array) -> float:
-    """About the normal, which is one of its principal axes."""
+    """Return the moment of inertia about the normal, kg m^2, which must be a principal axis of the tensor."""
     if not isinstance(value, tuple):
         return float(value)
     turned = frame @ tensor(value) @ frame.T
@@ -195,16 +223,19 @@ def _inertia(value: Any, frame: Array) -> float:
 
 
 def _elbow(elbow: Elbow, before: Array, after: Array) -> Elbow:
+    """Return an elbow in the plane: its left and right inertia about the normal; before, after: frames of the links."""
     return Elbow(elbow.mass, _inertia(elbow.inertia_left, before), _inertia(elbow.inertia_right, after))
 
 
 def _payload(payload: Payload, frame: Array) -> Payload:
+    """Return the payload in the plane: inertia about the normal, offset along the tip's tangent and across it, m."""
     offset = _vector((*payload.offset, 0.0)[:3], frame.T)
     return Payload(payload.mass, _inertia(payload.inertia, frame), offset)
 
 
 # ------------------------------------------------------------------------------------------ what drives it
 def _scaled(function: TimeFunction, factor: float) -> TimeFunction:
+    """Return a function of time multiplied by a factor."""
     if factor == 1.0:
         return function
     pieces = function.pieces.copy()
@@ -213,7 +244,9 @@ def _scaled(function: TimeFunction, factor: float) -> TimeFunction:
 
 
 def _motion(motion: Motion, axes: Array, signs: Sequence[float], offsets: Sequence[float]) -> Motion:
+    """Return a motion in the plane: of the root along the matching plane axis, of a joint with its sign and offset."""
     if motion.joint is None:
+        # the root moves along one axis of the plane, with a sign
         row = axes[ROOT.index(motion.coordinate), :2]
         along = int(np.abs(row).argmax())
         return Motion(ROOT[along], _scaled(motion.function, float(row[along])))
@@ -222,9 +255,10 @@ def _motion(motion: Motion, axes: Array, signs: Sequence[float], offsets: Sequen
 
 
 def _load(load: Load, axes: Array, signs: Sequence[float]) -> list[Load]:
-    """The load in the plane, or nothing where that is nothing."""
+    """Return a load's projection onto the plane as a list, empty if it vanishes."""
     if isinstance(load, JointTorque):
         return [JointTorque(load.joint, _scaled(load.function, signs[load.joint]))]
+    # force in the plane; moment about its normal
     force_x, force_y, out = _turned((load.force_x, load.force_y, load.force_z), axes)
     *aside, torque = _turned((load.torque_x, load.torque_y, load.torque), axes)
     if (out, *aside) != (None, None, None):
@@ -234,17 +268,23 @@ def _load(load: Load, axes: Array, signs: Sequence[float]) -> list[Load]:
 
 
 def _turned(functions: Sequence[TimeFunction | None], axes: Array) -> list[TimeFunction | None]:
-    """Three functions along inertial axes along those of the plane; None for what is 0 throughout."""
+    """Express three functions along inertial axes as functions along the plane's axes; None for one that is always 0.
+
+    A sum of several functions needs the same pieces and sine frequencies; otherwise `_Leaves` is raised.
+    """
+    # functions that are not zero, each with its row of direction cosines
     given = [(f, row) for f, row in zip(functions, axes, strict=True) if f is not None and f.pieces[:, C0:OMEGA].any()]
     found: list[TimeFunction | None] = []
     for weights in np.array([row for _, row in given]).reshape(-1, 3).T:
         parts = [(f, float(w)) for (f, _), w in zip(given, weights, strict=True) if w != 0.0]
+        # a single function is only scaled
         if len(parts) < 2:
             found.append(_scaled(*parts[0]) if parts else None)
             continue
         pieces, grid = parts[0][0].pieces.copy(), [T0, OMEGA, PHASE]
         if any(f.pieces.shape != pieces.shape or np.any(f.pieces[:, grid] != pieces[:, grid]) for f, _ in parts):
             raise _Leaves  # no one function of time, and nobody says that they are in the plane
+        # sum of the weighted coefficients; round-off is set to 0
         every = np.array([w * f.pieces[:, C0:OMEGA] for f, w in parts])
         total = every.sum(axis=0)
         pieces[:, C0:OMEGA] = np.where(np.abs(total) <= EXACT * np.abs(every).max(), 0.0, total)

@@ -1,4 +1,4 @@
-"""Scenes as TOML: reading with key paths in every error, parameter sets, and writing."""
+"""Read and write scenes as TOML: key paths in every error, parameter sets."""
 
 import inspect
 import os
@@ -19,9 +19,10 @@ _OPTIONAL_TEXT = ("description", "source", "note")
 
 
 def read(kind: Callable[..., T], source: str | os.PathLike[str], parameter_set: str | None = None) -> T:
-    """See :meth:`Scene.from_toml`. A parameter set ``S`` replaces keys of the scene and names it ``NAME@S``.
+    """Read a scene from a TOML file or text; a parameter set ``S`` replaces keys and names the scene ``NAME@S``.
 
-    kind: what is made of the file's keys, which are its fields: ``Scene``.
+    kind: class made of the file's keys, which are its fields: ``Scene``. Arguments and errors as in
+    :meth:`Scene.from_toml`.
     """
     table, path = read_toml(source)
     with check.in_file(path):
@@ -29,12 +30,15 @@ def read(kind: Callable[..., T], source: str | os.PathLike[str], parameter_set: 
 
 
 def _read(kind: Callable[..., T], table: dict[str, Any], path: Path | None, parameter_set: str | None) -> T:
+    """Create the scene of a table and all its parameter sets, so that each is validated; return the chosen one."""
     directory = path.parent if path else Path()
+    # the file's name is the default name
     if path:
         table.setdefault("name", path.stem)
     sets = check.table_of("parameter_sets", table.pop("parameter_sets", {}))
     scene = _scene(kind, table, directory)
     variants: dict[str, T] = {}
+    # each set replaces keys of the scene's table
     for name, changes in sets.items():
         prefix = f"parameter_sets.{name}"
         changed = check.table_of(prefix, changes)
@@ -50,12 +54,13 @@ def _read(kind: Callable[..., T], table: dict[str, Any], path: Path | None, para
 
 
 def parameter_sets(source: str | os.PathLike[str]) -> tuple[str, ...]:
-    """Names of the parameter sets in a TOML file or text."""
+    """Return the names of the parameter sets in a TOML file or text."""
     table, _ = read_toml(source)
     return tuple(check.table_of("parameter_sets", table.get("parameter_sets", {})))
 
 
 def _scene(kind: Callable[..., T], table: Mapping[str, Any], directory: Path) -> T:
+    """Create a scene from a table: arm, motions, loads, vectors, solver options; directory: of the named files."""
     if "links" in table and "arm" not in table:
         raise check.UnknownKey("links", check.names_of(kind), hint="this is an arm, and a scene has one: arm = FILE")
     check.known_keys("", table, (*check.names_of(kind), "parameter_sets"))
@@ -63,6 +68,7 @@ def _scene(kind: Callable[..., T], table: Mapping[str, Any], directory: Path) ->
     name = check.text("name", check.needed("", values, "name", "must be a text"), empty=False)
     check.needed("", values, "duration", "must be a positive number (s)")
     check.needed("", values, "dt", "must be a positive number (s)")
+    # arm, motions and loads have readers of their own; other keys are fields
     values["arm"] = _arm(check.needed("", values, "arm", "must be a name, a .toml file or a table"), name, directory)
     for key, read_one in (("motions", _motion), ("loads", _load)):
         entries = enumerate(check.sequence(key, values.get(key, ()), f"tables, [[{key}]]"))
@@ -76,6 +82,7 @@ def _scene(kind: Callable[..., T], table: Mapping[str, Any], directory: Path) ->
 
 
 def _arm(value: object, name: str, directory: Path) -> Arm:
+    """Return the arm that is named, in a file, or given as a table."""
     if isinstance(value, Mapping):
         with check.under("arm"):
             return arms.from_table(value, default_name=name)
@@ -83,13 +90,16 @@ def _arm(value: object, name: str, directory: Path) -> Arm:
 
 
 def _motion(path: str, entry: dict[str, Any], directory: Path) -> Motion:
+    """Return the motion of a table with a coordinate and a function of time."""
     with check.under(path):
         check.needed("", entry, "coordinate", f"must be {COORDINATES}")
         return Motion(entry.pop("coordinate"), function_from_table(entry, directory))
 
 
 def _load(path: str, entry: dict[str, Any], directory: Path) -> Load:
+    """Return the joint torque or point load of a table."""
     with check.under(path):
+        # a key "joint" marks a joint torque, "link" a point load
         if "joint" in entry:
             return JointTorque(entry.pop("joint"), function_from_table(entry, directory))
         if "link" not in entry:
@@ -105,10 +115,11 @@ def _load(path: str, entry: dict[str, Any], directory: Path) -> Load:
 
 
 def text_of(scene: Any) -> str:
-    """See :meth:`Scene.to_toml`."""
+    """Return a scene as TOML text; optional keys at their defaults are omitted."""
     import tomli_w
 
     table: dict[str, Any] = {"name": scene.name}
+    # keys in reading order; optional ones only if they differ from the default
     table |= {key: getattr(scene, key) for key in _OPTIONAL_TEXT if getattr(scene, key)}
     table |= {key: getattr(scene, key) for key in ("duration", "dt", "sample", "root", "position", "angles")}
     table |= {key: getattr(scene, key) for key in ("velocity", "rates") if any(getattr(scene, key))}
@@ -122,6 +133,7 @@ def text_of(scene: Any) -> str:
         table["gravity"] = scene.gravity
     if scene.solver:
         table["solver"] = dict(scene.solver)
+    # tables of tables last, as TOML requires
     table["motions"] = [
         {"coordinate": motion.coordinate, **function_table(motion.function)} for motion in scene.motions
     ]
@@ -131,6 +143,7 @@ def text_of(scene: Any) -> str:
 
 
 def _load_table(load: Load) -> dict[str, Any]:
+    """Return the TOML table of a load."""
     if isinstance(load, JointTorque):
         return {"joint": load.joint, **function_table(load.function)}
     forces = {key: getattr(load, key) for key in FORCES}
@@ -146,15 +159,16 @@ KINDS: dict[str, Callable[..., TimeFunction]] = {
     )
 }  # fmt: skip
 KINDS["pieces"] = lambda pieces: TimeFunction(pieces)
-"""The words that a TOML file uses for ``kind``; "csv" (with file and what `from_csv` takes) is one more."""
+"""Values of ``kind`` in a TOML file; "csv" (with file and the arguments of `from_csv`) is one more."""
 _CSV = ("interpolation", "column", "time", "rate", "acceleration", "scale")
 
 
 def function_from_table(entry: Mapping[str, Any], directory: Path) -> TimeFunction:
-    """A function from a TOML table: ``kind`` and that kind's parameters; CSV files are found from ``directory``."""
+    """Create a function of time from a TOML table: ``kind`` and parameters; CSV files are in ``directory``."""
     kind = check.needed("", entry, "kind", "must be one of " + ", ".join(f'"{k}"' for k in (*KINDS, "csv")))
     check.choice("kind", kind, (*KINDS, "csv"))
     given = {key: value for key, value in entry.items() if key != "kind"}
+    # a file: relative to the scene's directory
     if kind == "csv":
         check.known_keys("", given, ("file", *_CSV), 'parameter of kind "csv"')
         name = check.text("file", check.needed("", given, "file", "must be the name of a CSV file"))
@@ -162,6 +176,7 @@ def function_from_table(entry: Mapping[str, Any], directory: Path) -> TimeFuncti
         if not path.is_file():
             raise check.InvalidValue("file", name, f"must be a CSV file; there is none at {path}")
         return time_functions.from_csv(path, **{key: given[key] for key in _CSV if key in given})
+    # other kinds: parameters are the arguments of the function of that name
     signature = inspect.signature(KINDS[kind]).parameters
     check.known_keys("", given, signature, f'parameter of kind "{kind}"')
     for name, parameter in signature.items():
@@ -171,5 +186,5 @@ def function_from_table(entry: Mapping[str, Any], directory: Path) -> TimeFuncti
 
 
 def function_table(function: TimeFunction) -> dict[str, Any]:
-    """The TOML table that :func:`function_from_table` reads back to an equal function."""
+    """Return the TOML table that :func:`function_from_table` reads back to an equal function."""
     return {"kind": function.kind, **dict(function.parameters)}

@@ -1,7 +1,8 @@
-"""The best that was ever played on a task's public hundred: per episode its actions and value, dated, to be replayed.
+"""Records: the best known actions and value of each of a task's hundred public episodes, dated, for replay.
 
-The constants that scores are made from do not move with it (`flexarm_env.suite.score`): a score above 1 is possible,
-and a run that beats the record in an episode is told of on the page of results. `agents.record` of a checkout makes it.
+The reference values of scores (`flexarm_env.suite.score`) do not change with the records. A score above 1 is therefore
+possible, and the page of results lists runs that beat the record in an episode. `agents.record` of a checkout makes
+the records.
 """
 
 from dataclasses import asdict, dataclass
@@ -19,18 +20,18 @@ from .judge import Policy, judge
 from .score import FIRST
 
 ROUNDING, UPRIGHT = 1e-6, {"swing-up-v1": 1e-3}
-"""A record is played again to the bit on every x86-64 that was tried. Where sines round otherwise, as another
-architecture's may, values differ by less than this: a last bit of the models' matrices made 2e-8 at most, and 3e-4 (of
-J 298) of arms that stand upright under torques alone for seconds."""
+"""Largest differences of replayed values. Replays are bitwise equal on every x86-64 processor tested. If sines are
+rounded differently, as on other architectures, values differ by less than this: a change of the last bit of the models'
+matrices caused at most 2e-8, and 3e-4 (of J 298) for arms balanced upright for seconds by open-loop torques."""
 
 
 @dataclass(frozen=True)
 class Record:
-    """Of n episodes.
+    """Record of n episodes.
 
     Attributes:
-        actions: (T, n, N) float32. values: (n,), return less price times cost. by: (n,), who played them, or where the
-            search began that found them. digest: of the task. date: ISO.
+        actions: (T, n, N) float32. values: (n,), return minus price times cost. by: (n,), the policy that played each
+            episode, or from which the search started that found it. digest: of the task. date: ISO.
     """
 
     actions: NDArray[np.float32]
@@ -41,17 +42,17 @@ class Record:
 
 
 class Actions(Policy):
-    """Actions (T, n, N) of n episodes, by the time."""
+    """Open-loop policy that plays actions (T, n, N) of n episodes over time."""
 
     def __init__(self, actions: NDArray[Any]) -> None:
         self.actions = actions
 
     def reset(self, observation: NDArray[np.float32]) -> None:
-        """At the beginning."""
+        """Start at the first actions."""
         self.k = 0
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The next actions."""
+        """Return the next actions (n, N); the last ones are repeated."""
         self.k += 1
         now: NDArray[np.float32] = self.actions[min(self.k, len(self.actions)) - 1].astype(np.float32)
         return now
@@ -59,31 +60,32 @@ class Actions(Policy):
 
 @cache
 def known() -> tuple[str, ...]:
-    """Ids of the tasks that have a record, as they are."""
+    """Ids of the tasks with a record that belongs to their present version."""
     return tuple(
         task.id for task in tasks(earlier=True) if _path(task).is_file() and record(task).digest == task.digest
     )
 
 
 def _path(task: Task) -> Any:
+    """Path of a task's record file."""
     return resources.files("flexarm_env") / "data" / "suite" / "best" / f"{task.id}.npz"
 
 
 def packed(actions: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Actions (T, n, N) as a file has them, a quarter smaller there: bytes (4, n, N, T), all first ones before all
-    second ones."""
+    """Pack actions (T, n, N) into byte planes (4, n, N, T), whose compressed files are a quarter smaller."""
+    # first bytes of all numbers, then second bytes, and so on
     rows = np.ascontiguousarray(actions.transpose(1, 2, 0), "<f4")
     return np.moveaxis(rows[..., None].view(np.uint8), -1, 0)
 
 
 def unpacked(planes: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """What `packed` was given."""
+    """Invert `packed`: actions (T, n, N) float32."""
     rows = np.ascontiguousarray(np.moveaxis(planes, 0, -1)).view("<f4")[..., 0]
     return np.ascontiguousarray(rows.transpose(2, 0, 1), np.float32)
 
 
 def record(task: Task) -> Record:
-    """The record of a task. ValueError where there is none."""
+    """Read the record of a task. ValueError if there is none."""
     path = _path(task)
     if not path.is_file():
         raise check.InvalidValue("--best", task.id, "has no record")
@@ -93,11 +95,11 @@ def record(task: Task) -> Record:
 
 
 def rounding(task_id: str) -> float:
-    """What the values of a record, played again on any processor, are off by at most; see ROUNDING."""
+    """Largest difference of a record's values when replayed on any processor; see ROUNDING."""
     return UPRIGHT.get(task_id, ROUNDING)
 
 
 def played(task: Task, env: Any, policy: Policy) -> tuple[Array, NDArray[np.bool_]]:
-    """Values and successes of a policy on a task's episodes, as a results file has them."""
+    """Evaluate a policy on a task's public episodes: values (n,) and successes (n,), as in a results file."""
     found = asdict(judge(env, policy, FIRST))
     return np.array(found["returns"]) - task.price * np.array(found["costs"]), np.array(found["successes"])

@@ -1,4 +1,4 @@
-"""The suite's tasks as data: one TOML file each in `flexarm_env/data/suite`, read and checked."""
+"""The suite's tasks as data: one TOML file each in `flexarm_env/data/suite`, read and validated."""
 
 import tomllib
 from collections.abc import Mapping
@@ -10,22 +10,24 @@ from typing import Any
 from .. import validation as check
 
 NAMESPACE = "flexarm"
-"""Of the tasks' ids in Gymnasium's registry."""
+"""Namespace of the tasks' ids in Gymnasium's registry."""
 
 _KEYS = ("number", "title", "environment", "budget", "hard", "digest", "keywords")
-_MAY = ("price",)
+_MAY = ("price", "rules")
 
 
 @dataclass(frozen=True)
 class Task:
-    """A task of the suite: an environment with keywords that stay as they are; another version has another id.
+    """Task of the suite: an environment with fixed keywords; a changed version gets another id.
 
     Attributes:
-        id: name and version, "slew-measured-v2". number: its place in the suite. title: in a few words.
-        environment: the id of the environment that it is made of. keywords: of that environment.
-        budget: control periods that a method may be trained for. hard: what is hard about it.
-        price: of an episode's cost (info["episode_cost"] at its end): scores are made of return less price times cost.
-        digest: of the resolved arm and keywords (`flexarm_env.suite.digest`), as the file records it.
+        id: name and version, "slew-measured-v2". number: its position in the suite. title: a short one.
+        environment: id of the underlying environment. keywords: of that environment.
+        budget: control periods allowed for training. hard: the difficulty that it isolates.
+        price: per unit of an episode's cost (info["episode_cost"] at its end); scores use return minus price times
+        cost.
+        rules: version of the rules of rewards and drawn targets (keyword `rules` of the environment).
+        digest: of the resolved arm and keywords (`flexarm_env.suite.digest`), as recorded in the file.
     """
 
     id: str
@@ -37,30 +39,36 @@ class Task:
     digest: str
     keywords: Mapping[str, Any]
     price: float = 0.0
+    rules: int = 1
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """Keyword arguments of its environment: `keywords` and the task's rules."""
+        return {**self.keywords, "rules": self.rules}
 
     @property
     def name(self) -> str:
-        """Without its version: "slew-measured"."""
+        """Name without the version: "slew-measured"."""
         return self.id.rpartition("-v")[0]
 
     @property
     def version(self) -> int:
-        """A task that changes gets the next."""
+        """Version number, which increases when a task changes."""
         return int(self.id.rpartition("-v")[2])
 
     @property
     def env_id(self) -> str:
-        """What `gymnasium.make` and `make_vec` take: "flexarm_env:flexarm/slew-measured-v2"."""
+        """Id for `gymnasium.make` and `make_vec`: "flexarm_env:flexarm/slew-measured-v2"."""
         return f"flexarm_env:{self.registered}"
 
     @property
     def registered(self) -> str:
-        """The id in Gymnasium's registry, once the package is imported: "flexarm/slew-measured-v2"."""
+        """Id in Gymnasium's registry after the package is imported: "flexarm/slew-measured-v2"."""
         return f"{NAMESPACE}/{self.id}"
 
 
 def read(text: str, task_id: str) -> Task:
-    """A task from the text of its file. ValueError names the task, the key and what is allowed."""
+    """Parse a task from the text of its file. ValueError names the task, the key and the rule."""
     with check.in_file(f"{task_id}.toml"):
         table = tomllib.loads(text)
         check.known_keys("", table, (*_KEYS, *_MAY))
@@ -76,12 +84,13 @@ def read(text: str, task_id: str) -> Task:
             digest=check.text("digest", table["digest"]),
             keywords=check.table_of("keywords", table["keywords"]),
             price=check.number("price", table.get("price", 0.0), minimum=0.0),
+            rules=check.integer("rules", table.get("rules", 1), minimum=1),
         )
 
 
 @cache
 def tasks(*, earlier: bool = False) -> tuple[Task, ...]:
-    """All tasks, in order, each in its latest version; earlier: and in those before it."""
+    """Return all tasks in order, each in its latest version; earlier: also in the previous versions."""
     folder = resources.files("flexarm_env") / "data" / "suite"
     files = [entry for entry in folder.iterdir() if entry.name.endswith(".toml")]
     found = [read(entry.read_text("utf-8"), entry.name[:-5]) for entry in files]
@@ -91,7 +100,7 @@ def tasks(*, earlier: bool = False) -> tuple[Task, ...]:
 
 
 def task(task_id: str) -> Task:
-    """A task by its id, with or without "flexarm_env:" and "flexarm/" before it. ValueError for one there is not."""
+    """Return a task by its id, with or without "flexarm_env:" and "flexarm/" before it. ValueError if unknown."""
     name = task_id.removeprefix("flexarm_env:").removeprefix(f"{NAMESPACE}/") if isinstance(task_id, str) else task_id
     known = {one.id: one for one in tasks(earlier=True)}
     return known[check.choice("task", name, tuple(known))]

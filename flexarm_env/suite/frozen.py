@@ -1,4 +1,4 @@
-"""What a task comes to, as one canonical text, and its hash."""
+"""Resolved tasks as one canonical text, its hash, and bounds of returns."""
 
 import dataclasses
 import hashlib
@@ -19,12 +19,12 @@ KINDS = {kind.id: kind for kind in (SLEW, REACH, CHAIN, SPACE)}
 
 
 def resolved(one: Task) -> Plan:
-    """The checked environment of a task, without making it."""
-    return plan(KINDS[one.environment], **one.keywords)
+    """Return the validated environment plan of a task, without creating the environment."""
+    return plan(KINDS[one.environment], **one.arguments)
 
 
 class Possible(NamedTuple):
-    """What can come of an episode of a task: its most control periods, and between what its return lies."""
+    """Bounds of an episode of a task: largest number of control periods, smallest and largest return."""
 
     periods: int
     least: float
@@ -33,25 +33,31 @@ class Possible(NamedTuple):
 
 @cache
 def possible(task_id: str) -> Possible:
-    """Of a task by its id, from the bounds of the reward's terms (docs/suite.md): accuracy and settle pay 1 at most,
-    distance, vibration and attitude take 1, effort 1 and change 4 a joint, each times its weight; a failure is once."""
+    """Compute the bounds of an episode's length and return, for a task id, from the reward's terms (docs/suite.md).
+
+    Per period accuracy and settle pay at most 1, distance, vibration and attitude cost at most 1, effort 1 and change 4
+    per joint, each times its weight; a failure costs once.
+    """
     made = resolved(task(task_id))
     weight = dict(zip(made.kind.rewards, made.record.weights.tolist(), strict=True))
     paid = weight["accuracy"] + weight["settle"]
     joints = made.arm.n_links * (weight["effort"] + 4.0 * weight.get(CHANGE, 0.0))
     taken = weight["distance"] + joints + weight["vibration"] + weight.get(ATTITUDE, 0.0) + weight.get(COST, 0.0)
+    # rules 2: distance and attitude may also pay
+    if made.record.nearness is not None:
+        paid += weight["distance"] + weight.get(ATTITUDE, 0.0)
     return Possible(made.limit, -made.limit * taken - weight["failure"], made.limit * paid)
 
 
 @cache
 def instants(task_id: str) -> tuple[float, int]:
-    """Of a task by its id: the control period, s, and over how many of them the bounds of success have to be kept."""
+    """Return a task's control period, s, and the number of periods for which the bounds of success have to hold."""
     made = resolved(task(task_id))
     return made.period, int(made.record.hold) - 1
 
 
 def digest_of(one: Task) -> str:
-    """See `flexarm_env.suite.digest`."""
+    """Hash a resolved task: 16 hexadecimal digits; see `flexarm_env.suite.digest`."""
     made = resolved(one)
     arm = {key: value for key, value in arms.to_table(made.arm, made.arm.spatial).items() if key != "source"}
     starts = {key: getattr(made.starts, key) for key in ("start", "target", "straight", "vibration")}
@@ -71,11 +77,13 @@ def digest_of(one: Task) -> str:
         "observation": [list(pair) for pair in zip(made.names, made.scales, strict=True)],
         "history": made.history,
     }
+    if one.rules != 1:
+        what["rules"] = one.rules
     return hashlib.sha256(json.dumps(_plain(what), sort_keys=True).encode()).hexdigest()[:16]
 
 
 def _plain(value: Any) -> Any:
-    """As JSON has it, every number as a text of ten digits: 1 and 1.0 are the same."""
+    """Convert a value to JSON types with every number as text of ten digits, so that 1 and 1.0 are equal."""
     if isinstance(value, Mapping):
         return {str(key): _plain(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple | np.ndarray):

@@ -1,4 +1,4 @@
-"""A policy on a task's episodes: returns, successes, costs, and what it took."""
+"""Evaluation of a policy on a task's episodes: returns, successes, costs, and computing time."""
 
 import time
 from dataclasses import dataclass
@@ -12,25 +12,25 @@ from .score import FIRST
 
 
 class Policy(Protocol):
-    """What acts in n episodes that begin together: `reset` takes their first observations, `act` every one in turn."""
+    """Policy for n episodes that begin together: `reset` receives their first observations, `act` every one in turn."""
 
     def reset(self, observation: NDArray[np.float32]) -> Any:
-        """Begin episodes; unless said otherwise, nothing is remembered."""
+        """Begin episodes; by default there is no memory."""
         return
 
     def act(self, observation: NDArray[np.float32]) -> Any:
-        """Actions (n, joints) of observations (n, entries)."""
+        """Return actions (n, joints) for observations (n, entries)."""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """What came of n episodes, one entry each.
+    """Results of n episodes, one entry each.
 
     Attributes:
-        returns: sums of rewards. successes: "is_success" at the end, not ended early. costs: sums of info["cost"] (0 on
-            tasks without). lengths: control periods. settled: the control period, counted from 1, at whose end the
-            success came that stayed to the end; 0 where there was none at the end. wall_s, cpu_s: in all, what
-            compiling took left out. decision_us: wall time of a decision, the episodes' together over their number.
+        returns: sums of rewards. successes: "is_success" at the end, not terminated early. costs: sums of info["cost"]
+            (0 on tasks without it). lengths: control periods. settled: the control period, counted from 1, at the end
+            of which the success began that lasted to the end; 0 without success. wall_s, cpu_s: total, without
+            compilation. decision_us: wall time per decision and episode, microseconds.
     """
 
     returns: list[float]
@@ -44,14 +44,15 @@ class Judged:
 
 
 def judge(env: Any, policy: Policy, first: int = FIRST) -> Judged:
-    """One episode in each environment of a native vector environment, of seeds first, first + 1, ...
+    """Run one episode in each environment of a native vector environment, from seeds first, first + 1, ....
 
     Raises:
-        ValueError: actions of the wrong shape, or that are no finite numbers.
+        ValueError: actions of the wrong shape, or not finite.
     """
     n, shape = int(env.num_envs), env.action_space.shape
+    # compile before the clock starts
     env.reset(seed=first)
-    env.step(np.zeros(shape, np.float32))  # compiled by now
+    env.step(np.zeros(shape, np.float32))
     wall, cpu, deciding = time.perf_counter(), time.process_time(), 0.0
     observation, info = env.reset(seed=first)
     policy.reset(observation)
@@ -63,9 +64,11 @@ def judge(env: Any, policy: Policy, first: int = FIRST) -> Judged:
         actions = checked(policy.act(observation), shape)
         deciding += time.perf_counter() - before
         observation, reward, terminated, truncated, info = env.step(actions)
+        # finished episodes do not count any more
         returns += np.where(alive, reward, 0.0)
         costs += np.where(alive, info.get("cost", 0.0), 0.0)
         lengths += alive
+        # the success at the end began one period after the last period without success
         settled = np.where(alive & ~info["is_success"], lengths + 1, settled)
         ended = alive & (terminated | truncated)
         successes[ended] = info["is_success"][ended] & ~terminated[ended]
@@ -79,7 +82,7 @@ def judge(env: Any, policy: Policy, first: int = FIRST) -> Judged:
 
 
 def checked(action: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Actions as the environment takes them, cut to [-1, 1]. ValueError for others."""
+    """Validate actions and clip them to [-1, 1]. ValueError for a wrong type or shape, or non-finite numbers."""
     try:
         values = np.asarray(action)
     except (TypeError, ValueError, RuntimeError) as error:  # the last: PyTorch's, of what it still differentiates
@@ -87,7 +90,7 @@ def checked(action: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
     if values.dtype.kind not in "fiub":
         raise check.InvalidValue("action", action, f"must be numbers of shape {shape}")
     if values.shape != shape:
-        raise check.InvalidValue("action's shape", values.shape, f"must be {shape}: a row an observation")
+        raise check.InvalidValue("action's shape", values.shape, f"must be {shape}: one row per observation")
     if not np.isfinite(values).all():
         raise check.InvalidValue("action", values[~np.isfinite(values).all(axis=1)][0], "must be finite numbers")
     return np.asarray(np.clip(values, -1.0, 1.0), np.float32)

@@ -1,5 +1,6 @@
-"""One page of all results files of a folder: scores over tasks, and each task's table."""
+"""Page of all results files of a folder: scores over tasks, and a table per task."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,66 +16,75 @@ from .score import EPISODES, FIRST, interquartile_mean, interval, reference
 from .second import LEVEL, chance, holm
 
 WIDTH = 0.05
-"""Half the width that a difference's 95 % interval should have at most, of a score."""
+"""Desired half width of the 95 % interval of a score difference."""
 
-HEAD = f"""# Results on the suite
+HOW = f"""## How to read the tables
 
-Mean returns over the {EPISODES} episodes of seeds {FIRST} to {FIRST + EPISODES - 1}, which no training uses. A score is
-(J - J_PD) / (J_best - J_PD), J the mean return (less the task's price times cost, where it has one): 0 for PD control,
-1 for the best known. `foresight` is no policy: each episode's torques, found by the gradient of its own return with
-the episode known beforehand, from the best that controllers seeing the whole state and trained policies do there. These
-are local optima; of an arm that balances upright, whose gradients grow beyond use, they are what was begun with.
-Interquartile means (IQM) are over all scores of a method, the mean of the middle half; their brackets hold 95 %
-percentile intervals by a bootstrap over runs, stratified by tasks (none where a method has one run); a method that was
-not judged on all tasks has none. A method that is missing on a task is not made for it, or was not judged there.
-Settled is the mean time until the bounds of success were kept to the end, a failure with a whole episode's length.
-Behind the best policy: by how much of a score a method's value is less, paired over the episodes of both, with half the
-width of its 95 % interval; then the number of episodes, where there are more than {EPISODES}, and in brackets how
-many would bring it to {WIDTH}, where it is above. Below the scores stands the widest of all pairs of methods, without
-what is found beforehand and what is below its budget. A second hundred of
-episodes has seeds that follow from the policy itself (`flexarm_env.suite.second`): success, settling and the value less
-PD's there, beside that on the public ones; † where both differ beyond chance (permutation test, p < {LEVEL} after Holm,
-over all runs of this page). What is a function, a model with a memory or found beforehand has the public hundred alone,
-and may know it. A method below its budget of training is in italics.
+- **J** is the mean return over the {EPISODES} episodes of seeds {FIRST} to {FIRST + EPISODES - 1}, which no
+  training uses, less the task's price times cost where it has a price.
+- **Score** is (J - J_PD) / (J_best - J_PD): 0 for PD control, 1 for the best known.
+- **IQM** is the interquartile mean over all scores of a method, the mean of the middle half. Brackets are 95 %
+  percentile intervals from a bootstrap over runs, stratified by tasks. A method with one run has no interval; a
+  method that was not evaluated on all tasks has no IQM.
+- **Blank cells** mean that the method does not apply to the task or was not evaluated on it.
+- ***best less worst***, ***left to the best known*** and ***widest ±*** describe the policies on a task: the range
+  of their scores; the distance of the highest score from 1; and the largest half width of the 95 % interval over
+  all pairs of policies with the full budget.
+- **Behind the best policy** is the difference of the scores, paired over the common episodes, with half the width
+  of its 95 % interval. The number of episodes follows if it exceeds {EPISODES}. Brackets give the number of
+  episodes that would reduce the half width to {WIDTH}.
+- **Settled** is the mean time until the tip stays within the bounds of success to the end. A failure counts with
+  the episode's length.
+- **Second hundred** are episodes whose seeds follow from the policy itself (`flexarm_env.suite.second`): success,
+  settling, and the value minus PD's, with that of the public hundred in brackets. † marks a difference of the two
+  beyond chance (permutation test, p < {LEVEL} after Holm, over all runs of this page). *public alone*: functions,
+  models with a memory and `foresight` have the public hundred only, and may know it.
+- **Italic methods** were trained with less than the task's budget.
+- **`foresight`** is no policy. The gradient of an episode's own return optimizes its torques, with the episode
+  known beforehand, starting from the best of trained policies and of controllers that see the whole state. The
+  results are local optima. Where an arm balances upright, gradients are too large for use, and the starting torques
+  remain.
 
-Each file of the folder is a run of a method; another's result is one file more, written by
-`flexarm bench suite --policy ... --name METHOD --out FOLDER`. This page: `flexarm bench page FOLDER --out PAGE`."""
+Each file of the folder is a run of a method. `flexarm bench suite --policy ... --name METHOD --out FOLDER` writes
+another one, and `flexarm bench page FOLDER --out PAGE` writes this page."""
 
 
 @dataclass(frozen=True)
 class Line:
-    """A method on a task: of each run its summary, and its entry in the results file."""
+    """A method on a task: the summary of each run, and its entry in the results file."""
 
     method: str
     summaries: list[dict[str, Any]]
     entries: list[dict[str, Any]]
 
     def mean(self, key: str) -> float | None:
-        """Over the runs; None where one has none."""
+        """Mean of a summary's number over the runs; None if one run lacks it."""
         values = [one[key] for one in self.summaries]
         return None if any(value is None for value in values) else float(np.mean(values))
 
     @property
     def policy(self) -> bool:
-        """Whether it plays any episode: actions that were found beforehand do not."""
+        """Whether the method can play any episode, unlike actions optimized beforehand."""
         return all(entry["policy"].get("kind") != "actions" for entry in self.entries)
 
     def trained(self, key: str) -> float:
-        """What training took, of a run."""
+        """Mean training effort per run ("steps", "wall_s" or "cpu_s")."""
         return float(np.mean([(entry["training"] or {}).get(key, 0.0) for entry in self.entries]))
 
     def short(self, task: Task) -> bool:
-        """Whether it was trained, for less than the task's budget."""
+        """Whether the method was trained with less than the task's budget."""
         return 0.0 < self.trained("steps") < 0.99 * task.budget
 
 
 def page(found: Sequence[Results]) -> str:
-    """The page, in Markdown."""
+    """Format the page of results in Markdown."""
     every = [task for task in tasks(earlier=True) if any(task.id in one.tasks for one in found)]
     known = [task for task in every if task in tasks()]
     rows = {task.id: lines_of(task, found) for task in every}
+    # significant differences between the two hundreds, over all entries of the page
     learnt = set(_learnt([(task, entry) for task in every for line in rows[task.id] for entry in line.entries]))
-    text = [HEAD, "", *_made(found), "", "## Scores", "", *_scores(known, rows)]
+    text = ["# Results on the suite", "", _finding(known, rows), "", "## Scores", "", *_scores(known, rows)]
+    text += ["", HOW, "", *_provenance(found)]
     for task in sorted(every, key=lambda task: task not in known):
         note = "" if task in known else ", superseded"
         text += ["", f"## {task.number}. {task.title} (`{task.id}`{note})", "", *_table(task, rows[task.id], learnt)]
@@ -82,8 +92,23 @@ def page(found: Sequence[Results]) -> str:
     return "\n".join(text).rstrip() + "\n"
 
 
+def _finding(known: Sequence[Task], rows: Mapping[str, Sequence[Line]]) -> str:
+    """Format the finding in a sentence or two: how often which policy is the best of a task, and its scores."""
+    of_task = ([line for line in rows[task.id] if line.policy and not line.short(task)] for task in known)
+    first = [lines[0] for lines in of_task if lines]
+    scores = [score for line in first if (score := line.mean("score")) is not None]
+    counts = Counter(line.method for line in first).most_common()
+    if not scores:
+        return "Scores of methods on the suite's tasks."
+    named = ", ".join(f"`{name}` on {count}" for name, count in counts)
+    return (
+        f"The best policy is {named} of {len(first)} tasks. Its score is {min(scores):.2f} to {max(scores):.2f}, "
+        "where 0 is PD control and 1 the best known."
+    )
+
+
 def lines_of(task: Task, found: Sequence[Results]) -> list[Line]:
-    """Methods on a task, the best first."""
+    """Return the methods on a task, the highest mean value first."""
     runs: dict[str, list[dict[str, Any]]] = {}
     for one, entry in of_task(task, found):
         runs.setdefault(one.name, []).append(entry)
@@ -92,7 +117,8 @@ def lines_of(task: Task, found: Sequence[Results]) -> list[Line]:
 
 
 def _scores(known: Sequence[Task], lines: dict[str, list[Line]]) -> list[str]:
-    """A row a method: its interquartile mean, and its mean score on each task."""
+    """Format the table of scores: a row per method with its interquartile mean and its mean score on each task."""
+    # scores of each method's runs, by task
     scores: dict[str, dict[str, list[float]]] = {}
     for task in known:
         for line in lines[task.id]:
@@ -105,11 +131,13 @@ def _scores(known: Sequence[Task], lines: dict[str, list[Line]]) -> list[str]:
         counts = sorted({len(runs) for runs in own.values()})
         runs = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]}-{counts[-1]}"
         rows.append((name, runs, _middle(own, len(known)), *means))
-    found = [  # of the methods that make policies: actions that were found beforehand are none
+    # spread among policies alone, without actions optimized beforehand
+    found = [
         [score for line in lines[task.id] if line.policy and (score := line.mean("score")) is not None]
         for task in known
     ]
     rows.append(("*best less worst*", "", "", *(f"{max(own) - min(own):.2f}" if own else "" for own in found)))
+    # distance of the best method from the reference
     left = (f"{max(0.0, 1.0 - max(own)):.2f}" if own else "" for own in found)
     rows.append(("*left to the best known*", "", "", *left))
     rows.append(("*widest ±*", "", "", *(f"{widest(task, lines[task.id]):.3f}" for task in known)))
@@ -117,7 +145,7 @@ def _scores(known: Sequence[Task], lines: dict[str, list[Line]]) -> list[str]:
 
 
 def _middle(own: dict[str, list[float]], count: int) -> str:
-    """The interquartile mean, with its interval; "" where it is of a part of the tasks."""
+    """Format the interquartile mean with its interval; "" if the method lacks some tasks."""
     if len(own) < count:
         return ""
     limits = interval(own)
@@ -125,12 +153,12 @@ def _middle(own: dict[str, list[float]], count: int) -> str:
 
 
 def _two(score: float) -> str:
-    """Two digits; no zero below zero."""
+    """Format a score with two digits, without a negative zero."""
     return f"{round(score, 2) + 0.0:.2f}"
 
 
 def _learnt(judged: Sequence[tuple[Task, dict[str, Any]]]) -> Iterator[int]:
-    """The entries, by `id`, whose values less PD's differ beyond chance from one hundred to the other."""
+    """Yield the `id` of entries whose value minus PD's differs significantly between the two hundreds of episodes."""
     both = [(task, entry) for task, entry in judged if entry.get("second") and entry["second"]["pd"] is not None]
     lots = [(less_pd(task, entry), less_pd(task, entry["second"])) for task, entry in both]
     for (_, entry), p in zip(both, holm([chance(*lot) for lot in lots]), strict=True):
@@ -139,13 +167,13 @@ def _learnt(judged: Sequence[tuple[Task, dict[str, Any]]]) -> Iterator[int]:
 
 
 def less_pd(task: Task, numbers: Mapping[str, Any]) -> NDArray[np.float64]:
-    """The values of a hundred less those of PD control."""
+    """Return the values of a hundred episodes minus those of PD control, (n,)."""
     gain: NDArray[np.float64] = values(task, numbers) - np.array(numbers["pd"], float)
     return gain
 
 
 def _second(task: Task, line: Line, learnt: set[int]) -> tuple[str, str, str]:
-    """Of the second hundred success, settling and the value less PD's, beside that on the public one."""
+    """Format success, settling and value minus PD's on the second hundred, the latter beside that of the public one."""
     others = [entry["second"] for entry in line.entries if entry.get("second")]
     if len(others) < len(line.entries):
         return "public alone" if any("second" in entry for entry in line.entries) else "", "", ""
@@ -153,32 +181,36 @@ def _second(task: Task, line: Line, learnt: set[int]) -> tuple[str, str, str]:
     time = float(np.mean([settling(task, one) for one in others]))
     if others[0]["pd"] is None:
         return f"{rate:.0%}", _two(time), ""
+    # value minus PD's on the public and on the second hundred
     gain, there = (np.mean([less_pd(task, one) for one in lot]) for lot in (line.entries, others))
     mark = " †" if any(id(entry) in learnt for entry in line.entries) else ""
     return f"{rate:.0%}", _two(time), f"{there:.1f} ({gain:.1f}){mark}"
 
 
 def gap(task: Task, line: Line, first: Line) -> tuple[float, float, int] | None:
-    """How far a method's score is behind another's on the episodes that both have, half the width of the 95 %
-    interval, and how many they are; None where the task has no scores."""
+    """Compare a method's score with another's on their common episodes, paired.
+
+    Returns the mean difference, the half width of its 95 % interval, and the number of episodes; None without scores.
+    """
     known = reference(task)
     if known is None:
         return None
     count = min(length(entry) for one in (first, line) for entry in one.entries)
     ahead, own = (np.mean([all_values(task, e)[:count] for e in one.entries], axis=0) for one in (first, line))
+    # paired difference of scores per episode
     less = (ahead - own) / (known.best - known.pd)
     return float(less.mean()), 1.96 * float(less.std(ddof=1)) / count**0.5, count
 
 
 def widest(task: Task, lines: Sequence[Line]) -> float:
-    """The largest half of a width, of all pairs of methods that make policies and had the task's budget."""
+    """Largest half width of a score difference over all pairs of policies with the task's full budget."""
     own = [line for line in lines if line.policy and not line.short(task)]
     gaps = [gap(task, line, other) for k, line in enumerate(own) for other in own[:k]]
     return max((found[1] for found in gaps if found is not None), default=0.0)
 
 
 def _behind(task: Task, line: Line, first: Line | None) -> str:
-    """How far a method's score is behind that of the best policy, `first`."""
+    """Format a method's score difference to the best policy `first`, with the episodes needed for `WIDTH`."""
     found = None if first is None or line is first else gap(task, line, first)
     if found is None:
         return ""
@@ -188,7 +220,7 @@ def _behind(task: Task, line: Line, first: Line | None) -> str:
 
 
 def _record(task: Task, lines: Sequence[Line]) -> str:
-    """The record, and who beats it."""
+    """Format the record of a task and the methods that beat it."""
     kept = best.record(task)
     bar = kept.values + best.rounding(task.id)
     above = {line.method: max(int((values(task, e) > bar).sum()) for e in line.entries) for line in lines}
@@ -198,12 +230,14 @@ def _record(task: Task, lines: Sequence[Line]) -> str:
 
 
 def _table(task: Task, lines: Sequence[Line], learnt: set[int]) -> Iterator[str]:
+    """Yield the lines of a task's section: its difficulty, reference values, record and table of methods."""
     known = reference(task)
     yield from (" ".join(task.hard.split()), "")
     if known is not None:
         yield from (f"J_PD = {known.pd:.1f}; J_best = {known.best:.1f}, by {known.by}.", "")
     if task.id in best.known():
         yield from (_record(task, lines), "")
+    # the best policy, to which the others are compared
     first = next((line for line in lines if line.policy), None)
     rows = []
     for line in lines:
@@ -224,8 +258,8 @@ def _table(task: Task, lines: Sequence[Line], learnt: set[int]) -> Iterator[str]
     )  # fmt: skip
 
 
-def _made(found: Sequence[Results]) -> Iterator[str]:
-    """With what, and how much computing stands behind it."""
+def _provenance(found: Sequence[Results]) -> Iterator[str]:
+    """Yield the lines on computing time, machines and versions."""
     entries = [entry for one in found for entry in one.tasks.values()]
     versions = sorted(
         {f"{name} {v}" for e in entries for name, v in e.get("versions", {}).items() if name != "machine"}
@@ -233,12 +267,12 @@ def _made(found: Sequence[Results]) -> Iterator[str]:
     machines = sorted({e["versions"]["machine"] for e in entries if "machine" in e.get("versions", {})})
     judging = sum(entry["cpu_s"] for entry in entries) / 3600.0
     training = sum((entry["training"] or {}).get("cpu_s", 0.0) for entry in entries) / 3600.0
-    yield f"{len(found)} files; CPU hours: {training:.2f} of training, {judging:.2f} of judging."
+    yield f"{len(found)} files; CPU hours: {training:.2f} of training, {judging:.2f} of evaluation."
     yield " · ".join(machines + versions)
 
 
 def _left_out(found: Sequence[Results]) -> Iterator[str]:
-    """Of entries that are of another task, or on other episodes; and refusals."""
+    """Yield the lines on entries of other tasks or episodes, and on methods that could not be evaluated."""
     known = {task.id: task for task in tasks(earlier=True)}
     other = [
         f"{one.file}: {name}"
@@ -247,9 +281,14 @@ def _left_out(found: Sequence[Results]) -> Iterator[str]:
         if name not in known or not of_the_protocol(known[name], entry)
     ]
     if other:
-        yield from ("", "## Left out", "", "Of other episodes than the protocol's, or of tasks that have changed:", "")
+        yield from ("", "## Left out", "", "Entries with other episodes than the protocol's, or of changed tasks:", "")
         yield from (f"- {text}" for text in other)
-    refused = {(one.name, name, why) for one in found for name, why in one.refused.items()}
+    # tasks of each method and reason; the entries of an observation are on the task's own page
+    refused: dict[tuple[str, str], set[str]] = {}
+    for one in found:
+        for name, why in one.refused.items():
+            refused.setdefault((one.name, why.partition(", which is not among")[0]), set()).add(name)
     if refused:
-        yield from ("", "## Not judged", "")
-        yield from (f"- {method} on `{name}`: {why}" for method, name, why in sorted(refused))
+        yield from ("", "## Not evaluated", "")
+        for (method, why), names in sorted(refused.items()):
+            yield f"- {method} on {', '.join(f'`{name}`' for name in sorted(names))}: {why}"

@@ -1,4 +1,4 @@
-"""Results files: what a run of a method came to on the tasks it was judged on, one JSON file each."""
+"""Results files: the results of one run of a method on its tasks, one JSON file each."""
 
 import json
 import os
@@ -31,21 +31,21 @@ PACKAGES = (
 
 _NUMBERS = ("returns", "successes", "costs", "lengths")
 LOT = 1000
-"""Episodes beyond the hundred that are judged at once."""
+"""Further episodes evaluated per batch."""
 
 
 @dataclass
 class Results:
-    """A results file.
+    """Results file.
 
     Attributes:
-        name: of the method. run: of several of it, its seed. tasks: by id, what was judged there: "digest",
-            "first_seed", "episodes", "returns", "successes", "costs", "lengths", "settled" (one number an episode;
-            files of before lack the last), "wall_s", "cpu_s", "decision_us", "policy" (kind, source, fingerprint),
-            "training" (algorithm, steps, wall_s, cpu_s; or null), "pd" (values of PD on the same episodes), "second"
-            (the numbers of the second hundred, its "first_seed" and "pd"; or null), "further" (values of the episodes
-            behind the public hundred, of the next seeds, where differences between methods ask for more; or null),
-            "versions", "date". refused: by id, why it could not be judged there.
+        name: of the method. run: seed, if there are several runs. tasks: by id, the results: "digest", "first_seed",
+            "episodes", "returns", "successes", "costs", "lengths", "settled" (one number per episode; older files lack
+            the last), "wall_s", "cpu_s", "decision_us", "policy" (kind, source, fingerprint), "training" (algorithm,
+            steps, wall_s, cpu_s; or null), "pd" (values of PD on the same episodes), "second" (the numbers of the
+            second hundred, its "first_seed" and "pd"; or null), "further" (values of the episodes with the following
+            seeds, if differences between methods require more; or null), "versions", "date". refused: by id, the reason
+            why it could not be evaluated.
     """
 
     name: str
@@ -55,20 +55,23 @@ class Results:
 
     @property
     def file(self) -> str:
-        """Its name in a folder."""
+        """File name in a folder."""
         return f"{self.name}-{self.run}.json"
 
     def write(self, folder: Path) -> Path:
-        """Write the file, whole or not at all."""
+        """Write the file atomically; returns its path."""
         path = folder / self.file
         text = json.dumps({"format": FORMAT, **asdict(self)}, indent=1) + "\n"
+        # one line per list of numbers
         lists = re.sub(r'\[[^][{}"]*\]', lambda found: " ".join(found[0].split()), text)
         write_text(path, lists)
         return path
 
     def known(self, task: Task, chosen: Chosen, episodes: int) -> int:
-        """On how many episodes this very policy has been judged on this very task, 0 where not as `episodes` asks for
-        or if it is a function, of which nobody knows: its text is not all that it does."""
+        """Number of episodes on which this policy has been evaluated on this task; 0 if they differ from the request.
+
+        0 also for functions, since their source does not determine their behavior.
+        """
         entry = self.tasks.get(task.id)
         if entry is None or chosen.kind == "function" or entry["policy"]["fingerprint"] != chosen.fingerprint:
             return 0
@@ -76,7 +79,7 @@ class Results:
         return length(entry) if (entry["digest"], entry["first_seed"], entry["episodes"]) == asked else 0
 
     def other_than(self, word: str, chosen: Chosen) -> str:
-        """Whose results these are too, where that is not what the word names for each task; "" otherwise."""
+        """Source of the file's results if it differs from the given name for each task; "" otherwise."""
         for task, entry in self.tasks.items():
             source = entry["policy"].get("source", "")
             if os.path.normpath(source) != os.path.normpath(word.replace(PLACE, task)) and (
@@ -97,17 +100,16 @@ def judged(
     again: bool = False,
     choose: Callable[[str, Task], Chosen] = choose,
 ) -> tuple[Results, list[str], dict[str, str]]:
-    """Judge a policy on tasks, what has been judged already kept unless `again`; its file is written after each.
+    """Evaluate a policy on tasks and update its results file after each task; earlier results are kept unless `again`.
 
-    A result on all episodes of the protocol is never replaced by one on fewer: that is returned, and not written.
+    A result on all episodes of the protocol is never replaced by one on fewer: the latter is returned, not written.
 
     Args:
-        word, choose: as in `flexarm_env.suite.policies`. name, run: of the results; default after the policy, whose
-            file then has to be of this policy alone. episodes: from the protocol's first on; of those behind the
-            protocol's hundred the values alone are kept, and no fewer than there were.
+        word, choose: as in `flexarm_env.suite.policies`. name, run: of the results; default: those of the policy, whose
+            file must then contain only this policy. episodes: from the protocol's first on; beyond the protocol's
+            hundred only the values are kept, and no fewer than before.
     Returns:
-        the results on these tasks; of each task that it could not be judged on why; by task, what is to be said of a
-        result that the file has not from now.
+        the results on these tasks; messages on the tasks that failed; by task, a note on results not evaluated now.
     """
     known: Results | None = None
     found = Results(name or default_name(word))
@@ -116,6 +118,7 @@ def judged(
     for task in wanted:
         kind, whole = "", False
         try:
+            # policy and, with the first task, its results file
             chosen = choose(word, task)
             kind = chosen.kind
             if known is None:
@@ -124,19 +127,22 @@ def judged(
                 if name is None and (other := known.other_than(word, chosen)):
                     what = f"{folder / known.file} has results of {other}; give one of them another --name"
                     return found, [f"--policy {word}: {what} (or --name {found.name}, if it is the same method)"], {}
+            # results on file: complete ones are kept, incomplete ones are extended
             old = known.tasks.get(task.id)
             whole = episodes < EPISODES and old is not None and of_the_protocol(task, old)
             done = 0 if again else known.known(task, chosen, episodes)
             if old is not None and done >= episodes:
                 found.tasks[task.id] = old
-                notes[task.id] = f"kept, judged {old.get('date', 'before')}; --again judges anew"
+                notes[task.id] = f"kept from {old.get('date', 'before')}; --again repeats it"
                 continue
+            # extend by further episodes, or evaluate all
             if old is not None and done:
                 more = further(task, chosen, done, episodes)
                 found.tasks[task.id] = old | {"further": [*(old.get("further") or ()), *more]}
             else:
                 count = episodes if old is None or episodes < EPISODES else max(episodes, length(old))
                 found.tasks[task.id] = _entry(task, chosen, count)
+            # never replace a full result by a partial one
             if whole:
                 notes[task.id] = f"a look; {folder / known.file} keeps its result on {EPISODES} episodes"
                 continue
@@ -144,6 +150,7 @@ def judged(
             known.tasks[task.id] = found.tasks[task.id]
             known.write(folder)
         except ValueError as error:
+            # a task that cannot be evaluated is recorded with the reason
             sentence = " ".join(str(error).split())
             who = "" if sentence.startswith("--policy") else f"--policy {word.replace(PLACE, task.id)}: "
             trouble.append(f"{task.id}: {who}{sentence}")
@@ -155,10 +162,11 @@ def judged(
 
 
 def _entry(task: Task, chosen: Chosen, episodes: int) -> dict[str, Any]:
-    """What comes of a policy on so many of a task's episodes, as a results file has it."""
+    """Evaluate a policy on a task's episodes and return the entry of a results file."""
     more: dict[str, Any] = {}
     with closing(make_vec(task.id, min(episodes, EPISODES))) as env:
         found = judge(env, chosen.make(env), FIRST)
+        # second hundred of episodes, with the policy's own seeds
         if len(found.returns) == EPISODES and chosen.canonical is not None:
             first = second.first_seed(task, chosen.canonical())
             other = asdict(judge(env, chosen.make(env), first))
@@ -175,7 +183,7 @@ def _entry(task: Task, chosen: Chosen, episodes: int) -> dict[str, Any]:
 
 
 def further(task: Task, chosen: Chosen, begin: int, end: int) -> list[float]:
-    """Values of the episodes of seeds FIRST + begin to FIRST + end - 1, to three decimals."""
+    """Evaluate the episodes of seeds FIRST + begin to FIRST + end - 1: values to three decimals."""
     found: list[float] = []
     for first in range(begin, end, LOT):
         with closing(make_vec(task.id, min(LOT, end - first))) as env:
@@ -185,7 +193,7 @@ def further(task: Task, chosen: Chosen, begin: int, end: int) -> list[float]:
 
 
 def _pd(task: Task, env: Any, first: int) -> list[float] | None:
-    """Values of PD control on the episodes of these seeds; None where it is not made for the task."""
+    """Values of PD control on the episodes from a first seed on; None if it does not apply to the task."""
     try:
         found = judge(env, policies.controller("pd", env), first)
     except ValueError:
@@ -194,8 +202,10 @@ def _pd(task: Task, env: Any, first: int) -> list[float] | None:
 
 
 def summary(task: Task, entry: Mapping[str, Any]) -> dict[str, Any]:
-    """Means over the episodes of a task's entry: "value" is what is scored, return less price times cost; the score
-    (None where there is none)."""
+    """Compute means over the episodes of a task's entry.
+
+    "value" is return minus price times cost; "score" is None without a reference.
+    """
     mean = value(task, entry)
     return {
         "value": mean,
@@ -209,41 +219,44 @@ def summary(task: Task, entry: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def value(task: Task, entry: Mapping[str, Any]) -> float:
-    """J, the mean over an entry's episodes of return less the task's price times cost."""
+    """J: the mean over an entry's episodes of return minus the task's price times cost."""
     return float(np.mean(entry["returns"]) - task.price * np.mean(entry["costs"]))
 
 
 def values(task: Task, entry: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Of each episode the return less the task's price times cost."""
+    """Return minus the task's price times cost, for each episode (n,)."""
     return np.array(entry["returns"], float) - task.price * np.array(entry["costs"], float)
 
 
 def length(entry: Mapping[str, Any]) -> int:
-    """How many episodes an entry has values of, from the protocol's first seed on."""
+    """Number of episodes of an entry, from the protocol's first seed on."""
     return int(entry["episodes"]) + len(entry.get("further") or ())
 
 
 def all_values(task: Task, entry: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Of these episodes, `values`."""
+    """Values of all episodes of an entry, further ones included."""
     return np.concatenate([values(task, entry), np.array(entry.get("further") or (), float)])
 
 
 def settling(task: Task, entry: Mapping[str, Any]) -> float | None:
-    """Mean time, s, until the bounds of success were kept to the end; an episode that failed counts with the length of
-    a whole one. None where the entry does not say it."""
+    """Mean time, s, until the bounds of success hold to the end; a failed episode counts with a full episode's length.
+
+    None if the entry does not record it.
+    """
     if "settled" not in entry:
         return None
+    # success is reported after `hold` periods within the bounds
     (period, hold), most = instants(task.id), possible(task.id).periods
     return period * float(np.mean([max(k - hold, 0) if k else most for k in entry["settled"]]))
 
 
 def of_the_protocol(task: Task, entry: Mapping[str, Any]) -> bool:
-    """Whether it is this task, on the episodes that everybody is judged on."""
+    """Whether an entry belongs to the present version of the task and to the protocol's episodes."""
     return (entry["digest"], entry["first_seed"], entry["episodes"]) == (task.digest, FIRST, EPISODES)
 
 
 def of_task(task: Task, found: Iterable[Results]) -> Iterator[tuple[Results, dict[str, Any]]]:
-    """Results files that have the task, on the episodes that everybody is judged on, each with its entry."""
+    """Yield the results files with the task on the protocol's episodes, each with its entry."""
     for one in found:
         entry = one.tasks.get(task.id)
         if entry is not None and of_the_protocol(task, entry):
@@ -251,19 +264,19 @@ def of_task(task: Task, found: Iterable[Results]) -> Iterator[tuple[Results, dic
 
 
 def frozen(task: Task) -> Task:
-    """The task, if it still comes to what its file records. ValueError where this package makes another of it."""
+    """Return the task if it still resolves to its recorded digest; ValueError otherwise."""
     found = digest(task)
     if found != task.digest:
-        raise check.InvalidValue(f"{task.id}.digest", found, f"must be {task.digest}: the task is not what it was")
+        raise check.InvalidValue(f"{task.id}.digest", found, f"must be {task.digest}: the task has changed")
     return task
 
 
 # ------------------------------------------------------------------ reading
 def read(path: Path, *, earlier: bool = False) -> Results:
-    """A results file. ValueError names the file, the key, its value and what would be right.
+    """Read a results file. ValueError names the file, the key, its value and the rule.
 
     Args:
-        earlier: whether entries of what a task was before are kept, too; otherwise another digest is refused.
+        earlier: accept entries of earlier versions of a task; otherwise another digest is rejected.
     """
     content = read_json(path)
     with check.in_file(path):
@@ -272,6 +285,7 @@ def read(path: Path, *, earlier: bool = False) -> Results:
             check.needed("", table, key, "every results file says it")
         if table["format"] != FORMAT:
             raise check.InvalidValue("format", table["format"], f"must be {FORMAT}, which this version reads")
+        # entries of every task, then refusals
         entries = check.table_of("tasks", table["tasks"])
         known = {task.id: task for task in tasks(earlier=True)}
         for name, entry in entries.items():
@@ -283,7 +297,7 @@ def read(path: Path, *, earlier: bool = False) -> Results:
 
 
 def _check_entry(path: str, entry: Any, task: Task | None, earlier: bool) -> None:
-    """What cannot have come of the task is refused; task: None where this version knows none of that name."""
+    """Reject an entry that cannot result from the task; task: None if this version does not know its name."""
     table = check.table_of(path, entry)
     for key in ("digest", "first_seed", "episodes", *_NUMBERS, "wall_s", "cpu_s", "decision_us", "policy", "training"):
         check.needed(path, table, key, "every task's entry says it")
@@ -294,8 +308,10 @@ def _check_entry(path: str, entry: Any, task: Task | None, earlier: bool) -> Non
         task = None
     check.integer(f"{path}.first_seed", table["first_seed"], minimum=0)
     count = check.integer(f"{path}.episodes", table["episodes"], minimum=1)
+    # bounds of what an episode of the task can yield
     can = Possible(int(check.LARGEST), -check.LARGEST, check.LARGEST) if task is None else possible(task.id)
     _check_numbers(path, table, count, can)
+    # seeds of the second hundred begin at 2^32
     if table.get("second") is not None:
         other = check.table_of(f"{path}.second", table["second"])
         for key in ("first_seed", *_NUMBERS, "settled", "pd"):
@@ -307,6 +323,7 @@ def _check_entry(path: str, entry: Any, task: Task | None, earlier: bool) -> Non
         check.numbers(f"{path}.further", table["further"], "numbers", maximum=can.most)
     for key in ("wall_s", "cpu_s", "decision_us"):
         check.number(f"{path}.{key}", table[key], minimum=0.0)
+    # policy, versions and training
     policy = check.table_of(f"{path}.policy", table["policy"])
     check.text(f"{path}.policy.fingerprint", policy.get("fingerprint"))
     check.text(f"{path}.policy.source", policy.get("source", ""))
@@ -319,7 +336,7 @@ def _check_entry(path: str, entry: Any, task: Task | None, earlier: bool) -> Non
 
 
 def _check_numbers(path: str, table: Mapping[str, Any], count: int, can: Possible) -> None:
-    """Of each episode one number of each kind, that can have come of it."""
+    """Validate that each episode has one plausible number of each kind, within the bounds `can`."""
     numbers = {key: check.sequence(f"{path}.{key}", table[key], "numbers", count) for key in _NUMBERS}
     for k in range(count):
         if numbers["successes"][k] not in (0, 1):
@@ -330,6 +347,7 @@ def _check_numbers(path: str, table: Mapping[str, Any], count: int, can: Possibl
     if "settled" in table:
         for k, last in enumerate(check.sequence(f"{path}.settled", table["settled"], "numbers", count)):
             check.integer(f"{path}.settled[{k}]", last, minimum=0, maximum=numbers["lengths"][k])
+            # settled exactly with success
             if bool(last) != bool(numbers["successes"][k]):
                 raise check.InvalidValue(f"{path}.settled[{k}]", last, "must be 0 without success, and then alone")
     if table.get("pd") is not None:
@@ -337,14 +355,14 @@ def _check_numbers(path: str, table: Mapping[str, Any], count: int, can: Possibl
 
 
 def begun(folder: Path, name: str, run: int) -> Results:
-    """The results of a run of a method in a folder, as far as they go; what is of another digest will be replaced."""
+    """Return the existing results of a method's run in a folder, or new ones; outdated entries will be replaced."""
     fresh = Results(named(name), check.integer("--run", run, minimum=0))
     path = folder / fresh.file
     return read(path, earlier=True) if path.exists() else fresh
 
 
 def folder_of(folder: Path, *, earlier: bool = False) -> list[Results]:
-    """All results files of a folder, read as by `read`. ValueError where one is damaged, or there is none."""
+    """Read all results files of a folder. ValueError if one is damaged, or there is none."""
     files = sorted(folder.glob("*.json")) if folder.is_dir() else []
     if not files:
         raise ValueError(f"{folder}: no results files (*.json) there; flexarm bench suite --out {folder} writes them")
@@ -352,14 +370,14 @@ def folder_of(folder: Path, *, earlier: bool = False) -> list[Results]:
 
 
 def named(name: Any) -> str:
-    """The name of a method, which is a file's too."""
+    """Validate a method's name, which is also a file name."""
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z0-9][\w.@+-]*", name):
         raise check.InvalidValue("name", name, "must be letters, digits and any of _ . @ + -")
     return name
 
 
 def versions() -> dict[str, str]:
-    """Of Python and the packages that matter, and the machine."""
+    """Return the versions of Python and the relevant packages, and the machine."""
     found = {"python": platform.python_version(), "machine": f"{platform.system()} {platform.machine()}"}
     for name in PACKAGES:
         if (version := check.installed(name)) is not None:
@@ -368,14 +386,14 @@ def versions() -> dict[str, str]:
 
 
 def chosen_tasks(words: str | None) -> tuple[Task, ...]:
-    """Tasks by ids separated by commas, each once; all for None."""
+    """Return the tasks of ids separated by commas, each once; all for None."""
     if words is None:
         return tasks()
     return tuple({one.id: one for one in map(data.task, listed("--task", words))}.values())
 
 
 def listed(flag: str, words: str) -> list[str]:
-    """Words separated by commas. ValueError where there is none."""
+    """Split words separated by commas. ValueError if there is none."""
     found = [word.strip() for word in words.split(",") if word.strip()]
     if not found:
         raise check.InvalidValue(flag, words, "must name at least one, or several with commas between them")

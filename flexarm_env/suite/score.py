@@ -1,8 +1,8 @@
-"""The suite's protocol: on which episodes a policy is judged, its score, and means over tasks with intervals.
+"""The suite's protocol: evaluation episodes, a policy's score, and means over tasks with intervals.
 
-The score of a policy on a task is (J - J_PD) / (J_best - J_PD), J its mean return (less the task's price times cost):
-0 for PD control, 1 for the best known. Over tasks and runs the interquartile mean stands for a method (the mean of the
-middle half of all scores), with a percentile interval by a bootstrap that draws runs anew in each task for itself
+The score of a policy on a task is (J - J_PD) / (J_best - J_PD), with its mean return J (minus the task's price times
+cost): 0 for PD control, 1 for the best known. A method is summarized over tasks and runs by the interquartile mean (the
+mean of the middle half of all scores), with a percentile interval by a bootstrap that resamples runs within each task
 (Agarwal et al. 2021).
 """
 
@@ -19,18 +19,19 @@ from .. import validation as check
 from .data import Task
 
 FIRST, EPISODES = 10_000, 100
-"""Seeds of the episodes that policies are judged on: FIRST, FIRST + 1, ... Training takes none from FIRST on."""
+"""Seeds of the evaluation episodes: FIRST, FIRST + 1, .... Seeds of training runs are below FIRST."""
 
 RESAMPLES, LEVEL = 10_000, 0.95
 FLOOR = "pd"
-"""The controller whose score is 0."""
+"""Controller with score 0."""
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Values J of a task that scores are made from, on the episodes of the protocol.
+    """Reference values J of a task for scores, on the episodes of the protocol.
 
-    digest: of the task they belong to. pd, best: of PD control, and the best known. by: what reached the best.
+    digest: of the task they belong to. pd, best: of PD control, and the best known. by: the method that reached the
+    best.
     """
 
     digest: str
@@ -39,19 +40,19 @@ class Reference:
     by: str
 
     def score(self, value: float) -> float:
-        """See the module."""
+        """Score of a value J: (J - J_PD) / (J_best - J_PD)."""
         return (value - self.pd) / (self.best - self.pd)
 
 
 @cache
 def references() -> dict[str, Reference]:
-    """The references that come with the package, by task id."""
+    """Return the references that ship with the package, by task id."""
     path = resources.files("flexarm_env") / "data" / "suite" / "references.json"
     return read_references(path.read_text("utf-8"), "references.json") if path.is_file() else {}
 
 
 def read_references(text: str, path: str) -> dict[str, Reference]:
-    """References from JSON. ValueError names the file, the key and what is allowed."""
+    """Parse references from JSON. ValueError names the file, the key and the rule."""
     found: dict[str, Reference] = {}
     with check.in_file(path):
         for name, entry in check.table_of("", json.loads(text)).items():
@@ -67,26 +68,29 @@ def read_references(text: str, path: str) -> dict[str, Reference]:
 
 
 def reference(task: Task) -> Reference | None:
-    """That of a task; None where none belongs to the task as it is."""
+    """Return the reference of a task; None if none belongs to its present version."""
     known = references().get(task.id)
     return None if known is None or known.digest != task.digest else known
 
 
 def score(task: Task, value: float) -> float | None:
-    """Of a value J on a task; None without a reference."""
+    """Score of a value J on a task; None without a reference."""
     known = reference(task)
     return None if known is None else known.score(value)
 
 
 def interquartile_mean(scores: Mapping[str, Sequence[float]]) -> float:
-    """The mean of the middle half of all scores; scores: of each task's runs."""
+    """Mean of the middle half of all scores; scores: those of each task's runs."""
     return float(_middle(np.concatenate([np.asarray(runs, float) for runs in scores.values()])[None])[0])
 
 
 def interval(
     scores: Mapping[str, Sequence[float]], *, resamples: int = RESAMPLES, seed: int = 0
 ) -> tuple[float, float] | None:
-    """Percentile interval (`LEVEL`) of the interquartile mean, runs drawn in each task; None where none has two."""
+    """Bootstrap percentile interval (`LEVEL`) of the interquartile mean, runs resampled within each task.
+
+    Returns None if no task has two runs.
+    """
     if all(len(runs) < 2 for runs in scores.values()):
         return None
     rng = np.random.default_rng(seed)
@@ -96,7 +100,7 @@ def interval(
 
 
 def _middle(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of each row, the mean without the lowest and the highest quarter (rounded down)."""
+    """Mean of each row without its lowest and highest quarter (rounded down)."""
     cut = values.shape[1] // 4
     means: NDArray[np.float64] = np.sort(values, axis=1)[:, cut : values.shape[1] - cut].mean(axis=1)
     return means

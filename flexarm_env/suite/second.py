@@ -1,13 +1,13 @@
-"""A second hundred of episodes, whose seeds follow from the policy: nobody can have learnt them by heart.
+"""Second hundred of episodes, with seeds that follow from the policy, so that they cannot be memorized.
 
-They begin at 2^32 and the first eight hexadecimal digits of SHA-256(digest of the task, what the policy computes with):
-of a network its arrays and its normaliser, of a controller its name and gains, neither metadata nor a file's bytes. A
-policy that is changed until its seeds suit it (each try another policy) is not defended against. What is no such policy
-(functions of Python, ONNX models, actions found beforehand) has the public hundred alone.
+The seeds begin at 2^32 plus the first eight hexadecimal digits of SHA-256(digest of the task, numbers of the policy):
+a network's arrays and its normalizer, or a controller's name and gains, without metadata or file bytes. There is no
+defense against changing a policy until its seeds suit it (each attempt is another policy). Other policies (Python
+functions, ONNX models, actions optimized beforehand) have the public hundred only.
 
-A difference between both hundreds beyond chance is found by a permutation test: the values less PD's on the same seeds
-are dealt anew to two hundreds, and p is the share of deals whose means differ by as much. Of many tests at once p is as
-Holm (1979) has it.
+A permutation test detects a significant difference between both hundreds: the values minus PD's on the same seeds are
+redistributed over two hundreds, and p is the share of permutations whose means differ at least as much. Holm's method
+(1979) adjusts p for multiple tests.
 """
 
 import dataclasses
@@ -25,22 +25,22 @@ from .data import Task
 from .frozen import resolved
 
 BEGIN = 2**32
-"""The least first seed."""
+"""Smallest first seed."""
 
 LEVEL = 0.01
-"""A difference with a smaller p is marked."""
+"""Significance level of a difference."""
 
 FEW, MANY, ENOUGH = 2000, 100_000, 10
-"""Deals of a permutation test; the many are made where fewer than so many of the few differ by as much."""
+"""Permutations of a test: FEW, or MANY if fewer than ENOUGH of the few differ at least as much."""
 
 
 def first_seed(task: Task, canonical: bytes) -> int:
-    """Where a policy's second hundred begins."""
+    """First seed of a policy's second hundred of episodes; canonical: the policy's numbers."""
     return BEGIN + int(hashlib.sha256(task.digest.encode() + canonical).hexdigest()[:8], 16)
 
 
 def of_arrays(policy: NumpyPolicy) -> bytes:
-    """What a network computes with: the shape and the float64 of each array, and those of its normaliser."""
+    """Serialize a network: shape and float64 values of each array, and of its normalizer."""
     arrays: list[Any] = [array for pair in policy.weights for array in pair]
     if policy.normaliser is not None:
         arrays += [policy.normaliser[name] for name in ("mean", "variance", "clip", "epsilon")]
@@ -49,16 +49,17 @@ def of_arrays(policy: NumpyPolicy) -> bytes:
 
 
 def of_controller(name: str, task: Task) -> bytes:
-    """A controller's name and the gains that it has on a task."""
+    """Serialize a controller: its name and its tuned gains on a task."""
     made = resolved(task)
     gains = tuned_gains(name, "space" if made.kind.space else made.kind.task, made.arm.n_links)
     return json.dumps({"name": name, **dataclasses.asdict(gains)}, sort_keys=True).encode()
 
 
 def chance(one: NDArray[np.float64], other: NDArray[np.float64], seed: int = 0) -> float:
-    """p of the difference of two means, by deals of all values into two lots of these sizes; in (0, 1]."""
+    """p value of the difference of two means by a permutation test, in (0, 1]."""
     values = np.concatenate([one, other])
     seen, rng = abs(float(np.mean(one) - np.mean(other))) * (1.0 - 1e-12), np.random.default_rng(seed)
+    # few permutations decide clear cases
     few = _as_large(values, len(one), seen, FEW, rng)
     if few >= ENOUGH:
         return (1 + few) / (1 + FEW)
@@ -67,14 +68,15 @@ def chance(one: NDArray[np.float64], other: NDArray[np.float64], seed: int = 0) 
 
 
 def _as_large(values: NDArray[np.float64], count: int, seen: float, deals: int, rng: np.random.Generator) -> int:
-    """Of so many deals, those whose means differ by as much."""
+    """Count the random permutations whose two means differ by at least `seen`; count: size of the first group."""
     dealt = rng.permuted(np.broadcast_to(values, (deals, len(values))), axis=1)
     return int((np.abs(dealt[:, :count].mean(axis=1) - dealt[:, count:].mean(axis=1)) >= seen).sum())
 
 
 def holm(found: Sequence[float]) -> list[float]:
-    """p of each test, adjusted for how many there are (Holm 1979)."""
+    """Adjust the p values of multiple tests by Holm's method (1979)."""
     p, out, least = np.asarray(found, float), np.ones(len(found)), 0.0
+    # step down: p_(k) (m - k) from the smallest on, monotone
     for rank, k in enumerate(np.argsort(p, kind="stable")):
         least = max(least, min(1.0, (len(p) - rank) * float(p[k])))
         out[k] = least

@@ -1,1 +1,1 @@
-"""What is asked of an arm: targets, observations, rewards, moving targets."""
+"""Tasks of the environments: targets, observations, rewards, moving targets."""

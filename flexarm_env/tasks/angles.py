@@ -1,16 +1,16 @@
 """Inverse kinematics: joint angles of an arm of straight links that bring its tip to a point (x, y), m.
 
-Angles are written into `angles`, whose first N numbers are the joints' present ones, rad. limits (2 N,): low and high
-of each joint. A target out of reach is approached along the line to it.
+Angles are written into `angles`, whose first N numbers are the joints' present angles, rad. limits (2 N,): low and high
+of each joint, rad. A target out of reach is approached along the line to it.
 
-    sooner_angles    two links: of the two solutions the one that the joints come to sooner
+    sooner_angles    two links: of the two solutions the one that the joints reach sooner
     least_angles     N links: of all solutions the one of least sum of squares
-    next_angles      N links: the one of least sum of squares that follows on the present angles
+    next_angles      N links: the one of least sum of squares near the present angles
 
-A least sum of squares of angles under the two conditions that the tip be at p makes each angle the moment, about its
-joint, of one force f at the tip (f are Lagrange's multipliers): theta_k = (p - r_k) x f, or the limit that this is
-beyond. The chain is an elastica of N springs. With f given, joints and tip follow from the root on; so there are but
-two equations, tip(f) = p, in two unknowns, whatever N is (Newton's method, with steps halved where they do not help).
+Angles of least sum of squares with the tip at p are the moments about the joints of one force f at the tip (f are the
+Lagrange multipliers): theta_k = (p - r_k) x f, or the joint limit beyond which this lies. The chain is an elastica of N
+springs. With f given, joints and tip follow from the root on, so that two equations, tip(f) = p, remain in two unknowns
+whatever N is (Newton's method, steps halved where they do not help).
 """
 
 import math
@@ -18,33 +18,56 @@ import math
 from ..compiler import kernel
 
 _CLOSE = 1e-13
-"""How far the tip may be from its target, over the arm's length."""
+"""Tolerance of the tip on its target, over the arm's length."""
 
 _ITERATIONS, _HALVINGS, _BISECTIONS, _SCAN = 60, 12, 60, 64
 
 _EASY, _STEPS = 0.6, 24
-"""A distance from the root, over the arm's length, where the arc is near the solution; steps from there."""
+"""Distance from the root over the arm's length at which the arc is near the solution; continuation steps from there."""
 
 
 @kernel
 def nearest_turn(angle, now):
-    """The angle and as many whole turns that it is within half a turn of `now`."""
+    """Return angle plus the whole turns that bring it within half a turn of `now`, rad."""
     return angle - 2.0 * math.pi * math.floor((angle - now) / (2.0 * math.pi) + 0.5)
 
 
 @kernel
+def _within(hub, limits):
+    """Return the hub's angle, with whole turns added that bring it within limits[0] to limits[1] if any do, rad.
+
+    hub: angle of joint 0, rad; unchanged where no whole turns bring it within its limits.
+    """
+    found = hub
+    if hub < limits[0]:
+        found = nearest_turn(hub, limits[0] + math.pi)
+    elif hub > limits[1]:
+        found = nearest_turn(hub, limits[1] - math.pi)
+    if found < limits[0] or found > limits[1]:
+        found = hub
+    return found
+
+
+@kernel
 def sooner_angles(lengths, rates, limits, x, y, angles):
-    """Two links. rates (2,): a joint takes a time for an angle a that goes as sqrt(|a|) / its rate."""
+    """Write the angles of two links that reach (x, y), m: of the two elbow sides the one that the joints reach sooner.
+
+    A joint needs a time for an angle a that goes as sqrt(|a|) / its rate (rates (2,): rad/s); the slower joint counts.
+    A posture beyond the limits is chosen only where both are. lengths (2,): m; limits (4,): low, high of each joint,
+    rad. angles (2,): present joint angles in, those at the target out, rad.
+    """
     a, b = lengths[0], lengths[1]
+    # elbow angle by the law of cosines (clamped: targets out of reach), bearing of the target
     cosine = (x * x + y * y - a * a - b * b) / (2.0 * a * b)
     bend = math.acos(min(1.0, max(-1.0, cosine)))
     bearing, inner = math.atan2(y, x), math.atan2(b * math.sin(bend), a + b * math.cos(bend))
     hub_now, elbow_now = angles[0], angles[1]
     least = math.inf
     for side in (1.0, -1.0):
-        elbow, hub = side * bend, nearest_turn(bearing - side * inner, hub_now)
-        way = max(abs(hub - hub_now) / rates[0] ** 2, abs(elbow - elbow_now) / rates[1] ** 2)
-        if elbow < limits[2] or elbow > limits[3]:
+        # squared time of the slower joint, up to a factor
+        elbow, hub = side * bend, _within(nearest_turn(bearing - side * inner, hub_now), limits)
+        way = max(abs(hub - hub_now) / (rates[0] * rates[0]), abs(elbow - elbow_now) / (rates[1] * rates[1]))
+        if elbow < limits[2] or elbow > limits[3] or hub < limits[0] or hub > limits[1]:
             way += 1e6
         if way < least:
             least = way
@@ -53,15 +76,24 @@ def sooner_angles(lengths, rates, limits, x, y, angles):
 
 @kernel
 def _bent(lengths, limits, x, y, fx, fy):
-    """Tip of the chain that the force bends, (px, py), and its derivatives by fx and by fy; sum of squared angles."""
+    """Return the tip of a chain of springs bent by a force at (x, y), its derivatives, and the angles' sum of squares.
+
+        theta_k = (x - px_k) fy - (y - py_k) fx, clamped to its limits; (px_k, py_k): joint k
+
+    The angle of each joint is the moment of the force (fx, fy) about it, so that the force's unit is rad/m. lengths
+    (N,): m; limits (2 N,): low, high of each joint, rad. Returns (px, py, dpx/dfx, dpx/dfy, dpy/dfx, dpy/dfy, sum
+    theta_k^2); m, m/force, rad^2.
+    """
     alpha, alpha_x, alpha_y, total = 0.0, 0.0, 0.0, 0.0
     px, py, px_x, px_y, py_x, py_y = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(lengths.shape[0]):
         angle = (x - px) * fy - (y - py) * fx
+        # a joint on its limit does not change with the force
         if angle < limits[2 * k] or angle > limits[2 * k + 1]:
             angle = min(limits[2 * k + 1], max(limits[2 * k], angle))
         else:
             alpha_x, alpha_y = alpha_x - px_x * fy + py_x * fx - (y - py), alpha_y - px_y * fy + py_y * fx + (x - px)
+        # inertial angle of link k, then its tip
         alpha, total = alpha + angle, total + angle * angle
         along, across = lengths[k] * math.cos(alpha), lengths[k] * math.sin(alpha)
         px, px_x, px_y = px + along, px_x - across * alpha_x, px_y - across * alpha_y
@@ -71,8 +103,11 @@ def _bent(lengths, limits, x, y, fx, fy):
 
 @kernel
 def _force(lengths, limits, x, y, fx, fy):
-    """(fx, fy, sum of squares) of the force that brings the tip to (x, y), from a guess; the sum is infinite where
-    none is found."""
+    """Return (fx, fy, sum of squared angles) of the force that bends a chain of springs to (x, y), from a guess.
+
+    Damped Newton on tip(f) = (x, y); each joint's angle is the force's moment about it. lengths (N,), x, y: m; limits
+    (2 N,): rad; fx, fy: the guess, rad/m. The sum is inf where no solution is found.
+    """
     length = 0.0
     for k in range(lengths.shape[0]):
         length += lengths[k]
@@ -82,6 +117,7 @@ def _force(lengths, limits, x, y, fx, fy):
         determinant = a * d - b * c
         if off <= _CLOSE * length or determinant == 0.0:
             break
+        # Newton step with the 2 x 2 Jacobian, halved until the tip comes nearer
         step_x, step_y = (d * (x - px) - b * (y - py)) / determinant, (a * (y - py) - c * (x - px)) / determinant
         share, better, next_x, next_y, now = 1.0, False, fx, fy, off
         for _ in range(_HALVINGS):
@@ -95,6 +131,7 @@ def _force(lengths, limits, x, y, fx, fy):
         if not better:
             break
         fx, fy, off = next_x, next_y, now
+    # accepted with a thousand times the tolerance
     if not off <= 1e3 * _CLOSE * length:
         total = math.inf
     return fx, fy, total
@@ -102,15 +139,20 @@ def _force(lengths, limits, x, y, fx, fy):
 
 @kernel
 def _guess(lengths, x, y, angles):
-    """The force whose moments about the joints are nearest to these angles (least squares)."""
+    """Return the force (rad/m) at (x, y) whose moments about the joints are nearest to these angles, by least squares.
+
+    lengths (N,), x, y: m; angles (N,): joint angles, rad. (0, 0) where the joints and the point lie in a line.
+    """
     alpha, px, py = 0.0, 0.0, 0.0
     xx, xy, yy, gx, gy = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(lengths.shape[0]):
+        # normal equations of theta_k = u fx + v fy
         u, v = -(y - py), x - px
         xx, xy, yy, gx, gy = xx + u * u, xy + u * v, yy + v * v, gx + u * angles[k], gy + v * angles[k]
         alpha += angles[k]
         px, py = px + lengths[k] * math.cos(alpha), py + lengths[k] * math.sin(alpha)
     determinant = xx * yy - xy * xy
+    # singular: joints and point in a line
     if determinant <= 1e-12 * xx * yy:
         return 0.0, 0.0
     return (yy * gx - xy * gy) / determinant, (xx * gy - xy * gx) / determinant
@@ -118,7 +160,11 @@ def _guess(lengths, x, y, angles):
 
 @kernel
 def _take(lengths, limits, x, y, fx, fy, now, angles):
-    """The joints' angles under a force; the hub's as many whole turns on as bring it near `now`, limits allowing."""
+    """Write the joint angles under a force (rad/m) at (x, y), m, clamped to the limits: its moments about the joints.
+
+    The hub gets the whole turns that bring it near `now` (rad), where its limits allow. limits (2 N,): rad. angles
+    (N,): out.
+    """
     alpha, px, py = 0.0, 0.0, 0.0
     for k in range(lengths.shape[0]):
         angle = min(limits[2 * k + 1], max(limits[2 * k], (x - px) * fy - (y - py) * fx))
@@ -130,14 +176,21 @@ def _take(lengths, limits, x, y, fx, fy, now, angles):
 
 @kernel
 def _turn_hub(limits, now, angles):
-    hub = nearest_turn(angles[0], now)
+    """Add whole turns to angles[0] so that it comes near `now` (rad); no change where its limits do not allow it.
+
+    limits[0], limits[1]: low and high of that angle, rad.
+    """
+    hub = _within(nearest_turn(angles[0], now), limits)
     if limits[0] <= hub <= limits[1]:
         angles[0] = hub
 
 
 @kernel
 def _arc(lengths, bend):
-    """Tip of the chain with its elbows all at one angle, its hub at 0."""
+    """Return the tip (px, py), m, of the chain with the hub at angle 0 and all elbows at `bend`, rad.
+
+    lengths (N,): of its straight links, m.
+    """
     px, py = 0.0, 0.0
     for k in range(lengths.shape[0]):
         px, py = px + lengths[k] * math.cos(k * bend), py + lengths[k] * math.sin(k * bend)
@@ -146,8 +199,12 @@ def _arc(lengths, bend):
 
 @kernel
 def _arc_bend(lengths, distance):
-    """The least angle of all elbows that brings the tip so near to the root, or as near as can be (rad)."""
+    """Return the least common angle of all elbows (rad) whose tip is `distance` (m) from the root, or nearest to it.
+
+    lengths (N,): of the chain's straight links, m.
+    """
     low, high, nearest, kept = 0.0, -1.0, math.inf, 0.0
+    # scan from straight to folded for the first bend that comes near enough
     for j in range(_SCAN + 1):
         bend = math.pi * j / _SCAN
         px, py = _arc(lengths, bend)
@@ -160,6 +217,7 @@ def _arc_bend(lengths, distance):
         low = bend
     if high <= 0.0:
         return kept
+    # bisection
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
         px, py = _arc(lengths, middle)
@@ -172,19 +230,26 @@ def _arc_bend(lengths, distance):
 
 @kernel
 def _from_arc(lengths, limits, x, y, side, angles):
-    """(fx, fy, sum of squares) from the arc to a side; where that fails, from the arc to an easy point on the same
-    bearing, which then goes to (x, y) step by step. `angles`: the first arc."""
+    """Return (fx, fy, sum of squared angles) of the solution reached from the arc to one side; the sum is inf if none.
+
+    An arc has the same angle at all elbows; side: 1 or -1, their sign. fx, fy: force (rad/m) at (x, y) (m) whose
+    moments about the joints are their angles. Newton starts from the arc to (x, y); where that fails, it starts from
+    the arc to an easy point on the same bearing, which then moves to (x, y) in steps. `angles` receives the arc from
+    which Newton started last.
+    """
     bearing, length, last = math.atan2(y, x), 0.0, _arc_bend(lengths, math.hypot(x, y))
     for k in range(lengths.shape[0]):
         length += lengths[k]
     for steps in (1, _STEPS):
         first = last if steps == 1 else _arc_bend(lengths, _EASY * length)
         _set_arc(lengths, limits, bearing, side * first, angles)
+        # force whose moments are nearest to the arc's angles
         px, py = _arc(lengths, first)
         way = math.hypot(px, py)
         fx, fy = _guess(lengths, way * math.cos(bearing), way * math.sin(bearing), angles)
         total = math.inf
         for step in range(1, steps + 1):
+            # next point on the bearing, of an arc between both bends; the last is (x, y)
             px, py = _arc(lengths, first + (last - first) * step / steps)
             way = math.hypot(px, py) if step < steps else math.hypot(x, y)
             fx, fy, total = _force(lengths, limits, way * math.cos(bearing), way * math.sin(bearing), fx, fy)
@@ -195,8 +260,12 @@ def _from_arc(lengths, limits, x, y, side, angles):
 
 @kernel
 def least_angles(lengths, limits, x, y, angles):
-    """N links: the lesser of what the arcs (all elbows alike) to either side lead to; for targets within less than
-    about 0.2 of the arm's length from the root there may be a lesser one. An arc where neither leads anywhere.
+    """Write the angles of N links of least sum of squares that reach (x, y), m.
+
+    It is the lesser of the solutions to which the arcs (all elbows alike) to either side lead; for targets within about
+    0.2 of the arm's length from the root there may be a lesser one. Where neither arc leads to a solution: the arc
+    itself. lengths (N,): m; limits (2 N,): low, high of each joint, rad. angles (N,): the result, rad; of the present
+    ones only the hub's counts, which chooses the whole turns of the new one.
     """
     now, least, least_x, least_y = angles[0], math.inf, 0.0, 0.0
     for side in (1.0, -1.0):
@@ -214,6 +283,11 @@ def least_angles(lengths, limits, x, y, angles):
 
 @kernel
 def _set_arc(lengths, limits, bearing, bend, angles):
+    """Write the angles of an arc whose tip lies at `bearing` (rad): all elbows at `bend`, clamped to their limits.
+
+    bend: rad. lengths (N,): m; limits (2 N,): low, high of each joint, rad. angles (N,): out, rad.
+    """
+    # the hub turns the unclamped arc's tip to the bearing
     px, py = _arc(lengths, bend)
     angles[0] = bearing - math.atan2(py, px)
     for k in range(1, lengths.shape[0]):
@@ -223,8 +297,13 @@ def _set_arc(lengths, limits, bearing, bend, angles):
 
 @kernel
 def next_angles(lengths, limits, x, y, angles):
-    """N links: begun at the present angles; afresh where nothing is found near them."""
+    """Write the angles of N links of least sum of squares that reach (x, y), m, near the present angles.
+
+    Where none is found near them: `least_angles`. lengths (N,): m; limits (2 N,): low, high of each joint, rad. angles
+    (N,): present joint angles in, those at the target out, rad.
+    """
     now = angles[0]
+    # Newton from the force nearest to the present angles
     angles[0] = nearest_turn(now, 0.0)
     fx, fy = _guess(lengths, x, y, angles)
     fx, fy, total = _force(lengths, limits, x, y, fx, fy)

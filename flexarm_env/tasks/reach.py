@@ -1,9 +1,9 @@
-"""A task: the tip of a chain of links is brought to a point, and kept there."""
+"""The tasks `Reach` and `Chain`: the tip of a chain of links is brought to a point and held there."""
 
 import math
 
-from ..compiler import kernel, load, select_lt, sincos, size, splat, square_root, store
-from ..physics.arithmetic import decay, smaller
+from ..compiler import Lanes, kernel, select_lt, sincos, size, square_root
+from ..physics.arithmetic import decay, minimum
 from ..physics.layout import BASE_POSE, POSE
 from .angles import least_angles, next_angles, sooner_angles
 from .program import DEFLECTION, GOAL, MOVING, PATH, TARGET, TARGET_RATE
@@ -14,6 +14,7 @@ from .task import (
     deflection,
     effort,
     hub_angle,
+    left_of,
     level,
     of_base,
     past_limits,
@@ -33,41 +34,48 @@ _PATH, _MOVING = PATH.places, MOVING.places
 
 
 class Reach(Task):
-    """Of two links. Observation and reward: see `envs.two_link`."""
+    """The record of the task for two links; for observation and reward see `envs.two_link`."""
 
     __slots__ = ()
 
 
 class Chain(Task):
-    """Of any number of links: as `Reach`, but for the joint angles that are aimed at."""
+    """The record for any number of links: `Reach` with the joint angles of `angles.least_angles`."""
 
     __slots__ = ()
 
 
 @kernel
-def reach_observe(lane, task, poses, record, out):
-    """Joints, rates, deflections and rates, tip velocity and way to the target in the hub's frame (`envs.two_link`)."""
+def reach_observe(lane, task, poses: Lanes, record: Lanes, out):
+    """Write the scaled observation: joints, deflections, tip velocity, way from tip to target (`envs.two_link`).
+
+    Entries: sine, cosine of each joint; N joint rates (rad/s); N tip deflections over the link's length, N of their
+    rates (1/s); tip velocity (m/s) and target less tip (m), in the axes of link 0's root; seven of a floating base.
+    poses: of the links, inertial axes; record: the target. Each entry is divided by its scale and clipped to +-10.
+    """
     n = size(task.links)
-    before, spin = splat(lane, 0.0), of_base(lane, task, poses, BASE_POSE.rate)
-    hub_sine, hub_cosine = splat(lane, 0.0), splat(lane, 1.0)
+    before, spin = 0.0, of_base(lane, task, poses, BASE_POSE.rate)
+    hub_sine, hub_cosine = 0.0, 1.0
     for k in range(n):
         o = POSE.end * k
         normal, _, rate, _, _, _, _, sine, cosine = deflection(lane, poses, k)
+        # joint angles: hub relative to a floating base, elbow relative to the tip section before it
         if k == 0:
             hub_sine, hub_cosine = sine, cosine
             sine, cosine = hub_angle(lane, task, poses, sine, cosine)
         else:
-            sine, cosine = sincos(load(lane, poses, o + POSE.angle) - before)
+            sine, cosine = sincos(poses[o + POSE.angle] - before)
         show_scaled(lane, task, out, 2 * k, sine)
         show_scaled(lane, task, out, 2 * k + 1, cosine)
-        show_scaled(lane, task, out, 2 * n + k, load(lane, poses, o + POSE.rate) - spin)
+        show_scaled(lane, task, out, 2 * n + k, poses[o + POSE.rate] - spin)
         show_scaled(lane, task, out, 3 * n + k, normal / task.lengths[k])
         show_scaled(lane, task, out, 4 * n + k, rate / task.lengths[k])
-        before, spin = load(lane, poses, o + POSE.tip_angle), load(lane, poses, o + POSE.tip_rate)
+        before, spin = poses[o + POSE.tip_angle], poses[o + POSE.tip_rate]
+    # way to the target and tip velocity: inertial axes, then the axes of link 0's root
     o = POSE.end * (n - 1)
-    vx, vy = load(lane, poses, o + POSE.tip_vx), load(lane, poses, o + POSE.tip_vy)
-    dx = load(lane, record, TARGET) - load(lane, poses, o + POSE.tip_x)
-    dy = load(lane, record, TARGET + 1) - load(lane, poses, o + POSE.tip_y)
+    vx, vy = poses[o + POSE.tip_vx], poses[o + POSE.tip_vy]
+    dx = record[TARGET] - poses[o + POSE.tip_x]
+    dy = record[TARGET + 1] - poses[o + POSE.tip_y]
     show_scaled(lane, task, out, 5 * n, hub_cosine * vx + hub_sine * vy)
     show_scaled(lane, task, out, 5 * n + 1, hub_cosine * vy - hub_sine * vx)
     show_scaled(lane, task, out, 5 * n + 2, hub_cosine * dx + hub_sine * dy)
@@ -76,20 +84,28 @@ def reach_observe(lane, task, poses, record, out):
 
 
 @kernel
-def reach_judge(lane, task, poses, action, record, live, info):
-    """Terms: accuracy, settle, distance, effort, vibration."""
+def reach_judge(lane, task, poses: Lanes, action, record: Lanes, live, info):
+    """Write success, info and the reward terms of a tip that is brought to a point in the plane (`reward_point`).
+
+    error: distance of the tip to the target over the arm's length; speed: of the tip relative to the target over that
+    length, 1/s; shaking: sum of squares of deflection rates over the links' lengths, 1/s^2. poses: of the links,
+    inertial axes; action (joints, lanes), in [-1, 1]; info is written where live > 1/2. Returns (reward, 1.0 where a
+    joint is beyond its limits).
+    """
     n = size(task.links)
-    shaking = splat(lane, 0.0)
+    shaking = 0.0
+    # deflection and its rate of each link, over its length
     for k in range(n):
         normal, _, rate, _, _, _, _, _, _ = deflection(lane, poses, k)
         put_info(lane, live, info, DEFLECTION + k, normal / task.lengths[k])
         rate = rate / task.lengths[k]
         shaking = shaking + rate * rate
     o = POSE.end * (n - 1)
-    vx, vy = load(lane, poses, o + POSE.tip_vx), load(lane, poses, o + POSE.tip_vy)
-    dx = load(lane, record, TARGET) - load(lane, poses, o + POSE.tip_x)
-    dy = load(lane, record, TARGET + 1) - load(lane, poses, o + POSE.tip_y)
-    vx, vy = vx - load(lane, record, TARGET_RATE), vy - load(lane, record, TARGET_RATE + 1)
+    vx, vy = poses[o + POSE.tip_vx], poses[o + POSE.tip_vy]
+    # tip's way to the target and velocity relative to it, inertial axes
+    dx = record[TARGET] - poses[o + POSE.tip_x]
+    dy = record[TARGET + 1] - poses[o + POSE.tip_y]
+    vx, vy = vx - record[TARGET_RATE], vy - record[TARGET_RATE + 1]
     error = square_root(dx * dx + dy * dy) / task.length
     speed = square_root(vx * vx + vy * vy) / task.length
     record_tip(lane, task, poses, record, live, info)
@@ -99,10 +115,21 @@ def reach_judge(lane, task, poses, action, record, live, info):
 
 @kernel
 def reward_point(lane, task, error, speed, shaking, poses, action, record, live, info):
-    """The reward where a tip is `error` from its target, over L, and so fast; and whether it has held there."""
-    good = select_lt(error, task.bands[0], splat(lane, 1.0), splat(lane, 0.0))
-    good = level(lane, task, poses, select_lt(speed, task.bands[1], good, splat(lane, 0.0)))
+    """Return the reward for a tip at distance `error` from its target with relative `speed`, and record success.
+
+        accuracy exp(-(10 error)^2), settle exp(-(50 error)^2 - (10 speed)^2), distance by min(error, 1) (`left_of`),
+        effort -sum action^2, vibration -min(shaking, 1), attitude of a floating base, change of actions
+
+    Each is multiplied by its weight. Where task.paid is a tag, settle is 1 / (1 + s^2) (`settled`), s: sum of squares
+    of error and speed (and a floating base's attitude) over their success bands. error: over the arm's length; speed:
+    over the length, 1/s; shaking: 1/s^2, sum of squares of deflection rates over the lengths. Terms go into info, where
+    live > 1/2.
+    """
+    # success: error and speed within their bands
+    good = select_lt(error, task.bands[0], 1.0, 0.0)
+    good = level(lane, task, poses, select_lt(speed, task.bands[1], good, 0.0))
     record_success(lane, task, good, record, live, info)
+    # settle: 1 at rest on the target, by fixed widths or by the bands
     wide, narrow, slow = error * 10.0, error * 50.0, speed * 10.0
     settle = decay(narrow * narrow + slow * slow)
     if task.paid is not None:
@@ -111,41 +138,56 @@ def reward_point(lane, task, error, speed, shaking, poses, action, record, live,
         settle = settled(lane, square if size(task.base) == 0 else square + squared_turn(lane, task, poses))
     total = reward_term(lane, task, live, info, 0, decay(wide * wide))
     total = total + reward_term(lane, task, live, info, 1, settle)
-    total = total + reward_term(lane, task, live, info, 2, -smaller(error, 1.0))
+    # distance, effort, vibration: losses of at most 1 (effort: per joint)
+    total = total + reward_term(lane, task, live, info, 2, left_of(task, minimum(error, 1.0)))
     total = total + reward_term(lane, task, live, info, 3, -effort(lane, task, action))
-    total = total + reward_term(lane, task, live, info, 4, -smaller(shaking, 1.0))
+    total = total + reward_term(lane, task, live, info, 4, -minimum(shaking, 1.0))
     total = reward_attitude(lane, task, poses, live, info, total)
     return reward_change(lane, task, action, record, live, info, total)
 
 
 @kernel
 def reach_target(task, angles, first, second):
-    """From polar coordinates about the root."""
+    """Return the target point (x, y), m, from polar coordinates about the root: first (m), second (rad)."""
     return first * math.cos(second), first * math.sin(second)
 
 
 @kernel
 def reach_aim(task, record):
-    """Of the two solutions the one sooner reached from the record's angles."""
+    """Write the goal angles (rad) of two links into record[GOAL:]: the solution that the joints reach sooner.
+
+    record: of one arm: target (m, inertial axes) in; goal: present joint angles in, those at the target out.
+    """
     sooner_angles(task.lengths, task.rates, task.joint_limits, record[TARGET], record[TARGET + 1], record[GOAL:])
 
 
 @kernel
 def chain_aim(task, record):
-    """The angles of least sum of squares."""
+    """Write the goal angles (rad) of N links into record[GOAL:]: least sum of squares with the tip on the target.
+
+    record: of one arm: target (m, inertial axes) in; goal: out, its first entry, the hub's present angle, in.
+    """
     least_angles(task.lengths, task.joint_limits, record[TARGET], record[TARGET + 1], record[GOAL:])
 
 
 @kernel
 def chain_pursue(task, record):
-    """The angles of least sum of squares that follow on the record's own."""
+    """Write the goal angles (rad) of N links into record[GOAL:]: as `chain_aim`, near the present goal angles.
+
+    record: of one arm: target (m, inertial axes) in; goal: in and out.
+    """
     next_angles(task.lengths, task.joint_limits, record[TARGET], record[TARGET + 1], record[GOAL:])
 
 
 @kernel
 def reach_draw_path(task, stream, arm, start, drawn, path):
-    """A circle; drawn: distance of its centre, m; period, s; radius, m; bearing of its centre, rad."""
+    """Write a circular path, turning to a random side from a random phase, into `path`, a `PATH`.
+
+    drawn: distance of its center from the root, m; period, s; radius, m; bearing of its center, rad. stream[arm]:
+    random numbers of the arm. start: not used.
+    """
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
+    # center, from its distance and bearing
     path[_PATH.x] = drawn[0] * math.cos(drawn[3])
     path[_PATH.y] = drawn[0] * math.sin(drawn[3])
     path[_PATH.size] = drawn[2]
@@ -155,18 +197,27 @@ def reach_draw_path(task, stream, arm, start, drawn, path):
 
 @kernel
 def reach_draw_line(task, stream, arm, start, drawn, path):
-    """A straight line; drawn: where it is nearest to the root, m; when, s; speed, m/s; bearing of that point, rad."""
+    """Write a straight path, to a random side, by its point nearest to the root, into `path`, a `PATH`.
+
+    drawn: distance of that point, m; the time when it is reached, s; speed, m/s; bearing of that point, rad.
+    stream[arm]: random numbers of the arm. start: not used.
+    """
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
     cosine, sine = math.cos(drawn[3]), math.sin(drawn[3])
     path[_PATH.vx], path[_PATH.vy] = -side * drawn[2] * sine, side * drawn[2] * cosine
+    # position at t = 0
     path[_PATH.x] = drawn[0] * cosine - path[_PATH.vx] * drawn[1]
     path[_PATH.y] = drawn[0] * sine - path[_PATH.vy] * drawn[1]
 
 
 @kernel
 def reach_path_at(task, path, t, out):
-    """On a circle whose centre moves on: for circles it rests, for lines the radius is 0."""
+    """Write the target's position (m) and velocity (m/s), inertial axes, at time t (s): on a circle whose center moves.
+
+    path: a `PATH`. The center of a circular path rests; on a straight path the radius is 0. out: a `MOVING`.
+    """
     radius, rate = path[_PATH.size], path[_PATH.rate]
+    # angle on the circle
     angle = rate * t + path[_PATH.phase]
     out[_MOVING.x] = path[_PATH.x] + path[_PATH.vx] * t + radius * math.cos(angle)
     out[_MOVING.y] = path[_PATH.y] + path[_PATH.vy] * t + radius * math.sin(angle)
@@ -175,13 +226,13 @@ def reach_path_at(task, path, t, out):
 
 
 @kernel
-def reach_turn_in(lane, task, poses, seen, first, end):
-    """Points or their velocities, turned back by the hub's angle."""
-    sine, cosine = sincos(load(lane, poses, POSE.angle))
+def reach_turn_in(lane, task, poses: Lanes, seen: Lanes, first, end):
+    """Rotate the points or velocities (x, y) at seen[first:end] from inertial axes to the axes of link 0's root."""
+    sine, cosine = sincos(poses[POSE.angle])
     for k in range(first, end, 2):
-        x, y = load(lane, seen, k), load(lane, seen, k + 1)
-        store(seen, k, cosine * x + sine * y)
-        store(seen, k + 1, cosine * y - sine * x)
+        x, y = seen[k], seen[k + 1]
+        seen[k] = cosine * x + sine * y
+        seen[k + 1] = cosine * y - sine * x
 
 
 _OF_BOTH = {

@@ -1,9 +1,9 @@
-"""A task: one link turns its tip to a polar angle, and keeps it there."""
+"""The task `Slew`: one link turns its tip to a polar angle and holds it there."""
 
 import math
 
-from ..compiler import absolute, kernel, load, select_lt, sincos, size, splat
-from ..physics.arithmetic import arctangent, decay, smaller
+from ..compiler import Lanes, absolute, kernel, select_lt, sincos, size
+from ..physics.arithmetic import arctangent, decay, minimum
 from ..physics.layout import BASE_POSE, POSE
 from .program import DEFLECTION, GOAL, MOVING, PATH, TARGET, TARGET_RATE
 from .stream import uniform
@@ -13,6 +13,7 @@ from .task import (
     deflection,
     effort,
     hub_angle,
+    left_of,
     level,
     of_base,
     past_limits,
@@ -32,15 +33,18 @@ _PATH, _MOVING = PATH.places, MOVING.places
 
 
 class Slew(Task):
-    """Observation and reward: see `envs.flexible_arm`."""
+    """The record of task slew; for observation and reward see `envs.flexible_arm`."""
 
     __slots__ = ()
 
 
 @kernel
-def _error(lane, task, poses, record, normal, along):
-    """Target less tip angle; to the nearest of the target's whole turns where these are alike."""
-    error = load(lane, record, TARGET) - (load(lane, poses, POSE.angle) + arctangent(normal, along))
+def _error(lane, task, poses: Lanes, record: Lanes, normal, along):
+    """Return the target angle less the tip's polar angle about the root, rad; with task.turns reduced to +-pi.
+
+    normal, along: tip relative to the root, m, in the axes of link 0's root section.
+    """
+    error = record[TARGET] - (poses[POSE.angle] + arctangent(normal, along))
     if task.turns is not None:
         sine, cosine = sincos(error)
         return arctangent(sine, cosine)
@@ -48,13 +52,19 @@ def _error(lane, task, poses, record, normal, along):
 
 
 @kernel
-def slew_observe(lane, task, poses, record, out):
-    """sin, cos of the hub angle; hub rate; tip deflection and rate over L; target less tip angle, unwrapped."""
+def slew_observe(lane, task, poses: Lanes, record, out):
+    """Write sine, cosine of the hub's angle, its rate, tip deflection and its rate over L, and the angle error; scaled.
+
+    Hub: relative to a floating base. Deflection: across the root's tangent. Error: target less tip angle (rad), within
+    +-pi where task.turns is a tag, otherwise with all turns. Then the seven entries of a floating base, if there is
+    one. Units: rad/s, 1, 1/s, rad; each entry is divided by its scale and clipped to +-10. poses: of the link, inertial
+    axes; record: the target.
+    """
     normal, along, rate, _, _, _, _, sine, cosine = deflection(lane, poses, 0)
     hub_sine, hub_cosine = hub_angle(lane, task, poses, sine, cosine)
     show_scaled(lane, task, out, 0, hub_sine)
     show_scaled(lane, task, out, 1, hub_cosine)
-    show_scaled(lane, task, out, 2, load(lane, poses, POSE.rate) - of_base(lane, task, poses, BASE_POSE.rate))
+    show_scaled(lane, task, out, 2, poses[POSE.rate] - of_base(lane, task, poses, BASE_POSE.rate))
     show_scaled(lane, task, out, 3, normal / task.length)
     show_scaled(lane, task, out, 4, rate / task.length)
     show_scaled(lane, task, out, 5, _error(lane, task, poses, record, normal, along))
@@ -62,20 +72,36 @@ def slew_observe(lane, task, poses, record, out):
 
 
 @kernel
-def slew_judge(lane, task, poses, action, record, live, info):
-    """Terms: accuracy, settle, distance, effort, vibration."""
+def slew_judge(lane, task, poses, action, record: Lanes, live, info):
+    """Write success, info and reward terms of a tip that turns to an angle; return (reward, joint limit passed).
+
+    Errors: e = tip angle (rad), slip = tip rate less the target's (rad/s), rate = deflection rate over L (1/s).
+
+        accuracy exp(-(10 e)^2), settle exp(-(50 e)^2 - (5 slip)^2), distance by min(e, 1) (`left_of`; with task.turns e
+        in half turns), effort -sum action^2, vibration -min(rate^2, 1)
+
+    Each is multiplied by its weight; a floating base adds a term for its attitude, a priced change of actions another.
+    Where task.paid is a tag, settle is 1 / (1 + s^2) (`settled`), s: sum of squares of e, slip and rate (and a base's
+    attitude) over their success bands. poses: of the link, inertial axes; info is written where live > 1/2. Joint limit
+    passed: 1.0 where the joint is beyond its limits, otherwise 0.0.
+    """
+    # tip relative to the root: polar angle, its rate; deflection
     normal, along, rate, dx, dy, dvx, dvy, _, _ = deflection(lane, poses, 0)
+    # angle error; distance pays by it in half turns where whole turns do not matter: no way is longer than one
     error = absolute(_error(lane, task, poses, record, normal, along))
-    way = error if task.turns is None else error * (1.0 / math.pi)  # in half turns, where no way is longer than that
+    way = error if task.turns is None else error * (1.0 / math.pi)
+    # rate of the tip's polar angle, rad/s
     turning = (dx * dvy - dy * dvx) / (dx * dx + dy * dy)
     rate = absolute(rate / task.length)
     put_info(lane, live, info, DEFLECTION, normal / task.length)
-    slip = turning - load(lane, record, TARGET_RATE)
-    good = select_lt(error, task.bands[0], splat(lane, 1.0), splat(lane, 0.0))
-    good = select_lt(absolute(slip), task.bands[1], good, splat(lane, 0.0))
-    good = level(lane, task, poses, select_lt(rate, task.bands[2], good, splat(lane, 0.0)))
+    # success: angle, rate and vibration within their bands
+    slip = turning - record[TARGET_RATE]
+    good = select_lt(error, task.bands[0], 1.0, 0.0)
+    good = select_lt(absolute(slip), task.bands[1], good, 0.0)
+    good = level(lane, task, poses, select_lt(rate, task.bands[2], good, 0.0))
     record_success(lane, task, good, record, live, info)
     record_tip(lane, task, poses, record, live, info)
+    # settle: 1 at rest on the target, by fixed widths or by the bands
     wide, narrow, slow = error * 10.0, error * 50.0, slip * 5.0
     settle = decay(narrow * narrow + slow * slow)
     if task.paid is not None:
@@ -84,9 +110,10 @@ def slew_judge(lane, task, poses, action, record, live, info):
         settle = settled(lane, square if size(task.base) == 0 else square + squared_turn(lane, task, poses))
     total = reward_term(lane, task, live, info, 0, decay(wide * wide))
     total = total + reward_term(lane, task, live, info, 1, settle)
-    total = total + reward_term(lane, task, live, info, 2, -smaller(way, 1.0))
+    # distance, effort, vibration: losses of at most 1 (effort: per joint)
+    total = total + reward_term(lane, task, live, info, 2, left_of(task, minimum(way, 1.0)))
     total = total + reward_term(lane, task, live, info, 3, -effort(lane, task, action))
-    total = total + reward_term(lane, task, live, info, 4, -smaller(rate * rate, 1.0))
+    total = total + reward_term(lane, task, live, info, 4, -minimum(rate * rate, 1.0))
     total = reward_attitude(lane, task, poses, live, info, total)
     total = reward_change(lane, task, action, record, live, info, total)
     return total, past_limits(lane, task, poses)
@@ -94,19 +121,22 @@ def slew_judge(lane, task, poses, action, record, live, info):
 
 @kernel
 def slew_target(task, angles, first, second):
-    """So far from where the arm stands, or from 0."""
+    """Return (target angle, 0.0), rad: drawn angle `first`, plus joint angle angles[0] where task.relative is 1."""
     return task.relative * angles[0] + first, 0.0
 
 
 @kernel
 def slew_aim(task, record):
-    """Joint angle that reaches the target."""
+    """Write the joint angle that reaches the target into record[GOAL]: the target angle itself, rad."""
     record[GOAL] = record[TARGET]
 
 
 @kernel
 def slew_draw_path(task, stream, arm, start, drawn, path):
-    """A swing from where the arm stands; drawn: its width, rad; its period, s."""
+    """Write a swing to a random side from joint 0's angle `start` (rad) into `path`, a `PATH`.
+
+    drawn: its width, rad, and its period, s. stream[arm]: random numbers of the arm.
+    """
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
     path[_PATH.x] = start
     path[_PATH.size] = drawn[0] * side
@@ -115,14 +145,23 @@ def slew_draw_path(task, stream, arm, start, drawn, path):
 
 @kernel
 def slew_draw_line(task, stream, arm, start, drawn, path):
-    """From behind past where the arm stands; drawn: how far behind, rad; its rate, rad/s."""
+    """Write a path of constant rate that passes joint 0's angle `start` towards a random side into `path`.
+
+    path: a `PATH`. start: rad. drawn: its distance behind `start` at t = 0, rad; its rate, rad/s. stream[arm]: random
+    numbers of the arm.
+    """
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
     path[_PATH.x], path[_PATH.vx] = start - drawn[0] * side, drawn[1] * side
 
 
 @kernel
 def slew_path_at(task, path, t, out):
-    """To and fro, from rest; or on and on."""
+    """Write the target angle (rad) and its rate (rad/s) at time t (s): a cosine swing from rest, plus a constant rate.
+
+        angle = x + vx t + width (1 - cos(rate t + phase)) / 2
+
+    path: a `PATH`, with these parameters (width is its field `size`). out: a `MOVING`.
+    """
     width, rate = path[_PATH.size], path[_PATH.rate]
     angle = rate * t + path[_PATH.phase]
     out[_MOVING.x] = path[_PATH.x] + path[_PATH.vx] * t + 0.5 * width * (1.0 - math.cos(angle))
@@ -131,7 +170,7 @@ def slew_path_at(task, path, t, out):
 
 @kernel
 def slew_turn_in(lane, task, poses, seen, first, end):
-    """An angle is the same in any frame."""
+    """Leave `seen` as it is: an angle difference or a rate is the same in any frame."""
 
 
 TASKS.register(

@@ -1,8 +1,8 @@
-"""A task: in space, the tip of a chain of links is brought to a point, which may move, and kept there."""
+"""The task `SpaceReach`: in space, the tip of a chain of links is brought to a point, fixed or moving, and held."""
 
 import math
 
-from ..compiler import kernel, load, sincos, size, splat, square_root, store
+from ..compiler import Lanes, kernel, sincos, size, square_root
 from ..physics.layout import SPACE_POSE
 from .program import GOAL, MOVING, PATH, TARGET, TARGET_RATE
 from .reach import reward_point
@@ -14,53 +14,63 @@ _PATH, _MOVING = PATH.places, MOVING.places
 
 
 class SpaceReach(Task):
-    """Observation and reward: see `envs.spatial`. Links of length 0 in the record are rigid."""
+    """The record of the task; observation and reward: see `envs.spatial`. Links of length 0 are rigid."""
 
     __slots__ = ()
 
 
 @kernel
-def _in_root(lane, poses, x, y, z, d):
-    """Component d of a vector in the axes of the root of link 0."""
+def _in_root(lane, poses: Lanes, x, y, z, d):
+    """Return component d of the vector (x, y, z), given in inertial axes, along axis d of the axes of link 0's root."""
     o = SPACE_POSE.axes + d
-    return (x * load(lane, poses, o) + y * load(lane, poses, o + 3)) + z * load(lane, poses, o + 6)
+    return (x * poses[o] + y * poses[o + 3]) + z * poses[o + 6]
 
 
 @kernel
-def _to_target(lane, task, poses, record):
-    """Way from the tip to the target, m."""
+def _to_target(lane, task, poses: Lanes, record: Lanes):
+    """Return the vector from the tip to the target, m, inertial axes.
+
+    poses: of the links, with the last link's tip. record.target: m, inertial axes.
+    """
     o = SPACE_POSE.end * (size(task.links) - 1) + SPACE_POSE.tip
     return (
-        load(lane, record, TARGET) - load(lane, poses, o),
-        load(lane, record, TARGET + 1) - load(lane, poses, o + 1),
-        load(lane, record, TARGET + 2) - load(lane, poses, o + 2),
+        record[TARGET] - poses[o],
+        record[TARGET + 1] - poses[o + 1],
+        record[TARGET + 2] - poses[o + 2],
     )
 
 
 @kernel
-def _velocity(lane, task, poses):
-    """Of the tip, m/s."""
+def _velocity(lane, task, poses: Lanes):
+    """Return the tip's velocity, m/s, inertial axes."""
     o = SPACE_POSE.end * (size(task.links) - 1) + SPACE_POSE.velocity
-    return load(lane, poses, o), load(lane, poses, o + 1), load(lane, poses, o + 2)
+    return poses[o], poses[o + 1], poses[o + 2]
 
 
 @kernel
-def space_observe(lane, task, poses, record, out):
-    """Joints, rates; of links that bend deflections, twist and their rates; tip velocity, way to the target."""
+def space_observe(lane, task, poses: Lanes, record, out):
+    """Write the scaled observation: joint angles and rates, deflections and twists, tip velocity, tip to target.
+
+    Sine and cosine of N joint angles; N joint rates (rad/s); for each flexible link deflection along y and z and their
+    rates over its length, twist (rad) and its rate; tip velocity (m/s) and target less tip (m), in the axes of link 0's
+    root. Each entry is divided by its scale and clipped to +-10. poses: of the links; record: the target.
+    """
     n, to = size(task.links), 3 * size(task.links)
     for k in range(n):
-        sine, cosine = sincos(load(lane, poses, SPACE_POSE.end * k + SPACE_POSE.angle))
+        sine, cosine = sincos(poses[SPACE_POSE.end * k + SPACE_POSE.angle])
         show_scaled(lane, task, out, 2 * k, sine)
         show_scaled(lane, task, out, 2 * k + 1, cosine)
-        show_scaled(lane, task, out, 2 * n + k, load(lane, poses, SPACE_POSE.end * k + SPACE_POSE.rate))
+        show_scaled(lane, task, out, 2 * n + k, poses[SPACE_POSE.end * k + SPACE_POSE.rate])
     for k in range(n):
         if task.lengths[k] > 0.0:
+            # flexible links: deflections and rates over the length
             o = SPACE_POSE.end * k + SPACE_POSE.deflection
             for d in range(4):
-                show_scaled(lane, task, out, to + d, load(lane, poses, o + d) / task.lengths[k])
+                show_scaled(lane, task, out, to + d, poses[o + d] / task.lengths[k])
             for d in range(4, 6):  # twist and its rate
-                show_scaled(lane, task, out, to + d, load(lane, poses, o + d))
+                show_scaled(lane, task, out, to + d, poses[o + d])
             to += 6
+    # vectors in the axes of link 0's root
     for vector in (_velocity(lane, task, poses), _to_target(lane, task, poses, record)):
         for d in range(3):
             show_scaled(lane, task, out, to + d, _in_root(lane, poses, vector[0], vector[1], vector[2], d))
@@ -68,28 +78,36 @@ def space_observe(lane, task, poses, record, out):
 
 
 @kernel
-def space_judge(lane, task, poses, action, record, live, info):
-    """Terms: accuracy, settle, distance, effort, vibration."""
+def space_judge(lane, task, poses: Lanes, action, record: Lanes, live, info):
+    """Write success, info and the reward terms of a tip that is brought to a point in space (`reach.reward_point`).
+
+    error: distance of the tip to the target over the arm's length; speed: of the tip relative to the target over that
+    length, 1/s; shaking: sum of squares of deflection rates over the links' lengths, 1/s^2. poses: of the links; action
+    (joints, lanes), in [-1, 1]; info is written where live > 1/2. Returns (reward, 1.0 where a joint is beyond its
+    limits).
+    """
     n, at = size(task.links), info_of(task)
-    shaking, past = splat(lane, 0.0), splat(lane, 0.0)
+    shaking, past = 0.0, 0.0
+    # deflection along y and z, its rate, over the length; twist; joint limits
     for k in range(n):
         o = SPACE_POSE.end * k
         if task.lengths[k] > 0.0:
             for d in range(2):
-                bend = load(lane, poses, o + SPACE_POSE.deflection + d) / task.lengths[k]
-                rate = load(lane, poses, o + SPACE_POSE.deflection_rate + d) / task.lengths[k]
+                bend = poses[o + SPACE_POSE.deflection + d] / task.lengths[k]
+                rate = poses[o + SPACE_POSE.deflection_rate + d] / task.lengths[k]
                 put_info(lane, live, info, at.deflection + n * d + k, bend)
                 shaking = shaking + rate * rate
-        put_info(lane, live, info, at.twist + k, load(lane, poses, o + SPACE_POSE.twist))
-        past = past_limit(task, k, load(lane, poses, o + SPACE_POSE.angle), past)
+        put_info(lane, live, info, at.twist + k, poses[o + SPACE_POSE.twist])
+        past = past_limit(task, k, poses[o + SPACE_POSE.angle], past)
+    # way to the target and velocity relative to it, inertial axes
     dx, dy, dz = _to_target(lane, task, poses, record)
     vx, vy, vz = _velocity(lane, task, poses)
-    vx, vy = vx - load(lane, record, TARGET_RATE), vy - load(lane, record, TARGET_RATE + 1)
-    vz = vz - load(lane, record, TARGET_RATE + 2)
+    vx, vy = vx - record[TARGET_RATE], vy - record[TARGET_RATE + 1]
+    vz = vz - record[TARGET_RATE + 2]
     for d in range(3):
-        tip = load(lane, poses, SPACE_POSE.end * (n - 1) + SPACE_POSE.tip + d)
+        tip = poses[SPACE_POSE.end * (n - 1) + SPACE_POSE.tip + d]
         put_info(lane, live, info, at.tip + d, tip)
-        put_info(lane, live, info, at.target + d, load(lane, record, TARGET + d))
+        put_info(lane, live, info, at.target + d, record[TARGET + d])
     error = square_root((dx * dx + dy * dy) + dz * dz) / task.length
     speed = square_root((vx * vx + vy * vy) + vz * vz) / task.length
     return reward_point(lane, task, error, speed, shaking, poses, action, record, live, info), past
@@ -97,13 +115,18 @@ def space_judge(lane, task, poses, action, record, live, info):
 
 @kernel
 def space_target(task, angles, first, second):
-    """Follows from joint angles (`runtime.starts`)."""
+    """Return two zeros: in space the target follows from the joint angles at the goal (`runtime.starts`)."""
     return 0.0, 0.0
 
 
 @kernel
 def space_aim(task, record):
-    """The joint angles that a target on a path is reached at; otherwise the goal's own were drawn."""
+    """Write the goal angles (rad) that reach a target on a path into record[GOAL:]; no-op where targets rest.
+
+    Goal angles of a resting target have been drawn before the target itself. record: of one arm: target (m, inertial
+    axes) in; goal: in, the angles from which they are sought, and out. task.chain: a `JOINT` per joint, None where
+    targets rest.
+    """
     if task.chain is not None:
         point = (record[TARGET], record[TARGET + 1], record[TARGET + 2])
         seek_point(task.chain, task.links, task.length, task.joint_limits, point, record[GOAL:])
@@ -111,7 +134,11 @@ def space_aim(task, record):
 
 @kernel
 def space_pursue(task, record):
-    """The joint angles that follow on the record's own."""
+    """Move the goal angles (rad), record[GOAL:], so that they reach the moved target; no-op where targets rest.
+
+    record: of one arm: target (m, inertial axes) in; goal: in and out. task.chain: a `JOINT` per joint, None where
+    targets rest.
+    """
     if task.chain is not None:
         point = (record[TARGET], record[TARGET + 1], record[TARGET + 2])
         follow_point(task.chain, task.links, task.length, task.joint_limits, point, record[GOAL:])
@@ -119,30 +146,45 @@ def space_pursue(task, record):
 
 @kernel
 def _directions(bearing, elevation):
-    """Unit vectors: away from the root, towards greater bearings, upwards."""
+    """Return unit vectors (x, y, z) at a bearing and elevation (rad): away from the root, to greater bearing, upwards.
+
+    Bearing: from x towards y about the z axis; elevation: above the plane of x and y.
+    """
     c, s, flat, up = math.cos(bearing), math.sin(bearing), math.cos(elevation), math.sin(elevation)
     return (c * flat, s * flat, up), (-s, c, 0.0), (-c * up, -s * up, flat)
 
 
 @kernel
 def space_draw_path(task, stream, arm, start, drawn, path):
-    """A circle in any plane; drawn: distance of its centre, m; period, s; radius, m; bearing and elevation, rad."""
+    """Write a circular path in a random plane, from a random phase, into `path`, a `PATH`.
+
+    drawn: distance of its center from the root, m; period, s; radius, m; bearing and elevation of its center, rad.
+    stream[arm]: random numbers of the arm. start: not used.
+    """
     away, _, _ = _directions(drawn[3], drawn[4])
+    # center of the circle
     path[_PATH.x], path[_PATH.y], path[_PATH.z] = drawn[0] * away[0], drawn[0] * away[1], drawn[0] * away[2]
     path[_PATH.size] = drawn[2]
     path[_PATH.rate] = 2.0 * math.pi / drawn[1]
     path[_PATH.phase] = 2.0 * math.pi * uniform(stream, arm)
+    # direction of the circle's axis, uniform on the sphere
     path[_PATH.bearing] = 2.0 * math.pi * uniform(stream, arm)
     path[_PATH.tilt] = math.acos(1.0 - 2.0 * uniform(stream, arm))
 
 
 @kernel
 def space_draw_line(task, stream, arm, start, drawn, path):
-    """A straight line; drawn: where it is nearest to the root, m; when, s; speed, m/s; bearing and elevation there."""
+    """Write a straight path in a random direction, by its point nearest to the root, into `path`, a `PATH`.
+
+    drawn: distance of that point, m; the time when it is reached, s; speed, m/s; its bearing and elevation, rad.
+    stream[arm]: random numbers of the arm. start: not used.
+    """
     away, around, up = _directions(drawn[3], drawn[4])
     turn = 2.0 * math.pi * uniform(stream, arm)
+    # velocity, across the direction to that point
     c, s = drawn[2] * math.cos(turn), drawn[2] * math.sin(turn)
     path[_PATH.vx], path[_PATH.vy], path[_PATH.vz] = c * around[0] + s * up[0], c * around[1] + s * up[1], s * up[2]
+    # position at t = 0
     path[_PATH.x] = drawn[0] * away[0] - path[_PATH.vx] * drawn[1]
     path[_PATH.y] = drawn[0] * away[1] - path[_PATH.vy] * drawn[1]
     path[_PATH.z] = drawn[0] * away[2] - path[_PATH.vz] * drawn[1]
@@ -150,26 +192,32 @@ def space_draw_line(task, stream, arm, start, drawn, path):
 
 @kernel
 def space_path_at(task, path, t, out):
-    """On a circle about the axis of its bearing and tilt; or where a point has got to that goes straight on."""
+    """Write the target's position (m) and velocity (m/s) at time t (s), inertial axes: on a circle or a line.
+
+    path: a `PATH`. The circle's axis has the path's bearing and tilt from z. The center of a circle rests; on a line
+    the radius is 0. out: a `MOVING`.
+    """
     radius, rate = path[_PATH.size], path[_PATH.rate]
     angle = rate * t + path[_PATH.phase]
     c, s = radius * math.cos(angle), radius * math.sin(angle)
+    # two unit vectors across the circle's axis
     _, first, other = _directions(path[_PATH.bearing], 0.5 * math.pi - path[_PATH.tilt])
     out[_MOVING.x] = path[_PATH.x] + path[_PATH.vx] * t + (c * first[0] + s * other[0])
     out[_MOVING.y] = path[_PATH.y] + path[_PATH.vy] * t + (c * first[1] + s * other[1])
     out[_MOVING.z] = path[_PATH.z] + path[_PATH.vz] * t + (c * first[2] + s * other[2])
+    # time derivative
     out[_MOVING.vx] = path[_PATH.vx] + rate * (c * other[0] - s * first[0])
     out[_MOVING.vy] = path[_PATH.vy] + rate * (c * other[1] - s * first[1])
     out[_MOVING.vz] = path[_PATH.vz] + rate * (c * other[2] - s * first[2])
 
 
 @kernel
-def space_turn_in(lane, task, poses, seen, first, end):
-    """Into the axes of the root of link 0."""
+def space_turn_in(lane, task, poses, seen: Lanes, first, end):
+    """Rotate the points or velocities at seen[first:end] from inertial axes to the axes of link 0's root."""
     for k in range(first, end, 3):
-        x, y, z = load(lane, seen, k), load(lane, seen, k + 1), load(lane, seen, k + 2)
+        x, y, z = seen[k], seen[k + 1], seen[k + 2]
         for d in range(3):
-            store(seen, k + d, _in_root(lane, poses, x, y, z, d))
+            seen[k + d] = _in_root(lane, poses, x, y, z, d)
 
 
 TASKS.register(

@@ -1,7 +1,7 @@
 """Inverse kinematics in space: joint angles of the rigid arm that bring its tip to a point, by damped least squares.
 
-`chain` holds a `JOINT` a joint. Angles are written where the joints' present ones are, rad; limits: see `angles`. A
-point out of reach is approached.
+`chain` holds a `JOINT` per joint. Angles (rad) are written over the joints' present ones; limits (2 N,): see `angles`.
+A point out of reach is approached.
 """
 
 import math
@@ -9,117 +9,140 @@ import math
 from ..compiler import kernel, size, stack
 from ..layout import Field, Layout
 from ..physics.space.rotations import (
+    Matrix,
+    Vector,
     cross,
     dot,
     matrix,
-    minus,
     outer,
-    plus,
     plus_identity,
-    product,
     quaternion,
-    sum_of,
-    times,
-    turned,
 )
 
 JOINT = Layout(
     "ChainJoint", "",
-    Field("mount", (9,), "", "axes of the link's root at angle 0, in those of the section before, row by row"),
-    Field("axis", (3,), "", "of the joint, in the axes of the link's root"),
-    Field("span", (), "m", "of the link"),
+    Field("mount", (9,), "", "rotation from the link's root axes at joint angle 0 to the section before, by rows"),
+    Field("axis", (3,), "", "unit vector of the joint's axis, in the axes of the link's root"),
+    Field("span", (), "m", "length of the link, along x of its root"),
 )  # fmt: skip
-"""What kinematics know of a joint and the link behind it."""
+"""Kinematics of a joint and the link beyond it."""
 
 _AT = JOINT.places
 _ONE, _FARTHEST = (0,), 0.5
 _FOLLOWED, _SOUGHT = 4, 60
-"""Steps where a point has moved on a little, and where it may be anywhere."""
+"""Iterations for a point that has moved a little, and for a point that may be anywhere."""
 _SIDE = 0.8
-"""rad: joints of the postures from which it is then sought."""
+"""rad: joint angles of the two bent postures from which a point is sought again."""
 
 
 @kernel
-def _rows(table, k):
-    """A matrix from nine numbers from k on."""
-    return (
-        (table[k], table[k + 1], table[k + 2]),
-        (table[k + 3], table[k + 4], table[k + 5]),
-        (table[k + 6], table[k + 7], table[k + 8]),
+def rows_of(table, k):
+    """Return the 3 x 3 matrix stored by rows at table[k:k + 9]."""
+    return Matrix(
+        Vector(table[k], table[k + 1], table[k + 2]),
+        Vector(table[k + 3], table[k + 4], table[k + 5]),
+        Vector(table[k + 6], table[k + 7], table[k + 8]),
     )
 
 
 @kernel
 def _stretched(chain, links, angles, lines):
-    """The tip; lines <- place and axis of each joint, 6 numbers each."""
-    A, r = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), (0.0, 0.0, 0.0)
+    """Return the tip of the rigid arm (m, inertial axes); write place (m) and axis of each joint into lines (6 N,).
+
+    chain: a `JOINT` per joint. links: a tag of N zeros. angles (N,): joint angles, rad.
+    """
+    A, r = Matrix(Vector(1.0, 0.0, 0.0), Vector(0.0, 1.0, 0.0), Vector(0.0, 0.0, 1.0)), Vector(0.0, 0.0, 0.0)
     for k in range(size(links)):
         o = _AT.end * k
-        axis = (chain[o + _AT.axis], chain[o + _AT.axis + 1], chain[o + _AT.axis + 2])
+        axis = Vector(chain[o + _AT.axis], chain[o + _AT.axis + 1], chain[o + _AT.axis + 2])
+        # less whole turns
         angle = angles[k] - 2.0 * math.pi * math.floor(angles[k] / (2.0 * math.pi) + 0.5)
-        A = product(product(A, _rows(chain, o)), matrix(quaternion(times(axis, angle))))
-        turn = turned(A, axis)
+        # axes of link k in inertial axes
+        A = A @ rows_of(chain, o) @ matrix(quaternion(angle * axis))
+        turn = A @ axis
         for d in range(3):
             lines[6 * k + d], lines[6 * k + 3 + d] = r[d], turn[d]
         span = chain[o + _AT.span]
-        r = plus(r, (A[0][0] * span, A[1][0] * span, A[2][0] * span))
+        r = r + Vector(A[0][0] * span, A[1][0] * span, A[2][0] * span)
     return r
 
 
 @kernel
 def _solved(S, b):
-    """x of S x = b, by Cramer's rule."""
+    """Return x of S x = b for a 3 x 3 `Matrix` S and a vector b by Cramer's rule."""
     share = 1.0 / dot(S[0], cross(S[1], S[2]))
     x, y, z = cross(S[1], S[2]), cross(S[2], S[0]), cross(S[0], S[1])
-    return times(plus(plus(times(x, b[0]), times(y, b[1])), times(z, b[2])), share)
+    return share * (b[0] * x + b[1] * y + b[2] * z)
 
 
 @kernel
 def _approach(chain, links, length, limits, point, steps, angles):
-    """The angles near these; returns how far the tip is then from the point, over the length."""
+    """Move the angles by damped least squares towards the point; return the distance left over the arm's length.
+
+        d theta = J' (J J' + damping)^-1 (point - tip)
+
+    J (3, N): derivative of the tip (m) by the joint angles. chain: a `JOINT` per joint; links: N zeros; length: m, of
+    the arm; limits (2 N,): low, high of each joint, rad; point: m, inertial axes; steps: largest number of iterations;
+    angles (N,): rad, in and out. No joint moves by more than _FARTHEST rad a step.
+    """
     lines = stack(_ONE, links + links + links + links + links + links)
-    off = minus(point, _stretched(chain, links, angles, lines))
+    off = point - _stretched(chain, links, angles, lines)
     for _ in range(steps):
         away = math.sqrt(dot(off, off))
         if away < 1e-12 * length:
             break
+        # damping proportional to the distance; a floor bounds the step at singular postures
         damping = 1e-3 * length * away + 1e-10 * length * length
-        tip = minus(point, off)
-        S = plus_identity(((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), damping)
+        tip = point - off
+        # S = J J' + damping
+        S = plus_identity(Matrix(Vector(0.0, 0.0, 0.0), Vector(0.0, 0.0, 0.0), Vector(0.0, 0.0, 0.0)), damping)
         for k in range(size(links)):
             column = _column(lines, k, tip)
-            S = sum_of(S, outer(column, column))
+            S = S + outer(column, column)
         f, largest = _solved(S, off), 1e-12
         for k in range(size(links)):
+            # largest change of a joint limits the step
             largest = max(largest, abs(dot(_column(lines, k, tip), f)))
         share = min(1.0, _FARTHEST / largest)
         for k in range(size(links)):
             angle = angles[k] + share * dot(_column(lines, k, tip), f)
             angles[k] = min(limits[2 * k + 1], max(limits[2 * k], angle))
-        off = minus(point, _stretched(chain, links, angles, lines))
+        off = point - _stretched(chain, links, angles, lines)
     return math.sqrt(dot(off, off)) / length
 
 
 @kernel
 def _column(lines, k, tip):
-    """What the tip moves by with joint k."""
+    """Return the derivative of the tip (m, inertial axes) by joint k's angle: axis x (tip - joint).
+
+    lines (6 N,): place (m) and axis of each joint, inertial axes. tip: m, inertial axes.
+    """
     o = 6 * k
-    lever = minus(tip, (lines[o], lines[o + 1], lines[o + 2]))
-    return cross((lines[o + 3], lines[o + 4], lines[o + 5]), lever)
+    lever = tip - Vector(lines[o], lines[o + 1], lines[o + 2])
+    return cross(Vector(lines[o + 3], lines[o + 4], lines[o + 5]), lever)
 
 
 @kernel
 def follow_point(chain, links, length, limits, point, angles):
-    """The angles that follow on these, where the point has moved on a little."""
+    """Move the joint angles to reach a point that has moved a little, with few iterations from the present angles.
+
+    chain: a `JOINT` per joint; links: N zeros; length: m, of the arm; limits (2 N,): low, high of each joint, rad;
+    point: m, inertial axes; angles (N,): rad, in and out.
+    """
     _approach(chain, links, length, limits, point, _FOLLOWED, angles)
 
 
 @kernel
 def seek_point(chain, links, length, limits, point, angles):
-    """The angles found from these, or from two bent postures where the tip then does not come there."""
+    """Move the joint angles to reach a point anywhere: from the present ones or, if that fails, from two bent postures.
+
+    The best of the attempts is kept. chain: a `JOINT` per joint; links: N zeros; length: m, of the arm; limits (2 N,):
+    low, high of each joint, rad; point: m, inertial axes; angles (N,): rad, in and out.
+    """
     least, mine, best = math.inf, stack(_ONE, links), stack(_ONE, links)
     for trial in range(3):
         if least > 1e-9:
+            # attempt 0: present angles; 1 and 2: elbows bent to alternating sides
             for k in range(size(links)):
                 side = _SIDE if (k + trial) % 2 == 0 else -_SIDE
                 mine[k] = angles[k] if trial == 0 or k == 0 else side

@@ -1,69 +1,73 @@
-"""What every task has in common: its record, the functions that it brings, and what their kernels are made of.
+"""Common parts of all tasks: the record `Task`, the functions that a task registers, kernels for reward and success.
 
-A task is a record (a subclass of `Task`) and kernels that are registered for it; `slew` and `reach` are two. `poses`
-holds a `physics.layout.POSES` a link, behind them a `BASE_POSE` of a base that floats; each observed entry is divided
-by its scale and clipped to +-10. All of it is arithmetic on lanes: a batch and a single arm give the same bits.
+A task is a record (a subclass of `Task`) and kernels that are registered for it, such as `Slew` and `Reach`. `poses`
+holds a `physics.layout.POSES` per link, then a `BASE_POSE` where the base floats. Observed entries are divided by their
+scales and clipped to +-10. All arithmetic is on lanes: a batch and a single arm give the same bits.
 
-    observe(lane, task, poses, record, out)                the scaled observation into the first entries of `out`
-    judge(lane, task, poses, action, record, live, info)   success and reward terms into `info`, where `live` > 1/2;
-                                                           returns (reward, joint limit passed: 1 or 0)
-    turn_in(lane, task, poses, seen, first, end)           these entries, numbers of targets in fixed axes, into the
-                                                           frame that turns with the hub
+    observe(lane, task, poses, record, out)                write the scaled observation into the first entries of `out`
+    judge(lane, task, poses, action, record, live, info)   write success and reward terms into `info`, where live > 1/2;
+                                                           return (reward, 1.0 where a joint is beyond its limits)
+    turn_in(lane, task, poses, seen, first, end)           rotate entries first to end - 1 of `seen`, targets or rates
+                                                           in inertial axes, into the frame that turns with the hub
 
 and for one arm, whose `record` is its own (`program.RECORD`):
 
-    target_from(task, angles, first, second)   the target (two numbers) that two drawn ones mean, with the arm at
+    target_from(task, angles, first, second)   return the target (two numbers) from two drawn numbers, with the arm at
                                                these joint angles
-    aim(task, record)                          the joint angles that reach the target, at the start of an episode
-    pursue(task, record)                       the same, where the target has moved on from these angles' own
-    draw_path(task, stream, arm, start, drawn, path)   numbers of a moving target's path (`program.PATH`), from the
-                                               angle of joint 0 and the numbers that were drawn
-    draw_line(task, stream, arm, start, drawn, path)   likewise, of one that runs straight
-    path_at(task, path, t, out)                out <- a `program.MOVING`: the target at t (s)
+    aim(task, record)                          write the joint angles that reach the target into the record's `goal`,
+                                               at the start of an episode
+    pursue(task, record)                       the same for a target that has moved, starting from the present `goal`
+    draw_path(task, stream, arm, start, drawn, path)   write a moving target's `program.PATH` from the angle of joint 0,
+                                                       `start`, and the drawn numbers
+    draw_line(task, stream, arm, start, drawn, path)   the same for a straight path
+    path_at(task, path, t, out)                write the target's `program.MOVING` at t (s) into out
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from ..compiler import Family, absolute, kernel, load, select_lt, sincos, size, splat, store
-from ..physics.arithmetic import clip, put, smaller
+from ..compiler import Family, Lanes, absolute, kernel, select_lt, sincos, size
+from ..physics.arithmetic import clip, minimum, store_where
 from ..physics.layout import BASE_POSE, POSE
 from .program import CLIP, FURTHER, GOAL, HOLD, SUCCESS, TARGET, TIP, info_at
 
 
 class Task(NamedTuple):
-    """What the kernels of a task know: N links, D numbers in a target, T reward terms, O entries of the observation.
+    """Constants of a task: N links, D numbers in a target, T reward terms, O entries of the observation.
 
-    links, targets, terms, entries are tuples of so many zeros: numbers that the compiler knows.
+    Sizes and tags are tuples of zeros, which the compiler knows.
     """
 
-    links: tuple[int, ...]
-    targets: tuple[int, ...]
-    terms: tuple[int, ...]
-    entries: tuple[int, ...]
-    length: float  # of the arm, m
-    lengths: np.ndarray  # (N,) m
-    scales: np.ndarray  # (O,) of the observation
+    links: tuple[int, ...]  # N
+    targets: tuple[int, ...]  # D
+    terms: tuple[int, ...]  # T
+    entries: tuple[int, ...]  # O
+    length: float  # m, of the arm
+    lengths: np.ndarray  # (N,) m, of the links; in space 0 for a rigid link
+    scales: np.ndarray  # (O,) by which entries of the observation are divided, in their units
     rates: np.ndarray  # (N,) rad/s: top rate of each joint
     weights: np.ndarray  # (T,) of the reward's terms; the last: of failure
     torque_limits: np.ndarray  # (N,) N m
     joint_limits: np.ndarray  # (2 N,): low, high of each joint, rad
-    hold: float  # instants in the band that make a success
-    bands: np.ndarray  # what the task's errors must be below in it
+    hold: float  # consecutive instants within all bands that make a success
+    bands: np.ndarray  # bounds of errors in a success: position, speed, ...; last: a floating base's attitude, rad
     further: tuple[int, ...] = ()  # as many zeros as `FURTHER` has numbers, or none
-    once: tuple[int, ...] | None = None  # a tag where a success stays one to the end
-    turns: tuple[int, ...] | None = None  # a tag where a target angle is met at any number of whole turns
+    once: tuple[int, ...] | None = None  # a tag where a success lasts to the end of the episode
+    turns: tuple[int, ...] | None = None  # a tag where a target angle plus any whole turns is the same target
     acted: tuple[int, ...] = ()  # as many zeros as there are joints where the change of actions is priced
     charged: tuple[int, ...] | None = None  # a tag where the reward has a term for `cost`
-    paid: tuple[int, ...] | None = None  # a tag where `settle` pays by the bands
+    paid: tuple[int, ...] | None = None  # a tag where the term `settle` is measured in bands (`settled`)
     base: tuple[int, ...] = ()  # as many zeros as `BASE_POSE` has numbers where the arm's base floats, or none
-    relative: float = 1.0  # 0: target angles are drawn as they stand, and not from where the arm starts
-    chain: np.ndarray | None = None  # in space, a `space_angles.JOINT` a joint where targets move
+    relative: float = 1.0  # 1: drawn target angles are relative to joint 0's at the start; 0: absolute
+    nearness: tuple[int, ...] | None = None  # a tag where terms `distance` and `attitude` pay 1 - loss (`left_of`)
+    chain: np.ndarray | None = None  # in space, a `space_angles.JOINT` per joint where targets move
+
+Task.own_terms = ()  # type: ignore[attr-defined]  # no field, known to the compiler: see `tasks.own_terms`
 
 
 TASKS = Family("task")
-"""Each task's functions, by the class of its record."""
+"""The kernels of each task, by the class of its record."""
 
 observe = TASKS.function("observe", "lane, task, poses, record, out")
 judge = TASKS.function("judge", "lane, task, poses, action, record, live, info")
@@ -78,151 +82,208 @@ turn_in = TASKS.function("turn_in", "lane, task, poses, seen, first, end")
 
 @kernel
 def info_of(task):
-    """Where the fields of a task's `INFO` are."""
+    """Return the index of each field of `program.INFO` in the task's info."""
     return info_at(0, size(task.links), size(task.targets), size(task.terms), size(task.further))
 
 
 @kernel
-def put_info(lane, live, info, k, value):
-    """Number k of info, where `live` > 1/2."""
-    put(live, info, k, value, load(lane, info, k))
+def put_info(lane, live, info: Lanes, k, value):
+    """Write value into number k of info in lanes with live > 1/2."""
+    store_where(lane, live, info, k, value, info[k])
 
 
 @kernel
-def deflection(lane, poses, k):
-    """(normal, along, normal rate, dx, dy, dvx, dvy, sine, cosine) of link k: tip less root, in and out of the root's
-    turning frame."""
+def deflection(lane, poses: Lanes, k):
+    """Return the tip of link k relative to its root: (normal, along, normal rate, dx, dy, dvx, dvy, sine, cosine).
+
+    normal, along: m, across and along the tangent of the root section; normal rate: m/s, in the frame that turns with
+    that section; dx, dy (m), dvx, dvy (m/s): the same vector and its velocity in inertial axes; sine, cosine: of the
+    root section's angle.
+    """
+    # tip less root, inertial axes
     o = POSE.end * k
-    sine, cosine = sincos(load(lane, poses, o + POSE.angle))
-    dx = load(lane, poses, o + POSE.tip_x) - load(lane, poses, o + POSE.x)
-    dy = load(lane, poses, o + POSE.tip_y) - load(lane, poses, o + POSE.y)
-    dvx = load(lane, poses, o + POSE.tip_vx) - load(lane, poses, o + POSE.vx)
-    dvy = load(lane, poses, o + POSE.tip_vy) - load(lane, poses, o + POSE.vy)
+    sine, cosine = sincos(poses[o + POSE.angle])
+    dx = poses[o + POSE.tip_x] - poses[o + POSE.x]
+    dy = poses[o + POSE.tip_y] - poses[o + POSE.y]
+    dvx = poses[o + POSE.tip_vx] - poses[o + POSE.vx]
+    dvy = poses[o + POSE.tip_vy] - poses[o + POSE.vy]
+    # components in the axes of the root section; the frame turns at its rate
     normal, along = cosine * dy - sine * dx, cosine * dx + sine * dy
-    rate = cosine * dvy - sine * dvx - load(lane, poses, o + POSE.rate) * along
+    rate = cosine * dvy - sine * dvx - poses[o + POSE.rate] * along
     return normal, along, rate, dx, dy, dvx, dvy, sine, cosine
 
 
 @kernel
-def of_base(lane, task, poses, number):
-    """The attitude of a base that floats, or its rate; 0 where the root is held."""
+def of_base(lane, task, poses: Lanes, number):
+    """Return entry `number` of a floating base's `BASE_POSE`: attitude (rad) or rate (rad/s); 0 if the root is held."""
     if size(task.base) > 0:
-        return load(lane, poses, POSE.end * size(task.links) + number)
-    return splat(lane, 0.0)
+        return poses[POSE.end * size(task.links) + number]
+    return 0.0
 
 
 @kernel
-def hub_angle(lane, task, poses, sine, cosine):
-    """Sine and cosine of joint 0's angle, of those of link 0's root: from the base, where that floats."""
+def hub_angle(lane, task, poses: Lanes, sine, cosine):
+    """Return sine and cosine of joint 0's angle; sine, cosine: of the inertial angle of link 0's root.
+
+    Both are the same where the root is held; on a floating base its attitude is subtracted.
+    """
     if size(task.base) > 0:
-        return sincos(load(lane, poses, POSE.angle) - of_base(lane, task, poses, BASE_POSE.angle))
+        return sincos(poses[POSE.angle] - of_base(lane, task, poses, BASE_POSE.angle))
     return sine, cosine
 
 
 @kernel
-def show_base(lane, task, poses, sine, cosine, out):
-    """Of a base that floats the last entries: sine and cosine of its attitude, its rate; velocity and offset of the
-    hub, along and across the root of link 0, whose sine and cosine these are."""
+def show_base(lane, task, poses: Lanes, sine, cosine, out):
+    """Write the last seven entries of the observation of an arm on a floating base, over their scales.
+
+    No-op where the root is held. Sine and cosine of the base's attitude, its rate (rad/s), then velocity (m/s) and
+    position (m) of the hub, each along and across the root of link 0; sine, cosine: of the inertial angle of that root.
+    poses: of the links, then of the base, inertial axes.
+    """
     if size(task.base) > 0:
         k = size(task.entries) - 7
+        # attitude and its rate
         s, c = sincos(of_base(lane, task, poses, BASE_POSE.angle))
         show_scaled(lane, task, out, k, s)
         show_scaled(lane, task, out, k + 1, c)
         show_scaled(lane, task, out, k + 2, of_base(lane, task, poses, BASE_POSE.rate))
+        # hub's velocity, then its position: inertial axes to the axes of link 0's root
         for d, first in ((3, POSE.vx), (5, POSE.x)):
-            x, y = load(lane, poses, first), load(lane, poses, first + 1)
+            x, y = poses[first], poses[first + 1]
             show_scaled(lane, task, out, k + d, cosine * x + sine * y)
             show_scaled(lane, task, out, k + d + 1, cosine * y - sine * x)
 
 
 @kernel
 def level(lane, task, poses, good):
-    """`good` where a base that floats is within the last of the bands, elsewhere 0."""
+    """Return `good` (1 or 0) where a floating base's attitude is within its success band, else 0.
+
+    The band is the last of task.bands, rad. Where the root is held: `good`. poses: of the links, then of the base.
+    """
     if size(task.base) > 0:
         turned = absolute(of_base(lane, task, poses, BASE_POSE.angle))
-        return select_lt(turned, task.bands[task.bands.shape[0] - 1], good, splat(lane, 0.0))
+        return select_lt(turned, task.bands[task.bands.shape[0] - 1], good, 0.0)
     return good
 
 
 @kernel
 def squared_turn(lane, task, poses):
-    """Square of a base's attitude over the last of the bands."""
+    """Return the square of a floating base's attitude over its success band, the last of task.bands (rad)."""
     turned = of_base(lane, task, poses, BASE_POSE.angle) / task.bands[task.bands.shape[0] - 1]
     return turned * turned
 
 
 @kernel
-def reward_attitude(lane, task, poses, live, info, total):
-    """The total less what the attitude of a base that floats costs; where it is, into info."""
+def reward_attitude(lane, task, poses: Lanes, live, info, total):
+    """Return total plus reward term 5, which rewards a small attitude of a floating base; total if the root is held.
+
+    The loss is min(attitude^2, 1), rad^2; the term is 1 - loss or -loss (`left_of`) times its weight. Attitude (rad)
+    and hub position (m, inertial axes) go into info, where live > 1/2.
+    """
     if size(task.base) > 0:
         turned, at = of_base(lane, task, poses, BASE_POSE.angle), info_of(task).further + FURTHER.base
+        # attitude and place of the hub
         put_info(lane, live, info, at, turned)
-        put_info(lane, live, info, at + 1, load(lane, poses, POSE.x))
-        put_info(lane, live, info, at + 2, load(lane, poses, POSE.y))
-        total = total + reward_term(lane, task, live, info, 5, -smaller(turned * turned, 1.0))
+        put_info(lane, live, info, at + 1, poses[POSE.x])
+        put_info(lane, live, info, at + 2, poses[POSE.y])
+        total = total + reward_term(lane, task, live, info, 5, left_of(task, minimum(turned * turned, 1.0)))
     return total
 
 
 @kernel
-def show_scaled(lane, task, out, k, value):
-    store(out, k, clip(value / task.scales[k], CLIP))
+def show_scaled(lane, task, out: Lanes, k, value):
+    """Write value over the scale of entry k, clipped to +-CLIP, into entry k of the observation `out`."""
+    out[k] = clip(value / task.scales[k], CLIP)
 
 
 @kernel
 def past_limit(task, k, angle, past):
-    """1 where joint k's angle is beyond its limits, elsewhere `past`."""
+    """Return 1.0 where joint k's angle (rad) is beyond its limits, elsewhere `past`.
+
+    task.joint_limits (2 N,): low and high of each joint, rad.
+    """
     past = select_lt(angle, task.joint_limits[2 * k], 1.0, past)
     return select_lt(task.joint_limits[2 * k + 1], angle, 1.0, past)
 
 
 @kernel
-def past_limits(lane, task, poses):
-    """1 where a joint's angle is beyond its limits."""
-    past = splat(lane, 0.0)
+def past_limits(lane, task, poses: Lanes):
+    """Return 1.0 where any joint's angle is beyond its limits, elsewhere 0.0.
+
+    A joint's angle is that of its link's root section, less that of the tip section before it or of the floating base.
+    """
+    past = 0.0
+    # joint 0 turns relative to the base
     before = of_base(lane, task, poses, BASE_POSE.angle)
     for k in range(size(task.links)):
-        angle = load(lane, poses, POSE.end * k + POSE.angle) - before
+        angle = poses[POSE.end * k + POSE.angle] - before
         past = past_limit(task, k, angle, past)
-        before = load(lane, poses, POSE.end * k + POSE.tip_angle)
+        before = poses[POSE.end * k + POSE.tip_angle]
     return past
 
 
 @kernel
-def record_success(lane, task, good, record, live, info):
-    """Count the instants in the band; success is a count that reaches task.hold."""
-    before = load(lane, record, HOLD)
-    held = select_lt(0.5, good, before + 1.0, splat(lane, 0.0))
-    if task.once is not None:  # a success stays one, by the count that made it
+def record_success(lane, task, good, record: Lanes, live, info):
+    """Count the consecutive instants within the success bands, and write success (1 or 0) into info, where live > 1/2.
+
+    good: 1 where all errors are within their bands. Success is a count (record.hold) of at least task.hold; where
+    task.once is a tag, it lasts to the end of the episode.
+    """
+    # an instant outside a band starts the count again
+    before = record[HOLD]
+    held = select_lt(0.5, good, before + 1.0, 0.0)
+    # a success that lasts keeps its count
+    if task.once is not None:
         held = select_lt(before, task.hold - 0.5, held, before)
-    put(live, record, HOLD, held, before)
-    success = select_lt(held, task.hold - 0.5, splat(lane, 0.0), splat(lane, 1.0))
+    store_where(lane, live, record, HOLD, held, before)
+    success = select_lt(held, task.hold - 0.5, 0.0, 1.0)
     put_info(lane, live, info, SUCCESS, success)
 
 
 @kernel
-def effort(lane, task, action):
-    total = splat(lane, 0.0)
+def effort(lane, task, action: Lanes):
+    """Return the sum of squares of the joints' actions (-1 to 1), at most the number of joints."""
+    total = 0.0
     for k in range(size(task.links)):
-        a = load(lane, action, k)
+        a = action[k]
         total = total + a * a
     return total
 
 
 @kernel
 def settled(lane, square):
-    """What `settle` pays by the bands: 1 / (1 + r^4), r^2 the sum of squares of the errors over them."""
+    """Return 1 / (1 + square^2), the reward term `settle`: 1 at rest on the target, 1/2 where square is 1.
+
+    square: sum of squares of errors (position, speed, ...), each over its success band.
+    """
     return 1.0 / (square * square + 1.0)
 
 
 @kernel
-def reward_change(lane, task, action, record, live, info, total):
-    """The total less what the actions' change costs, where that is priced: the last term but failure."""
-    change = splat(lane, 0.0)
+def left_of(task, loss):
+    """Return what a loss between 0 and 1 pays: 1 - loss where task.nearness is a tag, otherwise -loss.
+
+    With 1 - loss an episode that goes on is never paid less than one that has ended.
+    """
+    if task.nearness is not None:
+        return 1.0 - loss
+    return -loss
+
+
+@kernel
+def reward_change(lane, task, action: Lanes, record: Lanes, live, info, total):
+    """Return total plus the weighted term -sum (action - last action)^2, where it is priced (task.acted).
+
+    It is the last term but failure, written into info. The action (joints, lanes) is stored in the record as the last
+    one, where live > 1/2.
+    """
+    change = 0.0
     for j in range(size(task.acted)):
+        # last action of joint j, after the goal angles in the record
         at = GOAL + size(task.links) + j
-        before, now = load(lane, record, at), load(lane, action, j)
+        before, now = record[at], action[j]
         change = change + (now - before) * (now - before)
-        put(live, record, at, now, before)
+        store_where(lane, live, record, at, now, before)
     if size(task.acted) > 0:
         total = total + reward_term(lane, task, live, info, size(task.terms) - 2, -change)
     return total
@@ -230,17 +291,20 @@ def reward_change(lane, task, action, record, live, info, total):
 
 @kernel
 def reward_term(lane, task, live, info, k, value):
-    """Reward term k, weighted, into info."""
+    """Write value times the weight of reward term k (task.weights) into info where live > 1/2; return the product."""
     weighted = value * task.weights[k]
     put_info(lane, live, info, info_of(task).terms + k, weighted)
     return weighted
 
 
 @kernel
-def record_tip(lane, task, poses, record, live, info):
-    """Tip position and target into info."""
+def record_tip(lane, task, poses: Lanes, record: Lanes, live, info):
+    """Write the tip's position (m, inertial axes) and the target (m, or rad) into info, where live > 1/2.
+
+    poses: of the links, inertial axes. record: the target.
+    """
     o, at = POSE.end * (size(task.links) - 1), info_of(task).target
-    put_info(lane, live, info, TIP, load(lane, poses, o + POSE.tip_x))
-    put_info(lane, live, info, TIP + 1, load(lane, poses, o + POSE.tip_y))
+    put_info(lane, live, info, TIP, poses[o + POSE.tip_x])
+    put_info(lane, live, info, TIP + 1, poses[o + POSE.tip_y])
     for k in range(size(task.targets)):
-        put_info(lane, live, info, at + k, load(lane, record, TARGET + k))
+        put_info(lane, live, info, at + k, record[TARGET + k])

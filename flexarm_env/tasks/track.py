@@ -1,26 +1,32 @@
-"""Moving targets: where they are, how fast they move, and what the observation sees of what comes."""
+"""Moving targets: position, velocity, and the look-ahead that the observation contains."""
 
-from ..compiler import arms, kernel, load, size, splat, stack, store
+from ..compiler import Lanes, kernel, lane_count, size, stack
 from ..physics.arithmetic import clip
+from .attainable import MOST_DRAWS, draw_attainable
 from .program import CLIP, GOAL, MODE, MOVING, PATH_AT, PERIODS, RUNNING, TARGET, TARGET_RATE
-from .stream import draw
-from .task import draw_line, draw_path, path_at, pursue, turn_in
+from .task import path_at, pursue, turn_in
 
 _MOVING = MOVING.places
-_ONE, _PLACE, _DRAWN, _PATH = (0,), (0,) * _MOVING.end, (0,) * 5, (0,) * (GOAL - PATH_AT)
+_ONE, _PLACE, _PATH = (0,), (0,) * _MOVING.end, (0,) * (GOAL - PATH_AT)
 _RECORD = (0,) * GOAL
 
 
 @kernel
 def _on_path(reference, task, record, lanes, i, t, k, out):
-    """out <- a `MOVING`, for arm i's path at t (s), which is control instant k."""
+    """Write the `MOVING` (position, velocity) of arm i's target at t (s), control instant k, into out.
+
+    From reference.table (position and rate of each instant, the last one held), or from the path in the arm's record.
+    lanes: of a group, of which arm i is one. record: in lanes.
+    """
     targets = size(task.targets)
     if reference.table.shape[0] > 0:
+        # given table
         rows = reference.table.shape[0] // (2 * targets)
         row = min(k, rows - 1) * 2 * targets
         for d in range(targets):
             out[_MOVING.x + d], out[_MOVING.vx + d] = reference.table[row + d], reference.table[row + targets + d]
         return
+    # drawn path of this arm
     path = stack(_ONE, _PATH)
     for j in range(GOAL - PATH_AT):
         path[j] = record[(PATH_AT + j) * lanes + i]
@@ -29,7 +35,10 @@ def _on_path(reference, task, record, lanes, i, t, k, out):
 
 @kernel
 def _set_target(reference, task, record, lanes, i, t, k, out):
-    """`_on_path`, into the record too."""
+    """Write arm i's target (position, velocity) at t (s), control instant k, into out, a `MOVING`, and its record.
+
+    lanes: of a group, of which arm i is one. record.target, record.target_rate: m or rad, and rates, inertial axes.
+    """
     _on_path(reference, task, record, lanes, i, t, k, out)
     for d in range(size(task.targets)):
         record[(TARGET + d) * lanes + i] = out[_MOVING.x + d]
@@ -38,18 +47,28 @@ def _set_target(reference, task, record, lanes, i, t, k, out):
 
 @kernel
 def move_targets(lane, reference, task, period, record):
-    """Targets of running arms at the end of the period, and the joint angles that reach them."""
+    """Move the targets of running arms to the end of the control period, and update the joint angles that reach them.
+
+    reference: None where targets rest (no-op). period: s. record, in lanes: mode and periods done in; target,
+    target_rate and goal out.
+    """
     if reference is not None:
-        for i in range(arms(lane)):
+        for i in range(lane_count(lane)):
             if record[MODE * len(lane) + i] == RUNNING:
                 _move_target(len(lane), reference, task, period, record, i)
 
 
 @kernel
 def _move_target(lanes, reference, task, period, record, i):
+    """Move arm i's target to the end of its control period (s) and update its goal angles (rad) by `pursue`.
+
+    lanes: of a group, of which arm i is one. record, in lanes: periods done in; target, target_rate and goal in and
+    out.
+    """
     out, mine = stack(_ONE, _PLACE), stack(_ONE, task.links + _RECORD)
     k = record[PERIODS * lanes + i] + 1.0
     _set_target(reference, task, record, lanes, i, k * period, int(k), out)
+    # `pursue` reads and writes one arm's record, without lanes
     for j in range(GOAL, GOAL + size(task.links)):
         mine[j] = record[j * lanes + i]
     for d in range(max(2, size(task.targets))):
@@ -60,29 +79,39 @@ def _move_target(lanes, reference, task, period, record, i):
 
 
 @kernel
-def look_ahead(lane, reference, task, period, first, poses, record, seen):
-    """Entries after the task's own: the target's rate, then the ways it will have gone at each time ahead.
+def look_ahead(lane, reference, task, period, first, poses, record, seen: Lanes):
+    """Write the observation's entries for a moving target: its rate, then its displacement at each time ahead.
 
-    Points and their rates are given in the frame that turns with the hub. first: at the start of an episode.
+    Points and rates are in the axes of link 0's root; scaled and clipped to +-10. first: True for the observation of a
+    reset, before any period is done. period: s. poses: of the links, inertial axes. No-op where targets rest (reference
+    None).
+    # in        record: periods done, target, path
+    # out       seen (entries, lanes), entries that follow the task's
     """
     if reference is not None:
         at = size(task.entries)
         for k in range(reference.scales.shape[0]):
-            store(seen, at + k, splat(lane, 0.0))
-        for i in range(arms(lane)):
+            seen[at + k] = 0.0
+        for i in range(lane_count(lane)):
             _look_ahead(len(lane), reference, task, period, first, record, seen, i)
+        # inertial axes to the hub's, then scale
         turn_in(lane, task, poses, seen, at, at + reference.scales.shape[0])
         for k in range(reference.scales.shape[0]):
-            store(seen, at + k, clip(load(lane, seen, at + k) / reference.scales[k], CLIP))
+            seen[at + k] = clip(seen[at + k] / reference.scales[k], CLIP)
 
 
 @kernel
 def _look_ahead(lanes, reference, task, period, first, record, seen, i):
-    """Arm i's, in fixed axes and not scaled."""
+    """Write arm i's target rate and its displacements ahead (m or rad) into seen, in inertial axes and not scaled.
+
+    reference.ahead: times ahead, in control periods (period: s). Instant k is the end of the current period, or 0 at a
+    reset (first). lanes: of a group, of which arm i is one.
+    """
     targets, at = size(task.targets), size(task.entries)
     out, rows = stack(_ONE, _PLACE), reference.ahead.shape[0]
     k = record[PERIODS * lanes + i] + (0.0 if first else 1.0)
     for row in range(rows + 1):
+        # row 0: the rate now; later rows: displacement from the present target
         step = k if row == 0 else k + reference.ahead[row - 1]
         _on_path(reference, task, record, lanes, i, step * period, int(step), out)
         for d in range(targets):
@@ -92,17 +121,20 @@ def _look_ahead(lanes, reference, task, period, first, record, seen, i):
 
 @kernel
 def start_path(reference, task, stream, arm, record, lanes):
-    """Draw an arm's path (as many draws in either case) and put its target at the start of it."""
+    """Draw a path for an arm at the start of its episode and put its target at the path's start.
+
+    The number of draws from `stream` does not depend on the kind of path. reference.line: straight lines are drawn.
+    arm: number in the batch; lanes: of a group.
+    # in        record.goal, joint angles (rad) from which the arm's posture follows the path
+    # in, out   stream[arm]
+    # out       record: path, target and its rate
+    """
     i = arm % lanes
-    drawn, path, out = stack(_ONE, _DRAWN), stack(_ONE, _PATH), stack(_ONE, _PLACE)
-    for k in range(reference.ranges.shape[0] // 2):
-        drawn[k] = draw(stream, arm, reference.ranges, k)
-    for k in range(len(_PATH)):
-        path[k] = 0.0
-    if reference.line is not None:
-        draw_line(task, stream, arm, record[GOAL * lanes + i], drawn, path)
-    else:
-        draw_path(task, stream, arm, record[GOAL * lanes + i], drawn, path)
+    path, out, angles = stack(_ONE, _PATH), stack(_ONE, _PLACE), stack(_ONE, task.links)
+    for k in range(size(task.links)):
+        angles[k] = record[(GOAL + k) * lanes + i]
+    draw_attainable(reference, task, stream, arm, angles, path, MOST_DRAWS)
+    # path into the record, target at t = 0
     for k in range(len(_PATH)):
         record[(PATH_AT + k) * lanes + i] = path[k]
     _set_target(reference, task, record, lanes, i, 0.0, 0, out)

@@ -14,27 +14,28 @@ T = TypeVar("T")
 
 
 class Parser(argparse.ArgumentParser):
-    """An ArgumentParser whose errors are one sentence, and whose help keeps its line breaks."""
+    """ArgumentParser whose errors are one sentence, and whose help keeps its line breaks."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **options)
 
     def unknown(self, words: Sequence[str]) -> NoReturn:
-        """Leave for words that it has no place for, with the nearest flag."""
+        """Exit with an error for unrecognized words, suggesting the closest flag."""
         flags = [flag for action in self._actions for flag in action.option_strings]
         near = difflib.get_close_matches(words[0], flags, n=1, cutoff=0.7) if words[0].startswith("-") else []
         self.error(f"unrecognized arguments: {' '.join(words)}" + (f", did you mean {near[0]}?" if near else ""))
 
     def error(self, message: str) -> NoReturn:
-        """Leave with code 2 and a sentence that says where help is."""
+        """Exit with code 2 and a sentence that refers to --help."""
         sys.stderr.write(f"{self.prog}: {message} (see {self.prog} --help)\n")
         sys.exit(2)
 
 
 def parse(kind: type[T], program: str, description: str | None, words: Sequence[str] | None = None) -> T:
-    """An instance of a dataclass from the command line.
+    """Create a dataclass instance from the command line.
 
-    Fields of type bool become switches (--name; --no-name where the default is True), dicts are given as JSON.
+    Fields of type bool become switches (--name; --no-name if the default is True), dicts are given as JSON, tuples item
+    by item (--name A --name B).
     """
     parser = Parser(prog=program, description=description, epilog="exit code: 0 done, 2 wrong input, 130 interrupted")
     texts, types = _texts(kind), typing.get_type_hints(kind)
@@ -46,11 +47,14 @@ def parse(kind: type[T], program: str, description: str | None, words: Sequence[
             options["required"] = True
         elif field.default_factory is not dataclasses.MISSING:
             default = field.default_factory()
-        if default is not None and default is not False and default not in ("", {}):
+        if default is not None and default is not False and default not in ("", {}, ()):
             options["help"] += " (on)" if default is True else f" ({default})"
+        # the field's type without None selects the kind of flag
         wanted = [t for t in (typing.get_args(types[field.name]) or (types[field.name],)) if t is not type(None)]
         if types[field.name] is bool:
             parser.add_argument(flag, action=argparse.BooleanOptionalAction, default=default, **options)
+        elif typing.get_origin(types[field.name]) is tuple:
+            parser.add_argument(flag, action="append", metavar="KEY=VALUE", default=list(default or ()), **options)
         elif typing.get_origin(types[field.name]) is dict:
             parser.add_argument(flag, type=_table, default=default, metavar="JSON", **options)
         else:
@@ -58,11 +62,11 @@ def parse(kind: type[T], program: str, description: str | None, words: Sequence[
     found, more = parser.parse_known_args(words)
     if more:
         parser.unknown(more)
-    return kind(**vars(found))
+    return kind(**{name: tuple(v) if isinstance(v, list) else v for name, v in vars(found).items()})
 
 
 def _number(text: str) -> int:
-    """A whole number, 1e6 allowed."""
+    """Parse an integer; 1e6 is accepted."""
     value = float(text)
     if not value.is_integer():
         raise ValueError
@@ -70,6 +74,7 @@ def _number(text: str) -> int:
 
 
 def _table(text: str) -> dict[str, Any]:
+    """Parse a JSON object."""
     try:
         value = json.loads(text)
     except ValueError as error:
@@ -80,7 +85,7 @@ def _table(text: str) -> dict[str, Any]:
 
 
 def _texts(kind: type[Any]) -> dict[str, str]:
-    """Help of each field, from the entries `name: text` of the section Args of the class's docstring and its bases'."""
+    """Read each field's help from the entries `name: text` in the Args sections of the class and its bases."""
     names, texts = [field.name for field in dataclasses.fields(kind)], {}
     for base in reversed(kind.__mro__):
         body = (base.__doc__ or "").partition("Args:")[2]

@@ -1,7 +1,7 @@
-"""Hyper-parameters from files in RL Zoo's format: one entry an environment id.
+"""Hyper-parameters from files in RL Zoo's format: one entry per environment id.
 
-Beside the entries a file may hold a table `env_kwargs`, keyed by id as well: keywords of the environment that these
-hyper-parameters are for. RL Zoo passes it over; there, the same goes after `--env-kwargs`.
+Beside the entries a file may contain a table `env_kwargs`, also keyed by id: keywords of the environment for which
+these hyper-parameters are meant. RL Zoo ignores it; there, the same keywords follow `--env-kwargs`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import ast
 import importlib
 import inspect
 import sys
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -23,10 +23,10 @@ sys.modules.setdefault("agents.config", sys.modules[__name__])  # as pickles of 
 
 _PLACES = [Path(__file__).resolve().parents[k] / name for k, name in ((1, "data/configs"), (2, "configs"))]
 HOME = next((place for place in _PLACES if place.is_dir()), _PLACES[0])
-"""The files that come with the package, which a checkout has at its top."""
+"""Folder of the package's own files; in a checkout it is at the top level."""
 
 ZOO = ("n_envs", "n_timesteps", "normalize", "policy")
-"""Keys that are no argument of the algorithm's class."""
+"""Keys that are not arguments of the algorithm's class."""
 
 NORMALIZED = ("norm_obs", "norm_reward", "clip_obs", "clip_reward", "gamma", "epsilon")
 """Keywords of VecNormalize."""
@@ -34,7 +34,7 @@ WHOLE = ("n_steps", "batch_size", "n_epochs")
 REAL = {"gamma": 1.0, "gae_lambda": 1.0} | dict.fromkeys(
     ("learning_rate", "clip_range", "ent_coef", "vf_coef", "max_grad_norm"), LARGEST
 )
-"""Keys that are whole numbers from 1, and numbers from 0 to these or texts that `schedule` or the algorithm reads."""
+"""Integer keys (from 1), and real keys with their maxima (from 0); the latter may also be texts for `schedule`."""
 SCHEDULED = ("learning_rate", "clip_range", "clip_range_vf")
 CLASSES = {
     "ppo": "stable_baselines3:PPO", "sac": "stable_baselines3:SAC", "tqc": "sb3_contrib:TQC",
@@ -45,7 +45,7 @@ OURS = ("env", "seed", "tensorboard_log", "verbose", "device", "policy_kwargs", 
 
 @dataclass(frozen=True)
 class Config:
-    """Hyper-parameters of a run, as they stand in the file (`text`) and as the algorithm takes them.
+    """Hyper-parameters of a run, as written in the file (`text`) and as passed to the algorithm.
 
     Args:
         algorithm: a key of CLASSES. text: key -> value of the file. env_kwargs: keywords of the environment.
@@ -56,22 +56,34 @@ class Config:
     env_kwargs: Mapping[str, Any] = field(default_factory=dict)
 
     def lasting(self, n_timesteps: int | None) -> Config:
-        """The same over so many environment steps, where they are given."""
+        """Return the config with another number of environment steps; None: unchanged."""
         return self if n_timesteps is None else replace(self, text={**self.text, "n_timesteps": n_timesteps})
+
+    def changed(self, settings: Sequence[str], env_id: str) -> Config:
+        """Return the config with hyper-parameters of `--set KEY=VALUE`. ValueError for invalid keys or values."""
+        if not settings:
+            return self
+        text = dict(self.text)
+        for word in settings:
+            key, equals, value = word.partition("=")
+            if not equals or not key.strip():
+                raise check.InvalidValue("--set", word, "must be KEY=VALUE, such as learning_rate=3e-4")
+            text[key.strip()] = _literal(value.strip())
+        return checked(replace(self, text=text), "--set", env_id, taken_by(self.algorithm))
 
     @property
     def n_envs(self) -> int:
-        """Environments stepped together."""
+        """Number of parallel environments."""
         return int(float(self.text.get("n_envs", 1)))
 
     @property
     def n_timesteps(self) -> int:
-        """Environment steps in all."""
+        """Total number of environment steps."""
         return int(float(self.text["n_timesteps"]))
 
     @property
     def normalize(self) -> dict[str, Any] | None:
-        """Keywords of VecNormalize, or None for none."""
+        """Keywords of VecNormalize; None: no normalization."""
         value = self.text.get("normalize", False)
         if not value:
             return None
@@ -80,8 +92,9 @@ class Config:
         return {"gamma": self.text["gamma"]} | keywords if "gamma" in self.text else keywords
 
     def arguments(self) -> dict[str, Any]:
-        """Keywords of the algorithm's class, policy and policy_kwargs among them."""
+        """Return the keywords of the algorithm's class, including policy and policy_kwargs."""
         chosen = {k: v for k, v in self.text.items() if k not in ZOO}
+        # schedules and expressions from text
         for key in SCHEDULED:
             if isinstance(chosen.get(key), str):
                 chosen[key] = schedule(key, chosen[key])
@@ -89,30 +102,41 @@ class Config:
             chosen["policy_kwargs"] = _value("policy_kwargs", chosen["policy_kwargs"])
         if isinstance(chosen.get("train_freq"), list):
             chosen["train_freq"] = tuple(chosen["train_freq"])
+        # default policy class
         usual = "MlpLstmPolicy" if self.algorithm == "recurrent_ppo" else "MlpPolicy"
         return {"policy": self.text.get("policy", usual), **chosen}
 
 
+def _literal(text: str) -> Any:
+    """Parse a number, True, False, None or a list; any other text is returned unchanged (lin_1e-3, dict(...))."""
+    try:
+        return ast.literal_eval({"true": "True", "false": "False", "null": "None"}.get(text, text))
+    except (ValueError, SyntaxError, MemoryError, RecursionError):
+        return text
+
+
 def default_path(algorithm: str, env_id: str = "") -> Path:
-    """The file of an algorithm that is taken where none is named: of tasks of the suite another."""
+    """Default file of an algorithm; tasks of the suite have their own."""
     return HOME / algorithm / ("suite.yml" if env_id.startswith("flexarm/") else "default.yml")
 
 
 def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str] | None = None) -> Config:
-    """Read the entry of an environment. ValueError names the file, the key and what is allowed.
+    """Read the entry of an environment. ValueError names the file, the key and the rule.
 
-    path: a file; where there is none, one that comes with the package, named as in a checkout (configs/ppo/robust.yml)
-    or, among the algorithm's own, without folder and suffix (robust). Default: `default_path`.
-    allowed: keys that the entry may have; default those that Stable-Baselines3's class takes.
+    path: a file; otherwise a file of the package, named as in a checkout (configs/ppo/robust.yml) or, among the
+    algorithm's own, without folder and suffix (robust). Default: `default_path`.
+    allowed: accepted keys of the entry; default: those of Stable-Baselines3's class.
     """
     yaml = _yaml()
     check.choice("algo", algorithm, tuple(CLASSES))
     env_id = env_id.removeprefix("flexarm_env:")
     if path is None:
+        # default file of the algorithm
         path = default_path(algorithm, env_id)
         if not path.is_file():
             what = "comes with settings for tasks of the suite alone (flexarm/...); give others by --config FILE"
             raise ValueError(f"--env {env_id}: {algorithm} {what}")
+    # the user's file first, then the package's
     packaged = HOME.parent / path if path.suffix else HOME / algorithm / f"{path}.yml"
     if not path.is_file() and packaged.is_file():
         path = packaged
@@ -126,8 +150,9 @@ def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str
         ids = [str(key) for key in content if key != "env_kwargs"] if isinstance(content, dict) else []
         ids = [key for key in ids if "-v" in key] or ids  # without the names that entries share
         unknown = check.UnknownKey(f"{path}: {env_id}", ids, "entry")
-        raise ValueError(f"{unknown}; an environment of another id wants settings of your own, --config FILE")
+        raise ValueError(f"{unknown}; another environment needs its own hyperparameters, --config FILE")
     with check.in_file(path):
+        # the entry's environment keywords
         given = check.table_of("env_kwargs", content.get("env_kwargs") or {}).get(env_id) or {}
         given = check.table_of(f"env_kwargs.{env_id}", given)
     config = Config(algorithm, content[env_id], {str(key): value for key, value in given.items()})
@@ -135,17 +160,18 @@ def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str
 
 
 def taken_by(algorithm: str) -> set[str]:
-    """Keys that may stand in the file, from the signature of the algorithm's class."""
+    """Return the accepted keys of the file, from the signature of the algorithm's class."""
     taken = {*inspect.signature(algorithm_class(algorithm).__init__).parameters} - {*OURS}
     zoo = {*ZOO} - {"normalize"} if algorithm == "gradient" else {*ZOO}
     return {*taken, *zoo, "policy_kwargs"}
 
 
 def checked(config: Config, path: str, env_id: str, allowed: Collection[str]) -> Config:
-    """The config, or a ValueError for a key or value that there is not."""
+    """Return the config; ValueError for an unknown key or an invalid value."""
     with check.under(f"{path}: {env_id}"):
         check.known_keys("", config.text, sorted(allowed), f"key of {config.algorithm}")
         check.needed("", config.text, "n_timesteps", "a positive number of environment steps")
+        # positive integers; 1e6 is accepted
         for key in ("n_envs", "n_timesteps"):
             value = config.text.get(key, 1)
             try:
@@ -169,7 +195,7 @@ def checked(config: Config, path: str, env_id: str, allowed: Collection[str]) ->
 
 @contextmanager
 def fitting(algorithm: str) -> Iterator[None]:
-    """Around what an algorithm makes of hyper-parameters: what it cannot make anything of is a ValueError too."""
+    """Convert errors of an algorithm's construction into a ValueError about its hyper-parameters."""
     try:
         yield
     except (AssertionError, TypeError, RuntimeError) as error:
@@ -179,7 +205,7 @@ def fitting(algorithm: str) -> Iterator[None]:
 
 
 def text_of(config: Config, env_id: str) -> str:
-    """The config as a file that `load` reads."""
+    """Format the config as a YAML file that `load` reads."""
     content: dict[str, Any] = {env_id: dict(config.text)}
     if config.env_kwargs:
         content["env_kwargs"] = {env_id: dict(config.env_kwargs)}
@@ -187,12 +213,13 @@ def text_of(config: Config, env_id: str) -> str:
 
 
 def _yaml() -> Any:
+    """Import PyYAML; ValueError if it is not installed."""
     with check.needs("a file of hyper-parameters", "pyyaml", "train", ValueError):
         return importlib.import_module("yaml")
 
 
 def algorithm_class(name: str) -> Any:
-    """The class in Stable-Baselines3, or in its contrib. ValueError for one there is not."""
+    """Import the algorithm's class from Stable-Baselines3 or its contrib package. ValueError if it is not available."""
     module, _, kind = CLASSES[check.choice("algo", name, tuple(CLASSES))].partition(":")
     try:
         return getattr(importlib.import_module(module), kind)
@@ -201,7 +228,7 @@ def algorithm_class(name: str) -> Any:
 
 
 class Linear:
-    """From a first value to zero over the whole run (RL Zoo's "lin_VALUE"); it can be pickled, a closure can't."""
+    """Linear schedule from a first value to zero over the run (RL Zoo's "lin_VALUE"); picklable, unlike a closure."""
 
     def __init__(self, first: float) -> None:
         self.first = first
@@ -211,7 +238,7 @@ class Linear:
 
 
 def schedule(key: str, text: str) -> Linear:
-    """The schedule "lin_VALUE"."""
+    """Parse the schedule "lin_VALUE"."""
     kind, _, number = text.partition("_")
     try:
         if kind == "lin":
@@ -222,7 +249,8 @@ def schedule(key: str, text: str) -> Linear:
 
 
 def _value(key: str, text: str) -> Any:
-    """The value of an expression made of dict(...), literals and nn.NAME; nothing else is run."""
+    """Evaluate an expression of dict(...), literals and nn.NAME; nothing else is executed."""
+    # no names but dict and nn.NAME are evaluated
     try:
         return _node(ast.parse(text.strip(), mode="eval").body)
     except (SyntaxError, ValueError, TypeError, MemoryError, RecursionError) as error:
@@ -230,6 +258,7 @@ def _value(key: str, text: str) -> Any:
 
 
 def _node(node: ast.expr) -> Any:
+    """Evaluate a node of such an expression."""
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "dict" and not node.args:
         return {k.arg: _node(k.value) for k in node.keywords if k.arg}
     if isinstance(node, ast.Dict):

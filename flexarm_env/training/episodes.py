@@ -1,7 +1,7 @@
-"""Fixed episodes of an environment under a policy, and what is measured in them.
+"""Fixed episodes of an environment under a policy, and their measures.
 
-All episodes run together in one native vector environment; episode i is that of seed `first + i`, whatever the
-policy, so that policies are compared on the same starts, targets and arms.
+All episodes run together in one native vector environment. Episode i has seed `first + i` for every policy, so that
+policies are compared on the same starts, targets and arms.
 """
 
 from collections.abc import Mapping
@@ -14,43 +14,71 @@ from numpy.typing import NDArray
 
 from flexarm_env import validation as check
 from flexarm_env.control import Setup
-from flexarm_env.envs.ids import made
+from flexarm_env.envs.ids import make_registered
 from flexarm_env.suite.judge import Policy
 from flexarm_env.validation import Array
 
+FROZEN = "flexarm/"
+"""Prefix of the suite's task ids, after the package's name."""
+
 TEST, VALIDATION, TUNING = 10_000, 20_000, 30_000
-"""First seeds of the episodes that policies are judged on, that training chooses on, that controllers are tuned on."""
+"""First seeds of the episodes for evaluation, for model selection in training, and for tuning controllers."""
 
 RANDOMIZED: dict[str, list[float]] = {"payload": [0.5, 2.0], "EI": [0.7, 1.3]}
-"""Ranges of the factors on payload and bending stiffness in randomised episodes."""
+"""Ranges of the factors on payload and bending stiffness in randomized episodes."""
 
-TRAINING_ONLY = ("duration", "reward")
-"""Keywords of the environment that hold in training alone: a policy is judged on the environment's own."""
+LENGTHS = "lengths"
+"""Keyword of training environments for arms of several lengths (`envs.lengths`)."""
+
+TRAINING_ONLY = ("duration", "reward", "reward_terms")
+"""Environment keywords that hyper-parameter files set for training only; evaluation uses the environment's own values,
+or the user's."""
 
 SLEW_BAND, SLEW_BAND_LEAST, REACH_BAND = 0.02, float(np.radians(0.5)), 0.02
-"""Settled: tip angle within this share of the slew, at least so many rad; tip within so many m of its target."""
+"""Bands of a settled tip: share of the slew angle, at least that many rad; share of the arm's length for positions."""
 
 
-def judged_in(kwargs: Mapping[str, Any]) -> dict[str, Any]:
-    """Keywords of the environment that a policy is judged or shown in, of those that it was trained with."""
-    return {k: v for k, v in kwargs.items() if k not in (*TRAINING_ONLY, "randomization")}
+def judged_in(kwargs: Mapping[str, Any], asked: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return the environment keywords for evaluation or display, given those of training.
+
+    asked: see `user_keywords`; None: none.
+    """
+    return {k: v for k, v in kwargs.items() if k not in (*TRAINING_ONLY, "randomization", LENGTHS)} | dict(asked or {})
 
 
-def validation(env_id: str, kwargs: Mapping[str, Any]) -> dict[str, Any]:
-    """Keywords of the environment that training chooses on, of those that it trains with: its reward is the
-    environment's own, less `cost` where it learns from that."""
-    judged, reward = {k: v for k, v in kwargs.items() if k not in TRAINING_ONLY}, kwargs.get("reward")
+def user_keywords(env_id: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the user's own keywords among `TRAINING_ONLY`, which evaluation then uses too.
+
+    None for tasks of the suite, which are evaluated unchanged whatever the training.
+    """
+    if FROZEN in env_id:
+        return {}
+    return {k: v for k, v in given.items() if k in TRAINING_ONLY}
+
+
+def validation(env_id: str, kwargs: Mapping[str, Any], asked: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return the environment keywords of the validation episodes, given those of training.
+
+    The reward is the user's (`user_keywords`), otherwise the environment's own, with training's price `cost` if it has
+    one. All links have their own lengths.
+    """
+    left_out = (*TRAINING_ONLY, LENGTHS)
+    judged, reward = {k: v for k, v in kwargs.items() if k not in left_out}, kwargs.get("reward")
+    judged |= dict(asked or {})
+    if "reward" in judged:
+        return judged
     if isinstance(reward, Mapping) and "cost" in reward:
-        judged["reward"] = made(gym.spec, env_id.rpartition(":")[2]).kwargs.get("reward", {}) | {"cost": reward["cost"]}
+        own = make_registered(gym.spec, env_id.rpartition(":")[2]).kwargs.get("reward", {})
+        judged["reward"] = own | {"cost": reward["cost"]}
     return judged
 
 
 @dataclass(frozen=True)
 class Episodes:
-    """n episodes, one entry or column each; errors in rad (slew) or m (reach).
+    """Results of n episodes, one entry or column each; errors in rad (slew) or m (reach).
 
     Attributes:
-        task, dt: of the environment. success (n,), settling (n,) s (the whole duration where it never settled),
+        task, dt: of the environment. success (n,), settling (n,) s (the full duration if it never settled),
         settled (n,), vibration (n,) m, overshoot (n,) share of the way, effort (n,) s, returns (n,),
         terminated (n,): ended early. errors (steps + 1, n): over time. way (n,): error at the start.
     """
@@ -70,12 +98,15 @@ class Episodes:
 
 
 def make_episodes(env_id: str, n: int, /, **arguments: Any) -> Any:
-    """The vector environment in which `run` runs its episodes."""
+    """Create the vector environment with n arms in which `run` runs its episodes.
+
+    Default randomization ranges that the arm does not support are dropped.
+    """
     for key in ("id", "num_envs", "vectorization_mode"):
         if key in arguments:
             raise check.InvalidValue(f"env_kwargs.{key}", arguments[key], "must be left out: it is the program's own")
     try:
-        return made(gym.make_vec, env_id, num_envs=n, vectorization_mode="vector_entry_point", **arguments)
+        return make_registered(gym.make_vec, env_id, num_envs=n, vectorization_mode="vector_entry_point", **arguments)
     except check.InvalidValue as error:
         name = error.path.removeprefix("randomization.")
         if arguments.get("randomization") != RANDOMIZED or name not in RANDOMIZED:
@@ -85,7 +116,7 @@ def make_episodes(env_id: str, n: int, /, **arguments: Any) -> Any:
 
 
 def run(env: Any, policy: Policy, first: int = TEST) -> Episodes:
-    """One episode in each environment of a native vector environment, from seeds first, first + 1, ..."""
+    """Run one episode in each environment of a native vector environment, from seeds first, first + 1, ...."""
     plain = env.unwrapped
     setup, limit, n = Setup.of(env), int(plain.plan.limit), int(env.num_envs)
     lengths = np.array([link.span for link in setup.arm.links])
@@ -95,6 +126,7 @@ def run(env: Any, policy: Policy, first: int = TEST) -> Episodes:
     alive, success = np.ones(n, bool), np.zeros(n, bool)
     returns, effort = np.zeros(n), np.zeros(n)
     miss = _miss(setup, info, np.zeros((n, 2)))
+    # tip errors and deflections over time, nan after an early end
     misses = np.full((limit + 1, *miss.shape), np.nan)
     bends = np.full((limit + 1, n, setup.n_joints), np.nan)
     last = np.full(n, limit)
@@ -104,15 +136,19 @@ def run(env: Any, policy: Policy, first: int = TEST) -> Episodes:
         miss = _miss(setup, info, miss)
         misses[k, alive] = miss[alive]
         bends[k, alive] = (_bend(setup, info, n) * lengths)[alive]
+        # only episodes that are still running count
         returns += np.where(alive, reward, 0.0)
+        # effort: integral of the squared torques over their limits
         load = np.sum((info["joint_torque"].reshape(n, -1) / limits) ** 2, axis=1) * setup.control_dt
         effort += np.where(alive, load, 0.0)
         ended = alive & (terminated | truncated)
+        # a terminated episode is no success
         success[ended] = info["is_success"][ended] & ~terminated[ended]
         last[ended] = np.where(terminated[ended], k, last[ended])
         alive &= ~ended
         if not alive.any():
             break
+    # measures of whole episodes
     early = last < limit
     errors = np.linalg.norm(misses, axis=2)
     settling, settled = _settling(setup, errors, early)
@@ -124,9 +160,10 @@ def run(env: Any, policy: Policy, first: int = TEST) -> Episodes:
 
 
 def _miss(setup: Setup, info: Mapping[str, Any], before: Array) -> Array:
-    """Target less tip, (n, 1) rad, going on from the turn of that before, or (n, 2) m in fixed axes."""
+    """Target minus tip: (n, 1) rad, unwrapped relative to the previous one `before`, or (n, 2) m in inertial axes."""
     if setup.task == "slew":
         tip = np.arctan2(info["tip_position"][:, 1], info["tip_position"][:, 0])
+        # choose the turn nearest to the previous value
         turns = (info["target"] - tip - before[:, 0]) / (2.0 * np.pi)
         miss: Array = (before[:, 0] + 2.0 * np.pi * (turns - np.round(turns)))[:, None]
         return miss
@@ -135,23 +172,36 @@ def _miss(setup: Setup, info: Mapping[str, Any], before: Array) -> Array:
 
 
 def _bend(setup: Setup, info: Mapping[str, Any], n: int) -> Array:
-    """Tip deflections over length, (n, N); in space how large they are."""
+    """Tip deflections over length, (n, N); in space their magnitudes."""
     bend: Array = np.asarray(info["tip_deflection"]).reshape(n, -1, setup.n_joints)
     return bend[:, 0] if bend.shape[1] == 1 else np.asarray(np.linalg.norm(bend, axis=1))
 
 
+def reach_band(setup: Setup) -> float:
+    """Largest distance of a settled tip from its target, m."""
+    return REACH_BAND * setup.arm.total_length
+
+
 def _settling(setup: Setup, errors: Array, early: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
-    """First time, s, after which the error stays in its band to the end, or the duration; whether it did."""
+    """Settling times (n,), s, after which the error stays in its band to the end, and whether it settled (n,).
+
+    errors (steps + 1, n): tip errors. early (n,): terminated early. Unsettled episodes have the full duration.
+    """
     steps = len(errors) - 1
-    band = np.maximum(SLEW_BAND * errors[0], SLEW_BAND_LEAST) if setup.task == "slew" else REACH_BAND
-    outside = ~(errors <= band)  # NaN after an early end counts as outside
+    band = np.maximum(SLEW_BAND * errors[0], SLEW_BAND_LEAST) if setup.task == "slew" else reach_band(setup)
+    # NaN after an early end counts as outside
+    outside = ~(errors <= band)
+    # index after the last sample outside the band
     since = np.where(outside.any(axis=0), len(errors) - np.argmax(outside[::-1], axis=0), 0)
     settled = (since <= steps) & ~early
     return np.where(settled, since, steps) * setup.control_dt, settled
 
 
 def _vibration(bends: Array, last: NDArray[np.int64], window: int) -> Array:
-    """Half the range of the tip's deflection over the last second, m, of the link where it is largest."""
+    """Half the peak-to-peak tip deflection over the last `window` periods (1 s), m, of the link with the largest.
+
+    bends (steps + 1, n, N): m. last (n,): final step of each episode.
+    """
     out = np.empty(len(last))
     for i, end in enumerate(last):
         tail = bends[max(0, end - window) : end + 1, i]
@@ -160,8 +210,12 @@ def _vibration(bends: Array, last: NDArray[np.int64], window: int) -> Array:
 
 
 def _overshoot(misses: Array) -> Array:
-    """Farthest that the tip went beyond its target in the direction it came from, as a share of the way."""
+    """Largest excursion beyond the target along the initial direction, as a share of the way, (n,).
+
+    misses (steps + 1, n, 1 or 2): target minus tip.
+    """
     way = np.linalg.norm(misses[0], axis=1)
+    # component of the miss against the initial direction
     beyond = -np.nansum(misses * (misses[0] / np.maximum(way, 1e-12)[:, None]), axis=2)
     share: Array = np.maximum(beyond.max(axis=0), 0.0) / np.maximum(way, 1e-12)
     return share

@@ -1,19 +1,19 @@
-"""Judge a policy or a classical controller on fixed episodes.
+"""Evaluate a policy or a classical controller on fixed episodes.
 
     flexarm evaluate --env FlexibleArm-v0 --policy lqr
     flexarm evaluate --env FlexibleArm-v0 --policy runs/ppo-FlexibleArm-v0-0 --json
     flexarm evaluate --env TwoLinkFlexArm-v0 --policy pd,zvd,lqr --randomized --out runs/table
 
---policy takes a run folder, a policy.npz, the name of a policy that comes with the package, or pd, zv, zvd, lqr, mpc,
-lqg (with --env-kwargs '{"observation": "measured"}'), time_optimal; zv@FILE is zv with gains from a file of
-`flexarm tune`. Several of them, separated by commas, give one table. Settled means: from then to the end of the episode
-the tip stays within 2 % of the slew (at least 0.5 deg), or within 2 cm of the target; never settled counts as the whole
-duration.
+--policy takes a controller (pd, zv, zvd, lqr, mpc, time_optimal; lqg with --env-kwargs '{"observation": "measured"}';
+zv@FILE is zv with gains from a file of `flexarm tune`), a run folder, a file (policy.npz, a .zip of Stable-Baselines3,
+.onnx), the name of a policy of the package, or MODULE:NAME, a Python function of observations. Several of them,
+separated by commas, give one table. A tip has settled when it stays, to the end of the episode, within 2 % of the slew
+(at least 0.5 deg), or within 2 % of the arm's length of the target; without settling the whole duration counts.
 Intervals are 95 % bootstrap intervals over the episodes. With --out, the table, the JSON, a figure of the tip error in
 one episode and, with --video, a film per policy are written there.
 
-A policy.npz holds numbers alone; a run folder without one is judged from its model.zip and vecnormalize.pkl, which are
-pickles and can run any code.
+A policy.npz contains only numbers. A .zip, and a vecnormalize.pkl beside it, are pickles: only the numbers in them are
+read, and nothing that they name is executed. MODULE:NAME runs your own code.
 """
 
 import json
@@ -24,26 +24,26 @@ from typing import Any
 
 import numpy as np
 
-from flexarm_env.control import Setup
+from flexarm_env.control import NamedPolicy, Setup
 from flexarm_env.control.time_optimal import rigid_time, slew_plan
 from flexarm_env.files import to_folder
 from flexarm_env.training import episodes as fixed
-from flexarm_env.training.policies import Chosen, choose
+from flexarm_env.training.policies import choose
 from flexarm_env.training.runs import command, versions, write_json, write_text
 from flexarm_env.training.statistics import markdown, summary
 
 
 @dataclass(frozen=True)
 class Arguments:
-    """What `flexarm evaluate` takes.
+    """Arguments of `flexarm evaluate`.
 
     Args:
-        policy: what is judged (see above); several separated by commas.
+        policy: the policy (see above); several separated by commas.
         env: id of the environment.
-        episodes: how many.
+        episodes: number of episodes.
         first: seed of the first episode; the others follow.
-        formulation: of the environment's arm; default the environment's.
-        env_kwargs: further keywords of the environment, as JSON; they go before those that a policy was trained with.
+        formulation: formulation of the arm; default the environment's.
+        env_kwargs: further keywords of the environment, as JSON; they override those of a policy's training.
         randomized: payload x 0.5 to 2 and stiffness x 0.7 to 1.3, drawn for each episode.
         json: print JSON instead of a table.
         out: folder for table, JSON and figure.
@@ -63,13 +63,17 @@ class Arguments:
 
 
 def evaluate(arguments: Arguments) -> tuple[dict[str, dict[str, Any]], dict[str, fixed.Episodes], dict[str, float]]:
-    """Summaries and episodes by policy, and the bounds' medians. ValueError with a sentence for what is wrong."""
+    """Evaluate all policies: summaries and episodes by policy, and medians of the time bounds, s.
+
+    ValueError with a sentence for invalid arguments.
+    """
     if arguments.episodes < 1:
         raise ValueError(f"--episodes {arguments.episodes}: must be at least 1")
     rows: dict[str, dict[str, Any]] = {}
     results: dict[str, fixed.Episodes] = {}
     limits: dict[str, float] = {}
     for word in arguments.policy.split(","):
+        # each policy on the same episodes, in an environment with its own keywords
         chosen = choose(word, arguments.env)
         env = fixed.make_episodes(arguments.env, arguments.episodes, **keywords(arguments, chosen))
         policy = chosen.make(env)
@@ -81,9 +85,9 @@ def evaluate(arguments: Arguments) -> tuple[dict[str, dict[str, Any]], dict[str,
     return rows, results, limits
 
 
-def keywords(arguments: Arguments, chosen: Chosen) -> dict[str, Any]:
-    """Keywords of the environment in which a policy is judged: from training what makes another task of it."""
-    kwargs = fixed.judged_in(chosen.env_kwargs) | arguments.env_kwargs
+def keywords(arguments: Arguments, chosen: NamedPolicy) -> dict[str, Any]:
+    """Return the environment keywords for evaluating a policy: the task's, from its training, then the user's."""
+    kwargs = dict(chosen.env_kwargs) | arguments.env_kwargs
     if arguments.formulation is not None:
         kwargs["formulation"] = arguments.formulation
     if arguments.randomized:
@@ -92,13 +96,14 @@ def keywords(arguments: Arguments, chosen: Chosen) -> dict[str, Any]:
 
 
 def bounds(env: Any, result: fixed.Episodes) -> dict[str, float]:
-    """Median times, s, of the rigid time-optimal slew and of the flexible plan to rest; of one link only."""
+    """Median times, s, of the rigid time-optimal slew and of the flexible plan to rest; only for one link."""
     setup = Setup.of(env)
     if setup.task != "slew":
         return {}
     from flexarm_env.control.arm_model import arm_model
 
     inertia = float(arm_model(setup.arm).inertia[0, 0])
+    # lower bounds of the settling time: rigid arm, and flexible arm to rest
     rigid = [rigid_time(inertia, float(way), setup.torque_limits[0]) for way in result.way]
     flexible = [slew_plan(setup, float(way)).periods * setup.control_dt for way in result.way]
     return {
@@ -108,7 +113,7 @@ def bounds(env: Any, result: fixed.Episodes) -> dict[str, float]:
 
 
 def report(arguments: Arguments, rows: Mapping[str, Any], limits: Mapping[str, float]) -> dict[str, Any]:
-    """The content of the JSON: one policy's numbers at the top level, several under `policies`."""
+    """Return the JSON content: one policy's numbers at the top level, several under `policies`."""
     head = {
         "env": arguments.env, "episodes": arguments.episodes, "first_seed": arguments.first,
         "formulation": arguments.formulation, "randomized": arguments.randomized, "bounds": dict(limits),
@@ -121,7 +126,7 @@ def report(arguments: Arguments, rows: Mapping[str, Any], limits: Mapping[str, f
 
 
 def judge(arguments: Arguments) -> None:
-    """Judge, print, and write what is asked for."""
+    """Evaluate, print, and write the requested files."""
     if arguments.out is not None:
         to_folder("--out", arguments.out)
     elif arguments.video:
@@ -146,5 +151,5 @@ def judge(arguments: Arguments) -> None:
 
 
 def main(program: str = "flexarm evaluate", words: Sequence[str] | None = None) -> int:
-    """Run the command."""
+    """Run the command; returns its exit code."""
     return command(Arguments, program, __doc__, judge, words)

@@ -1,4 +1,4 @@
-"""Write a trained Stable-Baselines3 policy as policy.npz, which needs NumPy alone to run.
+"""Write a trained Stable-Baselines3 policy as policy.npz, which runs with NumPy alone.
 
 python -m flexarm_env.training.export_policy --run runs/ppo-FlexibleArm-v0-0
 """
@@ -20,12 +20,12 @@ from flexarm_env.validation import Array32
 
 TOLERANCE = 1e-5
 UNEXPORTED = ("recurrent_ppo",)
-"""Algorithms whose policies have a memory, which policy.npz has not."""
+"""Algorithms whose policies have a memory, which policy.npz does not support."""
 
 
 @dataclass(frozen=True)
 class Arguments:
-    """What `python -m flexarm_env.training.export_policy` takes.
+    """Arguments of `python -m flexarm_env.training.export_policy`.
 
     Args:
         run: a run folder.
@@ -35,7 +35,7 @@ class Arguments:
 
 
 def weights_of(layers: Iterable[Any]) -> list[tuple[Array32, Array32]]:
-    """What policy.npz has of PyTorch's layers: weights (in, out) and biases (out,) of the linear ones."""
+    """Return weights (in, out) and biases (out,) of PyTorch's linear layers as float32 arrays."""
     from torch import nn
 
     return [
@@ -46,12 +46,13 @@ def weights_of(layers: Iterable[Any]) -> list[tuple[Array32, Array32]]:
 
 
 def numpy_policy(model: Any, meta: Mapping[str, Any], normaliser: Any = None) -> NumpyPolicy:
-    """The deterministic policy of a PPO, SAC or TQC model. normaliser: its VecNormalize, or None."""
+    """Convert a PPO, SAC or TQC model to its deterministic NumPy policy. normaliser: its VecNormalize, or None."""
     from torch import nn
 
     policy = model.policy
     actor = getattr(policy, "actor", None)
-    if actor is not None:  # SAC, TQC: the mean, squashed
+    # the actor's layers: SAC and TQC squash the mean with tanh, PPO clips it
+    if actor is not None:
         layers, squash = [*actor.latent_pi, actor.mu], True
     else:
         layers, squash = [*policy.mlp_extractor.policy_net, policy.action_net], False
@@ -72,7 +73,7 @@ def numpy_policy(model: Any, meta: Mapping[str, Any], normaliser: Any = None) ->
 
 
 def save(policy: NumpyPolicy, path: Path) -> None:
-    """Write policy.npz, whole or not at all."""
+    """Write policy.npz atomically."""
     arrays: dict[str, Any] = {"meta": np.array(json.dumps(policy.meta))}
     for k, (w, b) in enumerate(policy.weights):
         arrays[f"w{k}"], arrays[f"b{k}"] = w, b
@@ -81,8 +82,9 @@ def save(policy: NumpyPolicy, path: Path) -> None:
 
 
 def difference(policy: NumpyPolicy, model: Any, normaliser: Any = None, n: int = 4096, seed: int = 0) -> float:
-    """Largest difference between both policies' actions on observations drawn from the space."""
+    """Largest difference between both policies' actions on n random observations of the space."""
     rng = np.random.default_rng(seed)
+    # random observations, normalized as in training
     bounds = np.minimum(model.observation_space.high, 3.0)
     observations = rng.uniform(-bounds, bounds, (n, len(bounds))).astype(np.float32)
     seen = observations if normaliser is None else normaliser.normalize_obs(observations)
@@ -91,24 +93,25 @@ def difference(policy: NumpyPolicy, model: Any, normaliser: Any = None, n: int =
 
 
 def export(run: Path) -> float:
-    """Export a run folder's model; the largest difference from it."""
+    """Export a run folder's model to policy.npz; returns the largest difference of actions."""
     record = read_run(run)
     model, normaliser = load_model(run, record["algorithm"])
     meta = {key: record[key] for key in OF_POLICY if key in record}  # older runs have fewer
     policy = numpy_policy(model, {**meta, "versions": versions()}, normaliser)
     off = difference(policy, model, normaliser)
+    # the exported policy has to agree with the model
     if not off <= TOLERANCE:
         raise ValueError(f"{run}: the exported policy differs by {off:.1e} from the model, more than {TOLERANCE:.0e}")
     save(policy, run / "policy.npz")
     return off
 
 
-def told(arguments: Arguments) -> None:
-    """Export, and say how well."""
+def run_export(arguments: Arguments) -> None:
+    """Export, and print the largest difference."""
     print(f"{arguments.run / 'policy.npz'}: largest difference from the model {export(arguments.run):.1e}")
 
 
-main = partial(command, Arguments, "python -m flexarm_env.training.export_policy", __doc__, told)
+main = partial(command, Arguments, "python -m flexarm_env.training.export_policy", __doc__, run_export)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Figures of learning curves and of episodes under several controllers."""
+"""Figures of learning curves, and of episodes under several controllers."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,7 +11,10 @@ from flexarm_env.training.episodes import Episodes
 
 
 def learning_curve(curves: Sequence[Sequence[Mapping[str, float]]], path: Path, title: str = "") -> None:
-    """Success, settling time and return over environment steps; of one run or of several seeds with their median."""
+    """Plot success rate, settling time and return over environment steps, for one run or several seeds.
+
+    Several seeds are shown with their median. curves: rows of each run's learning curve.
+    """
     shown = {"success_rate": "success rate", "settling_median": "median settling (s)", "return_mean": "mean return"}
     with styled_figure(path, 7.0, 7.8) as figure:
         axes = figure.subplots(3, 1, sharex=True)
@@ -36,7 +39,7 @@ def learning_curve(curves: Sequence[Sequence[Mapping[str, float]]], path: Path, 
 
 
 def tip_errors(results: Mapping[str, Episodes], episode: int, path: Path, title: str = "") -> None:
-    """Tip error over time in the same episode under each controller."""
+    """Plot the tip error over time in the same episode under each controller, linear and logarithmic."""
     first = next(iter(results.values()))
     slew = first.task == "slew"
     factor, unit = (180.0 / np.pi, "deg") if slew else (1000.0, "mm")
@@ -58,7 +61,7 @@ def tip_errors(results: Mapping[str, Episodes], episode: int, path: Path, title:
 def compared(
     rows: Sequence[Mapping[str, Any]], varied: Sequence[str], quantities: Mapping[str, str], path: Path, title: str = ""
 ) -> None:
-    """Quantities over the values of what was varied: a column of panels each, a dot a run, a line through the means."""
+    """Plot quantities over the varied settings: a column of panels each, a dot per run, a line through the means."""
     keys = list(quantities)
     with styled_figure(path, max(4.6, 3.4 * len(varied)), 1.9 * len(keys)) as figure:
         axes = figure.subplots(len(keys), len(varied), sharex="col", sharey="row", squeeze=False)

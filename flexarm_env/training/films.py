@@ -3,8 +3,8 @@
     python -m flexarm_env.training.films --policy runs/ppo-FlexibleArm-v0-0,pd --out runs/beside.gif
     python -m flexarm_env.training.films --env TwoLinkFlexArm-v0 --policy pd,lqr --seed 10004 --out two.mp4 --size 480
 
---policy takes what `flexarm evaluate` takes; all of them play the episode of the same seed. A label
-(--labels, separated by commas) stands over each picture.
+--policy takes the same names as `flexarm evaluate`; all policies play the episode of the same seed. A label
+(--labels, separated by commas) is shown above each picture.
 """
 
 import sys
@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexarm_env import validation as check
+from flexarm_env.control import NamedPolicy
 from flexarm_env.envs.video import film_path, write_film
-from flexarm_env.training.episodes import TEST, judged_in
-from flexarm_env.training.policies import Chosen, choose
+from flexarm_env.training.episodes import TEST
+from flexarm_env.training.policies import choose
 from flexarm_env.training.runs import command
 
 Picture = NDArray[np.uint8]
@@ -30,19 +31,19 @@ Picture = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Arguments:
-    """What `python -m flexarm_env.training.films` takes.
+    """Arguments of `python -m flexarm_env.training.films`.
 
     Args:
-        policy: who plays; several separated by commas stand side by side.
+        policy: the policy; several, separated by commas, are shown side by side.
         out: the file: .mp4, .gif, .webm, .mkv or .mov.
         env: id of the environment.
-        env_kwargs: keywords of the environment, as JSON; they go before those that a policy was trained with.
+        env_kwargs: keywords of the environment, as JSON; they override those of a policy's training.
         seed: of the episode.
-        seconds: how much of the episode is shown; default all of it.
-        fps: pictures a second of film, at most one a control period.
-        speed: seconds of the episode a second of film.
+        seconds: duration of the part that is shown; default the whole episode.
+        fps: pictures per second of film, at most one per control period.
+        speed: seconds of the episode per second of film.
         size: side of each picture, pixels.
-        labels: what stands over the pictures, separated by commas; default the policies' names.
+        labels: labels above the pictures, separated by commas; default the policies' names.
     """
 
     policy: str
@@ -57,8 +58,8 @@ class Arguments:
     labels: str | None = None
 
 
-def episode(env_id: str, chosen: Chosen, kwargs: Mapping[str, Any], seed: int) -> Iterator[Picture]:
-    """The pictures (640, 640, 3) of an episode, one a control period."""
+def episode(env_id: str, chosen: NamedPolicy, kwargs: Mapping[str, Any], seed: int) -> Iterator[Picture]:
+    """Yield the pictures (640, 640, 3) of an episode, one per control period."""
     env = gym.make(env_id, render_mode="rgb_array", **kwargs)
     policy = chosen.make(env)
     observation, _ = env.reset(seed=seed)
@@ -72,13 +73,13 @@ def episode(env_id: str, chosen: Chosen, kwargs: Mapping[str, Any], seed: int) -
     env.close()
 
 
-def film(env_id: str, chosen: Chosen, kwargs: Mapping[str, Any], seed: int, path: Path) -> None:
-    """Write an episode as a film, one picture a control period."""
+def film(env_id: str, chosen: NamedPolicy, kwargs: Mapping[str, Any], seed: int, path: Path) -> None:
+    """Write an episode as a film, one picture per control period, at 50 pictures per second."""
     write_film(path, episode(env_id, chosen, kwargs, seed), 50.0)
 
 
 def beside(films: Sequence[Iterator[Picture]], labels: Sequence[str], size: int) -> Iterator[Picture]:
-    """Pictures of several episodes side by side under their labels; one that has ended stays as it was."""
+    """Yield pictures of several episodes side by side under their labels; a finished one keeps its last picture."""
     from PIL import Image, ImageDraw, ImageFont
 
     head = round(0.09 * size)
@@ -88,7 +89,9 @@ def beside(films: Sequence[Iterator[Picture]], labels: Sequence[str], size: int)
         new = [next(one, None) for one in films]
         if all(picture is None for picture in new):
             return
+        # finished episodes keep their last picture
         last = [old if picture is None else picture for old, picture in zip(last, new, strict=True)]
+        # background color from the picture's corner
         sheet = Image.new("RGB", (size * len(films), size + head), tuple(last[0][-2, 1].tolist()))
         for k, (picture, label) in enumerate(zip(last, labels, strict=True)):
             sheet.paste(Image.fromarray(picture).resize((size, size), Image.Resampling.LANCZOS), (k * size, head))
@@ -98,19 +101,21 @@ def beside(films: Sequence[Iterator[Picture]], labels: Sequence[str], size: int)
 
 
 def make(arguments: Arguments) -> Path:
-    """Write the film. ValueError with a sentence for what is wrong."""
+    """Write the film; returns its path. ValueError with a sentence for invalid arguments."""
     film_path(arguments.out)
     words = arguments.policy.split(",")
     chosen = [choose(word, arguments.env) for word in words]
     labels = arguments.labels.split(",") if arguments.labels else [one.name for one in chosen]
     if len(labels) != len(words):
         raise ValueError(f"--labels {arguments.labels}: must be {len(words)}, one for each policy")
-    kwargs = [judged_in(one.env_kwargs) | arguments.env_kwargs for one in chosen]
+    kwargs = [dict(one.env_kwargs) | arguments.env_kwargs for one in chosen]
     films = [episode(arguments.env, one, own, arguments.seed) for one, own in zip(chosen, kwargs, strict=True)]
     env: Any = gym.make(arguments.env, **arguments.env_kwargs).unwrapped
+    # the control period gives the pictures' spacing in time
     period = env.dt
     for name in ("fps", "speed", "size"):
         check.number(f"--{name}", getattr(arguments, name), above=0.0)
+    # pictures to skip for the requested rate and speed
     every = max(1, round(arguments.speed / (arguments.fps * period)))
     count = None if arguments.seconds is None else round(arguments.seconds / period) + 1
     pictures = beside([islice(one, 0, count, every) for one in films], labels, arguments.size)

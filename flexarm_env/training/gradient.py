@@ -1,9 +1,9 @@
-"""Learning by gradients of the return: windows of control periods, differentiated through the arms, and a critic.
+"""Policy learning by gradients of the return through differentiable simulation, in short windows, with a critic.
 
 After Xu et al. 2022 (Accelerated policy learning with parallel differentiable simulation): n arms act for a window of
-periods; what they are paid, discounted, and what the critic expects beyond, is differentiated by the policy's weights
-through all of the window's periods; the critic is fitted to what was paid. It has the form of a Stable-Baselines3
-algorithm: policies, checkpoints and all that reads them are those of PPO.
+periods. The discounted rewards, plus the critic's estimate of the return beyond the window, are differentiated by the
+policy's weights through all periods of the window; the critic is fitted to the returns. The class has the interface of
+a Stable-Baselines3 algorithm: policies, checkpoints and all their readers are those of PPO.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from flexarm_env.validation import Array, Array32
 Flags = NDArray[np.bool_]
 
 SEEDS = (10**6, 2**31)
-"""Of training episodes: none that policies are judged on."""
+"""Range of seeds of training episodes, disjoint from those of evaluation."""
 
 NOT_OF_ARMS = ("autoreset_mode", "num_envs", "vectorization_mode", "render_mode", "info_level")
-"""Keywords of a vector environment that say nothing of its arms."""
+"""Keywords of a vector environment that do not concern its arms."""
 
 
 @dataclass
 class Window:
-    """T control periods of n arms: lists of T entries.
+    """Record of T control periods of n arms: lists of T entries.
 
     states (n, S), seen (n, O): before each period; inputs: of the policy's layers; wanted, noise (n, A): actions before
-    they are clipped, and the part that was drawn. rewards (T, n): with what limits cost and failure's price; slopes
-    (n, O): of the former by what was seen after the period. ended, failed (T, n): no return is to be had beyond; the
+    clipping, and their random part. rewards (T, n): including the costs of limits and the price of failure; slopes
+    (n, O): derivatives of the limits' part by the observation after the period. ended, failed (T, n): episode ended;
     solver failed. after (T, n, O): observations after each period.
     """
 
@@ -58,9 +58,9 @@ class Gradient(BaseAlgorithm):
     Args:
         policy: "MlpPolicy". env: a vector environment of this package. learning_rate: of actor and critic.
         n_steps: control periods of a window. batch_size, n_epochs: of the critic's fit in each window. gamma: discount.
-        gae_lambda: weight of longer returns in what the critic is fitted to. max_grad_norm: length that the actor's
-        gradient is cut to. limit_margin: rad before a joint's limit from which on it costs, up to `limit_cost` a period
-        at the limit (where an episode ends, returns jump, and no derivative says so). policy_kwargs, seed, verbose,
+        gae_lambda: weight of longer returns in the critic's targets. max_grad_norm: largest norm of the actor's
+        gradient. limit_margin: distance, rad, from a joint's limit below which it costs, up to `limit_cost` per period
+        at the limit (where an episode ends, returns jump, which no derivative shows). policy_kwargs, seed, verbose,
         device, tensorboard_log: as PPO's.
     """
 
@@ -73,6 +73,7 @@ class Gradient(BaseAlgorithm):
         tensorboard_log: str | None = None, verbose: int = 0, seed: int | None = None, device: Any = "cpu",
         _init_setup_model: bool = True,
     ) -> None:  # fmt: skip
+        """Store the hyper-parameters and set up policy and arms."""
         super().__init__(
             policy, env, learning_rate, policy_kwargs=policy_kwargs, tensorboard_log=tensorboard_log, verbose=verbose,
             device=device, support_multi_env=True, seed=seed,
@@ -87,6 +88,7 @@ class Gradient(BaseAlgorithm):
 
     # --- set up, saved, loaded -------------------------------------------------------------------------
     def _setup_model(self) -> None:
+        """Create the policy with actor and critic, restore loaded optimizer memories, and set up the arms."""
         self._setup_lr_schedule()
         self.set_random_seed(self.seed)
         self.policy = self.policy_class(
@@ -101,7 +103,7 @@ class Gradient(BaseAlgorithm):
             self._setup_arms()
 
     def _setup_arms(self) -> None:
-        """Arms like those of the environment; what is compiled, is now."""
+        """Create differentiable arms like the environment's, at staggered ages, and compile their kernels."""
         env: Any = self.env
         spec = env.unwrapped.env.spec
         keywords = {k: v for k, v in spec.kwargs.items() if k not in NOT_OF_ARMS}
@@ -109,6 +111,7 @@ class Gradient(BaseAlgorithm):
         plan = self.arms.environment.plan
         self.limit, self.price = int(plan.limit), float(plan.record.weights[-1])
         last = len(plan.names) * (plan.history - 1)
+        # entries of the sine and cosine of each joint with limits, and the limits, rad
         self.margins = [
             (last + plan.names.index(f"{name}_sin"), last + plan.names.index(f"{name}_cos"), *limits)
             for name, limits in zip(plan.arm.joint_names, plan.arm.joint_limits or (), strict=False)
@@ -128,7 +131,7 @@ class Gradient(BaseAlgorithm):
         return [int(seed) for seed in self.rng.integers(*SEEDS, size=count)]
 
     def _excluded_save_params(self) -> list[str]:
-        """What is made anew when it is loaded."""
+        """Names of attributes that are not saved but rebuilt on loading."""
         return [*super()._excluded_save_params(), "arms", "actor", "critic"]
 
     # --- learning --------------------------------------------------------------------------------------
@@ -136,7 +139,7 @@ class Gradient(BaseAlgorithm):
         self, total_timesteps: int, callback: Any = None, log_interval: int = 100, tb_log_name: str = "gradient",
         reset_num_timesteps: bool = True, progress_bar: bool = False,
     ) -> Gradient:  # fmt: skip
-        """Go on for so many environment steps, in whole windows."""
+        """Train for a number of environment steps, in whole windows."""
         if reset_num_timesteps:
             self.num_timesteps = 0
         self._total_timesteps = self.num_timesteps + total_timesteps
@@ -157,7 +160,7 @@ class Gradient(BaseAlgorithm):
         return self
 
     def _act(self) -> Window:
-        """A window of all arms; those that have come to an end begin anew."""
+        """Run a window of all arms with random actions; finished episodes restart."""
         assert self.state is not None
         arms, n, steps = self.arms, self.n_envs, self.n_steps
         self._begin_anew(self.ages >= self.limit)
@@ -170,6 +173,7 @@ class Gradient(BaseAlgorithm):
         seen = arms.observe(self.state).astype(np.float32)
         for k in range(steps):
             mean, inputs = self.actor.forward(seen)
+            # Gaussian exploration: action = mean + std * noise
             noise = std * self.rng.standard_normal(mean.shape, np.float32)
             wanted = mean + noise
             window.states.append(self.state)
@@ -181,6 +185,7 @@ class Gradient(BaseAlgorithm):
             failed, ended = arms.failed, arms.failed | arms.past
             if failed.any():
                 after[failed], reward[failed] = 0.0, 0.0
+            # cost near joint limits, and the price of an early end
             cost, slopes = self._near_limits(after)
             window.slopes.append(slopes)
             reward = reward - self.price * ended
@@ -195,7 +200,7 @@ class Gradient(BaseAlgorithm):
         return window
 
     def _begin_anew(self, chosen: Flags) -> None:
-        """Fresh starts of these arms."""
+        """Restart the chosen arms (mask) and record their finished episodes."""
         if chosen.any():
             assert self.state is not None and self.ep_info_buffer is not None
             for k in np.flatnonzero(chosen).tolist():
@@ -208,14 +213,16 @@ class Gradient(BaseAlgorithm):
             self.ages, self.returns = np.where(chosen, 0, self.ages), np.where(chosen, 0.0, self.returns)
 
     def _near_limits(self, seen: Array) -> tuple[Array, Array]:
-        """What joints near their limits cost (n,), and the slopes (n, O) of minus that by what is seen."""
+        """Cost of joints near their limits (n,), and the derivatives (n, O) of minus that cost by the observation."""
         cost, slopes = np.zeros(self.n_envs), np.zeros(seen.shape)
         for sine, cosine, low, high in self.margins:
             s, c = seen[:, sine], seen[:, cosine]
             middle = 0.5 * (low + high)
             along, aside = np.cos(middle), np.sin(middle)
+            # joint angle relative to the middle of its range, from sine and cosine
             angle = middle + np.arctan2(s * along - c * aside, c * along + s * aside)
             above, below = angle - high, low - angle
+            # quadratic cost from the margin before the limit to one margin beyond it, then constant
             over = np.clip(np.maximum(above, below) / self.limit_margin + 1.0, 0.0, 2.0)
             cost += self.limit_cost * over * over
             slope = np.where(above > below, -2.0, 2.0) * (self.limit_cost / self.limit_margin) * over * (over < 2.0)
@@ -224,17 +231,23 @@ class Gradient(BaseAlgorithm):
         return cost, slopes
 
     def _improve(self, window: Window, rate: float) -> None:
-        """A step of the actor along the gradient of what the window's arms are paid, and of the critic's beyond it."""
+        """Take one optimizer step of the actor along the gradient of the window's return.
+
+        The return is the sum of discounted rewards plus the critic's value beyond the window. rate: learning rate.
+        """
         n, steps = self.n_envs, self.n_steps
-        weights = np.ones((steps + 1, n))  # discount: from the window's beginning, or from an episode's
+        # discount factors since the window's, or an episode's, beginning
+        weights = np.ones((steps + 1, n))
         for k in range(steps):
             weights[k + 1] = np.where(window.ended[k], 1.0, weights[k] * self.gamma)
         by_state = np.zeros((n, self.arms.state_size))
         inputs = self.critic.forward(window.after[-1])[1]
+        # terminal gradient: the critic's value of the last observation
         by_seen = self.critic.backward(np.ones((n, 1), np.float32), inputs)[0] * weights[-1][:, None]
         slopes: list[list[Array32]] = []
         spread = np.zeros_like(self.actor.more[0])
         for k in reversed(range(steps)):
+            # backwards through each period: arms, clipping of the action, policy
             on, wanted = ~window.ended[k][:, None], window.wanted[k]
             weight = np.where(window.failed[k], 0.0, weights[k])
             by_seen = by_seen * on + window.slopes[k] * weight[:, None]
@@ -246,6 +259,7 @@ class Gradient(BaseAlgorithm):
             by_seen, each = self.actor.backward(slope, window.inputs[k])
             slopes.append(each)
             spread += (slope * window.noise[k]).sum(axis=0)
+        # accumulate the parameters' gradients; ascend the mean return
         slopes.reverse()
         self.actor.note(*(_joined(rows) for rows in (window.inputs, slopes)))
         self.actor.more_slopes[0][:] = spread
@@ -253,7 +267,7 @@ class Gradient(BaseAlgorithm):
         self.actor.parameters.descend(rate, self.max_grad_norm)
 
     def _fit(self, window: Window, rate: float) -> None:
-        """Some steps of the critic towards what the window's arms were paid."""
+        """Fit the critic to the window's TD(lambda) returns by minibatch steps."""
         wanted = self._paid(window).reshape(-1, 1).astype(np.float32)
         seen = np.concatenate(window.seen)
         for _ in range(self.n_epochs):
@@ -266,11 +280,12 @@ class Gradient(BaseAlgorithm):
                 self.critic.parameters.descend(rate)
 
     def _paid(self, window: Window) -> Array:
-        """Discounted returns (T, n) from each period on: TD(lambda)."""
+        """TD(lambda) returns (T, n) from each period on."""
         entries = window.after.shape[-1]
         expected = self.critic.forward(window.after.reshape(-1, entries))[0].reshape(window.rewards.shape)
         paid, beyond = np.zeros(window.rewards.shape), expected[-1].astype(np.float64)
         for k in reversed(range(self.n_steps)):
+            # G_k = r_k + gamma ((1 - lambda) V_{k+1} + lambda G_{k+1}), without the bracket at an episode's end
             mixed = (1.0 - self.gae_lambda) * expected[k] + self.gae_lambda * beyond
             beyond = window.rewards[k] + self.gamma * np.where(window.ended[k], 0.0, mixed)
             paid[k] = beyond
@@ -278,7 +293,7 @@ class Gradient(BaseAlgorithm):
 
 
 def _joined(rows: list[list[Array32]]) -> list[Array32]:
-    """Layer by layer, all periods' rows in one array."""
+    """Concatenate all periods' rows, layer by layer."""
     return [np.concatenate(layer) for layer in zip(*rows, strict=True)]
 
 

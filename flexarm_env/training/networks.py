@@ -1,7 +1,7 @@
-"""Small networks in NumPy, forwards and backwards, in the memory of PyTorch's own parameters.
+"""Small networks in NumPy, forward and backward, that share the memory of PyTorch's parameters.
 
-Of networks this small PyTorch's single operations cost more than their arithmetic. What is learned here stands in the
-parameters of a PyTorch module all the time, which is saved, loaded and asked for actions as any other.
+For networks this small PyTorch's overhead per operation exceeds the arithmetic. The learned parameters remain those of
+a PyTorch module, which is saved, loaded and evaluated as usual.
 """
 
 from typing import Any
@@ -11,17 +11,18 @@ import numpy as np
 from flexarm_env.validation import Array32
 
 DECAY, SQUARES, FLOOR = 0.9, 0.999, 1e-5
-"""Of Adam (Kingma & Ba 2015): shares kept of the gradient's mean and of its squares; what keeps from dividing by 0."""
+"""Adam's beta_1, beta_2 and epsilon (Kingma & Ba 2015)."""
 
 
 class Parameters:
-    """Parameters of PyTorch in one array, which they share from here on.
+    """PyTorch parameters in one contiguous array, whose memory they share from here on.
 
     Attributes:
-        values (n,): of all. gradient (n,): to be filled. memory (2 n + 1,): Adam's means, and how many steps it took.
+        values (n,): all parameters. gradient (n,): to be filled. memory (2 n + 1,): Adam's moments and step count.
     """
 
     def __init__(self, tensors: list[Any]) -> None:
+        """Copy the tensors into one array and let them point into it."""
         import torch
 
         sizes = [tensor.numel() for tensor in tensors]
@@ -35,11 +36,14 @@ class Parameters:
         self._shapes = [tuple(tensor.shape) for tensor in tensors]
 
     def views(self, of: Array32) -> list[Array32]:
-        """`values`, or another array like it, in the parameters' shapes."""
+        """Return views of `values`, or of a similar array, in the parameters' shapes."""
         return [of[own].reshape(shape) for own, shape in zip(self._slices, self._shapes, strict=True)]
 
     def descend(self, rate: float, most: float | None = None) -> float:
-        """A step of Adam along the gradient, no longer than `most`; returns how long the gradient was."""
+        """Take one Adam step with the gradient clipped to norm `most`; returns the norm before clipping.
+
+        No step is taken if the gradient is not finite. rate: learning rate.
+        """
         size = len(self.values)
         mean, square = self.memory[:size], self.memory[size:-1]
         g = self.gradient
@@ -48,6 +52,7 @@ class Parameters:
             return length
         if most is not None and length > most:
             g = g * np.float32(most / length)
+        # Adam with bias correction
         self.memory[-1] += 1.0
         count = self.memory[-1]
         mean += (1.0 - DECAY) * (g - mean)
@@ -57,14 +62,15 @@ class Parameters:
 
 
 class Network:
-    """A chain of linear layers with Tanh or ReLU between them.
+    """Chain of linear layers with tanh or ReLU between them.
 
     Args:
-        layers: torch.nn.Linear, from the observation on. relu: rather than tanh. more: further parameters that are
+        layers: torch.nn.Linear, from the observation on. relu: instead of tanh. more: further parameters that are
             learned with them.
     """
 
     def __init__(self, layers: list[Any], relu: bool, more: tuple[Any, ...] = ()) -> None:
+        """Collect the parameters and views of weights, biases and their gradients."""
         self.parameters = Parameters([t for layer in layers for t in (layer.weight, layer.bias)] + list(more))
         self.relu, count = relu, 2 * len(layers)
         values, slopes = (self.parameters.views(x) for x in (self.parameters.values, self.parameters.gradient))
@@ -73,7 +79,7 @@ class Network:
         self._slopes = list(zip(slopes[0:count:2], slopes[1:count:2], strict=True))
 
     def forward(self, x: Array32) -> tuple[Array32, list[Array32]]:
-        """Output (n, out) for inputs (n, in), and what goes into each layer."""
+        """Return the output (n, out) for inputs x (n, in), and each layer's input."""
         inputs = [x]
         for w, b in zip(self.weights[:-1], self.biases[:-1], strict=True):
             x = x @ w.T
@@ -83,25 +89,29 @@ class Network:
         return x @ self.weights[-1].T + self.biases[-1], inputs
 
     def backward(self, slope: Array32, inputs: list[Array32]) -> tuple[Array32, list[Array32]]:
-        """From slopes (n, out) by the output: those by the input (n, in), and by each layer's output."""
+        """Propagate derivatives (n, out) by the output back: by the input (n, in), and by each layer's output."""
         slopes = [slope]
         for k in range(len(self.weights) - 1, 0, -1):
             slope = slope @ self.weights[k]
+            # derivative of the activation, from its output
             slope *= (inputs[k] > 0.0) if self.relu else 1.0 - inputs[k] * inputs[k]
             slopes.append(slope)
         return slope @ self.weights[0], slopes[::-1]
 
     def note(self, inputs: list[Array32], slopes: list[Array32]) -> None:
-        """The gradient by weights and biases, summed over rows, into `parameters.gradient`."""
+        """Write the gradients by weights and biases, summed over rows, into `parameters.gradient`.
+
+        inputs, slopes: each layer's inputs and the derivatives by its outputs.
+        """
         for (w, b), x, slope in zip(self._slopes, inputs, slopes, strict=True):
             np.matmul(slope.T, x, out=w)
             slope.sum(axis=0, out=b)
 
 
 def of_policy(policy: Any) -> tuple[Network, Network]:
-    """Actor, with the logarithm of its standard deviation, and critic of a Stable-Baselines3 actor-critic policy.
+    """Return actor, with its log standard deviation, and critic of a Stable-Baselines3 actor-critic policy.
 
-    ValueError for networks with other activations than Tanh or ReLU.
+    ValueError for networks with activations other than Tanh or ReLU.
     """
     from torch import nn
 

@@ -1,4 +1,4 @@
-"""What a training run has come to: rows of the learning curve, the best so far, when it was solved."""
+"""Progress of a training run: rows of the learning curve, the best policy so far, when the task was solved."""
 
 import sys
 from collections.abc import Callable
@@ -17,16 +17,17 @@ COLUMNS = (
     "steps", "success_rate", "settling_mean", "settling_median", "return_mean", "train_return", "std", "learning_rate",
     "wall_s", "cpu_s",
 )  # fmt: skip
-"""Of the learning curve. All but the last two are the same again for the same seed on the same machine."""
+"""Columns of the learning curve; all but the last two are reproducible for the same seed on the same machine."""
 
 
 @dataclass
 class Progress:
-    """What a run has come to; part of every checkpoint.
+    """Progress of a run; part of every checkpoint.
 
-    curve: rows of COLUMNS. best: least cost so far (see `cost`); where nothing succeeds yet all cost the same, and
-    best_return, the mean return, decides. solved: row at which it was solved, or None. wall_s, cpu_s: spent so far,
-    evaluation and checkpoints left out.
+    curve: rows of COLUMNS. best: smallest cost so far (see `cost`); best_return: mean return of that evaluation, which
+    breaks ties (before the first success all costs are equal). solved: row at which the task was solved, or None.
+    wall_s,
+    cpu_s: time spent so far, without evaluation and checkpoints.
     """
 
     curve: list[dict[str, float]] = field(default_factory=list)
@@ -40,11 +41,12 @@ class Progress:
     def add(
         self, result: episodes.Episodes, steps: int, solved_at: float, best_by: str = "settling", **others: float
     ) -> bool:
-        """Note an evaluation after `steps` steps; whether it is the best so far.
+        """Add an evaluation after `steps` steps; returns whether it is the best so far.
 
-        solved_at: success rate from which the task counts as solved. best_by: as in `cost`. others: train_return, std,
-            learning_rate.
+        solved_at: success rate at which the task counts as solved. best_by: as in `cost`. others: train_return, std,
+        learning_rate.
         """
+        # row of the learning curve
         row = {
             "steps": float(steps),
             "success_rate": float(result.success.mean()),
@@ -59,17 +61,18 @@ class Progress:
         if self.solved is None and row["success_rate"] >= solved_at:
             self.solved = dict(row)
         now = cost(result, best_by)
+        # smaller cost, then larger mean return
         better = (now, -row["return_mean"]) < (self.best, -self.best_return)
         if better:
             self.best, self.best_return, self.best_steps = now, row["return_mean"], steps
         return better
 
     def judged(self, steps: int) -> bool:
-        """Whether the last evaluation was after this many steps."""
+        """Whether the last evaluation took place after this many steps."""
         return steps in [row["steps"] for row in self.curve[-1:]]
 
     def outcome(self) -> dict[str, Any]:
-        """What run.json says of a finished run."""
+        """Return the entries of run.json for a finished run."""
         return {
             "finished": True,
             "steps": self.curve[-1]["steps"],
@@ -82,26 +85,29 @@ class Progress:
 
 
 def cost(result: episodes.Episodes, by: str = "settling") -> float:
-    """What the best policy has least of: mean settling time, s, an episode without success counting twice the duration;
-    by="return": the mean return, negative."""
+    """Cost that the best policy minimizes: mean settling time, s, where a failed episode counts twice the duration.
+
+    by="return": minus the mean return.
+    """
     if by == "return":
         return -float(result.returns.mean())
+    # failed episodes cost twice the duration
     duration = (len(result.errors) - 1) * result.dt
     return float(np.where(result.success, result.settling, 2.0 * duration).mean())
 
 
 def after(steps: int, every: int) -> int:
-    """The first multiple of `every` beyond `steps`."""
+    """Return the first multiple of `every` above `steps`."""
     return (steps // every + 1) * every
 
 
 def write_curve(path: Path, rows: list[dict[str, float]]) -> None:
-    """The learning curve as CSV."""
+    """Write the learning curve as CSV."""
     write_rows(path, COLUMNS, ({k: f"{v:.10g}" for k, v in row.items()} for row in rows))
 
 
 def describe(progress: Progress) -> str:
-    """What a run has come to, in a few words."""
+    """Describe the progress of a run in a few words."""
     if not progress.curve:
         return "nothing evaluated"
     rows = {row["steps"]: row for row in progress.curve}
@@ -117,14 +123,14 @@ def describe(progress: Progress) -> str:
 
 
 def bar(shown: bool, total: int, steps: int) -> Any:
-    """A progress bar of environment steps."""
+    """Create a progress bar of environment steps."""
     from tqdm import tqdm
 
     return tqdm(total=total, initial=steps, unit="step", unit_scale=True, mininterval=0.5, disable=not shown)
 
 
 def finish(folder: Path, record: dict[str, Any], progress: Progress) -> None:
-    """Write what a run has come to into its record, and draw its curve."""
+    """Write a finished run's results into its record, and plot its learning curve."""
     from flexarm_env.training.figures import learning_curve
 
     write_json(folder / "run.json", record | progress.outcome())
@@ -132,12 +138,13 @@ def finish(folder: Path, record: dict[str, Any], progress: Progress) -> None:
 
 
 def training_program(program: str, train: Callable[[Any], Any], arguments: Any) -> int:
-    """Train, and print what it came to, or in a sentence what went wrong and how it goes on; the exit code."""
+    """Train and print the result, or an error with advice on how to continue; returns the exit code."""
     try:
         progress = train(arguments)
     except ValueError as error:
         return fail(error)
     except (KeyboardInterrupt, OSError) as error:
+        # tell how to resume an interrupted or failed run
         folder = arguments.folder
         there, again = (folder / "run.json").is_file(), f"go on with: {program} --out {folder} --resume"
         then = again if there else f"nothing is in {folder} yet: start it again"
@@ -146,12 +153,14 @@ def training_program(program: str, train: Callable[[Any], Any], arguments: Any) 
             return INTERRUPTED
         what = f"{folder if error.filename is None else error.filename}: {error.strerror or error}"
         return fail(f"{what}; what was written before is whole; when that is mended, {then}")
-    print(f"{arguments.folder}: {describe(progress)}")
+    folder, env = arguments.folder, "" if arguments.env == "FlexibleArm-v0" else f" --env {arguments.env}"
+    print(f"{folder}: {describe(progress)}")
+    print(f"next: flexarm evaluate{env} --policy {folder},pd,lqr    or    flexarm view {folder} pd")
     return 0
 
 
 def finished(trainer: Any, folder: Path, **given: Any) -> str:
-    """See that a run has finished: trained by a program, gone on with, or kept; what it came to."""
+    """Make sure that a run is finished (train, resume, or keep it) and describe its result."""
     begun = (folder / "run.json").exists()
     if begun and read_run(folder).get("finished"):
         return f"kept from an earlier call ({folder})"

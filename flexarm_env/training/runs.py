@@ -1,4 +1,4 @@
-"""Files that runs leave behind: written whole or not at all; and errors told in a sentence."""
+"""Files of training runs, written atomically, and errors reported in one sentence."""
 
 import contextlib
 import csv
@@ -30,11 +30,11 @@ T = TypeVar("T")
 
 INTERRUPTED = 130
 MOST_SEED = FIRST - 1001
-"""Of a training run, whose environments have the thousand seeds from it on."""
+"""Largest seed of a training run, whose environments use the thousand seeds from it on."""
 
 
 def write_rows(path: Path, heads: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
-    """Write a CSV file, whole or not at all."""
+    """Write a CSV file atomically."""
     text = io.StringIO()
     writer = csv.DictWriter(text, heads, lineterminator="\n")
     writer.writeheader()
@@ -43,7 +43,7 @@ def write_rows(path: Path, heads: Sequence[str], rows: Iterable[Mapping[str, Any
 
 
 def report(folder: Path, title: str, began: float, lines: list[str]) -> None:
-    """Write report.md of what began at `began` (time.perf_counter), and print its lines."""
+    """Write report.md with title, date, duration since `began` (time.perf_counter) and versions; print its lines."""
     made = " · ".join(f"{name} {version}" for name, version in versions().items())
     spent = f"{time.strftime('%Y-%m-%d')}, {time.perf_counter() - began:.0f} s in all"
     write_text(folder / "report.md", "\n".join([f"# {title}", "", f"{spent} · {made}", "", *lines]) + "\n")
@@ -51,7 +51,7 @@ def report(folder: Path, title: str, began: float, lines: list[str]) -> None:
 
 
 def own_folder(folder: Path, fresh: bool) -> Path:
-    """The folder, made where it is not there; empty where it is to be begun anew."""
+    """Return the folder, created if it does not exist; fresh: emptied first."""
     if fresh and folder.exists():
         shutil.rmtree(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -65,7 +65,7 @@ def command(
     work: Callable[[T], int | None],
     words: Sequence[str] | None = None,
 ) -> int:
-    """Parse a command line (`arguments`) and do the work; exit code, 2 with a sentence for what is wrong or lacking."""
+    """Parse a command line (`arguments`) and run `work`; returns the exit code, 2 after an error in one sentence."""
     arguments = parse(kind, program, description, words)
     try:
         return work(arguments) or 0
@@ -74,7 +74,7 @@ def command(
 
 
 def fail(sentence: object) -> int:
-    """Print what is wrong, in one line, on standard error; the exit code 2."""
+    """Print an error in one line on standard error; returns exit code 2."""
     sys.stderr.write(f"{' '.join(str(sentence).split())}\n")
     return 2
 
@@ -82,31 +82,34 @@ def fail(sentence: object) -> int:
 # ------------------------------------------------------------------ run folders
 @dataclass(frozen=True, kw_only=True)
 class Training:
-    """What programs take that train a policy.
+    """Arguments of programs that train a policy.
 
     Args:
         env: id of the environment.
-        config: file of hyper-parameters, RL Zoo format, or the name of one that comes with the package, such as robust;
+        config: file of hyper-parameters, RL Zoo format, or the name of one of the package's, such as robust;
             default configs/ppo/default.yml.
-        env_kwargs: keywords of the environment, as JSON; they go before those of the config file.
-        seed: of everything.
-        n_timesteps: environment steps in all, whole rollouts of them; default the config's.
+        set: a hyper-parameter that overrides the config file's, KEY=VALUE; may be given several times.
+        env_kwargs: keywords of the environment, as JSON; they override those of the config file.
+        seed: seed of all random numbers.
+        n_timesteps: total environment steps, rounded to whole rollouts; default the config's. With --resume a run is
+            extended to this number, even a finished one.
         out: run folder; default runs/ALGO-ENV-SEED.
-        resume: go on from the run folder's last checkpoint, or anew where it has none yet (other flags are then those
-            of the run).
+        resume: continue from the run folder's last checkpoint, or start if it has none yet. Flags that would change
+            the training are rejected.
         evaluate_every: environment steps from one evaluation to the next.
-        eval_episodes: episodes of an evaluation.
-        best_by: which policy is kept: "settling" (soonest at rest, with success) or "return".
-        solved_at: success rate from which the task counts as solved.
-        stop_when_solved: end the run there.
+        eval_episodes: episodes per evaluation.
+        best_by: criterion of the best policy: "settling" (settles soonest, with success) or "return".
+        solved_at: success rate at which the task counts as solved.
+        stop_when_solved: end the run when the task is solved.
         checkpoint_every: environment steps from one checkpoint to the next.
-        threads: of torch; networks this small are quickest with one.
+        threads: number of threads of torch and NumPy; small networks are fastest with one.
         tensorboard: write curves for TensorBoard.
         progress: show a progress bar.
     """
 
     env: str = "FlexibleArm-v0"
     config: Path | None = None
+    set: tuple[str, ...] = ()
     env_kwargs: dict[str, Any] = field(default_factory=dict)
     seed: int = 0
     n_timesteps: int | None = None
@@ -123,13 +126,17 @@ class Training:
     progress: bool = True
 
     def begun(self, *kept: str, algorithm: str | None = None) -> Self:
-        """The arguments of the run, new, or those that the one to be gone on with was started with, but `kept` as given
-        now. ValueError for one that is there already, that has finished or is another's, or whose seed is one of those
-        that policies are judged on."""
+        """Return the validated arguments of a new run, or of the run to be resumed.
+
+        A resumed run keeps its original arguments except those named in `kept`. ValueError if the run exists already
+        (new run), if it has finished and --n-timesteps does not extend it, if it belongs to another algorithm, or if
+        its seed is reserved for evaluation.
+        """
         own = self._resumed(kept, algorithm) if self.resume else self
         if not isinstance(own.seed, int) or not 0 <= own.seed <= MOST_SEED:
             what = f"must be from 0 to {MOST_SEED}; those from {FIRST} on are for judging"
             raise ValueError(f"--seed {own.seed}: {what}")
+        # validate numbers and names
         for name in ("n_timesteps", "evaluate_every", "eval_episodes", "checkpoint_every", "threads"):
             if getattr(own, name) is not None:
                 check.integer(f"--{name.replace('_', '-')}", getattr(own, name), minimum=1)
@@ -139,37 +146,57 @@ class Training:
             raise check.InvalidValue("--out", str(own.folder), "must be a folder, and this is a file")
         check.choice("--best-by", own.best_by, ("settling", "return"))
         if not own.resume and (own.folder / "run.json").exists():
-            raise ValueError(f"{own.folder}: holds a run already; go on with it by --resume, or choose another --out")
+            raise ValueError(f"{own.folder}: contains a run already; continue it with --resume or choose another --out")
         return own
 
     def _resumed(self, kept: Iterable[str], algorithm: str | None) -> Self:
+        """Return the recorded arguments of the run to be resumed; ValueError for arguments that would change it."""
         folder, record = self.folder, read_run(self.folder)
         if algorithm is not None and record["algorithm"] != algorithm:
             raise ValueError(f"{folder}: a run of {record['algorithm']}, not of {algorithm}")
-        if record.get("finished"):
-            raise ValueError(f"{folder}: that run has finished; there is nothing to resume")
         told = check.table_of(f"{folder / 'run.json'}: arguments", record.get("arguments"))
         values = {k: v for k, v in told.items() if k in check.names_of(self)}
-        values |= {"config": folder / "config.yml", "out": folder, "resume": True}
+        # a finished run can only be extended
+        if record.get("finished"):
+            done, begun = int(record.get("steps", 0)), f"{folder}: that run has finished"
+            if self.n_timesteps is None:
+                raise ValueError(f"{begun}; there is nothing to resume, but --n-timesteps N extends it to N steps")
+            if self.n_timesteps <= done:
+                raise ValueError(f"--n-timesteps {self.n_timesteps}: must be more than the {done} steps of {folder}")
+            if not checkpoints(folder):
+                raise ValueError(f"{begun} and kept no checkpoint, so that it cannot be extended")
+        # flags must agree with the record
+        for name, given in check.changed(self).items():
+            own = name in values and name not in ("out", "resume", "n_timesteps", "config", "set", *kept)
+            if own and given != {} and str(given) != str(values[name]):
+                what = f"must be {values[name]!r} with --resume, or left out"
+                raise check.InvalidValue(f"--{name.replace('_', '-')}", given, what)
+        if self.set or self.config is not None:
+            flag = "--set" if self.set else "--config"
+            raise ValueError(f"{flag}: must be left out with --resume: {folder / 'config.yml'} holds")
+        # the run's own config, resolved
+        values |= {"config": folder / "config.yml", "out": folder, "resume": True, "set": ()}
+        if self.n_timesteps is not None:
+            values["n_timesteps"] = self.n_timesteps
         return type(self)(**values | {name: getattr(self, name) for name in kept})
 
     @property
     def folder(self) -> Path:
-        """The run folder."""
+        """Run folder."""
         return self.out or Path("runs") / f"{self.name}-{self.env}-{self.seed}"
 
     @property
     def name(self) -> str:
-        """What run folders are named for."""
+        """Prefix of run folders' names."""
         raise NotImplementedError
 
 
-OF_POLICY = ("env_id", "env_kwargs", "layout", "scales", "torque_limits", "seed", "algorithm", "versions")
-"""What a policy's file has of its run's record."""
+OF_POLICY = ("env_id", "env_kwargs", "asked", "layout", "scales", "torque_limits", "seed", "algorithm", "versions")
+"""Entries of a run's record that are copied into a policy's file."""
 
 
 def new_record(arguments: Any, algorithm: str, env_kwargs: dict[str, Any], setup: Any, **more: Any) -> dict[str, Any]:
-    """What run.json says of a run at its start; setup: what `Setup.of` the environment it trains in."""
+    """Return the content of run.json at a run's start; setup: `Setup.of` its training environment."""
     given = {k: str(v) if isinstance(v, Path) else v for k, v in dataclasses.asdict(arguments).items()}
     return {
         "algorithm": algorithm, "env_id": arguments.env, "env_kwargs": env_kwargs, "layout": setup.layout,
@@ -179,7 +206,7 @@ def new_record(arguments: Any, algorithm: str, env_kwargs: dict[str, Any], setup
 
 
 def read_run(run: Path) -> dict[str, Any]:
-    """The record (run.json) of a run folder. ValueError with a sentence where there is none."""
+    """Read the record (run.json) of a run folder. ValueError with a sentence if there is none."""
     if not run.is_dir():
         raise ValueError(f"{run}: no such run folder")
     if not (run / "run.json").is_file():
@@ -193,20 +220,21 @@ def read_run(run: Path) -> dict[str, Any]:
 
 
 def checkpoints(folder: Path) -> list[Path]:
-    """Complete checkpoints, oldest first."""
+    """Return the complete checkpoints, oldest first."""
     return sorted(p for p in (folder / "checkpoints").glob("[0-9]*") if (p / "state.pkl").is_file())
 
 
 @contextlib.contextmanager
 def new_checkpoint(folder: Path, steps: int, best: Iterable[str]) -> Iterator[Path]:
-    """A folder to be filled, which then is the checkpoint after so many steps, whole or not at all; the last two stay.
+    """Provide a folder to be filled, which then becomes the checkpoint after `steps` steps, atomically.
 
-    best: files of the run folder's best so far, to fall back to together with the curve.
+    The last two checkpoints are kept. best: files of the run's best model so far, restored together with the curve.
     """
     home = folder / "checkpoints"
     part, final = home / f".part-{os.getpid()}", home / f"{steps:012d}"
     shutil.rmtree(part, ignore_errors=True)
     try:
+        # fill a temporary folder, then rename it
         part.mkdir(parents=True)
         for name in best:
             if (folder / name).is_file():
@@ -214,7 +242,7 @@ def new_checkpoint(folder: Path, steps: int, best: Iterable[str]) -> Iterator[Pa
         yield part
         shutil.rmtree(final, ignore_errors=True)
         part.rename(final)
-    except OSError as error:  # a full disk's does not say what it is about
+    except OSError as error:  # the message of a full disk does not name the file
         raise OSError(error.errno, error.strerror or str(error), os.fspath(home)) from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
@@ -223,7 +251,7 @@ def new_checkpoint(folder: Path, steps: int, best: Iterable[str]) -> Iterator[Pa
 
 
 def restored(folder: Path, read: Callable[[Path, Any], T]) -> T:
-    """What `read` makes of the last checkpoint that can be read, its folder and state; the best files come back too."""
+    """Restore the last readable checkpoint: the result of `read(folder, state)`; the best files are restored too."""
     problem = f"{folder}: no checkpoint to resume from"
     for path in reversed(checkpoints(folder)):
         try:
@@ -232,6 +260,7 @@ def restored(folder: Path, read: Callable[[Path, Any], T]) -> T:
         except Exception as error:
             problem = f"{path}: damaged, or of other arguments ({type(error).__name__})"
             continue
+        # restore the best files of that time
         for kept in path.glob("best-*"):
             write_whole(folder / kept.name.removeprefix("best-"), functools.partial(shutil.copyfile, kept))
         return found
@@ -239,7 +268,7 @@ def restored(folder: Path, read: Callable[[Path, Any], T]) -> T:
 
 
 def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:
-    """Model and VecNormalize statistics (or None) of a folder; ValueError with a sentence where they cannot be read."""
+    """Load a folder's model and VecNormalize statistics (or None); ValueError if they are unreadable."""
     import torch
 
     from flexarm_env.training.config import algorithm_class
@@ -251,6 +280,7 @@ def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:
         model = algorithm_class(algorithm).load(path, device="cpu")
     except Exception as error:  # a damaged zip fails in many ways
         raise ValueError(f"{path}: damaged, or of other versions ({type(error).__name__})") from error
+    # a diverged network is rejected
     for name, values in model.policy.state_dict().items():
         if not torch.isfinite(values).all():
             raise ValueError(f"{path}: {name} holds numbers that are not finite")
@@ -263,7 +293,7 @@ def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:
 
 
 def load_normaliser(path: Path, model: Any) -> Any:
-    """The VecNormalize statistics of a model in a file. ValueError for what is none, or another model's."""
+    """Load the VecNormalize statistics of a model. ValueError for another file, or another model's."""
     try:
         with path.open("rb") as file:
             found = pickle.load(file)

@@ -1,4 +1,4 @@
-"""Starts of training environments: at times spread over an episode."""
+"""Staggered starts of training environments, at times spread over an episode."""
 
 from typing import Any
 
@@ -7,11 +7,10 @@ from numpy.typing import NDArray
 
 
 def staggered(native: Any, seed: int) -> NDArray[np.float32] | None:
-    """Bring environments that have been reset to times spread over an episode; the observations there, (n, O).
+    """Bring reset environments to times spread over an episode; returns the observations there, (n, O).
 
-    Episodes of one length that start together would make each rollout see one phase of the task alone: all arms on
-    their way, then all at rest. The arms are run without action, each reset at a time of its own. None where episodes
-    are a single step.
+    Episodes of one length that start together would show each rollout a single phase of the task: all arms moving, then
+    all at rest. The arms run without action, each reset at a time of its own. None if episodes are a single step.
 
     Args:
         native: a native vector environment. seed: of the order of the times.

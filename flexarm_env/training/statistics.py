@@ -1,4 +1,4 @@
-"""Medians, means and rates with bootstrap intervals; tables of them in Markdown."""
+"""Medians, means and rates with bootstrap intervals, and their Markdown tables."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -14,10 +14,10 @@ LEVEL = 0.95
 
 
 def bootstrap(values: Array, statistic: Callable[..., Any], seed: int = 0) -> tuple[float, float]:
-    """Percentile bootstrap interval of a statistic (called with an axis) of the values (n,)."""
+    """Percentile bootstrap interval (95 %) of a statistic, called with an axis, of the values (n,)."""
     from scipy import stats
 
-    if len(values) == 1:  # which SciPy refuses
+    if len(values) == 1:  # SciPy rejects a single value
         return float(values[0]), float(values[0])
     found = stats.bootstrap(
         (values,), statistic, n_resamples=RESAMPLES, confidence_level=LEVEL, method="percentile", random_state=seed
@@ -34,11 +34,11 @@ QUANTITIES: dict[str, tuple[str, Callable[..., Any], Callable[[Episodes], Array]
     "effort_median": ("effort (s)", np.median, lambda e: e.effort),
     "return_mean": ("return", np.mean, lambda e: e.returns),
 }
-"""Key in the JSON -> (heading, statistic, values of an Episodes). Vibration is in mm there, overshoot in %."""
+"""JSON key -> (heading, statistic, values of an Episodes). Vibration is in mm, overshoot in %."""
 
 
 def summary(result: Episodes) -> dict[str, Any]:
-    """Every quantity and its interval (key + "_interval"); episodes, and how many settled and ended early."""
+    """Compute every quantity and its interval (key + "_interval"), and the rates of settling and early ends."""
     out: dict[str, Any] = {"episodes": len(result.success)}
     for key, (_, statistic, values) in QUANTITIES.items():
         numbers = values(result)
@@ -50,7 +50,7 @@ def summary(result: Episodes) -> dict[str, Any]:
 
 
 def markdown(rows: Mapping[str, Mapping[str, Any]], bounds: Mapping[str, float] | None = None) -> str:
-    """A table: a row a policy, intervals in brackets; the bounds' medians below it."""
+    """Format a table: a row per policy, intervals in brackets; medians of the bounds below."""
     lines = []
     for name, row in rows.items():
         lines.append((name, *(_cell(key, row[key], row[f"{key}_interval"]) for key in QUANTITIES)))
@@ -62,6 +62,7 @@ def markdown(rows: Mapping[str, Mapping[str, Any]], bounds: Mapping[str, float] 
 
 
 def _cell(key: str, value: float, interval: Sequence[float]) -> str:
+    """Format a value with its interval."""
     if key == "success_rate":
         return f"{value:.0%} [{interval[0]:.0%}, {interval[1]:.0%}]"
     digits = 0 if abs(value) >= 100 else 1 if abs(value) >= 10 else 2

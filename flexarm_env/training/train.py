@@ -1,80 +1,102 @@
-"""Train a policy with Stable-Baselines3: PPO, or with --algo sac, tqc, recurrent_ppo, gradient another.
+"""Train a policy by PPO (Stable-Baselines3) or by another algorithm (--algo).
 
     flexarm train --env FlexibleArm-v0
     flexarm train --env TwoLinkFlexArm-v0 --config configs/ppo/residual.yml
     flexarm train --env FlexibleArm-v0 --out runs/mine --resume
 
-The run folder holds model.zip (the best on the validation episodes), vecnormalize.pkl where observations are
-normalised, policy.npz (the same for NumPy alone), config.yml (resolved), run.json (arguments, versions, layout of the
-observation, what it came to), learning_curve.csv and .png, tensorboard/ and checkpoints/. model.zip, vecnormalize.pkl
-and the checkpoints are pickles, which can run any code when they are read: resume your own runs alone, and give
+The run folder contains model.zip (the best on the validation episodes), vecnormalize.pkl if observations are
+normalized, policy.npz (the same policy for NumPy alone), config.yml (resolved), run.json (arguments, versions, layout
+of the observation, results), learning_curve.csv and .png, tensorboard/ and checkpoints/. model.zip, vecnormalize.pkl
+and the checkpoints are pickles, which can run any code when they are read: resume only your own runs, and give
 policy.npz to others.
 """
 
 import shutil
+import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from flexarm_env import arms
+from flexarm_env import validation as check
+from flexarm_env.control.timescales import timescales
+from flexarm_env.training import blas, episodes
 from flexarm_env.training import config as configs
-from flexarm_env.training import episodes
 from flexarm_env.training.arguments import parse
 from flexarm_env.training.progress import Progress, finish, training_program
 from flexarm_env.training.runs import OF_POLICY, Training, checkpoints, new_record, write_json, write_text
 
+NEEDED = {"torch": "torch", "stable_baselines3": "stable-baselines3", "yaml": "pyyaml", "tqdm": "tqdm"}
+"""Packages of the extra `train` required by training, by their modules."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Arguments(Training):
-    """What `flexarm train` takes.
+    """Arguments of `flexarm train`.
 
     Args:
-        algo: "ppo", "sac", "tqc", "gradient" (through the arms, see gradient.py beside this), or "recurrent_ppo", whose
-            policy stays a model.zip (policy.npz has no memory).
-        config: file of hyper-parameters, RL Zoo format, or the name of one that comes with the package, such as robust;
-            default configs/ALGO/default.yml, of tasks of the suite suite.yml.
+        algo: "ppo", "sac", "tqc", "gradient" (gradients through the simulation), or "recurrent_ppo" (its policy is
+            saved only as model.zip, since policy.npz has no memory).
+        config: file of hyperparameters in RL Zoo format, or the name of a config of the package, such as robust;
+            default configs/ALGO/default.yml, or suite.yml for tasks of the suite.
     """
 
     algo: str = "ppo"
 
     @property
     def name(self) -> str:
-        """The algorithm."""
+        """Name of the algorithm."""
         return self.algo
 
 
 def train(arguments: Arguments) -> Any:
-    """Train, and return what it came to (`Progress`). ValueError with a sentence for what is wrong."""
+    """Train a policy; returns its `Progress`. ValueError with a sentence for invalid arguments."""
+    _check_installed()
     folder, arguments = arguments.folder, arguments.begun("progress")
-    config = configs.load(arguments.config, arguments.algo, arguments.env).lasting(arguments.n_timesteps)
+    config = configs.load(arguments.config, arguments.algo, arguments.env)
+    config = config.changed(arguments.set, arguments.env).lasting(arguments.n_timesteps)
     import torch
 
     torch.set_num_threads(arguments.threads)
+    blas.set_threads(arguments.threads)
     from flexarm_env.control import Setup
     from flexarm_env.sb3 import make_sb3_vec
     from flexarm_env.training import watch
     from flexarm_env.training.export_policy import UNEXPORTED, export
 
-    kwargs = {**config.env_kwargs, **arguments.env_kwargs}
-    judged = episodes.validation(arguments.env, kwargs)
+    # keywords of the environments for training and for validation
+    config, chosen = fitted(config, arguments)
+    kwargs = {**config.env_kwargs, **chosen, **arguments.env_kwargs}
+    if config.algorithm == "gradient" and episodes.LENGTHS in kwargs:
+        what = "must be left out with --algo gradient, whose arms share one length"
+        raise check.InvalidValue("env_kwargs.lengths", kwargs[episodes.LENGTHS], what)
+    asked = episodes.user_keywords(arguments.env, {**chosen, **arguments.env_kwargs})
+    judged = episodes.validation(arguments.env, kwargs, asked)
     eval_env = episodes.make_episodes(arguments.env, arguments.eval_episodes, **judged)
     setup = Setup.of(eval_env)
+    # training environments and algorithm
     env = make_sb3_vec(arguments.env, config.n_envs, seed=arguments.seed, normalize=config.normalize or False, **kwargs)
     algorithm = configs.algorithm_class(config.algorithm)
-    record = new_record(arguments, config.algorithm, kwargs, setup)
+    record = new_record(arguments, config.algorithm, kwargs, setup, asked=asked, validation=judged)
+    # resume from the last checkpoint, or start
     if arguments.resume and checkpoints(folder):
         model, progress = watch.restore(folder, algorithm, env)
+        sys.stderr.write(f"{folder}: resuming at {model.num_timesteps} of {config.n_timesteps} steps\n")
     else:
         with configs.fitting(config.algorithm):
             model = algorithm(env=env, seed=arguments.seed, device="cpu", **config.arguments())
         progress = Progress()
         if config.algorithm != "gradient":  # whose arms are spread already
             watch.start_staggered(model, arguments.seed)
-        write_text(folder / "config.yml", configs.text_of(config, arguments.env))
-        write_json(folder / "run.json", record)
+    # record the resolved config and the arguments
+    write_text(folder / "config.yml", configs.text_of(replace(config, env_kwargs=kwargs), arguments.env))
+    write_json(folder / "run.json", record)
     _log(model, folder, arguments)
-    meta = {key: record[key] for key in OF_POLICY}
+    meta = {key: record[key] for key in OF_POLICY if key in record}
     watcher = watch.Watch(arguments, eval_env, meta, progress, config.n_timesteps)
+    # train for the remaining steps; a diverged network becomes a sentence
     left = config.n_timesteps - model.num_timesteps
     if left > 0:
         try:
@@ -84,19 +106,61 @@ def train(arguments: Arguments) -> Any:
                 raise
             what = f"training diverged after {model.num_timesteps} steps, the network's outputs are no numbers any more"
             raise ValueError(f"{folder}: {what}; take a smaller learning_rate, gamma or log_std_init") from error
+    # results, exported policy, last checkpoint
     finish(folder, record, progress)
     if config.algorithm not in UNEXPORTED:
         export(folder)
-    shutil.rmtree(folder / "checkpoints", ignore_errors=True)
+    _keep_last(folder, model, progress)
     env.close()
     eval_env.close()
     return progress
 
 
-def _log(model: Any, folder: Path, arguments: Arguments) -> None:
-    """Where Stable-Baselines3 writes its own curves."""
-    from importlib.util import find_spec
+def fitted(config: configs.Config, arguments: Arguments) -> tuple[configs.Config, dict[str, Any]]:
+    """Adapt discount factor, episode duration and control period to the user's own arm (`control.timescales`).
 
+    Returns the config, and the chosen environment keywords. Values given by the user, or by the user's own file, are
+    kept; the chosen ones are printed.
+    """
+    given, text = arguments.env_kwargs, dict(config.text)
+    named = given.get("arm")
+    if named is None or named in arms.names() or arguments.config is not None:
+        return config, {}
+    arm = arms.resolve(named)
+    if arm.torque_limits is None:
+        return config, {}  # which the environment refuses by name
+    times = timescales(arm, given.get("control_dt"))
+    chosen = {"duration": times.duration, "control_dt": times.control_dt}
+    chosen = {key: value for key, value in chosen.items() if key not in given}
+    if "gamma" in text:
+        text["gamma"] = times.gamma
+    said = ", ".join(f"{key} = {value:g}" for key, value in {**chosen, "gamma": times.gamma}.items())
+    sys.stderr.write(f"arm {arm.name}: a quarter turn takes at least {times.slew:.3g} s; {said}\n")
+    return replace(config, text=text), chosen
+
+
+def _check_installed() -> None:
+    """Raise ValueError that names all missing packages of the extra `train` at once."""
+    missing = [name for module, name in NEEDED.items() if find_spec(module) is None]
+    if missing:
+        hint = "; PyTorch's CPU build, which is enough, comes by PyTorch's own instructions"
+        raise ValueError(check.lacking("training", " ".join(missing), "train") + hint * ("torch" in missing))
+
+
+def _keep_last(folder: Path, model: Any, progress: Progress) -> None:
+    """Keep one checkpoint, from which the run can be extended; none with a replay buffer, which is large."""
+    from flexarm_env.training import watch
+
+    if hasattr(model, "replay_buffer"):
+        shutil.rmtree(folder / "checkpoints", ignore_errors=True)
+        return
+    watch.save_checkpoint(folder, model, progress)
+    for old in checkpoints(folder)[:-1]:
+        shutil.rmtree(old)
+
+
+def _log(model: Any, folder: Path, arguments: Arguments) -> None:
+    """Configure Stable-Baselines3's own logger."""
     from stable_baselines3.common.logger import configure
 
     wanted = arguments.tensorboard and find_spec("tensorboard") is not None
@@ -104,5 +168,5 @@ def _log(model: Any, folder: Path, arguments: Arguments) -> None:
 
 
 def main(program: str = "flexarm train", words: Sequence[str] | None = None) -> int:
-    """Run the command."""
+    """Run the command; returns its exit code."""
     return training_program(program, train, parse(Arguments, program, __doc__, words))

@@ -1,4 +1,4 @@
-"""Tune the gains of the classical controllers: random search, then Nelder-Mead, on episodes of their own.
+"""Tune the gains of the classical controllers: random search, then Nelder-Mead, on separate episodes.
 
     flexarm tune --env FlexibleArm-v0                   # all controllers but mpc
     flexarm tune --env TwoLinkFlexArm-v0 --controllers pd,lqr
@@ -6,19 +6,19 @@
     flexarm tune --env FlexibleArm-v0 --controllers pd,zv,zvd,lqr --randomized --out slew.toml
     flexarm tune --env FlexibleArm-v0 --env-kwargs '{"arm": "mine.toml"}' --controllers pd,zvd --out mine_gains.toml
 
-What is made small is the mean settling time plus the duration for every episode without success, on episodes that
-neither training nor evaluation sees; among the gains tried are those on file, or else those that come with the package.
-What is found is written to runs/gains/TASK.toml, or to --out: `flexarm evaluate --policy zv@FILE` takes it from there.
-`python -m agents.tune` of a checkout writes flexarm_env/data/control/TASK.toml, from where `flexarm_env.control.make`
-takes them.
+The search minimizes the mean settling time plus the duration for every episode without success, on episodes that
+neither training nor evaluation uses. It starts from the gains on file, or else those of the package. The result is
+written to runs/gains/TASK.toml, or to --out: `flexarm evaluate --policy zv@FILE` reads it from there.
+`python -m agents.tune` of a checkout writes flexarm_env/data/control/TASK.toml, which `flexarm_env.control.make` reads.
 
-PD gains, a shaped reference's too, must leave a gain margin (--margin, 6 dB): the linear arm under them, sampled at the
-control period, is stable with all gains that many times as large. Without the rule (--margin 0) the search finds loops
-that are unstable, and settle in a limit cycle that flips the elbow's torque in every period.
+PD gains, also with a shaped reference, must leave a gain margin (--margin, 6 dB): the linear arm under them, sampled at
+the control period, is stable with all gains multiplied by the margin. Without the rule (--margin 0) the search finds
+unstable loops that settle in a limit cycle, in which the elbow's torque changes sign in every period.
 """
 
 import json
 import shlex
+import sys
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -47,40 +47,40 @@ SEARCHED: dict[str, dict[str, tuple[float, float]]] = {
     "mpc": dict.fromkeys(WEIGHTS, (5.0, 100.0)) | {"memory": (0.5, 1.0)},
     "time_optimal": {"effort": (0.8, 1.0)} | WEIGHTS | {"noise": (0.003, 3.0)},
 }
-"""Gains that are searched, with their ranges; on a logarithmic scale."""
+"""Searched gains with their ranges, on a logarithmic scale."""
 
 OWN: dict[str, tuple[float, float]] = {"bandwidth": (0.02, 3.0), "ratio": (0.02, 3.0)}
-"""In place of those, on an arm that is named: a light hub or elbow bears little damping between control periods."""
+"""Ranges for a user's own arm: with a light hub or elbow the sampled loop tolerates little damping."""
 
 WIDE: dict[str, tuple[float, float]] = {"bandwidth": (0.02, 3.0), "ratio": (0.3, 10.0)}
-"""In place of those, on drawn arms: loops that suit them all are slower, and damped more."""
+"""Ranges for randomized arms: loops that suit them all are slower and better damped."""
 
 PER_JOINT = ("bandwidth", "ratio")
 
 NONE = 1e3
-"""Cost of gains that cannot be used."""
+"""Cost of unusable gains."""
 
 MARGIN = 2.0
-"""Gain margin asked of PD control: 6 dB."""
+"""Gain margin required of PD control: 6 dB."""
 
 
 @dataclass(frozen=True)
 class Arguments:
-    """What `flexarm tune` takes.
+    """Arguments of `flexarm tune`.
 
     Args:
         env: id of the environment.
-        env_kwargs: its keywords, as JSON: {"arm": "mine.toml"}.
+        env_kwargs: keywords of the environment, as JSON: {"arm": "mine.toml"}.
         controllers: names, separated by commas; default all but mpc, which takes long.
-        samples: of the random search.
-        refinements: evaluations of Nelder-Mead.
-        episodes: an evaluation runs.
-        seed: of the search.
-        margin: by which all PD gains can be raised before the linear loop is unstable; 0: no such rule.
+        samples: number of samples in the random search.
+        refinements: number of Nelder-Mead evaluations.
+        episodes: number of episodes per evaluation.
+        seed: seed of the search.
+        margin: factor on all PD gains up to which the linear loop has to be stable; 0: no such rule.
         out: file of the gains.
-        home: folder of TASK.toml, where --out names no file.
-        dry: print what is found, write nothing.
-        randomized: on arms with drawn payload and stiffness, as in `flexarm evaluate --randomized`.
+        home: folder of TASK.toml, without --out.
+        dry: print the result, write nothing.
+        randomized: tune on arms with random payload and stiffness, as in `flexarm evaluate --randomized`.
     """
 
     env: str
@@ -97,21 +97,62 @@ class Arguments:
     randomized: bool = False
 
 
+class SearchProgress:
+    """Cost function that reports a search's progress on standard error, in place on a terminal, elsewhere now and then.
+
+    Args:
+        cost: of gains. name: of the controller. total: largest number of evaluations of the search.
+    """
+
+    EVERY = (0.5, 10.0)  # s from one line to the next, on a terminal and elsewhere
+
+    def __init__(self, cost: Callable[[Array], float], name: str, total: int) -> None:
+        """Store the cost function and announce the search."""
+        self.cost, self.name, self.total = cost, name, total
+        self.begun = self.last = time.monotonic()
+        self.count, self.least = 0, NONE
+        self.terminal = sys.stderr.isatty()
+        sys.stderr.write(f"tuning {name}: {total} gains at most\n")
+
+    def __call__(self, values: Array) -> float:
+        """Evaluate the cost of gains and report progress."""
+        found = self.cost(values)
+        self.count, self.least = self.count + 1, min(self.least, found)
+        now = time.monotonic()
+        if now - self.last >= self.EVERY[not self.terminal]:
+            self.last = now
+            best = "none can be used so far" if self.least >= NONE else f"least cost {self.least:.3f} s"
+            text = f"{self.name}: {self.count} of {self.total}, {best}, {now - self.begun:.0f} s"
+            sys.stderr.write(f"\r{text:70}" if self.terminal else f"{text}\n")
+            sys.stderr.flush()
+        return found
+
+    def close(self) -> None:
+        """Clear the progress line of a terminal."""
+        if self.terminal:
+            sys.stderr.write("\r" + " " * 70 + "\r")
+
+
 def search(
     cost: Callable[[Array], float], bounds: Array, arguments: Arguments, start: Array | None
 ) -> tuple[Array, float]:
-    """The point of least cost within bounds (k, 2), on a logarithmic scale."""
+    """Minimize the cost within bounds (k, 2): Sobol points, then Nelder-Mead, on a logarithmic scale.
+
+    start (k,): a known point, or None. Returns the best point and its cost.
+    """
     from scipy.optimize import minimize
     from scipy.stats import qmc
 
     low, high = np.log(bounds[:, 0]), np.log(bounds[:, 1])
     level = (arguments.samples - 1).bit_length()  # the next power of 2, which SciPy wants and would warn of
+    # quasi-random points, plus the known start
     points = qmc.Sobol(len(low), rng=arguments.seed).random_base2(level)[: arguments.samples]
     points = qmc.scale(points, low, high)
     if start is not None:
         points = np.vstack([np.clip(np.log(start), low, high), points])
     costs = [cost(np.exp(p)) for p in points]
     best = points[int(np.argmin(costs))]
+    # initial simplex: steps of 0.25 in the logarithm
     steps = np.vstack([best, best + np.diag(np.where(best + 0.25 < high, 0.25, -0.25))])
     found = minimize(
         lambda p: cost(np.exp(p)), best, method="Nelder-Mead", bounds=np.stack([low, high], axis=1),
@@ -121,9 +162,10 @@ def search(
 
 
 def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], episodes.Episodes]:
-    """Gains of a controller as a table, and the episodes run with them."""
+    """Tune a controller's gains; returns them as a table, and the episodes run with them."""
     setup = control.Setup.of(env)
     names, bounds = [], []
+    # ranges of the PD gains depend on the arms
     others = WIDE if arguments.randomized else OWN if "arm" in arguments.env_kwargs else {}
     for key, limits in (SEARCHED[name] | (others if "ratio" in SEARCHED[name] else {})).items():
         for _ in range(setup.n_joints if key in PER_JOINT else 1):
@@ -131,6 +173,7 @@ def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], epi
             bounds.append(limits)
 
     def table(values: Array) -> dict[str, Any]:
+        """Gains by name, from the vector of searched values, to four digits."""
         out: dict[str, Any] = {}
         for key, value in zip(names, values, strict=True):
             number = float(f"{value:.4g}")
@@ -138,11 +181,14 @@ def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], epi
         return out
 
     def trial(values: Array) -> episodes.Episodes:
+        """Run the tuning episodes with the gains."""
         controller = control.make(name, setup, gains_from(name, table(values)))
         return episodes.run(env, controller, episodes.TUNING)
 
     def cost(values: Array) -> float:
+        """Mean settling time plus the duration times the failure rate, s; NONE for unusable gains."""
         gains = gains_from(name, table(values))
+        # PD loops need the gain margin
         if arguments.margin > 0.0 and isinstance(gains, control.PDGains) and not gains.stable(setup, arguments.margin):
             return NONE
         try:
@@ -152,6 +198,7 @@ def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], epi
         duration = (len(result.errors) - 1) * result.dt
         return float(result.settling.mean() + duration * (1.0 - result.success.mean()))
 
+    # start from the gains on file, or the package's
     known = current(place(setup.task, arguments)).get(name) or current(arguments.home / f"{setup.task}.toml").get(name)
     if known is None:
         known = asdict(tuned_gains(name, setup.task, setup.n_joints))
@@ -159,20 +206,22 @@ def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], epi
     start = np.array(flat) if len(flat) == len(names) and np.isfinite(flat).all() else None
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "PD gains are unstable")
-        best, least = search(cost, np.array(bounds), arguments, start)
+        told = SearchProgress(cost, name, arguments.samples + arguments.refinements + (start is not None))
+        best, least = search(told, np.array(bounds), arguments, start)
+        told.close()
         if least >= NONE:
             what = f"{name}: none of the gains that were tried can be used on {setup.arm.name}"
-            raise ValueError(f"{what}; take more --samples, lqr, or for pd and what is shaped --margin 0")
+            raise ValueError(f"{what}; use more --samples, or lqr, or --margin 0 (pd, zv, zvd)")
         return table(best), trial(best)
 
 
 def place(task: str, arguments: Arguments) -> Path:
-    """The file of a task's gains."""
+    """Return the file of a task's gains."""
     return Path(arguments.out) if arguments.out else arguments.home / f"{task}.toml"
 
 
 def current(path: Path) -> dict[str, Any]:
-    """The gains on file. ValueError where they are none: what is written there next would lose what they say."""
+    """Read the gains on file. ValueError if they are invalid, since rewriting the file would lose them."""
     tables = read_toml(path)[0] if path.is_file() else {}
     with check.in_file(path):
         check.known_keys("", tables, control.NAMES, "controller")
@@ -182,7 +231,7 @@ def current(path: Path) -> dict[str, Any]:
 
 
 def text_of(tables: dict[str, Any], arguments: Arguments) -> str:
-    """TOML text of the gains of all controllers."""
+    """Format the gains of all controllers as TOML text."""
     how = ""
     for name, value in check.changed(arguments).items():
         if value != {} and name not in ("out", "home"):
@@ -199,7 +248,7 @@ def text_of(tables: dict[str, Any], arguments: Arguments) -> str:
 
 
 def search_all(arguments: Arguments) -> None:
-    """Tune what is asked for, print and write it."""
+    """Tune the requested controllers, print and write the gains."""
     chosen = arguments.controllers.split(",")
     for name, least in {"samples": 1, "refinements": 1, "episodes": 1, "seed": 0}.items():
         check.integer(f"--{name}", getattr(arguments, name), minimum=least)
@@ -211,6 +260,7 @@ def search_all(arguments: Arguments) -> None:
     setup = control.Setup.of(env)
     if setup.arm.spatial:
         raise ValueError(f"--env {arguments.env}: must be an environment of the plane; gains in space are not searched")
+    # LQG observes joint angles and gauges instead of the full state
     measured = episodes.make_episodes(arguments.env, arguments.episodes, **drawn | {"observation": "measured"})
     task = setup.task
     path = place(task, arguments)
@@ -232,5 +282,5 @@ def search_all(arguments: Arguments) -> None:
 
 
 def main(program: str = "flexarm tune", words: Sequence[str] | None = None) -> int:
-    """Run the command."""
+    """Run the command; returns its exit code."""
     return command(Arguments, program, __doc__, search_all, words)

@@ -1,4 +1,4 @@
-"""What watches a training run: evaluation on fixed episodes, the learning curve, checkpoints, the progress bar."""
+"""Callback of a training run: evaluation on fixed episodes, learning curve, checkpoints, progress bar."""
 
 import io
 import pickle
@@ -19,14 +19,15 @@ from flexarm_env.training.starts import staggered
 
 
 class Watch(BaseCallback):
-    """Evaluates between rollouts, keeps the best model, saves checkpoints, and ends the run when it is solved.
+    """Evaluate between rollouts, keep the best model, save checkpoints, and stop the run when the task is solved.
 
     Args:
         arguments: of the run. env: the vector environment for evaluation. meta: of the exported policy.
-        progress: what an earlier part of the run has come to. total: steps of the run.
+        progress: of an earlier part of the run. total: steps of the run.
     """
 
     def __init__(self, arguments: Training, env: Any, meta: dict[str, Any], progress: Progress, total: int) -> None:
+        """Store the run's arguments and state."""
         super().__init__()
         self.arguments, self.folder = arguments, arguments.folder
         self.eval_env, self.meta, self.state, self.total = env, meta, progress, total
@@ -35,6 +36,7 @@ class Watch(BaseCallback):
 
     # --- clocks: what evaluation and checkpoints take is not training -------------------------------
     def _tick(self) -> None:
+        """Add the time since the last call to the training time, wall and CPU, s."""
         wall, cpu = time.perf_counter(), time.process_time()
         self.state.wall_s += wall - self._wall
         self.state.cpu_s += cpu - self._cpu
@@ -45,12 +47,14 @@ class Watch(BaseCallback):
 
     # --- events --------------------------------------------------------------------------------------
     def _on_training_start(self) -> None:
+        """Schedule evaluations and checkpoints and start the clock."""
         self._next_evaluation = after(self.num_timesteps - 1, self.arguments.evaluate_every)
         self._next_checkpoint = after(self.num_timesteps, self.arguments.checkpoint_every)
         self._bar = bar(self.arguments.progress, self.total, self.num_timesteps)
         self._reset_clock()
 
     def _on_rollout_start(self) -> None:
+        """Evaluate or save a checkpoint if one is due, outside the training clock."""
         steps = self.num_timesteps
         self._tick()
         if steps >= self._next_evaluation:
@@ -67,6 +71,7 @@ class Watch(BaseCallback):
         return not self._over
 
     def _on_training_end(self) -> None:
+        """Evaluate the final model unless already done, and close the progress bar."""
         self._tick()
         if not self._over and not self.state.judged(self.num_timesteps):
             self.judge()
@@ -75,10 +80,11 @@ class Watch(BaseCallback):
 
     # --- evaluation ----------------------------------------------------------------------------------
     def judge(self) -> None:
-        """Evaluate on the validation episodes, note it, keep the model where it is the best so far."""
+        """Evaluate on the validation episodes, record the result, and save the model if it is the best so far."""
         policy = acting(self.model, self.meta, self.model.get_vec_normalize_env())
         result = episodes.run(self.eval_env, policy, episodes.VALIDATION)
         state = self.state
+        # standard deviation of the policy's noise, if it has one
         std = getattr(self.model.policy, "log_std", None)
         better = state.add(
             result, self.num_timesteps, self.arguments.solved_at, self.arguments.best_by,
@@ -89,6 +95,7 @@ class Watch(BaseCallback):
         if better:
             save_model(self.folder, self.model)
         row = state.curve[-1]
+        # stop the run when solved
         self._over = self.arguments.stop_when_solved and state.solved is not None
         write_curve(self.folder / "learning_curve.csv", state.curve)
         for name in ("success_rate", "settling_mean", "settling_median", "return_mean"):
@@ -97,8 +104,8 @@ class Watch(BaseCallback):
 
 
 def save_model(folder: Path, model: Any) -> None:
-    """model.zip and, where observations are normalised, vecnormalize.pkl."""
-    archive = io.BytesIO()  # PyTorch's writer says of a full disk what nobody understands
+    """Write model.zip and, if observations are normalized, vecnormalize.pkl."""
+    archive = io.BytesIO()  # PyTorch's own writer reports a full disk incomprehensibly
     model.save(archive)
     write_whole(folder / "model.zip", lambda part: part.write_bytes(archive.getbuffer()))
     normaliser = model.get_vec_normalize_env()
@@ -108,7 +115,7 @@ def save_model(folder: Path, model: Any) -> None:
 
 # ------------------------------------------------------------------ starts
 def start_staggered(model: Any, seed: int) -> None:
-    """Start the model's environments at times spread over an episode (see `starts`)."""
+    """Start the model's environments at times spread over an episode (see `starts.staggered`)."""
     venv = model.env
     venv.reset()
     observation = staggered(venv.unwrapped.env, seed)
@@ -124,7 +131,7 @@ def start_staggered(model: Any, seed: int) -> None:
 
 # ------------------------------------------------------------------ checkpoints
 def save_checkpoint(folder: Path, model: Any, progress: Progress) -> None:
-    """Everything from which the run goes on as if it had not stopped."""
+    """Save the complete state, so that a resumed run continues as if uninterrupted."""
     import torch
 
     with new_checkpoint(folder, model.num_timesteps, ("model.zip", "vecnormalize.pkl")) as part:
@@ -144,10 +151,11 @@ def save_checkpoint(folder: Path, model: Any, progress: Progress) -> None:
 
 
 def restore(folder: Path, algorithm: Any, env: Any) -> tuple[Any, Progress]:
-    """Model and progress of the last checkpoint that can be read; the environments and generators with them."""
+    """Restore model and progress of the last readable checkpoint, with environments and random generators."""
     import torch
 
     def read(path: Path, state: dict[str, Any]) -> tuple[Any, Progress]:
+        """Load the model, its buffers, environments and generators from a checkpoint folder."""
         model = algorithm.load(path / "model.zip", env=env, force_reset=False, device="cpu")
         if (path / "replay.pkl").is_file():
             model.load_replay_buffer(path / "replay.pkl")
@@ -169,14 +177,14 @@ MONITOR = ("episode_returns", "episode_lengths", "episode_count")
 
 
 def env_states(venv: Any) -> dict[str, Any]:
-    """States of the environments, and what VecMonitor has counted."""
+    """Return the states of the environments and the counters of VecMonitor."""
     monitor = unwrap_vec_wrapper(venv, VecMonitor)
     counted = {k: np.copy(getattr(monitor, k)) for k in MONITOR}
     return {"native": venv.unwrapped.env.unwrapped.get_state(), "monitor": counted}
 
 
 def set_env_states(venv: Any, states: dict[str, Any]) -> None:
-    """Give the environments back what `env_states` took."""
+    """Restore the states returned by `env_states`."""
     venv.reset()
     venv.unwrapped.env.unwrapped.set_state(states["native"])
     monitor = unwrap_vec_wrapper(venv, VecMonitor)

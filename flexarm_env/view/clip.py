@@ -16,7 +16,7 @@ from ..validation import Array
 
 @dataclass(frozen=True)
 class Pull:
-    """A force or a torque on a point of the chain.
+    """A force or torque on a point of the chain.
 
     name: in the legend. point: index of the point. values: (n,) N m, a torque; or (n, 2) N, a force, in space (n, 3).
     limit: N m of a torque at its largest; None, or where they are larger: the largest of these values. axis (n, 3): of
@@ -32,7 +32,7 @@ class Pull:
 
 @dataclass(frozen=True)
 class Chart:
-    """Curves over time on one axis. title: with its unit. series: by name, (n,) each."""
+    """Curves over time on common axes. title: with its unit. series: by name, (n,) each."""
 
     title: str
     series: Mapping[str, Array]
@@ -77,7 +77,7 @@ class Clip:
     skipped: int = field(default=1)  # of so many instants one is left
 
     def every(self, step: int) -> Clip:
-        """Every `step`-th instant and the last, which is what it ends with."""
+        """Return the clip with every `step`-th instant and the last."""
         optional = (name for name in ("target", "base") if getattr(self, name) is not None)
         names = ("t", "points", "angles", "rigid", "curvature", *optional)
         thin: Clip = thinner(self, names, step)
@@ -85,7 +85,7 @@ class Clip:
 
 
 def thinner(clip: Any, names: Sequence[str], step: int) -> Any:
-    """A clip with every `step`-th instant and the last; names: of its arrays over time."""
+    """Return a clip with every `step`-th instant and the last; names: of its arrays over time."""
     if step <= 1:
         return clip
     i = np.unique(np.append(np.arange(0, len(clip.t), step), len(clip.t) - 1))
@@ -96,7 +96,7 @@ def thinner(clip: Any, names: Sequence[str], step: int) -> Any:
 
 
 def cuts_of(points: Array, hinges: Array) -> tuple[int, ...]:
-    """Which points (n, P, 2) of a chain are its root, its hinges (n, N - 1, 2) and its tip: those that stay there."""
+    """Return the indices of root, hinges and tip among points (n, P, 2). hinges: (n, N - 1, 2)."""
     gaps = np.abs(points[:, None] - hinges[:, :, None]).sum(axis=-1)  # (n, N - 1, P)
     inner = gaps.max(axis=0).argmin(axis=-1) if len(points) else ()
     cuts = (0, *(int(k) for k in inner), points.shape[1] - 1)
@@ -106,14 +106,14 @@ def cuts_of(points: Array, hinges: Array) -> tuple[int, ...]:
 
 
 def thinned(cuts: Sequence[int], most: int) -> tuple[NDArray[np.intp], tuple[int, ...]]:
-    """Which points to keep so that no link has more than `most`, and where the cuts are among them."""
+    """Return indices of points to keep, at most `most` a link, and the cuts among them."""
     kept = [np.unique(np.linspace(a, b, min(most, b - a + 1)).round().astype(int)) for a, b in pairwise(cuts)]
     places = np.unique(np.concatenate(kept))
     return places, tuple(int(np.searchsorted(places, c)) for c in cuts)
 
 
 def rigid_angles(joints: ArrayLike, turns: ArrayLike) -> Array:
-    """Angles (..., N) of the roots of links that do not bend, rad.
+    """Return the angles (..., N), rad, at the roots of links that do not bend.
 
     joints (..., N): angles of the joints, joint 0 from the x axis, joint k from the tip of link k - 1. turns (N,): from
     root to tip of each link, 0 but for links that are curved without stress.
@@ -125,7 +125,7 @@ def rigid_angles(joints: ArrayLike, turns: ArrayLike) -> Array:
 def magnified(
     points: ArrayLike, cuts: Sequence[int], angles: ArrayLike, rigid: ArrayLike, rest: ArrayLike, factor: float
 ) -> Array:
-    """The chain with its deflection drawn larger, about the rigid arm at the same joint angles.
+    """Return the chain with its deflection from the rigid arm at the same joint angles multiplied by a factor.
 
     Each link's deflection over its root's tangent, and each angle by which bending turns the links beyond, is
     multiplied by the factor; lengths along the tangents, the root and the joints' angles stay. A factor of 1 gives the

@@ -14,7 +14,10 @@ def _circle(count: int) -> Array:
 
 
 def outline_of(shape: Shape, center: Array, far: float) -> Array:
-    """Corners (n, 2), m, of a shape of the plane; a half-space's reach `far` m from where it is nearest to `center`."""
+    """Return the corners (n, 2), m, of a planar shape.
+
+    A half-space's outline reaches `far` m from its point nearest to `center`.
+    """
     place = np.array(shape.place)
     if isinstance(shape, HalfSpace):
         normal = np.array(shape.normal)
@@ -34,8 +37,10 @@ _CUBE = [
 
 
 def faces_of(shape: Shape, center: Array, far: float) -> list[Array]:
-    """Faces (n, 3), m, of a shape of space, their corners anticlockwise from outside; of a half-space one square, from
-    behind, of sides 2 `far`, m, where it is nearest to `center`."""
+    """Return the faces (n, 3), m, of a shape in space, corners anticlockwise seen from outside.
+
+    A half-space has one square with sides 2 `far`, m, about its point nearest to `center`, seen from behind.
+    """
     place, axes = np.array(shape.place), shape.axes
     if isinstance(shape, HalfSpace):
         normal = np.array(shape.normal)

@@ -41,6 +41,11 @@ class Player:
     def __init__(
         self, clips: Sequence[Clip | SpaceClip], title: str | None = None, most_bytes: int = MOST_BYTES
     ) -> None:
+        """Pack clips for the page; instants are left out until it has at most most_bytes.
+
+        Raises:
+            ValueError: no clips, clips that differ in what they show, or most_bytes too small for two instants.
+        """
         if not clips:
             raise check.InvalidValue("clips", clips, "must hold at least one")
         self.title = _listed([clip.label for clip in clips]) if title is None else title
@@ -55,7 +60,10 @@ class Player:
 
     @classmethod
     def of(cls, runs: Sequence[Any], labels: Sequence[str] | None, *how: Any) -> Player:
-        """Of what has a `clip(label, *how)`. ValueError for labels that are not one for each."""
+        """Return a player of runs, each with a method `clip(label, *how)`.
+
+        Raises ValueError unless labels match runs.
+        """
         names = [None] * len(runs) if labels is None else list(labels)
         if len(names) != len(runs):
             raise check.InvalidValue("labels", labels, f"must be {len(runs)} names, one for each")
@@ -63,7 +71,7 @@ class Player:
 
     @property
     def html(self) -> str:
-        """The whole page."""
+        """Return the page's HTML."""
         return page(self.data, self.title)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
@@ -73,19 +81,19 @@ class Player:
         return target
 
     def _repr_html_(self) -> str:
-        """For notebooks: the page in a frame of its own, which can reach nothing of the notebook."""
+        """Return the page in an isolated frame, for notebooks."""
         return frame(f'srcdoc="{html.escape(self.html)}"', self.title)
 
 
 def frame(source: str, title: str) -> str:
-    """An iframe that shows a player. source: its src or srcdoc attribute."""
+    """Return an iframe that shows a player. source: its src or srcdoc attribute."""
     style = 'style="width: 100%; height: 44rem; border: 1px solid #8884; border-radius: 8px"'
     name = f'title="{html.escape(f"Player: {title}")}"'
     return f'<iframe {source} {name} sandbox="allow-scripts" allow="fullscreen" loading="lazy" {style}></iframe>'
 
 
 def page(data: str, title: str) -> str:
-    """The page for what `Player.data` holds."""
+    """Return the HTML page for the data of a `Player`."""
     style, script = _part("player.css"), _script(data)
     own = f"script-src {_hash(script)}; style-src {_hash(style)}"
     policy = f"default-src 'none'; {own}; base-uri 'none'; form-action 'none'"
@@ -98,7 +106,7 @@ def _part(name: str) -> str:
 
 
 def _script(data: str) -> str:
-    """Of arms in the plane, or in space, which needs three.js."""
+    """Return the page's script; arms in space also need three.js."""
     stage = ("three.min.js", "space.js") if '"across":' in data else ("arm.js",)
     return "".join(_part(name) for name in ("clip.js", *stage, "player.js"))
 
@@ -118,6 +126,7 @@ def _clip(clip: Clip | SpaceClip) -> dict[str, Any]:
 
 
 def _in_plane(clip: Clip) -> dict[str, Any]:
+    """Return a planar clip's own entries of the page's data."""
     return {
         **{name: _packed("f4", getattr(clip, name)) for name in ("angles", "rest")},
         "surface": clip.surface,
@@ -129,6 +138,7 @@ def _in_plane(clip: Clip) -> dict[str, Any]:
 
 
 def _in_space(clip: SpaceClip) -> dict[str, Any]:
+    """Return a spatial clip's own entries of the page's data; walls are split into triangles."""
     faces = [[face[0], *pair] for face in clip.walls for pair in pairwise(face[1:])]
     return {
         "across": _short(clip.across),
@@ -140,6 +150,7 @@ def _in_space(clip: SpaceClip) -> dict[str, Any]:
 
 
 def _common(clip: Clip | SpaceClip) -> dict[str, Any]:
+    """Return the entries of the page's data that all clips have: points (m), instants (s), torques, charts."""
     roots, optional = clip.points[:, :1], {"rigid": clip.rigid, "target": clip.target}
     return {
         "root": _packed("f8", roots[:, 0]),
@@ -173,7 +184,10 @@ def _packed(kind: str, values: NDArray[Any]) -> dict[str, Any]:
 
 
 def _short(values: Array) -> dict[str, Any]:
-    """16 bits, from the least to the greatest value, 0 among them where it lies between; -32768 is no number."""
+    """Pack values as 16-bit integers between least and greatest; 0 is exact if it lies between.
+
+    -32768 stands for NaN.
+    """
     good = np.isfinite(values)
     low, high = (float(np.min(values[good])), float(np.max(values[good]))) if good.any() else (0.0, 0.0)
     step = (high - low) / 65533.0 or 1.0
@@ -189,7 +203,7 @@ def _listed(labels: Sequence[str]) -> str:
 
 
 def _apart(clips: list[Any]) -> list[Any]:
-    """Labels that differ; and where no clip has a tip error of its own, how far each tip is from the first clip's."""
+    """Return clips with distinct labels. If none has a tip error, each gets the distance from the first clip's tip."""
     seen: dict[str, int] = {}
     own = []
     for clip in clips:

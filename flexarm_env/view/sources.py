@@ -25,7 +25,7 @@ MOST_POINTS = 21
 
 # ------------------------------------------------------------- trajectories
 def of_trajectory(run: Any, label: str | None, curvature: Any) -> Clip | SpaceClip:
-    """The clip of a `Trajectory`. curvature: gives (n, G) 1/m at places, each (link, 0 to 1)."""
+    """Return the clip of a `Trajectory`. curvature: function that returns (n, G) 1/m at places (link, 0 to 1)."""
     scene: Scene = run.scene
     arm = scene.arm
     if scene.spatial:
@@ -60,7 +60,7 @@ def _energies(run: Any) -> dict[str, Array]:
 
 
 def mesh_of(settings: Settings) -> list[str]:
-    """What links are made of, in words."""
+    """Return the mesh in words, such as "8 segments"."""
     keys = ("segments", "elements", "coupling", "modes", "order", "nodes")
     return [f"{key} {getattr(settings, key)}" for key in keys if getattr(settings, key) is not None]
 
@@ -71,7 +71,7 @@ def _note(settings: Settings, ended: str) -> str:
 
 
 def _common(arm: Arm, bend: Array, torque: Array, energies: Mapping[str, Array], shown: Any) -> list[Chart]:
-    """Deflections, torques and energies; shown: which torques, `_moving` ones or all of a dict."""
+    """Return the charts of deflections, torques and energies. shown: function that selects torques."""
     links = [f"link {k + 1}" for k in range(arm.n_links)] if arm.n_links > 1 else ["tip"]
     deflection = Chart("tip deflection / length", dict(zip(links, bend.T, strict=True)))
     return [deflection, *_forces(arm, torque, energies, shown)]
@@ -87,7 +87,7 @@ def _joints(arm: Arm) -> list[str]:
 
 
 def shapes_of(run: Any, frames: Any, factor: float) -> Array:
-    """Points of a trajectory's chain at these samples, (n, points, 2) m, its deflection times the factor."""
+    """Return points (n, points, 2), m, of a trajectory at given samples, the deflection times the factor."""
     shapes: Array = run.shapes[frames]
     if factor == 1.0:
         return shapes
@@ -98,24 +98,27 @@ def shapes_of(run: Any, frames: Any, factor: float) -> Array:
 
 
 def turns_of(arm: Arm) -> Array:
-    """Angles (N,) from root to tip of each link without stress, rad."""
+    """Return the angles (N,), rad, from root to tip of each unstressed link."""
     return np.array([link.turn for link in arm.links])
 
 
 def rest_of(arm: Arm, points: Array, cuts: Sequence[int]) -> Array:
-    """Where the points (P, 2) of a chain lie in their links without stress, (P, 2) m: `Clip.rest`."""
+    """Return the points (P, 2), m, of a chain in their unstressed links: `Clip.rest`."""
     places = [arm.links[k].place(s) for k, s in _along(arm, points, cuts)]
     return np.column_stack([np.real(places), np.imag(places)])
 
 
 def _moving(series: Mapping[str, Array]) -> dict[str, Array]:
-    """What is not zero throughout."""
+    """Return the series that are not zero throughout."""
     return {name: values for name, values in series.items() if np.any(np.nan_to_num(values) != 0.0)}
 
 
 def _surface(arm: Arm, curvature: Array) -> float | None:
-    """Distance of the surface from the neutral axis, if it is one number for the whole arm, and a likely one: an arm
-    whose numbers belong to no real section would strain by more than a tenth."""
+    """Return half the thickness (m) of the rectangle with the sections' m and J (`sensors.surface`), or None.
+
+    None where J = 0, where it differs along the arm, or where the surface would strain by 0.1 or more at the largest
+    curvature (1/m): such m and J belong to no real section.
+    """
     sections = [link.along(share * link.length) for link in arm.links for share in (0.0, 0.5, 1.0)]
     if any(float(s.J) <= 0.0 for s in sections):
         return None
@@ -125,7 +128,7 @@ def _surface(arm: Arm, curvature: Array) -> float | None:
 
 
 def _along(arm: Arm, points: Array, cuts: Sequence[int]) -> list[tuple[int, float]]:
-    """Link of each point, of a joint the one before it, and the way to it along the beam from the beam's root, m."""
+    """Return each point's link (at a joint, the one before) and its arc length from the link's root, m."""
     places: list[tuple[int, float]] = []
     for k, (a, b) in enumerate(pairwise(cuts)):
         link, steps = arm.links[k], np.hypot(*np.diff(points[a : b + 1], axis=0).T)
@@ -135,7 +138,7 @@ def _along(arm: Arm, points: Array, cuts: Sequence[int]) -> list[tuple[int, floa
 
 
 def _places(arm: Arm, points: Array, cuts: Sequence[int]) -> list[tuple[int, float]]:
-    """Link and place, 0 to 1 along what bends of it, of each point."""
+    """Return each point's link and place, 0 to 1 along its flexible part."""
     return [(k, float(np.clip(s / arm.links[k].length, 0.0, 1.0))) for k, s in _along(arm, points, cuts)]
 
 
@@ -147,6 +150,7 @@ def _torques(arm: Arm, cuts: Sequence[int], torque: Array) -> list[Pull]:
 
 
 def _loads(scene: Scene, cuts: Sequence[int], t: Array) -> list[Pull]:
+    """Return a scene's point loads at times t (n,), s: forces (n, 2), N, and torques (n,), N m."""
     pulls = []
     for load in scene.loads:
         if isinstance(load, PointLoad):
@@ -160,7 +164,7 @@ def _loads(scene: Scene, cuts: Sequence[int], t: Array) -> list[Pull]:
 
 
 def _reference_error(run: Any) -> list[Chart]:
-    """How far the tip is from the scene's own reference, where there is one."""
+    """Return a chart of the tip's distance from the scene's reference, if it has one."""
     name = run.scene.name
     if name not in scenes.reference_names() or run.scene != scenes.named(name):
         return []
@@ -169,11 +173,11 @@ def _reference_error(run: Any) -> list[Chart]:
     known = [np.interp(run.t, table["t"], table[key]) for key in ("tip_x", "tip_y")]
     on_samples = np.min(np.abs(run.t[:, None] - table["t"]), axis=1) < 1e-9
     apart = np.hypot(run.tip[:, 0] - known[0], run.tip[:, 1] - known[1])
-    return [Chart("tip error: from the reference (m)", {"tip": _held(np.where(inside & on_samples, apart, np.nan))})]
+    return [Chart("tip error: from the reference (m)", {"tip": _bridged(np.where(inside & on_samples, apart, np.nan))})]
 
 
-def _held(values: Array) -> Array:
-    """Gaps bridged straight, those at the end left."""
+def _bridged(values: Array) -> Array:
+    """Return values with gaps interpolated linearly; those at the ends remain."""
     good = np.flatnonzero(np.isfinite(values))
     if not len(good):
         return values
@@ -186,7 +190,7 @@ UNITS = {"angle": "rad", "rate": "rad/s", "acceleration": "m/s²", "camera": "m"
 
 
 def _sensors(run: Any) -> list[Chart]:
-    """What the arm's own sensors read, ideal ones where it has none: a chart for each unit."""
+    """Return charts of the arm's sensor readings, ideal ones if it has none: one chart per unit."""
     try:
         read: dict[str, Array] = run.measured()
     except ValueError:  # samples at uneven distances: no sensor reads them
@@ -207,7 +211,7 @@ def _sensors(run: Any) -> list[Chart]:
 def of_episode(
     plan: Any, views: Sequence[Any], rows: Mapping[str, Array], rewards: Array, label: str, rate: Any
 ) -> Clip | SpaceClip:
-    """The clip of an episode.
+    """Return the clip of an episode.
 
     Args:
         plan: of its environment. views: `batch.View` of each instant. rows: observations and infos by name.
@@ -252,6 +256,7 @@ def _attitude(base: Array | None) -> list[Chart]:
 
 
 def _miss(tip: Array, target: Array, angle: Array, polar: bool) -> Chart:
+    """Return a chart of the tip's distance from the target, m, or of its polar angle from it, rad."""
     if not polar:
         apart = np.hypot(tip[:, POSE.tip_x] - target[:, 0], tip[:, POSE.tip_y] - target[:, 1])
         return Chart("tip error: distance from the target (m)", {"tip": apart})

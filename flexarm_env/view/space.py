@@ -50,7 +50,7 @@ class SpaceClip:
     skipped: int = field(default=1)
 
     def every(self, step: int) -> SpaceClip:
-        """Every `step`-th instant and the last."""
+        """Return the clip with every `step`-th instant and the last."""
         names = [name for name in ("t", "points", "across", "rigid", "target") if getattr(self, name) is not None]
         thin: SpaceClip = thinner(self, names, step)
         return thin
@@ -60,8 +60,10 @@ def _clip(
     arm: Arm, found: Ribbons, A: Array, torque: Array, joints: Array | None, loads: Sequence[PointLoad] = (),
     **more: Any,
 ) -> SpaceClip:  # fmt: skip
-    """A (n, N, 3, 3): axes of the links' roots. joints (n, N): angles of the rigid arm that is drawn beside, from a
-    root at rest; None: it is not."""
+    """Return a clip with its loads as pulls.
+
+    A (n, N, 3, 3): axes of the links' roots. joints (n, N): angles of the rigid arm that is drawn too, or None.
+    """
     limits = arm.torque_limits or (None,) * arm.n_links
     pulls = []
     for k in range(arm.n_links):
@@ -78,7 +80,7 @@ def _clip(
 
 
 def _bending(arm: Arm, deflection: Array, twist: Array) -> list[Chart]:
-    """deflection (n, N, 2), twist (n, N) rad; of links that bend."""
+    """Return charts of deflection (n, N, 2) and twist (n, N), rad, of the flexible links."""
     soft = [k for k, link in enumerate(arm.links) if not link.rigid]
     bend = {f"link {k + 1}, {axis}": deflection[:, k, i] for k in soft for i, axis in enumerate("yz")}
     turn = {f"link {k + 1}": np.degrees(twist[:, k]) for k in soft}
@@ -86,7 +88,10 @@ def _bending(arm: Arm, deflection: Array, twist: Array) -> list[Chart]:
 
 
 def of_run(run: Any, label: str | None, note: str, charts: Sequence[Chart]) -> SpaceClip:
-    """The clip of a `SpatialTrajectory`; charts: of torques and energies."""
+    """Return the clip of a `SpatialTrajectory`.
+
+    charts: of torques and energies, shown after those of deflection and twist. label: the scene's name if None.
+    """
     scene: Scene = run.scene
     held, A = scene.root == "pinned", matrices(of_quaternions(run.link_rotations[:, :, 0]))
     return _clip(
@@ -99,7 +104,7 @@ def of_run(run: Any, label: str | None, note: str, charts: Sequence[Chart]) -> S
 
 
 def _loads(loads: Sequence[PointLoad], cuts: Sequence[int], t: Array) -> list[Pull]:
-    """Forces and torques in global axes on roots and tips."""
+    """Return the point loads as pulls on roots and tips, in global axes."""
     pulls = []
     for load in loads:
         point = cuts[load.link] if load.end == "root" else cuts[load.link + 1] - 1
@@ -118,7 +123,7 @@ def _loads(loads: Sequence[PointLoad], cuts: Sequence[int], t: Array) -> list[Pu
 
 
 def of_episode(plan: Any, views: Sequence[Any], label: str, note: str, charts: Sequence[Chart]) -> SpaceClip:
-    """The clip of an episode. views: `batch.View` of each instant; charts: the others."""
+    """Return the clip of an episode. views: `batch.View` of each instant. charts: further ones."""
     arm, q = plan.arm, np.array([view.q for view in views])
     target = np.array([view.target for view in views])
     poses = np.array([view.poses for view in views])
@@ -136,7 +141,7 @@ def of_episode(plan: Any, views: Sequence[Any], label: str, note: str, charts: S
 
 
 def check_alike(clips: Sequence[Any]) -> None:
-    """ValueError where some are in the plane and some in space."""
+    """Raise ValueError if some clips are planar and some in space."""
     if len({isinstance(clip, SpaceClip) for clip in clips}) > 1:
         labels = [clip.label for clip in clips]
         raise check.InvalidValue("clips", labels, "must all be of the plane, or all of space")

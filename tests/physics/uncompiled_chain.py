@@ -187,7 +187,7 @@ def test_energies_and_losses(links: int, mesh: dict[str, Any]) -> None:
     if mesh.get("coupling") != "paper":
         assert strain == pytest.approx(float(case.oracle.strain(q)), rel=case.tolerance)
     loss = case.oracle.dissipation
-    power = case.functions["damping_work"](SINGLE, case.model, case.par, q, v, x)
+    power = case.functions["damping_power"](SINGLE, case.model, case.par, q, v, x)
     assert power == pytest.approx(float(0.5 * (loss(q, v + x) - loss(q, v - x))), rel=10 * case.tolerance)
 
 
@@ -199,10 +199,10 @@ def test_places(links: int, mesh: dict[str, Any]) -> None:
     poses, y = np.full((links, 12), np.nan), np.full(case.n_inputs, np.nan)
     case.functions["link_poses"](SINGLE, case.model, case.par, q, v, poses.reshape(-1))
     assert close(poses, np.array([np.concatenate(pair) for pair in case.oracle.places(q, v)]), case.tolerance)
-    case.functions["ports"](SINGLE, case.model, case.par, q, y)
+    case.functions["input_displacements"](SINGLE, case.model, case.par, q, y)
     assert close(y, case.oracle.ports(q), case.tolerance)
     points = np.full((4000, 2), np.nan)
-    points = points[: case.functions["shape"](case.model, q, points)]
+    points = points[: case.functions["centerline"](case.model, q, points)]
     assert np.isfinite(points).all()
     bodies = len(case.oracle.bodies)
     assert (len(points) - 1) % bodies == 0
@@ -213,4 +213,4 @@ def test_places(links: int, mesh: dict[str, Any]) -> None:
         assert close(points[(b + 1) * stations], case.oracle.tip(b, q, v)[:2], case.tolerance)
         wanted = case.oracle.curve(b, stations, q)[first:]
         assert close(points[b * stations + first : (b + 1) * stations + 1], wanted, case.tolerance)
-    assert case.functions["shape"](case.model, q, np.zeros((2, 2))) == 2
+    assert case.functions["centerline"](case.model, q, np.zeros((2, 2))) == 2

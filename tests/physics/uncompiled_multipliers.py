@@ -48,7 +48,7 @@ class Joined(Case):
     def constraint(self, q: Array, v: Array, a: Array, level: int) -> Array:
         """Constraint rows of a level, at no prescribed motion."""
         r = np.zeros(self.n)
-        self.functions["constrain"](SINGLE, self.model, np.zeros(0), State(q, v, a), level, 1.0, r)
+        self.functions["constraint_residual"](SINGLE, self.model, np.zeros(0), State(q, v, a), level, 1.0, r)
         return r[self.constrained]
 
 

@@ -95,7 +95,7 @@ def test_the_policy_is_judged_as_any_other(run: Path) -> None:
 
 
 def test_a_run_is_never_overwritten_nor_resumed_when_it_has_finished(run: Path, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="holds a run already"):
+    with pytest.raises(ValueError, match="contains a run already"):
         train_rllib.train(arguments(tmp_path, out=run))
     with pytest.raises(ValueError, match="finished"):
         train_rllib.train(train_rllib.Arguments(out=run, resume=True))

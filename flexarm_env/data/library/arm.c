@@ -75,10 +75,18 @@ static int within(const double *values, int count, double most)
     return 1;
 }
 
+/* Whether the arm reaches a target that is a point in the plane. */
+static int reached(const double *target)
+{
+    if (!@POINT@ || target == NULL) return 1;
+    const double away = hypot(target[0], target[UPPER_TARGET - 1]);
+    return !(away < @NEAR@ || away > @FAR@);
+}
+
 int NAME_reset(NAME_arm *arm, uint64_t key, const double *angles, const double *target, double vibration)
 {
     if (arm == NULL || !within(angles, UPPER_JOINTS, @FARTHEST@) || !within(target, UPPER_TARGET, @FAR_TARGET@)
-        || !within(&vibration, 1, @FAR_VIBRATION@))
+        || !within(&vibration, 1, @FAR_VIBRATION@) || !reached(target))
         return UPPER_REFUSED;
     double *request = numbers(arm, 0, @REQUEST@), *record = numbers(arm, 0, @RECORD@);
     for (int k = 0; k < UPPER_JOINTS; k++) request[@ANGLES@ + k] = angles == NULL ? NAN : angles[k];

@@ -1,4 +1,4 @@
-/* The arm under a torque that swings: cc example.c -I. -L. -lNAME -Wl,-rpath,. && ./a.out */
+/* The arm under a torque that swings: cc example.c -I. -L. -lNAME -Wl,-rpath,. -lm && ./a.out */
 #include "NAME.h"
 
 #include <math.h>

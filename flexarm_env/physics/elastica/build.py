@@ -1,4 +1,7 @@
-"""Scene and settings to a Model of elasticas: the constants that its kernels read, and where coordinates stand."""
+"""Assembly of a chain of elasticas: scene and settings -> Model, names and rows; theory (5.2) and (5.3).
+
+N links with n nodes each: Nn tangent angles, then x, y of the root or of the center of mass.
+"""
 
 from typing import Any
 
@@ -14,30 +17,32 @@ from flexarm_env.physics.layout import OF_LOAD
 from flexarm_env.physics.linalg import product, solve
 from flexarm_env.physics.materials import BENDING, bending
 from flexarm_env.physics.model import BEAM, Elastica, System, damped
+from flexarm_env.physics.protocol import NewtonPolicy
 from flexarm_env.scene import PointLoad, Scene
 from flexarm_env.settings import Settings
 
 Array = NDArray[np.float64]
 
 HONOURS = {**BEAM, Section: (*BEAM[Section], *BENDING)}
-"""What of an arm this formulation takes into account; `assembly` refuses the rest."""
+"""Fields of an arm's dataclasses that this formulation models; `assembly` refuses an arm with other ones set."""
 
 UNROLLED = 12
-"""Chains of at most this many nodes in all get kernels of their own, with their sizes compiled in."""
+"""Largest number of nodes of a chain that gets kernels of its own, with its sizes compiled in."""
 
 HEAVIER = 1.0 / 60.0
-"""Share of a mode's inertia that is added, over (omega h)^4: see `phase_correction`."""
+"""Fraction of a mode's inertia that is added, over (omega h)^4: h^4 / 60 in theory (5.3), see `phase_correction`."""
 
 NO_PART = 1e-9
-"""Share of the rigid link's inertia that rounding may leave in its correction."""
+"""Largest fraction of the rigid link's inertia that rounding may leave in its correction."""
 
 
 def bends(parts: Chain) -> Array:
-    """`Elastica.bends`."""
+    """Pack `layout.BENDS`: EI, dkappa/dphi and law constants at all quadrature points, for a nonlinear law of M."""
     stiffness, slopes, own = [], [], []
     for k, line in enumerate(parts.lines):
         s, weights = line.quadrature()
         sections, slope = line.link.along(s), np.zeros((s.size, parts.w.size))
+        # kappa = slope . phi, by the nodes of this link alone
         slope[:, k * parts.n : (k + 1) * parts.n] = line.slope(s)
         stiffness.append(sections.EI * weights)
         slopes.append(slope)
@@ -49,31 +54,36 @@ def bends(parts: Chain) -> Array:
 def phase_correction(
     parts: Chain, payload: float, arm: NDArray[Any], rest: Array | None, h: float, settings: Settings
 ) -> Array:
-    """What to take from the rotary inertia for steps of h, (N, n, n) kg m^2 (docs: theory, section "Elastica").
+    """Compute C = M - M* of theory (5.3), to subtract from the rotary inertia for steps of h (s), (N, n, n) kg m^2.
 
-    The integrator makes a period longer by the share kappa (omega h)^2; with the inertia M - 2 kappa h^2 K it would
-    not. That holds for the modes that the step resolves. The others, of which the kinks and centrifugal forces of an
-    arm that swings would make noise of ever more energy, are made heavier: none keeps an omega h much above
-    sqrt(120 kappa), 3.2 for trapezoidal steps. With M of one link, what hangs on its tip included,
+    The integrator lengthens a period by the fraction kappa (omega h)^2; with the inertia M - 2 kappa h^2 K it would
+    not. That holds for modes that the step resolves. The other modes, in which kinks and centrifugal forces of a
+    swinging arm would excite noise of growing energy, are made heavier: none keeps an omega h much above
+    sqrt(120 kappa), 3.2 for trapezoidal steps. With M of one link, including the masses at its tip,
 
         C = M - (M + h^4 / 60 K M^-1 K) (M + 2 kappa h^2 K)^-1 M
 
-    has no part in rigid motion, momentum or statics. arm: as `_payload_arm` gives it. Where rounding gives it one, the
-    links being very stiff, C is made from differences of angles, K = D' k D, with F = D M^-1 D':
+    does not affect rigid motion, momentum or statics. If rounding spoils that, in very stiff links, C is computed from
+    differences of angles, K = D^T k D, with F = D M^-1 D^T:
 
-        C = D' ((a + b / a) (k^-1 + a F)^-1 - b / a k) D,   a = 2 kappa h^2, b = h^4 / 60
+        C = D^T ((a + b / a) (k^-1 + a F)^-1 - b / a k) D,   a = 2 kappa h^2, b = h^4 / 60
+
+    payload: its mass, kg; arm (Nn,): weights of `payload_arm`, m; rest: stress-free angles (Nn,), rad, or None.
     """
     n, C = parts.n, np.zeros_like(parts.R)
     lengthening, share = 2.0 * settings.period_error * h * h, HEAVIER * h**4
     for k in range(len(parts.lines)):
+        # M of link k with phi_i - phi_j as without stress
         own = slice(k * n, (k + 1) * n)
         P, to = parts.P[own, own], arm[own]
         if rest is not None:
             P, to = P * np.cos(rest[own][:, None] - rest[own]), to * np.exp(1j * rest[own])
         M = P + parts.R[k] + payload * np.outer(to.conj(), to).real
         K = parts.K[k]
+        # C = (2 kappa h^2 K - h^4/60 K M^-1 K) (M + 2 kappa h^2 K)^-1 M
         heavier = share * product(K, solve(M, K))
         C[k] = product(lengthening * K - heavier, solve(M + lengthening * K, M))
+        # rigid motion: C 1 = 0 up to rounding
         if not abs(C[k].sum(axis=0)).max() <= NO_PART * M.sum():
             D, ratio = np.eye(n)[1:] - np.eye(n)[0], share / lengthening
             F, one = product(D, solve(M, D.T)), np.eye(n - 1)
@@ -83,7 +93,7 @@ def phase_correction(
 
 
 def physical(model: Elastica) -> Elastica:
-    """The model with the inertia that the links have, for all that is not a step: frequencies, linear equations."""
+    """Return the model with the links' physical inertia, C added back to R: for frequencies and linear equations."""
     data = model.data.copy()
     parts = DATA.unpack(data, 0, links=size(model.links), nodes=size(model.nodes), points=0)
     parts["R"] += parts["C"]
@@ -92,23 +102,23 @@ def physical(model: Elastica) -> Elastica:
 
 
 def _end(chain_: Chain, load: PointLoad) -> dict[str, Array]:
-    """The fields of `LOAD`."""
+    """Return the fields `arm` (m) and `angle` of `layout.LOAD` for a point load at a link's root or tip."""
     s = _ends(chain_.lines[load.link])[load.end == "tip"]
     return {"arm": chain_.arms_to(load.link, np.array([s]))[0], "angle": chain_.angle_at(load.link, s)}
 
 
 def tag(n: int, compiled_in: bool) -> int | tuple[int, ...]:
-    """n as a Model's size field: a compile-time constant or a number (see physics/protocol.py)."""
+    """Return n as a Model's size field: a tuple of n zeros, a compile-time constant, or the number itself."""
     return (0,) * n if compiled_in else n
 
 
 def build(scene: Scene, settings: Settings, points: int = 12) -> System:
-    """Model, parameters and initial state of a scene as a chain of elasticas with ``settings.nodes`` angles a link.
+    """Assemble model, parameters and initial state of a scene with ``settings.nodes`` tangent angles a link.
 
-    A small chain that nothing drives but its inputs (an environment's arm) gets a kernel written out for its sizes and
-    for what it has, payload and damping; all others share one kernel with everything in it, where a pinned root has
-    fixed coordinates. Notes: "stretch_and_shear", what leaving them out may cost (`slenderness.py`).
-    ``points``: intervals a link into which the shape (for drawing) is divided.
+    A small chain driven by its inputs alone (an environment's arm) gets a kernel compiled for its sizes and features,
+    such as payload and damping. All other chains share one kernel with every feature, in which a pinned root has fixed
+    coordinates. Notes: "stretch_and_shear", the estimated error of neglecting them (`slenderness.py`).
+    ``points``: intervals a link into which the centerline (for drawing) is divided.
     """
     assert settings.nodes is not None
     arm, n = scene.arm, settings.nodes
@@ -116,17 +126,21 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     count, m = arm.n_links, arm.n_links * n
     own = m <= UNROLLED and scene.undriven
     movable = [scene.root == "free" or scene.motion_of(name) is not None for name in ("root_x", "root_y")]
+    # rows: angles, then x, y of a root that is among the coordinates
     has_root = any(movable) or not own
     rows = m + (2 if has_root else 0)
     fixed = [joint * n for joint in scene.rigid_joints]
     fixed += [m + i for i in range(2) if has_root and not movable[i]]
+    # weights of load points, tips and drawn points
     sizes = {"links": count, "nodes": n}
     ends = [LOAD.pack(sizes, **_end(parts, load)) for load in scene.loads if isinstance(load, PointLoad)]
     tips = np.concatenate([line.tip_angle for line in parts.lines])
     stations = np.concatenate([parts.arms_to(k, _stations(line, points, k)) for k, line in enumerate(parts.lines)])
-    correction, carried, rest = np.zeros_like(parts.R), _payload_arm(parts, arm.payload), parts.rest
+    # correction of the period for the step settings.dt, none without a step
+    correction, carried, rest = np.zeros_like(parts.R), payload_arm(parts, arm.payload), parts.rest
     if settings.dt is not None:
         correction = phase_correction(parts, arm.payload.mass, carried, rest, settings.dt, settings)
+    # free flight: the last rows are the center of mass
     beta = np.zeros(m)
     if scene.root == "free":
         beta = (parts.b + arm.payload.mass * carried) / (parts.mass + arm.payload.mass)
@@ -135,6 +149,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
         P=parts.P, R=parts.R - correction, K=parts.K, b=parts.b, w=parts.w, tips=tips, beta=beta.real,
         mass=parts.mass, root=scene.position, gravity=scene.gravity or (0.0, 0.0), C=correction, points=stations,
     )  # fmt: skip
+    # features: the shared kernel has all of them, a small chain's own kernel only its own
     damping = damped(arm)
     if damping is None and not own:
         damping = (0,)
@@ -145,8 +160,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
         fixed=np.array(fixed, dtype=np.int64),
         algebraic=None,
         weight=np.concatenate([np.ones(m), np.full(rows - m, 1.0 / arm.total_length)]),
-        predictor=(1.0, 10.0),
-        correction=None,
+        newton=NewtonPolicy(acceleration_share=1.0, first_error=10.0, resolved=(0,)),
         links=tag(count, own),
         nodes=tag(n, own),
         scratch=(0,) * (m if own else 48 * -(-m // 48)),
@@ -162,6 +176,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
         points=None if bending is None else tag(sum(len(line.quadrature()[0]) for line in parts.lines), own),
         bends=None if bending is None else bends(parts),
     )
+    # initial state without stress; the last rows, root + sum beta_j e_j, in free flight the center of mass
     names, coordinates = _names(count, n, has_root, "centre" if scene.root == "free" else "root")
     angles = np.repeat(scene.angles, n) if rest is None else np.repeat(scene.angles, n) + rest
     centre = scene.position + product([np.cos(angles), np.sin(angles)], beta.real)
@@ -175,8 +190,8 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     return System.of(arm, model, q0, coordinates, names, vectors, absolute, Notes(scene, n))
 
 
-def _payload_arm(parts: Chain, payload: Payload) -> NDArray[Any]:
-    """Weights (Nn,), m, of the unit tangents in the way to the payload's centre; complex where it is not at the tip."""
+def payload_arm(parts: Chain, payload: Payload) -> NDArray[Any]:
+    """Return weights w (Nn,), m: payload's center of mass - root = sum_j w_j e_j; complex if it is off the tip."""
     if not payload.eccentric:
         return parts.w
     to = parts.w.astype(np.complex128)
@@ -185,24 +200,25 @@ def _payload_arm(parts: Chain, payload: Payload) -> NDArray[Any]:
 
 
 def _eccentric(payload: Payload, arm: NDArray[Any], beta: NDArray[Any]) -> Array | None:
-    """`ECCENTRIC` where it is needed."""
+    """Pack `layout.ECCENTRIC` from complex weights (m) of the payload and of the center of mass; None at the tip."""
     if not payload.eccentric:
         return None
     return ECCENTRIC.pack({"nodes": arm.size}, along=arm.real, across=arm.imag, beta=beta.imag)
 
 
 def _ends(line: Line) -> tuple[float, float]:
-    """Where a link's joints are, s in m from the beam's root."""
+    """Return s of a link's two joints, m from the beam's root: beyond it by the rigid ends."""
     return 0.0 - line.link.root_offset, line.length + line.link.tip_offset
 
 
 def _stations(line: Line, points: int, link: int) -> Array:
-    """Where the shape is drawn: ends of a link's intervals, a joint once."""
+    """Return places s (m) on a link for drawing: ends of its even intervals; a joint is in the link before it."""
     s: Array = np.linspace(*_ends(line), points + 1)
     return s if link == 0 else s[1:]
 
 
 def _names(count: int, n: int, has_root: bool, point: str) -> tuple[tuple[str, ...], dict[str, int]]:
+    """Return the names of all rows, and the rows of joint angles and of the point ("root" or "centre") by name."""
     names = [f"phi{k}_{i}" for k in range(count) for i in range(n)]
     coordinates = {f"joint{k}": k * n for k in range(count)}
     for k in range(count):

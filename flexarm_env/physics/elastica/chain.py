@@ -1,29 +1,29 @@
-"""The elastica: a slender chain without stretch and shear, its geometry exact (docs: theory, section "Elastica").
+"""The elastica: constant matrices of a slender chain without stretch and shear, with exact geometry; theory (5.2).
 
 The unknowns of a link are the tangent angles phi_l at n nodes; the unit tangent is interpolated, so that
 r(s) = r_root + sum_l S_l(s) (cos phi_l, sin phi_l) with S_l the integral of the Lagrange polynomial l_l. The chain of
 all links then has the equations of a pendulum of nodes,
 
     sum_j [P_ij cos(phi_i - phi_j) + R_ij] phi_j'' + P_ij sin(phi_i - phi_j) phi_j'^2 + K_ij (phi_j + tau_d phi_j')
-        + b_i (a_root - g) . (-sin phi_i, cos phi_i) = generalised loads
+        + b_i (a_root - g) . (-sin phi_i, cos phi_i) = generalized loads
 
-with the constant matrices of :class:`Chain`. Nodes are Lobatto's where another link follows (one lies at the tip, where
-the next link hangs) and Radau's on the last link (one at the root, none at the tip).
+with the constant matrices of :class:`Chain`. Nodes are Lobatto's on links that carry another one (a node lies at the
+tip, where the next link hangs) and Radau's on the last link (a node at the root, none at the tip). s is the arc length
+from the link's root, m; e_j = (cos phi_j, sin phi_j) is the unit tangent at node j.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from flexarm_env import curves
+from flexarm_env import curves, meshing
 from flexarm_env import validation as check
 from flexarm_env.parameters import Arm, Link
 
@@ -31,9 +31,13 @@ from ..linalg import product, solve
 
 Array = NDArray[np.float64]
 
+MOST_IN_PIECE = 12
+"""Largest number of nodes on a smooth piece of a link; runs with 24 on one polynomial gained energy and diverged."""
+
 
 def nodes(n: int, tip: bool) -> Array:
-    """n nodes on [-1, 1], the first at -1: Lobatto's with the last at +1 (``tip``), otherwise Radau's."""
+    """Return n nodes on [-1, 1], the first at -1: Lobatto's, with the last at +1, if ``tip``, otherwise Radau's."""
+    # roots of P'_{n-1} between the ends, or of P_{n-1} + P_n
     basis = np.zeros(n + 1)
     if tip:
         basis[n - 1] = 1.0
@@ -43,7 +47,8 @@ def nodes(n: int, tip: bool) -> Array:
 
 
 def _roots(series: Array) -> Array:
-    """Real roots, rising. Newton's steps begin where all processors' libraries agree."""
+    """Return the real roots of a Legendre series in rising order, the same bits on all processors."""
+    # Newton's steps begin at rounded roots, on which all libraries agree
     roots = np.sort(legendre.legroots(series).real).round(7)
     for _ in range(3):
         roots -= legendre.legval(roots, series) / legendre.legval(roots, legendre.legder(series))
@@ -51,17 +56,16 @@ def _roots(series: Array) -> Array:
 
 
 class Basis(NamedTuple):
-    """Functions on [-1, 1], each 1 at a node and 0 at the others: Legendre coefficients, a column each, of themselves,
-    of their slopes and of their integrals from -1."""
+    """Legendre coefficients of the Lagrange polynomials of n nodes on [-1, 1], a column for each polynomial."""
 
-    own: Array
-    rate: Array
-    primitive: Array
+    own: Array  # (n, n), of the polynomials: 1 at their node, 0 at the others
+    rate: Array  # (n - 1, n), of their derivatives
+    primitive: Array  # (n + 1, n), of their integrals from -1
 
 
 @lru_cache(64)
 def basis(n: int, tip: bool) -> Basis:
-    """That of `nodes`; kept."""
+    """Compute the `Basis` of the nodes `nodes(n, tip)`; cached."""
     own = solve(legendre.legvander(nodes(n, tip), n - 1), np.eye(n))
     rate, primitive = legendre.legder(own, axis=0), legendre.legint(own, lbnd=-1.0, axis=0)
     return Basis(own, np.asarray(rate, np.float64), np.asarray(primitive, np.float64))
@@ -72,10 +76,10 @@ gauss = lru_cache(64)(legendre.leggauss)
 
 @dataclass(frozen=True)
 class Line:
-    """One link of n nodes: its interpolation, continuous, and a polynomial between two jumps.
+    """Interpolation of one link with n nodes: continuous, and a polynomial between two jumps or kinks. SI.
 
-    SI. `pieces`: of each smooth piece its ends on the link, its first node, and the basis of its k functions;
-    neighbouring pieces share a node.
+    `pieces`: of each smooth piece its two ends s on the link (m), the number of its first node, and the basis of its
+    functions; neighboring pieces share a node.
     """
 
     link: Link
@@ -84,41 +88,46 @@ class Line:
 
     @classmethod
     def of(cls, link: Link, n: int, tip: bool) -> Line:
-        """The interpolation of a link; ``tip``: a node at its tip. Nodes go to the pieces as mesh cells would."""
-        ends = np.array([0.0, *link.jumps, link.length])
-        if n < len(ends):
-            what = f"must be at least {len(ends)} for a link whose sections jump {len(ends) - 2} times"
-            raise check.InvalidValue("nodes", n, what)
-        own = link.mesh(n - 1, "nodes")
-        pieces, first = [], 0
-        for a, b in pairwise(ends.tolist()):
-            steps = int(np.sum((own[:-1] >= a) & (own[:-1] < b)))
-            last = b == link.length and not tip
-            pieces.append((a, b, first, basis(steps + 1, not last)))
+        """Distribute n nodes over a link; ``tip``: with a node at its tip. Node intervals are its cells (`meshing`).
+
+        Raises:
+            ValueError: n is too few for the link's jumps, or gives a smooth piece more than `MOST_IN_PIECE` nodes.
+        """
+        pieces, first, found = [], 0, meshing.pieces(link, n - 1, "nodes")
+        if (most := 1 + (MOST_IN_PIECE - 1) * len(found)) < n:
+            raise check.InvalidValue("nodes", n, f"must be at most {most} for a link of {len(found)} smooth piece(s)")
+        # Radau's nodes on the last piece of the last link, Lobatto's elsewhere: neighbors share the node between them
+        for piece, steps in zip(found, meshing.counts(found, n - 1, MOST_IN_PIECE - 1), strict=True):
+            last = piece.last == link.length and not tip
+            pieces.append((piece.first, piece.last, first, basis(steps + 1, not last)))
             first += steps
         return cls(link, n, tuple(pieces))
 
     @property
     def length(self) -> float:
-        """m."""
+        """Length of the flexible link without rigid ends, m."""
         return self.link.length
 
     def _table(self, s: Array, of_piece: Callable[[Array, Basis, float], Array]) -> Array:
-        """(len(s), n): what `of_piece` (points on [-1, 1], basis, length) gives of each piece's functions."""
+        """Return a table (len(s), n): at each place s (m) the value of `of_piece` for each node's function.
+
+        of_piece(x, basis, length): values (len(x), k) at points x on [-1, 1] of a piece's k functions; zero elsewhere.
+        """
         s = np.asarray(s, np.float64)
         table = np.zeros((s.size, self.n))
         for a, b, first, functions in self.pieces:
+            # places on this piece; at a jump those of the piece behind it
             here = (s >= a) & ((s < b) | (b == self.length))
             x = 2.0 * (s[here] - a) / (b - a) - 1.0
             table[here, first : first + len(functions.own)] = of_piece(x, functions, b - a)
         return table
 
     def lagrange(self, s: Array) -> Array:
-        """l_l(s), shape (len(s), n), s in m from the root."""
+        """Return the Lagrange polynomials l_l(s), weights of the nodes' angles in phi(s), (len(s), n); s in m."""
         return self._table(s, lambda x, of, length: product(legendre.legvander(x, len(of.own) - 1), of.own))
 
     def slope(self, s: Array) -> Array:
-        """l_l'(s), 1/m, shape (len(s), n)."""
+        """Return l_l'(s), 1/m, weights of the nodes' angles in the curvature at s (m), shape (len(s), n)."""
 
         def of_piece(x: Array, of: Basis, length: float) -> Array:
             return product(legendre.legvander(x, max(len(of.own) - 2, 0)), of.rate) * (2.0 / length)
@@ -126,44 +135,49 @@ class Line:
         return self._table(s, of_piece)
 
     def position(self, s: Array) -> Array:
-        """Weights (len(s), n), m, of the unit tangents in the way from the joint at the link's root to s.
+        """Return weights (len(s), n), m, of the unit tangents: r(s) - r_joint = sum_l weight_l e_l from the root joint.
 
-        On rigid ends s is below 0 or beyond the length.
+        On rigid ends s is below 0 or beyond the length, m.
         """
         s = np.asarray(s, np.float64)
         table = self.integral(np.clip(s, 0.0, self.length))
         if not self.link.rigid_ends:
             return table
+        # root end along the first tangent, tip end along the last one
         table[:, 0] += self.link.root_offset + np.minimum(s, 0.0)
         return np.asarray(table + np.outer(np.maximum(s - self.length, 0.0), self.tip_angle))
 
     def integral(self, s: Array) -> Array:
-        """S_l(s) = int_0^s l_l, m, shape (len(s), n)."""
+        """Return S_l(s) = int_0^s l_l ds, m, weights of the unit tangents in r(s) - r(0), shape (len(s), n)."""
 
         def of_piece(x: Array, of: Basis, length: float) -> Array:
             return product(legendre.legvander(x, len(of.own)), of.primitive) * (0.5 * length)
 
         table = self._table(s, of_piece)
-        for a, b, first, of in self.pieces[:-1]:  # what lies wholly before s
+        # pieces that lie wholly before s
+        for a, b, first, of in self.pieces[:-1]:
             table[np.asarray(s) >= b, first : first + len(of.own)] += of_piece(np.ones(1), of, b - a)[0]
         return table
 
     def quadrature(self) -> tuple[Array, Array]:
-        """Gauss points and weights, m, exact for all matrices of the link."""
+        """Return Gauss points s and weights, both m, that integrate all matrices of the link exactly."""
         if self.link.uniform is None:
             return self.link.quadrature()
         x, weights = gauss(self.n + 1)
         return 0.5 * self.length * (x + 1.0), 0.5 * self.length * weights
 
     def matrix(self, table: Array, what: str) -> Array:
-        """int (section's `what`) table table' ds for a table at the quadrature's points."""
+        """Return int X table^T table ds (n, n), X the section's property `what` ("m", "J", "EI" ...).
+
+        table: (points, n), functions at the points of `quadrature`.
+        """
         s, weights = self.quadrature()
         if self.link.uniform is not None:
             return np.asarray(getattr(self.link.uniform, what) * product(table.T * weights, table))
         return product(table.T * (weights * getattr(self.link.along(s), what)), table)
 
     def total(self, table: Array, what: str) -> Array:
-        """int (section's `what`) table ds."""
+        """Return int X table ds (n,), X the section's property `what`; table: functions at the quadrature's points."""
         s, weights = self.quadrature()
         if self.link.uniform is not None:
             return np.asarray(getattr(self.link.uniform, what) * product(weights, table))
@@ -171,7 +185,8 @@ class Line:
 
     @property
     def rest(self) -> Array:
-        """The nodes' angles without stress from that of the root, rad: those of least strain energy."""
+        """Stress-free angles of the nodes less that of the root (n,), rad: those of least strain energy."""
+        # K phi = int EI kappa_0 l' ds with phi = 0 at the first node
         s, weights = self.quadrature()
         slope = self.slope(s)
         pull = product(weights * self.link.along(s).EI * curves.along(self.link.curvature, s), slope)
@@ -181,48 +196,48 @@ class Line:
 
     @property
     def tip_weights(self) -> Array:
-        """Weights of the tangents in the way from one joint to the other, m; w_l = S_l(L) without rigid ends."""
+        """Weights w of the tangents from the root joint to the tip joint (n,), m; S_l(L) without rigid ends."""
         return np.asarray(self.position(np.array([self.length + self.link.tip_offset]))[0])
 
     @property
     def tip_angle(self) -> Array:
-        """l_l(L)."""
+        """Weights l_l(L) of the nodes' angles in the angle of the link's tip, (n,)."""
         return np.asarray(self.lagrange(np.array([self.length]))[0])
 
 
 @dataclass(frozen=True)
 class Chain:
-    """Constant matrices of a chain of N links with n nodes each, payload left out; SI, numbered from root to tip."""
+    """Constant matrices of a chain of N links with n nodes each, without payload; SI, nodes numbered from the root."""
 
     lines: tuple[Line, ...]
-    P: Array  # (Nn, Nn) kg m^2: masses, 1/2 sum P_ij e_i'.e_j'
+    P: Array  # (Nn, Nn) kg m^2: masses, kinetic energy 1/2 sum P_ij e_i'.e_j'
     R: Array  # (N, n, n) kg m^2: rotary inertia of sections, hub and elbows, lumped at the nodes
     K: Array  # (N, n, n) N m: bending stiffness
-    b: Array  # (Nn,) kg m: first moments, the centre of mass is r_root + sum b_j e_j / mass
+    b: Array  # (Nn,) kg m: first moments, the center of mass is r_root + sum b_j e_j / mass
     w: Array  # (Nn,) m: the tip of the last link is r_root + sum w_j e_j
-    mass: float  # kg
+    mass: float  # kg, of links, rigid ends and elbows
 
     @property
     def n(self) -> int:
-        """Nodes of a link."""
+        """Number of nodes of a link."""
         return self.lines[0].n
 
     @property
     def rest(self) -> Array | None:
-        """Angles of the nodes without stress from that of their link's root (Nn,), rad; None: straight links."""
+        """Stress-free angles of the nodes less that of their link's root (Nn,), rad; None if all links are straight."""
         if not any(line.link.curved for line in self.lines):
             return None
         return np.concatenate([line.rest for line in self.lines])
 
     def arms_to(self, link: int, s: Array) -> Array:
-        """Weights (len(s), Nn) in m with which the unit tangents add up to the points at s on a link."""
+        """Return weights (len(s), Nn), m: the point at s (m) on a link is r_root + sum_j weight_j e_j."""
         n, weights = self.n, np.zeros((len(s), self.w.size))
         weights[:, : link * n] = self.w[: link * n]
         weights[:, link * n : (link + 1) * n] = self.lines[link].position(s)
         return weights
 
     def angle_at(self, link: int, s: float) -> Array:
-        """Weights (Nn,) of the nodes' angles in the section angle at s on a link."""
+        """Return weights (Nn,) of the nodes' angles in the section angle at s (m) on a link, a rigid end included."""
         n, weights = self.n, np.zeros(self.w.size)
         line = self.lines[link]
         weights[link * n : (link + 1) * n] = line.lagrange(np.clip(np.array([s]), 0.0, line.length))[0]
@@ -231,14 +246,19 @@ class Chain:
 
 @lru_cache(64)
 def chain(arm: Arm, n: int) -> Chain:
-    """The matrices of an arm, mechanics of docs/theory.md, with n nodes a link; kept, since arms are used again and
-    again, and hence read-only."""
-    count = arm.n_links
-    lines = tuple(Line.of(link, n, k < count - 1) for k, link in enumerate(arm.links))
+    """Compute the matrices of an arm with n nodes a link, theory (5.2). Cached, since arms are used repeatedly, and
+    therefore read-only."""
+    return chain_of(arm, [Line.of(link, n, k < arm.n_links - 1) for k, link in enumerate(arm.links)])
+
+
+def chain_of(arm: Arm, lines: Sequence[Line]) -> Chain:
+    """Compute the matrices of an arm whose links are interpolated by `lines`, all with the same number of nodes."""
+    count, n = arm.n_links, lines[0].n
     total = count * n
     P, R, K = np.zeros((total, total)), np.zeros((count, n, n)), np.zeros((count, n, n))
     b, w = np.zeros(total), np.zeros(total)
     beyond = 0.0  # mass that hangs on the link's tip
+    # from the tip: each link's own blocks, with all mass beyond it as a point at its tip joint
     for k in reversed(range(count)):
         link, line, own = arm.links[k], lines[k], slice(k * n, (k + 1) * n)
         s = line.quadrature()[0]
@@ -250,30 +270,34 @@ def chain(arm: Arm, n: int) -> Chain:
         R[k] = _rotary(arm, k, line)
         K[k] = line.matrix(line.slope(s), "EI")
         beyond += link.mass
+        # rigid ends: point masses in their middles
         if link.rigid_ends:
             for mass, along, _ in link.ends:
                 at = line.position(np.array([along - link.root_offset]))[0]
                 b[own] += mass * at
                 P[own, own] += mass * np.outer(at, at)
                 beyond += mass
+    # coupling with later links, which hang on the tip joint of link k: P_ij = w_i b_j
     for k in range(count):
         own, later = slice(k * n, (k + 1) * n), slice((k + 1) * n, total)
         P[own, later] = np.outer(w[own], b[later])
         P[later, own] = P[own, later].T
     for matrix in (P, R, K, b, w):
         matrix.flags.writeable = False
-    return Chain(lines, P, R, K, b, w, beyond)
+    return Chain(tuple(lines), P, R, K, b, w, beyond)
 
 
 def _rotary(arm: Arm, k: int, line: Line) -> Array:
-    """Rotary inertia at the nodes of link k: sections by the nodes' own quadrature, hub or elbows' halves at its ends.
+    """Return the rotary inertia matrix R_k (n, n), kg m^2, of link k: sections, hub or elbow halves, rigid ends.
 
-    That is exact for Radau's nodes; of Lobatto's it is the usual lumping, which errs in the highest polynomial alone.
+    Sections are lumped by the nodes' own quadrature, which is exact for Radau's nodes. For Lobatto's nodes it is the
+    usual lumping, which errs in the highest polynomial alone.
     """
     if line.link.uniform is not None:
         R = line.link.uniform.J * line.integral(np.array([line.length]))[0]
     else:
         R = line.total(line.lagrange(line.quadrature()[0]), "J")
+    # hub or elbow at the first node, next elbow at the last one, rigid ends with the angles of the link's ends
     R[0] += arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right
     if k < arm.n_links - 1:
         R[-1] += arm.elbow(k + 1).inertia_left

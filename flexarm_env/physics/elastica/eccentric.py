@@ -1,45 +1,64 @@
-"""What not all chains of the elastica have: links that are bent without stress, a law of M that is not EI kappa, a
-payload whose centre of mass is not at the tip (docs: theory, sections "Elastica" and "Links").
+"""Optional terms of the elastica: curved links, a nonlinear law of M, a payload whose center of mass is off the tip.
 
-The way from the root to it is sum w_j E_j, with the unit tangents as complex numbers, E_j = exp(i phi_j), and weights
-w_j = along_j + i across_j: what is real elsewhere is complex. Its force A acts on node i as conj(w_i) A, and the matrix
-P_ij of the chain's masses gets m_p conj(w_i) w_j. Where the root moves with the centre of mass beta is complex as well.
+Theory, section 5. The vector from the root to an eccentric payload is sum_j w_j E_j, with the unit tangents as complex
+numbers, E_j = exp(i phi_j), real part x and imaginary part y in inertial axes, and complex weights w_j = along_j + i
+across_j (m); a payload at the tip has real weights. Its force A acts on node i as conj(w_i) A, and the matrix P_ij of
+the chain's masses gets m_p conj(w_i) w_j. If the root moves with the center of mass, beta is complex as well.
 """
 
-from ...compiler import kernel, load, size, splat, stack, store
+from __future__ import annotations
+
+from ...compiler import Lanes, kernel, size, stack
 from ..materials import bending
-from .layout import OWN, X, Y, bends_at, constants, eccentric_at, node_angles, weighted
+from .layout import OWN, Nodes, X, Y, bends_at, constants, eccentric_at, node_angles, weighted_sum
 
 
 @kernel
-def less_rest(lane, model, x):
-    """x <- the nodes' angles less those which they have without stress."""
+def subtract_rest_angles(lane, model, x: Lanes):
+    """Subtract from the nodes' angles x (rad) their stress-free values, measured from their link's root.
+
+    No-op if all links are straight.
+    """
     if model.rest is not None:
         for i in range(_nodes(model)):
-            store(x, i, load(lane, x, i) - model.rest[i])
+            x[i] -= model.rest[i]
 
 
 @kernel
 def _nodes(model):
+    """Return the number of nodes of all links."""
     return size(model.links) * size(model.nodes)
 
 
 @kernel
-def payload_at(lane, model, x, y):
-    """Way to the payload's centre from the root, of unit tangents (x, y); or its rates, of theirs."""
+def payload_position(lane, model, x, y):
+    """Return the vector from the root to the payload's center of mass, m, inertial axes: sum_j w_j (x_j + i y_j).
+
+    (x_j, y_j): unit tangent of node j; w_j = along_j + i across_j, m: complex weights of `ECCENTRIC`, real ones
+    (DATA.w) where the payload is at the tip. With first or second rates of the tangents it returns those of the vector.
+    """
     m, D = _nodes(model), model.data
     if model.eccentric is None:
         at = constants(model)
-        return weighted(lane, D, at.w, x, m), weighted(lane, D, at.w, y, m)
+        return weighted_sum(lane, D, at.w, x, m), weighted_sum(lane, D, at.w, y, m)
+    # complex product with w_j = along_j + i across_j
     own, eccentric = eccentric_at(0, m), model.eccentric
-    along_x, along_y = weighted(lane, eccentric, own.along, x, m), weighted(lane, eccentric, own.along, y, m)
-    across_x, across_y = weighted(lane, eccentric, own.across, y, m), weighted(lane, eccentric, own.across, x, m)
+    along_x, along_y = weighted_sum(lane, eccentric, own.along, x, m), weighted_sum(lane, eccentric, own.along, y, m)
+    across_x, across_y = (
+        weighted_sum(lane, eccentric, own.across, y, m),
+        weighted_sum(lane, eccentric, own.across, x, m),
+    )
     return along_x - across_x, along_y + across_y
 
 
 @kernel
-def with_payload(lane, model, i, force_x, force_y, x, y):
-    """(x, y) with what a force on the payload is worth at node i."""
+def add_payload_lever(lane, model, i, force_x, force_y, x, y):
+    """Return (x, y) + conj(w_i) F: the sum A_i (N m) of node i with the force F (N, inertial axes) on the payload.
+
+    (x, y): A_i without F; the moment on node i is (-sin phi_i, cos phi_i) . A_i. w_i (m): complex weight of the node's
+    unit tangent in the vector from the root to the payload, real for a payload at the tip; vectors as complex numbers x
+    + i y.
+    """
     if model.eccentric is None:
         w = constants(model).w + i
         return x + force_x * model.data[w], y + force_y * model.data[w]
@@ -49,94 +68,127 @@ def with_payload(lane, model, i, force_x, force_y, x, y):
 
 
 @kernel
-def root_of(lane, model, q, x, y):
-    """The root, from the last rows of q and unit tangents (x, y); or its rates, from theirs."""
+def root_position(lane, model, q: Lanes, x, y):
+    """Return the root's position (m, inertial axes): last two rows of q less sum_j beta_j (x_j + i y_j).
+
+    (x_j, y_j): unit tangent of node j; beta_j (m): real weight of DATA, for an eccentric payload with the imaginary
+    part ECCENTRIC.beta. With rates v and the tangents' rates it returns the root's velocity, with second rates its
+    acceleration.
+    """
     D, m, at = model.data, _nodes(model), constants(model)
-    root_x = load(lane, q, m + X) - weighted(lane, D, at.beta, x, m)
-    root_y = load(lane, q, m + Y) - weighted(lane, D, at.beta, y, m)
+    root_x = q[m + X] - weighted_sum(lane, D, at.beta, x, m)
+    root_y = q[m + Y] - weighted_sum(lane, D, at.beta, y, m)
     if model.eccentric is None:
         return root_x, root_y
+    # imaginary part of beta: less i beta_j (x_j + i y_j)
     own, eccentric = eccentric_at(0, m), model.eccentric
-    return root_x + weighted(lane, eccentric, own.beta, y, m), root_y - weighted(lane, eccentric, own.beta, x, m)
+    return root_x + weighted_sum(lane, eccentric, own.beta, y, m), root_y - weighted_sum(
+        lane, eccentric, own.beta, x, m
+    )
 
 
 @kernel
-def less_root_aside(lane, model, r, fx, fy):
-    """A_i <- A_i less what the root's force is worth by the part of beta across."""
+def subtract_root_lever(lane, model, r: Lanes, fx: Lanes, fy: Lanes):
+    """Subtract the part of conj(beta_i) F that the imaginary part of beta makes from the sums A_i (fx, fy; N m).
+
+    F: the root's force, last two rows of r (N, inertial axes). beta_i (m): weight of node i's unit tangent in the
+    root's position, x - sum_i beta_i e_i (complex); the caller subtracts its real part. No-op without an eccentric
+    payload.
+    """
     if model.eccentric is not None:
         m = _nodes(model)
         own, eccentric = eccentric_at(0, m), model.eccentric
         for i in range(m):
             beta = eccentric[own.beta + i]
-            store(fx, i, load(lane, fx, i) - load(lane, r, m + Y) * beta)
-            store(fy, i, load(lane, fy, i) + load(lane, r, m + X) * beta)
+            fx[i] -= r[m + Y] * beta
+            fy[i] += r[m + X] * beta
 
 
 @kernel
-def _answer(lane, model, g, x):
-    """kappa at a point of quadrature, and what the law of M answers it with; x: as `less_rest` leaves it."""
+def _bending_law(lane, model, g, x):
+    """Return kappa - kappa_0 (1/m) at quadrature point g and the law of M for it, an `Answer`: f, f', 2 int f over EI.
+
+    x: the nodes' angles less their stress-free values, rad; kappa: curvature, kappa_0: without stress.
+    """
     m = _nodes(model)
     at = bends_at(0, size(model.points), m)
-    kappa = weighted(lane, model.bends, at.slope + g * m, x, m)
+    kappa = weighted_sum(lane, model.bends, at.slope + g * m, x, m)
     return kappa, bending(kappa, 1.0, model.bends[at.own + OWN * g :])
 
 
 @kernel
-def more_moments(lane, model, factor, q, r):
-    """r of nodes' angles with what M is beyond EI kappa; factor: on EI."""
+def add_nonlinear_moments(lane, model, factor, q, r: Lanes):
+    """Add to r (N m), by the nodes' angles, the bending moments of a nonlinear law M(kappa) beyond EI kappa.
+
+    factor: the arm's own factor on EI; q: coordinates. The moments of EI kappa are in r already. No-op for a linear
+    law.
+    """
     if model.bends is not None:
         x, m = stack(lane, model.scratch), _nodes(model)
         node_angles(lane, model, q, x)
-        less_rest(lane, model, x)
+        subtract_rest_angles(lane, model, x)
         at = bends_at(0, size(model.points), m)
+        # sum_g weight_g EI (f(kappa) - kappa) dkappa/dphi_i
         for g in range(size(model.points)):
-            kappa, answer = _answer(lane, model, g, x)
+            kappa, answer = _bending_law(lane, model, g, x)
             moment = (answer.force - kappa) * (factor * model.bends[at.stiffness + g])
             for i in range(m):
-                store(r, i, load(lane, r, i) + moment * model.bends[at.slope + g * m + i])
+                r[i] += moment * model.bends[at.slope + g * m + i]
 
 
 @kernel
-def more_slopes(lane, model, factor, q, S):
-    """S of nodes' angles likewise; factor: on EI, times the weight of K."""
+def add_nonlinear_stiffness(lane, model, factor, q, S: Lanes):
+    """Add to S (row-major, nodes' angles) the stiffness of a nonlinear law M(kappa) beyond EI; no-op for a linear law.
+
+    factor: the arm's own factor on EI times the weight of the stiffness in the matrix; q: coordinates.
+    """
     if model.bends is not None:
         x, m, rows = stack(lane, model.scratch), _nodes(model), size(model.n)
         node_angles(lane, model, q, x)
-        less_rest(lane, model, x)
+        subtract_rest_angles(lane, model, x)
         at = bends_at(0, size(model.points), m)
+        # sum_g weight_g EI (f'(kappa) - 1) dkappa/dphi_i dkappa/dphi_j
         for g in range(size(model.points)):
-            _, answer = _answer(lane, model, g, x)
+            _, answer = _bending_law(lane, model, g, x)
             slope = (answer.slope - 1.0) * (factor * model.bends[at.stiffness + g])
             for i in range(m):
                 for j in range(m):
                     more = slope * (model.bends[at.slope + g * m + i] * model.bends[at.slope + g * m + j])
-                    store(S, i * rows + j, load(lane, S, i * rows + j) + more)
+                    S[i * rows + j] += more
 
 
 @kernel
-def more_energy(lane, model, x):
-    """Strain energy that M has beyond EI kappa, per factor on EI; x: as `less_rest` leaves it."""
-    total = splat(lane, 0.0)
+def nonlinear_strain_energy(lane, model, x):
+    """Return the strain energy (J) of a nonlinear law of M beyond 1/2 int EI kappa^2 ds, for an EI factor of 1.
+
+    x: the nodes' angles less their stress-free values, rad. 0 for a linear law.
+    """
+    total = 0.0
     if model.bends is not None:
         at = bends_at(0, size(model.points), _nodes(model))
         for g in range(size(model.points)):
-            kappa, answer = _answer(lane, model, g, x)
+            kappa, answer = _bending_law(lane, model, g, x)
             total = total + (answer.energy - kappa * kappa) * (0.5 * model.bends[at.stiffness + g])
     return total
 
 
 @kernel
 def _product(a, b, c, d):
-    """conj(a + i b) (c + i d)."""
+    """Return real and imaginary part of conj(a + i b) (c + i d)."""
     return a * c + b * d, a * d - b * c
 
 
 @kernel
-def tangent_aside(lane, model, payload, on, cm, S):
-    """S of nodes' angles with what the payload's place adds to one at the tip; on: as `equations._tangent` leaves it.
+def add_offset_tangent(lane, model, payload, on: Nodes, cm, S: Lanes):
+    """Add to S (row-major, nodes' angles and root) the terms of an eccentric payload beyond those of one at the tip.
 
-    With m complex p_ij for the real ones there: Re p d + Im p d', d and d' the parts of E_j's derivative across and
-    along E_i.
+    # model     payload: its mass, kg; cm: weight of M
+    # state     on: `Nodes` with the unit tangents e_j in (c, s) and the weighted derivative of e_j'' in (ex, ey)
+    # out       S[i, j] += Re p_ij d + Im p_ij d', where d and d' are the parts of that derivative across and along e_i
+
+    p_ij (kg m^2) is the complex coefficient of masses, conj(w_i) w_j m_p and the terms of beta if the root moves, less
+    the real one that `equations._tangent` has used. w_j, beta_j (m): complex weights of e_j in the payload's position
+    from the root and, negative, in the root's position. No-op without an eccentric payload.
     """
     if model.eccentric is not None:
         D, m, rows = model.data, _nodes(model), size(model.n)
@@ -145,7 +197,8 @@ def tangent_aside(lane, model, payload, on, cm, S):
         for i in range(m):
             ai, di, bi = eccentric[own.along + i], eccentric[own.across + i], eccentric[own.beta + i]
             wi, gi = D[at.w + i], D[at.beta + i]
-            ci, si, dxi, dyi = load(lane, on.c, i), load(lane, on.s, i), load(lane, on.ex, i), load(lane, on.ey, i)
+            ci, si, dxi, dyi = on.c[i], on.s[i], on.ex[i], on.ey[i]
+            # p_ij = m_p (conj(w_i) w_j - the product of the tip's real weights)
             for j in range(i + 1):
                 aj, dj, bj = eccentric[own.along + j], eccentric[own.across + j], eccentric[own.beta + j]
                 wj, gj = D[at.w + j], D[at.beta + j]
@@ -157,21 +210,25 @@ def tangent_aside(lane, model, payload, on, cm, S):
                     aside = aside - payload * (ai * bj - di * gj + gi * dj - bi * aj)
                     aside = aside - (D[at.b + i] * bj - bi * D[at.b + j])
                     real, aside = real + whole * (bi * bj), aside + whole * (gi * bj - bi * gj)
-                dxj, dyj = load(lane, on.ex, j), load(lane, on.ey, j)
+                # S_ij with p_ij, S_ji with its conjugate
+                dxj, dyj = on.ex[j], on.ey[j]
                 lower = real * (ci * dyj - si * dxj) + aside * (ci * dxj + si * dyj)
-                store(S, i * rows + j, load(lane, S, i * rows + j) + lower)
+                S[i * rows + j] += lower
                 if j < i:
-                    cj, sj = load(lane, on.c, j), load(lane, on.s, j)
+                    cj, sj = on.c[j], on.s[j]
                     upper = real * (cj * dyi - sj * dxi) - aside * (cj * dxi + sj * dyi)
-                    store(S, j * rows + i, load(lane, S, j * rows + i) + upper)
+                    S[j * rows + i] += upper
+        # root: complex moment_j = m_p w_j + b_j - mass beta_j, less the real part that S holds already
         if model.root is not None:
             for j in range(m):
                 real = payload * (eccentric[own.along + j] - D[at.w + j])
                 aside = payload * eccentric[own.across + j] - whole * eccentric[own.beta + j]
-                dx, dy, c, s = load(lane, on.ex, j), load(lane, on.ey, j), load(lane, on.c, j), load(lane, on.s, j)
+                dx, dy, c, s = on.ex[j], on.ey[j], on.c[j], on.s[j]
+                # force rows: moment_j de_j''
                 x, y = (m + X) * rows + j, (m + Y) * rows + j
-                store(S, x, load(lane, S, x) + (real * dx - aside * dy))
-                store(S, y, load(lane, S, y) + (real * dy + aside * dx))
+                S[x] += real * dx - aside * dy
+                S[y] += real * dy + aside * dx
+                # moment columns: cm n_j . conj(moment_j) along x and y
                 x, y = j * rows + m + X, j * rows + m + Y
-                store(S, x, load(lane, S, x) - (real * s + aside * c) * cm)
-                store(S, y, load(lane, S, y) + (real * c - aside * s) * cm)
+                S[x] -= (real * s + aside * c) * cm
+                S[y] += (real * c - aside * s) * cm

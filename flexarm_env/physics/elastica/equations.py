@@ -1,55 +1,63 @@
-"""The elastica's equations of motion and their tangent (model: `physics.model.Elastica`).
+"""The elastica's equations of motion, theory (5.2), and their tangent (model: `physics.model.Elastica`).
 
-With e_j = (cos phi_j, sin phi_j), second rate e_j'', the inertia force on node i is (-sin phi_i, cos phi_i) . A_i,
-A_i = sum_j P_ij e_j'' + b_i (a_root - g) - loads: no sine of a difference is needed. Its derivative by node j is
-(-sin phi_i, cos phi_i) . P_ij d e_j'', by node i itself also -e_i . A_i. The payload adds m_p w w' to P, m_p w to b and
-J_p l(L) l(L)' to the last link's R; `eccentric` has what differs where its centre is not at the tip. Where the root
-can move it is at x - sum_j beta_j e_j, with x the last two rows: beta = 0 where it is prescribed; in free flight x is
-the centre of mass, so that steps keep momentum to round-off.
+phi_j is the tangent angle of node j (rad, from the inertial x axis), e_j = (cos phi_j, sin phi_j) the unit tangent in
+inertial axes and e_j'' its second time derivative. The inertia moment on node i is (-sin phi_i, cos phi_i) . A_i with
+
+    A_i = sum_j P_ij e_j'' + b_i (a_root - g) - loads    (N m, inertial axes),
+
+which needs no sine of a difference. Its derivative by node j is (-sin phi_i, cos phi_i) . P_ij d e_j'', by node i also
+-e_i . A_i. The payload adds m_p w w^T to P, m_p w to b and J_p l(L) l(L)^T to the last link's R; `eccentric` adds the
+terms of a payload with its center off the tip. A root that can move is at x - sum_j beta_j e_j, with x the last two
+rows. If it is prescribed, beta = 0; in free flight x is the center of mass, so that steps conserve momentum to
+round-off. Coordinates are the angles of the nodes, except that the first one of a link k > 0 is the joint's angle:
+phi of that node less phi of the tip before it.
 """
 
-from typing import NamedTuple
 
-import numpy as np
-
-from ...compiler import kernel, load, sincos, size, splat, stack, store, unrolled, vjp_of
-from ..arithmetic import share_of
+from ...compiler import Lanes, kernel, sincos, size, stack, unrolled, vjp_of
+from ..arithmetic import scaled_by_share
 from ..layout import OF_LOAD
 from ..materials import viscoelastic, viscoelastic_slope
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D, Elastica
 from ..protocol import State, register
-from .eccentric import less_root_aside, more_moments, more_slopes, payload_at, root_of, tangent_aside, with_payload
-from .layout import X, Y, constants, load_at, node_angles, weighted
-from .output import damping_work, energy, link_poses, ports, shape
-
-
-class Nodes(NamedTuple):
-    """Room for what is known of each node."""
-
-    rate: np.ndarray  # of its angle
-    c: np.ndarray  # e = (c, s)
-    s: np.ndarray
-    ex: np.ndarray  # e''
-    ey: np.ndarray
-    fx: np.ndarray  # A
-    fy: np.ndarray
+from .eccentric import (
+    add_nonlinear_moments,
+    add_nonlinear_stiffness,
+    add_offset_tangent,
+    add_payload_lever,
+    payload_position,
+    root_position,
+    subtract_root_lever,
+)
+from .layout import Nodes, X, Y, constants, load_at, node_angles, weighted_sum
+from .output import centerline, damping_power, energy, input_displacements, link_poses
 
 
 @kernel
 def assemble(lane, model, par, state, u, weights, r, S):
-    """r and, where the weight of M is not 0, S (row-major, model.n squared), see `protocol`."""
+    """Write the residual r, eq. [64], and with weights.with_matrix the matrix S (dense, row-major, model.n rows).
+
+    r = M a + h(q, v) - B u: moments (N m) in rows of angles, forces (N, inertial axes) in the root's two rows, if it
+    moves. S = weights.mass dr/da + weights.damping dr/dv + weights.stiffness dr/dq. par: payload mass (kg) and inertia
+    (kg m^2), EI factor, tau_d (s); state: q, v, a; u: joint torques (N m), then force and torque of each point load.
+    """
     on = Nodes(
         stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
         stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
     )  # fmt: skip
     _forces(lane, model, par, state, u, on, r)
-    if weights.mass != 0.0:
+    if weights.with_matrix:
         _tangent(lane, model, par, state.q, on, weights, S)
 
 
 @kernel
 def residual(lane, model, par, state, u, r, S):
-    """See `protocol`."""
+    """Write the residual r = M a + h(q, v) - B u, eq. [64], without a matrix.
+
+    r: moments (N m) in rows of angles, forces (N, inertial axes) in the root's two rows, if it moves. par: payload mass
+    (kg) and inertia (kg m^2), EI factor, tau_d (s); state: q, v, a; u: joint torques (N m), then force and torque of
+    each point load. S is not used.
+    """
     on = Nodes(
         stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
         stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
@@ -59,181 +67,227 @@ def residual(lane, model, par, state, u, r, S):
 
 @unrolled
 @kernel
-def _forces(lane, model, par, state, u, on, r):
-    """r, and on the way all that `Nodes` holds."""
+def _forces(lane, model, par: Lanes, state, u: Lanes, on: Nodes, r: Lanes):
+    """Write the residual r of theory (5.2) and fill the arrays of `on` (`Nodes`).
+
+    # state     q, v, a: coordinates and rates; u: joint torques (N m), then point loads (N, N, N m)
+    # scratch   x: K's argument, the nodes' angles with damping; z: second rates of the nodes' angles
+    # out       r: moments (N m) by the coordinates, forces (N, inertial axes) in the last two rows if the root moves
+    #           on: rates phi', unit tangents e, their second rates e'' and sums A_i (N m; all inertial axes) of all
+    #           nodes; the inertia and load moment on node i is (-sin phi_i, cos phi_i) . A_i
+
+    With the constants DATA: P, R masses and rotary inertia (kg m^2), K bending stiffness (N m), b first moments (kg m).
+    """
     q, v, a = state.q, state.v, state.a
     y, c, s, ex, ey, fx, fy = on.rate, on.c, on.s, on.ex, on.ey, on.fx, on.fy
     D = model.data
     at = constants(model)
     n, links = size(model.nodes), size(model.links)
     m = n * links
-    payload, stiffness, tau_d = load(lane, par, PAYLOAD_MASS), load(lane, par, STIFFNESS_FACTOR), load(lane, par, TAU_D)
+    payload, stiffness, tau_d = par[PAYLOAD_MASS], par[STIFFNESS_FACTOR], par[TAU_D]
+    # phi, phi', phi'' of the nodes
     x, z = stack(lane, model.scratch), stack(lane, model.scratch)
     node_angles(lane, model, q, x)
     node_angles(lane, model, v, y)
     node_angles(lane, model, a, z)
+    # e, e'' = phi'' n - phi'^2 e with n = (-sin phi, cos phi), and the EI factor times (phi - phi_0 + tau_d phi')
     for i in range(m):
-        angle, rate, second = load(lane, x, i), load(lane, y, i), load(lane, z, i)
+        angle, rate, second = x[i], y[i], z[i]
         sine, cosine = sincos(angle)
         square = rate * rate
         ax, ay = -(sine * second + cosine * square), cosine * second - sine * square
-        store(c, i, cosine)
-        store(s, i, sine)
-        store(ex, i, ax)
-        store(ey, i, ay)
+        c[i] = cosine
+        s[i] = sine
+        ex[i] = ax
+        ey[i] = ay
         if model.rest is not None:
             angle = angle - model.rest[i]
         if model.damping is not None:
-            angle = viscoelastic(angle, rate, share_of(model.damping, i // n, tau_d))
-        store(x, i, angle * stiffness)
-    frame_x, frame_y = splat(lane, 0.0), splat(lane, 0.0)  # acceleration of the root less gravity
+            angle = viscoelastic(angle, rate, scaled_by_share(model.damping, i // n, tau_d))
+        x[i] = angle * stiffness
+    # acceleration of the root less gravity
+    frame_x, frame_y = 0.0, 0.0
     if model.root is not None:
-        frame_x, frame_y = root_of(lane, model, a, ex, ey)
+        frame_x, frame_y = root_position(lane, model, a, ex, ey)
     if model.gravity is not None:
         frame_x, frame_y = frame_x - D[at.gravity + X], frame_y - D[at.gravity + Y]
-    tip_x, tip_y = splat(lane, 0.0), splat(lane, 0.0)
+    # inertia force of the payload, N
+    tip_x, tip_y = 0.0, 0.0
     if model.payload is not None:
-        tip_x, tip_y = payload_at(lane, model, ex, ey)
+        tip_x, tip_y = payload_position(lane, model, ex, ey)
         tip_x, tip_y = (tip_x + frame_x) * payload, (tip_y + frame_y) * payload
+    # A_i = sum_j P_ij e_j'' + b_i (a_root - g) + the payload's
     for i in range(m):
-        fxi, fyi = load(lane, ex, 0) * D[at.P + i * m], load(lane, ey, 0) * D[at.P + i * m]
+        fxi, fyi = ex[0] * D[at.P + i * m], ey[0] * D[at.P + i * m]
         for j in range(1, m):
-            fxi = fxi + load(lane, ex, j) * D[at.P + i * m + j]
-            fyi = fyi + load(lane, ey, j) * D[at.P + i * m + j]
+            fxi = fxi + ex[j] * D[at.P + i * m + j]
+            fyi = fyi + ey[j] * D[at.P + i * m + j]
         if model.root is not None or model.gravity is not None:
             fxi, fyi = fxi + frame_x * D[at.b + i], fyi + frame_y * D[at.b + i]
         if model.payload is not None:
-            fxi, fyi = with_payload(lane, model, i, tip_x, tip_y, fxi, fyi)
-        store(fx, i, fxi)
-        store(fy, i, fyi)
+            fxi, fyi = add_payload_lever(lane, model, i, tip_x, tip_y, fxi, fyi)
+        fx[i] = fxi
+        fy[i] = fyi
     if model.loads is not None:
-        _less_forces(lane, model, u, fx, fy)
-    if model.root is not None:  # momentum of the whole chain
-        store(r, m + X, frame_x * D[at.mass] + weighted(lane, D, at.b, ex, m) + tip_x)
-        store(r, m + Y, frame_y * D[at.mass] + weighted(lane, D, at.b, ey, m) + tip_y)
+        _subtract_load_forces(lane, model, u, fx, fy)
+    # root rows: inertia force of the whole chain less all loads, N
+    if model.root is not None:
+        r[m + X] = frame_x * D[at.mass] + weighted_sum(lane, D, at.b, ex, m) + tip_x
+        r[m + Y] = frame_y * D[at.mass] + weighted_sum(lane, D, at.b, ey, m) + tip_y
         if model.loads is not None:
             for f in range((size(model.n_inputs) - links) // OF_LOAD.end):
                 at_load = links + OF_LOAD.end * f
-                store(r, m + X, load(lane, r, m + X) - load(lane, u, at_load + OF_LOAD.x))
-                store(r, m + Y, load(lane, r, m + Y) - load(lane, u, at_load + OF_LOAD.y))
+                r[m + X] -= u[at_load + OF_LOAD.x]
+                r[m + Y] -= u[at_load + OF_LOAD.y]
+        # the root moves by -beta_j de_j with the angles: its force acts on them
         for i in range(m):
-            store(fx, i, load(lane, fx, i) - load(lane, r, m + X) * D[at.beta + i])
-            store(fy, i, load(lane, fy, i) - load(lane, r, m + Y) * D[at.beta + i])
-        less_root_aside(lane, model, r, fx, fy)
+            fx[i] -= r[m + X] * D[at.beta + i]
+            fy[i] -= r[m + Y] * D[at.beta + i]
+        subtract_root_lever(lane, model, r, fx, fy)
+    # moments on the nodes' angles: R phi'' + K (phi - phi_0 + tau_d phi') + (-sin phi, cos phi) . A
     for k in range(links):
         for i in range(k * n, k * n + n):
-            total = load(lane, z, k * n) * D[at.R + i * n]
+            total = z[k * n] * D[at.R + i * n]
             for j in range(1, n):
-                total = total + load(lane, z, k * n + j) * D[at.R + i * n + j]
+                total = total + z[k * n + j] * D[at.R + i * n + j]
             for j in range(n):
-                total = total + load(lane, x, k * n + j) * D[at.K + i * n + j]
-            store(r, i, total + (load(lane, c, i) * load(lane, fy, i) - load(lane, s, i) * load(lane, fx, i)))
-    more_moments(lane, model, stiffness, q, r)
+                total = total + x[k * n + j] * D[at.K + i * n + j]
+            r[i] = total + (c[i] * fy[i] - s[i] * fx[i])
+    add_nonlinear_moments(lane, model, stiffness, q, r)
     if model.loads is not None:
-        _less_torques(lane, model, u, r)
-    _payload_turns(lane, model, load(lane, par, PAYLOAD_INERTIA), z, r)
-    for k in range(links - 1, 0, -1):  # from angles to coordinates, see _to_relative
-        store(r, k * n - 1, load(lane, r, k * n - 1) + load(lane, r, k * n))
+        _subtract_load_torques(lane, model, u, r)
+    _payload_turns(lane, model, par[PAYLOAD_INERTIA], z, r)
+    # from nodes' angles to coordinates, T^T r: a moment on a link's first node acts on the tip node before it as well
+    for k in range(links - 1, 0, -1):
+        r[k * n - 1] += r[k * n]
     for k in range(links):
-        store(r, k * n, load(lane, r, k * n) - load(lane, u, k))
+        r[k * n] -= u[k]
 
 
 @unrolled
 @kernel
-def _tangent(lane, model, par, q, on, weights, S):
-    """The matrix of `assemble`; e'' becomes its weighted derivative."""
+def _tangent(lane, model, par: Lanes, q, on: Nodes, weights, S: Lanes):
+    """Write S = weights.mass M + weights.damping C + weights.stiffness K of theory (5.2), row-major, model.n rows.
+
+    # state     q: coordinates; on: `Nodes` as `_forces` leaves them, A_i = (fx, fy)
+    # scratch   on.ex, on.ey: become (cm d/dphi'' + cc d/dphi' + ck d/dphi) of e_j''
+    # out       S: by the coordinates; by the nodes' angles, before `_to_relative`, with n_i = (-sin phi_i, cos phi_i)
+    #           S_ij = P_ij n_i . de_j'' + (ck + tau_d cc) K_ij + cm R_ij - (ck e_i . A_i if i = j)
+
+    cm, cc, ck: weights.mass, damping, stiffness. P with the payload, R: masses and rotary inertia (kg m^2); K: bending
+    stiffness (N m) times the EI factor; e_j: unit tangent of node j, inertial axes.
+    """
     cm, cc, ck = weights.mass, weights.damping, weights.stiffness
     y, c, s, ex, ey, fx, fy = on.rate, on.c, on.s, on.ex, on.ey, on.fx, on.fy
     D = model.data
     at = constants(model)
     n, links, rows = size(model.nodes), size(model.links), size(model.n)
     m = n * links
-    payload, factor, tau_d = load(lane, par, PAYLOAD_MASS), load(lane, par, STIFFNESS_FACTOR), load(lane, par, TAU_D)
+    payload, factor, tau_d = par[PAYLOAD_MASS], par[STIFFNESS_FACTOR], par[TAU_D]
+    # weight of K: ck + tau_d cc, times the EI factor
     slope = factor * ck
     if model.damping is not None:
         slope = factor * viscoelastic_slope(None, tau_d, cc, ck)
+    # e'' = phi'' n - phi'^2 e: by phi'' n, by phi' -2 phi' e, by phi e'' turned by a right angle
     for i in range(m):
-        cosine, sine, ax, ay = load(lane, c, i), load(lane, s, i), load(lane, ex, i), load(lane, ey, i)
-        twice = load(lane, y, i) * (2.0 * cc)
-        store(ex, i, -(sine * cm + cosine * twice + ay * ck))
-        store(ey, i, cosine * cm - sine * twice + ax * ck)
+        cosine, sine, ax, ay = c[i], s[i], ex[i], ey[i]
+        twice = y[i] * (2.0 * cc)
+        ex[i] = -(sine * cm + cosine * twice + ay * ck)
+        ey[i] = cosine * cm - sine * twice + ax * ck
     mass = payload + D[at.mass]
     for i in range(m):
         share = payload * D[at.w + i]
         moment = share + D[at.b + i]
-        ci, si, dxi, dyi = load(lane, c, i), load(lane, s, i), load(lane, ex, i), load(lane, ey, i)
+        ci, si, dxi, dyi = c[i], s[i], ex[i], ey[i]
+        # the same with the link's own tau_d, if the links differ
         k = i // n
         steep = slope
-        if model.damping is not None and not isinstance(model.damping, tuple):  # a link's own
+        if model.damping is not None and not isinstance(model.damping, tuple):
             steep = factor * viscoelastic_slope(None, tau_d, model.damping[k] * cc, ck)
+        # p: P_ij with the payload and, if the root moves, with the masses' motion by -beta_j e_j
         for j in range(i):
-            p = splat(lane, D[at.P + i * m + j])
+            p = D[at.P + i * m + j]
             if model.payload is not None:
                 p = share * D[at.w + j] + D[at.P + i * m + j]
             if model.root is not None:
                 rest = payload * D[at.w + j] + D[at.b + j] - mass * D[at.beta + j]
                 p = p - (moment * D[at.beta + j] + rest * D[at.beta + i])
-            lower = p * (ci * load(lane, ey, j) - si * load(lane, ex, j))
-            upper = p * (load(lane, c, j) * dyi - load(lane, s, j) * dxi)
+            # S_ij and S_ji: n_i . de_j'', n_j . de_i''
+            lower = p * (ci * ey[j] - si * ex[j])
+            upper = p * (c[j] * dyi - s[j] * dxi)
             if j >= k * n:
                 bend = steep * D[at.K + i * n + j - k * n] + cm * D[at.R + i * n + j - k * n]
                 lower, upper = lower + bend, upper + bend
-            store(S, i * rows + j, lower)
-            store(S, j * rows + i, upper)
-        p = splat(lane, D[at.P + i * m + i])
+            S[i * rows + j] = lower
+            S[j * rows + i] = upper
+        # diagonal: also -e_i . A_i, the turn of n_i
+        p = D[at.P + i * m + i]
         if model.payload is not None:
             p = share * D[at.w + i] + D[at.P + i * m + i]
         if model.root is not None:
             p = p - (moment + (moment - mass * D[at.beta + i])) * D[at.beta + i]
         own = p * (ci * dyi - si * dxi) + (steep * D[at.K + i * n + i - k * n] + cm * D[at.R + i * n + i - k * n])
-        store(S, i * rows + i, own - (ci * load(lane, fx, i) + si * load(lane, fy, i)) * ck)
-    more_slopes(lane, model, factor * ck, q, S)
-    _payload_turns_tangent(lane, model, load(lane, par, PAYLOAD_INERTIA), cm, S)
+        S[i * rows + i] = own - (ci * fx[i] + si * fy[i]) * ck
+    add_nonlinear_stiffness(lane, model, factor * ck, q, S)
+    _payload_turns_tangent(lane, model, par[PAYLOAD_INERTIA], cm, S)
     _root_tangent(lane, model, payload, on, cm, S)
-    tangent_aside(lane, model, payload, on, cm, S)
+    add_offset_tangent(lane, model, payload, on, cm, S)
     _to_relative(lane, model, S)
 
 
 @kernel
-def _less_forces(lane, model, u, fx, fy):
-    """A_i <- A_i less the forces of the point loads times their arms."""
+def _subtract_load_forces(lane, model, u: Lanes, fx: Lanes, fy: Lanes):
+    """Subtract the point loads' forces (N, inertial axes; in u) times their arms (m) from the sums A_i (fx, fy; N m).
+
+    The moment on node i is (-sin phi_i, cos phi_i) . A_i. The arm of load f on node i is its weight in the position of
+    the load: r_load = r_root + sum_i arm_i e_i, e_i the unit tangent of node i.
+    """
     links, loads = size(model.links), model.loads
     m = links * size(model.nodes)
     for f in range((size(model.n_inputs) - links) // OF_LOAD.end):
         at, k = load_at(model, f), links + OF_LOAD.end * f
-        force_x, force_y = load(lane, u, k + OF_LOAD.x), load(lane, u, k + OF_LOAD.y)
+        force_x, force_y = u[k + OF_LOAD.x], u[k + OF_LOAD.y]
         for i in range(m):
-            store(fx, i, load(lane, fx, i) - force_x * loads[at.arm + i])
-            store(fy, i, load(lane, fy, i) - force_y * loads[at.arm + i])
+            fx[i] -= force_x * loads[at.arm + i]
+            fy[i] -= force_y * loads[at.arm + i]
 
 
 @kernel
-def _less_torques(lane, model, u, r):
-    """r_i <- r_i less the torques of the point loads."""
+def _subtract_load_torques(lane, model, u: Lanes, r: Lanes):
+    """Subtract from r_i (N m) the torques of the point loads in u, by the weight of node i in the angle at the load."""
     links, loads = size(model.links), model.loads
     for f in range((size(model.n_inputs) - links) // OF_LOAD.end):
-        at, torque = load_at(model, f), load(lane, u, links + OF_LOAD.end * f + OF_LOAD.torque)
+        at, torque = load_at(model, f), u[links + OF_LOAD.end * f + OF_LOAD.torque]
         for i in range(links * size(model.nodes)):
-            store(r, i, load(lane, r, i) - torque * loads[at.angle + i])
+            r[i] -= torque * loads[at.angle + i]
 
 
 @kernel
-def _payload_turns(lane, model, inertia, z, r):
-    """Rotary inertia of the payload, on the last link's angles."""
+def _payload_turns(lane, model, inertia, z: Lanes, r: Lanes):
+    """Add the payload's rotary inertia, J_p l(L) (l(L) . phi''), to the rows r (N m) of the last link's angles.
+
+    inertia: J_p, kg m^2; z: second rates of all nodes' angles; l(L) = DATA.tips, weights of the tip's angle.
+    """
     D = model.data
     at = constants(model)
     if model.payload_turns is not None:
         n, m = size(model.nodes), size(model.links) * size(model.nodes)
-        moment = splat(lane, 0.0)
+        moment = 0.0
         for j in range(m - n, m):
-            moment = moment + load(lane, z, j) * D[at.tips + j]
+            moment = moment + z[j] * D[at.tips + j]
+        # J_p times the tip's angular acceleration, N m
         moment = moment * inertia
         for i in range(m - n, m):
-            store(r, i, load(lane, r, i) + moment * D[at.tips + i])
+            r[i] += moment * D[at.tips + i]
 
 
 @kernel
-def _payload_turns_tangent(lane, model, inertia, cm, S):
+def _payload_turns_tangent(lane, model, inertia, cm, S: Lanes):
+    """Add the payload's rotary inertia, cm J_p l(L) l(L)^T, to the last link's block of S (row-major, nodes' angles).
+
+    inertia: J_p, kg m^2; cm: weight of the mass matrix in S; l(L) = DATA.tips: weights of the nodes' angles in the
+    tip's.
+    """
     D = model.data
     at = constants(model)
     if model.payload_turns is not None:
@@ -241,96 +295,116 @@ def _payload_turns_tangent(lane, model, inertia, cm, S):
         for i in range(m - n, m):
             share = inertia * (cm * D[at.tips + i])
             for j in range(m - n, m):
-                store(S, i * rows + j, load(lane, S, i * rows + j) + share * D[at.tips + j])
+                S[i * rows + j] += share * D[at.tips + j]
 
 
 @kernel
-def _root_tangent(lane, model, payload, on, cm, S):
-    """Rows and columns of the root, or of the centre of mass (where little or nothing is left of `moment`)."""
+def _root_tangent(lane, model, payload, on: Nodes, cm, S: Lanes):
+    """Write the last two rows and columns of S: x, y of the root, or of the center of mass in free flight.
+
+    # state     payload: its mass, kg; on: `Nodes`, with the weighted derivatives de_j'' of e_j'' by phi_j in ex, ey
+    # out       S[m + X, j] = moment_j de_j'', S[j, m + X] = cm moment_j n_j, S[m + X, m + X] = cm mass; likewise Y
+
+    cm: weight of M; n_j = (-sin phi_j, cos phi_j); m: number of nodes. sum_j moment_j e_j (kg m), moment_j = payload
+    w_j + b_j - mass beta_j, is the first moment about the point (x, y), 0 up to round-off about the center of mass.
+    """
     D = model.data
     at = constants(model)
     if model.root is not None:
         m, rows = size(model.links) * size(model.nodes), size(model.n)
+        # by the nodes' angles: force rows, moment columns
         for j in range(m):
             moment = payload * D[at.w + j] + D[at.b + j] - (payload + D[at.mass]) * D[at.beta + j]
-            store(S, (m + X) * rows + j, moment * load(lane, on.ex, j))
-            store(S, (m + Y) * rows + j, moment * load(lane, on.ey, j))
-            store(S, j * rows + m + X, moment * load(lane, on.s, j) * -cm)
-            store(S, j * rows + m + Y, moment * load(lane, on.c, j) * cm)
+            S[(m + X) * rows + j] = moment * on.ex[j]
+            S[(m + Y) * rows + j] = moment * on.ey[j]
+            S[j * rows + m + X] = moment * on.s[j] * -cm
+            S[j * rows + m + Y] = moment * on.c[j] * cm
         mass = (payload + D[at.mass]) * cm
-        store(S, (m + X) * rows + m + X, mass)
-        store(S, (m + X) * rows + m + Y, splat(lane, 0.0))
-        store(S, (m + Y) * rows + m + X, splat(lane, 0.0))
-        store(S, (m + Y) * rows + m + Y, mass)
+        S[(m + X) * rows + m + X] = mass
+        S[(m + X) * rows + m + Y] = 0.0
+        S[(m + Y) * rows + m + X] = 0.0
+        S[(m + Y) * rows + m + Y] = mass
 
 
 @kernel
-def _to_relative(lane, model, S):
-    """From the nodes' angles to the coordinates: what acts on a link's root acts on the tip before it as well."""
+def _to_relative(lane, model, S: Lanes):
+    """Transform S from the nodes' angles to the coordinates, T^T S T, in place.
+
+    The first node of link k > 0 has the joint's angle plus phi of the tip node before it, which is the row above it:
+    each such column, then each such row, is added to the one before.
+    """
     n, rows = size(model.nodes), size(model.n)
     for k in range(size(model.links) - 1, 0, -1):
+        # columns, then rows
         for j in range(rows):
             o = j * rows + k * n
-            store(S, o - 1, load(lane, S, o - 1) + load(lane, S, o))
+            S[o - 1] += S[o]
         for j in range(rows):
             o = k * n * rows + j
-            store(S, o - rows, load(lane, S, o - rows) + load(lane, S, o))
+            S[o - rows] += S[o]
 
 
 @kernel
-def pin(lane, model, S, k):
-    """Row and column k <- those of the identity."""
+def add_stiffness(lane, model, S: Lanes, k, x):
+    """Add x (N m/rad) to the diagonal entry k of the dense matrix S, or fix coordinate k (x None).
+
+    x None: row and column k become those of the identity.
+    """
     rows = size(model.n)
-    for j in range(rows):
-        store(S, k * rows + j, splat(lane, 0.0))
-        store(S, j * rows + k, splat(lane, 0.0))
-    store(S, k * rows + k, splat(lane, 1.0))
-
-
-@kernel
-def stiffen(lane, model, S, k, x):
-    """See `protocol`."""
-    at = k * size(model.n) + k
-    store(S, at, load(lane, S, at) + x)
+    if x is None:
+        for j in range(rows):
+            S[k * rows + j] = 0.0
+            S[j * rows + k] = 0.0
+        S[k * rows + k] = 1.0
+    else:
+        at = k * rows + k
+        S[at] += x
 
 
 @unrolled
 @kernel
-def factor(lane, model, S):
-    """S <- L U without pivoting, the diagonal inverted: cm M, positive definite, outweighs the rest."""
+def factor(lane, model, S: Lanes):
+    """Factor the dense matrix S = L U in place, row-major, model.n rows, with 1 / U_kk on the diagonal; L_kk = 1.
+
+    No pivoting: the weighted mass matrix in S, which is positive definite, outweighs the rest.
+    """
     rows = size(model.n)
     for k in range(rows):
-        inverse = 1.0 / load(lane, S, k * rows + k)
-        store(S, k * rows + k, inverse)
+        inverse = 1.0 / S[k * rows + k]
+        S[k * rows + k] = inverse
+        # L_ik = S_ik / U_kk; row i less L_ik times row k
         for i in range(k + 1, rows):
-            f = load(lane, S, i * rows + k) * inverse
-            store(S, i * rows + k, f)
+            f = S[i * rows + k] * inverse
+            S[i * rows + k] = f
             for j in range(k + 1, rows):
-                store(S, i * rows + j, load(lane, S, i * rows + j) - f * load(lane, S, k * rows + j))
+                S[i * rows + j] -= f * S[k * rows + j]
 
 
 @unrolled
 @kernel
-def solve(lane, model, S, x):
-    """x <- S^-1 x with the factors of `factor`."""
+def solve(lane, model, S: Lanes, x: Lanes):
+    """x <- S^-1 x in place with the factors L U of `factor`, (model.n,) entries."""
     rows = size(model.n)
+    # L y = x, then U x = y with inverse diagonal
     for i in range(1, rows):
-        total = load(lane, x, i)
+        total = x[i]
         for j in range(i):
-            total = total - load(lane, S, i * rows + j) * load(lane, x, j)
-        store(x, i, total)
+            total = total - S[i * rows + j] * x[j]
+        x[i] = total
     for i in range(rows - 1, -1, -1):
-        total = load(lane, x, i)
+        total = x[i]
         for j in range(i + 1, rows):
-            total = total - load(lane, S, i * rows + j) * load(lane, x, j)
-        store(x, i, total * load(lane, S, i * rows + i))
+            total = total - S[i * rows + j] * x[j]
+        x[i] = total * S[i * rows + i]
 
 
 def _residual(lane, model, par, q, v, a, u, r):
+    """Write the residual r with the fields of State as arguments, for `vjp_of`; r stands in for the unused S."""
     residual(lane, model, par, State(q, v, a), u, r, r)
 
 
 def _solve(lane, model, S, x):
+    """x <- S^-1 x: `solve` as a plain function, for `vjp_of`."""
     solve(lane, model, S, x)
 
 
@@ -340,18 +414,22 @@ _vjp_residual = vjp_of(_residual, ("par", "q", "v", "a", "u", "r"))
 
 @kernel
 def solve_transposed(lane, model, S, x):
-    """See `protocol`."""
+    """x <- S^-T x in place with the factors of `factor`: the reverse derivative of `solve`, which is linear in x."""
     _vjp_solve(lane, model, S, x, x)
 
 
 @kernel
 def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
-    """See `protocol`."""
+    """Add the cotangents that r_bar causes to par_bar, bar (a `State`) and u_bar; r_bar <- 0.
+
+    By the reverse derivative of `residual`. A cotangent is the derivative of a scalar: r_bar by the residual, par_bar
+    by the arm's parameters par, bar by q, v, a, u_bar by the inputs u. S is not used.
+    """
     q, v, a = state
     _vjp_residual(lane, model, par, q, v, a, u, S, par_bar, bar.q, bar.v, bar.a, u_bar, r_bar)
 
 
 register(
-    Elastica, assemble, residual, pin, stiffen, factor, solve, ports, damping_work, energy, link_poses, shape,
-    solve_transposed, vjp_residual,
+    Elastica, assemble, residual, add_stiffness, factor, solve, input_displacements, damping_power,
+    energy, link_poses, centerline, solve_transposed, vjp_residual,
 )  # fmt: skip

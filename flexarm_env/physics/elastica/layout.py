@@ -1,84 +1,107 @@
-"""Where things are in an elastica's data and coordinates."""
+"""Layouts of an elastica: constants of the chain, point loads, eccentric payload, nonlinear bending; and coordinates.
 
-from ...compiler import kernel, load, size, splat, store
+e_j = (cos phi_j, sin phi_j): unit tangent at node j, inertial axes; n_j = (-sin phi_j, cos phi_j). Nodes are numbered
+over all links from root to tip.
+"""
+
+from typing import NamedTuple
+
+from ...compiler import Lanes, kernel, size
 from ...layout import Field, Layout
 from ..materials import BENDING
 
-POINT = Layout("Point", "", Field("x", (), "m", ""), Field("y", (), "m", ""))
-"""The root's rows, or the centre of mass's, behind those of the angles."""
+POINT = Layout("Point", "", Field("x", (), "m", "inertial axes"), Field("y", (), "m", "inertial axes"))
+"""Rows of the root's position, or the center of mass's in free flight, behind those of the angles."""
 X, Y, _ = POINT.places
 
 DATA = Layout(
     "Data", "links, nodes, points",
-    Field("P", ("links * nodes", "links * nodes"), "kg m^2", "masses but the payload's"),
-    Field("R", ("links", "nodes", "nodes"), "kg m^2", "rotary inertia, of hub and elbows too, less C"),
-    Field("K", ("links", "nodes", "nodes"), "N m", "bending stiffness"),
-    Field("b", ("links * nodes",), "kg m", "first moments: sum b_j e_j = mass (centre - root)"),
+    Field("P", ("links * nodes", "links * nodes"), "kg m^2", "masses but the payload's: 1/2 sum P_ij e_i' . e_j'"),
+    Field("R", ("links", "nodes", "nodes"), "kg m^2", "rotary inertia of sections, hub and elbows, less C"),
+    Field("K", ("links", "nodes", "nodes"), "N m", "bending stiffness int EI l_i' l_j' ds"),
+    Field("b", ("links * nodes",), "kg m", "first moments: sum b_j e_j = mass (center of mass - root)"),
     Field("w", ("links * nodes",), "m", "sum w_j e_j = tip of the last link - root; link by link, its tip - its root"),
-    Field("tips", ("links * nodes",), "", "weights of a link's angles in its tip's angle"),
-    Field("beta", ("links * nodes",), "m", "root = last rows - sum beta_j e_j"),
-    Field("mass", (), "kg", "payload left out"),
-    Field("root", (POINT.length,), "m", "place of a root that cannot move"),
-    Field("gravity", (POINT.length,), "m/s^2", ""),
-    Field("C", ("links", "nodes", "nodes"), "kg m^2", "correction of the integrator's period"),
-    Field("points", ("points", "links * nodes"), "m", "of each point drawn: sum of weights times e_j = point - root"),
+    Field("tips", ("links * nodes",), "", "weights l_j(L) of a link's angles in its tip's angle"),
+    Field("beta", ("links * nodes",), "m", "root = (x, y of the last rows) - sum beta_j e_j"),
+    Field("mass", (), "kg", "mass of the chain without its payload"),
+    Field("root", (POINT.length,), "m", "position of a root that cannot move, inertial axes"),
+    Field("gravity", (POINT.length,), "m/s^2", "gravity, inertial axes"),
+    Field("C", ("links", "nodes", "nodes"), "kg m^2", "M - M* of theory (5.3), the correction of the period"),
+    Field("points", ("points", "links * nodes"), "m", "weights of each drawn point: sum weight_j e_j = point - root"),
 )  # fmt: skip
+"""Constants of the chain, `Elastica.data`; matrices of a link are by its own nodes."""
 LOAD = Layout(
     "Load", "links, nodes",
-    Field("arm", ("links * nodes",), "m", "sum of it times e_j = point of the load - root"),
-    Field("angle", ("links * nodes",), "", "weights of the angles in the angle there"),
+    Field("arm", ("links * nodes",), "m", "sum arm_j e_j = point of the load - root"),
+    Field("angle", ("links * nodes",), "", "weights of the nodes' angles in the angle at the load"),
 )  # fmt: skip
 ECCENTRIC = Layout(
     "Eccentric", "nodes",
-    Field("along", ("nodes",), "m", "sum of it times e_j and of across times n_j = the payload's centre - root"),
-    Field("across", ("nodes",), "m", ""),
-    Field("beta", ("nodes",), "m", "root = last rows - sum beta_j e_j (`DATA`) and of this times n_j"),
+    Field("along", ("nodes",), "m", "sum along_j e_j + across_j n_j = payload's center of mass - root"),
+    Field("across", ("nodes",), "m", "weights of n_j in that vector"),
+    Field("beta", ("nodes",), "m", "imaginary part of beta: root = last rows - sum (beta_j of DATA) e_j + beta_j n_j"),
 )  # fmt: skip
-"""Of a payload whose centre is not at the tip; n_j = (-sin phi_j, cos phi_j); nodes: of all links."""
+"""Constants of a payload with its center of mass off the tip; nodes: of all links."""
 OWN = len(BENDING)
 BENDS = Layout(
     "Bends", "points, nodes",
-    Field("stiffness", ("points",), "N m^3", "EI times the point's weight"),
-    Field("slope", ("points", "nodes"), "1/m", "sum of it times the angles = kappa"),
-    Field("own", ("points", OWN), "", "what the law of M has besides"),
+    Field("stiffness", ("points",), "N m^3", "EI times the point's quadrature weight"),
+    Field("slope", ("points", "nodes"), "1/m", "sum slope_j phi_j = kappa"),
+    Field("own", ("points", OWN), "", "further constants of the law of M (`materials.BENDING`)"),
 )  # fmt: skip
-"""Of a law of M that is not EI kappa, at the points of quadrature of all links; nodes: of all links."""
+"""Constants of a law of M other than EI kappa, at the quadrature points of all links; nodes: of all links."""
 _data_at = kernel(DATA.offsets)
 eccentric_at = kernel(ECCENTRIC.offsets)
 bends_at = kernel(BENDS.offsets)
 _load_at = kernel(LOAD.offsets)
 
 
+class Nodes(NamedTuple):
+    """Scratch arrays on the stack with an entry for each node; vectors are in inertial axes."""
+
+    rate: Lanes  # phi', rad/s
+    c: Lanes  # cos phi: e = (c, s)
+    s: Lanes  # sin phi
+    ex: Lanes  # x of e'', 1/s^2; in `_tangent` its weighted derivative by phi
+    ey: Lanes  # y of e''
+    fx: Lanes  # x of A, N m
+    fy: Lanes  # y of A
+
+
 @kernel
 def constants(model):
-    """Where the fields of DATA are in model.data."""
+    """Return the offset in model.data of each field of DATA; `points`, whose number is not needed, is the last one."""
     return _data_at(0, size(model.links), size(model.nodes), 0)
 
 
 @kernel
 def load_at(model, f):
-    """Where the fields of LOAD are in model.loads for load f."""
+    """Return the offsets in model.loads of the fields of LOAD (arm, angle) of point load f."""
     links, nodes = size(model.links), size(model.nodes)
     first = _load_at(0, links, nodes)
     return _load_at(f * first.end, links, nodes)
 
 
 @kernel
-def weighted(lane, weights, first, x, m):
-    """sum_j weights[first + j] x_j."""
-    total = splat(lane, 0.0)
+def weighted_sum(lane, weights, first, x: Lanes, m):
+    """Return sum_j weights[first + j] x_j over j = 0 ... m - 1; weights holds numbers, x lanes."""
+    total = 0.0
     for j in range(m):
-        total = total + load(lane, x, j) * weights[first + j]
+        total = total + x[j] * weights[first + j]
     return total
 
 
 @kernel
-def node_angles(lane, model, q, x):
-    """x <- angles of the nodes (or their rates) from the coordinates: a joint's is relative to the tip before it."""
+def node_angles(lane, model, q: Lanes, x: Lanes):
+    """Compute x <- tangent angles of all nodes (rad), or their rates, from the coordinates q (or their rates v, a).
+
+    Nodes are numbered from root to tip. The coordinate of the first node of a link k > 0 is the joint's angle: it is
+    added to the angle of the tip node before it. All other coordinates are angles themselves.
+    """
     n = size(model.nodes)
     for i in range(n):
-        store(x, i, load(lane, q, i))
+        x[i] = q[i]
     for k in range(1, size(model.links)):
-        store(x, k * n, load(lane, q, k * n) + load(lane, q, k * n - 1))
+        x[k * n] = q[k * n] + q[k * n - 1]
         for i in range(k * n + 1, k * n + n):
-            store(x, i, load(lane, q, i))
+            x[i] = q[i]

@@ -1,140 +1,173 @@
-"""What is read off an elastica's state: energies, ports, poses, shape (equations of motion: `equations`)."""
+"""Outputs of an elastica's state: input displacements, energies, damping power, poses, centerline.
 
-from ...compiler import kernel, load, sincos, size, splat, stack, store
-from ..arithmetic import put_vector, share_of
+Positions in m and velocities in m/s, inertial axes; phi_j: tangent angle of node j, rad, e_j = (cos phi_j, sin phi_j).
+"""
+
+from ...compiler import Lanes, kernel, sincos, size, stack
+from ..arithmetic import scaled_by_share, store_vector
 from ..layout import OF_LOAD, POSE
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
-from .eccentric import less_rest, more_energy, payload_at, root_of
-from .layout import X, Y, constants, load_at, node_angles, weighted
+from .eccentric import nonlinear_strain_energy, payload_position, root_position, subtract_rest_angles
+from .layout import X, Y, constants, load_at, node_angles, weighted_sum
 
 
 @kernel
-def _tangents(lane, model, q, x, c, s):
-    """x <- angles of the nodes, (c, s) <- e_j."""
+def _tangents(lane, model, q, x: Lanes, c: Lanes, s: Lanes):
+    """Compute the nodes' tangent angles x_j = phi_j (rad) and unit tangents (c_j, s_j) = (cos phi_j, sin phi_j).
+
+    q: coordinates, rad. Inertial axes.
+    """
     node_angles(lane, model, q, x)
     for i in range(size(model.links) * size(model.nodes)):
-        sine, cosine = sincos(load(lane, x, i))
-        store(c, i, cosine)
-        store(s, i, sine)
+        sine, cosine = sincos(x[i])
+        c[i] = cosine
+        s[i] = sine
 
 
 @kernel
-def _moving_tangents(lane, model, q, v, x, y, c, s, ex, ey):
-    """And y <- rates of the angles, (ex, ey) <- e_j'."""
+def _moving_tangents(lane, model, q, v, x, y: Lanes, c: Lanes, s: Lanes, ex: Lanes, ey: Lanes):
+    """Write the nodes' angles x (rad), their rates y (rad/s), unit tangents (c, s), their rates (ex, ey; 1/s).
+
+    q, v: coordinates and their rates; vectors in inertial axes.
+    """
     _tangents(lane, model, q, x, c, s)
     node_angles(lane, model, v, y)
     for i in range(size(model.links) * size(model.nodes)):
-        rate = load(lane, y, i)
-        store(ex, i, -(load(lane, s, i) * rate))
-        store(ey, i, load(lane, c, i) * rate)
+        rate = y[i]
+        ex[i] = -(s[i] * rate)
+        ey[i] = c[i] * rate
 
 
 @kernel
 def _root(lane, model, q, c, s):
-    """Position of the root; c, s: cosines and sines of the nodes' angles."""
+    """Return the position (x, y) of the root, m, inertial axes; (c, s): unit tangents of the nodes.
+
+    A root that cannot move has its place in the model, otherwise the last two rows of q determine it.
+    """
     D = model.data
     at = constants(model)
     if model.root is not None:
-        return root_of(lane, model, q, c, s)
-    return splat(lane, D[at.root + X]), splat(lane, D[at.root + Y])
+        return root_position(lane, model, q, c, s)
+    return D[at.root + X], D[at.root + Y]
 
 
 @kernel
-def ports(lane, model, par, q, y):
-    """Joint angles, then position and angle of the point of each load."""
+def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
+    """Write the displacement conjugate to each input to y: joint angles (rad), then x, y, angle of each load point.
+
+    q: coordinates. Positions (m) in inertial axes: root + sum_j arm_j e_j with the load's weights arm_j (m) and the
+    nodes' unit tangents e_j. par and since are not used: angles in the plane add up.
+    """
     n, links = size(model.nodes), size(model.links)
     m = n * links
+    # joint k is the coordinate of the first node of link k
     for k in range(links):
-        store(y, k, load(lane, q, k * n))
+        y[k] = q[k * n]
     if model.loads is not None:
         x, c, s = stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch)
         _tangents(lane, model, q, x, c, s)
         root_x, root_y = _root(lane, model, q, c, s)
         for f in range((size(model.n_inputs) - links) // OF_LOAD.end):
             at, k = load_at(model, f), links + OF_LOAD.end * f
-            px, py = weighted(lane, model.loads, at.arm, c, m), weighted(lane, model.loads, at.arm, s, m)
-            put_vector(y, k, (root_x + px, root_y + py, weighted(lane, model.loads, at.angle, x, m)))
+            px, py = weighted_sum(lane, model.loads, at.arm, c, m), weighted_sum(lane, model.loads, at.arm, s, m)
+            store_vector(lane, y, k, (root_x + px, root_y + py, weighted_sum(lane, model.loads, at.angle, x, m)))
 
 
 @kernel
-def _bending(lane, model, shares, x, y):
-    """x' K y over all links, by their `shares`; x, y: angles or rates of the nodes.
+def _bending(lane, model, shares, x: Lanes, y: Lanes):
+    """Return sum over links of share_k x^T K_k y, N m times the units of x and y: angles or rates of the nodes.
 
-    Differences from the root's keep spins exact.
+    K_k: bending stiffness of link k (N m), for an EI factor of 1. shares: a number a link, or a tag or None for 1.
+    Differences from the link's root node enter: K 1 = 0, and so a rigid rotation contributes exactly nothing.
     """
     D = model.data
     at = constants(model)
     n = size(model.nodes)
-    total = splat(lane, 0.0)
+    total = 0.0
+    # rows and columns 1 ... n - 1 of K_k, by differences from node 0
     for k in range(size(model.links)):
-        from_x, from_y = load(lane, x, k * n), load(lane, y, k * n)
+        from_x, from_y = x[k * n], y[k * n]
         for i in range(1, n):
-            row = splat(lane, 0.0)
+            row = 0.0
             for j in range(1, n):
-                row = row + (load(lane, y, k * n + j) - from_y) * D[at.K + (k * n + i) * n + j]
-            total = total + share_of(shares, k, row * (load(lane, x, k * n + i) - from_x))
+                row = row + (y[k * n + j] - from_y) * D[at.K + (k * n + i) * n + j]
+            total = total + scaled_by_share(shares, k, row * (x[k * n + i] - from_x))
     return total
 
 
 @kernel
-def damping_work(lane, model, par, q, v, x):
-    """x'C v of Kelvin-Voigt damping, W."""
+def damping_power(lane, model, par: Lanes, q, v, x):
+    """Return x^T C v, W: power at rates x of the Kelvin-Voigt moments at rates v, C = tau_d K; 0 without damping.
+
+    x, v: rates of the coordinates, rad/s. q is not used: K is constant in the nodes' angles.
+    """
     if model.damping is None:
-        return splat(lane, 0.0)
+        return 0.0
     y, z = stack(lane, model.scratch), stack(lane, model.scratch)
     node_angles(lane, model, v, y)
     node_angles(lane, model, x, z)
-    return _bending(lane, model, model.damping, z, y) * (load(lane, par, STIFFNESS_FACTOR) * load(lane, par, TAU_D))
+    return _bending(lane, model, model.damping, z, y) * (par[STIFFNESS_FACTOR] * par[TAU_D])
 
 
 @kernel
-def energy(lane, model, par, q, v):
-    """(kinetic, strain, gravity), J; gravity's is zero where the centre of mass is at the origin."""
+def energy(lane, model, par: Lanes, q, v):
+    """Return (kinetic, strain, gravitational) energy, J; gravity's is 0 with the center of mass at the origin.
+
+    par: the arm's payload mass (kg), payload inertia (kg m^2) and EI factor; q, v: coordinates and their rates.
+    """
     D = model.data
     at = constants(model)
     n, links = size(model.nodes), size(model.links)
     m = n * links
-    payload = load(lane, par, PAYLOAD_MASS)
+    payload = par[PAYLOAD_MASS]
     x, y = stack(lane, model.scratch), stack(lane, model.scratch)
     c, s = stack(lane, model.scratch), stack(lane, model.scratch)
     ex, ey = stack(lane, model.scratch), stack(lane, model.scratch)
     _moving_tangents(lane, model, q, v, x, y, c, s, ex, ey)
-    less_rest(lane, model, x)
-    strain = _bending(lane, model, None, x, x) * (load(lane, par, STIFFNESS_FACTOR) * 0.5)
+    # strain energy 1/2 (phi - phi_0)^T K (phi - phi_0)
+    subtract_rest_angles(lane, model, x)
+    strain = _bending(lane, model, None, x, x) * (par[STIFFNESS_FACTOR] * 0.5)
     if model.bends is not None:
-        strain = strain + more_energy(lane, model, x) * load(lane, par, STIFFNESS_FACTOR)
-    tip_x, tip_y = payload_at(lane, model, ex, ey)
-    tip_spin = splat(lane, 0.0)
+        strain = strain + nonlinear_strain_energy(lane, model, x) * par[STIFFNESS_FACTOR]
+    # twice the kinetic energy relative to the root: payload, then sum P_ij e_i' . e_j' + R_ij phi_i' phi_j'
+    tip_x, tip_y = payload_position(lane, model, ex, ey)
+    tip_spin = 0.0
     for i in range(m - n, m):
-        tip_spin = tip_spin + load(lane, y, i) * D[at.tips + i]
-    twice = payload * (tip_x * tip_x + tip_y * tip_y) + load(lane, par, PAYLOAD_INERTIA) * (tip_spin * tip_spin)
+        tip_spin = tip_spin + y[i] * D[at.tips + i]
+    twice = payload * (tip_x * tip_x + tip_y * tip_y) + par[PAYLOAD_INERTIA] * (tip_spin * tip_spin)
     for i in range(m):
-        px, py, rate, spin = splat(lane, 0.0), splat(lane, 0.0), load(lane, y, i), splat(lane, 0.0)
+        px, py, rate, spin = 0.0, 0.0, y[i], 0.0
         for j in range(n):
-            spin = spin + load(lane, y, i // n * n + j) * D[at.R + i * n + j]
+            spin = spin + y[i // n * n + j] * D[at.R + i * n + j]
         for j in range(m):
-            px = px + load(lane, ex, j) * D[at.P + i * m + j]
-            py = py + load(lane, ey, j) * D[at.P + i * m + j]
-        twice = twice + (load(lane, ex, i) * px + load(lane, ey, i) * py + rate * spin)
+            px = px + ex[j] * D[at.P + i * m + j]
+            py = py + ey[j] * D[at.P + i * m + j]
+        twice = twice + (ex[i] * px + ey[i] * py + rate * spin)
+    # moving root: mass v^2 + 2 v . momentum relative to the root
     mass = payload + D[at.mass]
     if model.root is not None:
-        vx, vy = root_of(lane, model, v, ex, ey)
-        px = payload * tip_x + weighted(lane, D, at.b, ex, m)
-        py = payload * tip_y + weighted(lane, D, at.b, ey, m)
+        vx, vy = root_position(lane, model, v, ex, ey)
+        px = payload * tip_x + weighted_sum(lane, D, at.b, ex, m)
+        py = payload * tip_y + weighted_sum(lane, D, at.b, ey, m)
         twice = twice + (mass * (vx * vx + vy * vy) + (vx * px + vy * py) * 2.0)
-    gravity = splat(lane, 0.0)
+    # -mass center . g, (cx, cy): first moment of mass about the origin
+    gravity = 0.0
     if model.gravity is not None:
         root_x, root_y = _root(lane, model, q, c, s)
-        far_x, far_y = payload_at(lane, model, c, s)
-        cx = payload * far_x + weighted(lane, D, at.b, c, m) + mass * root_x
-        cy = payload * far_y + weighted(lane, D, at.b, s, m) + mass * root_y
+        far_x, far_y = payload_position(lane, model, c, s)
+        cx = payload * far_x + weighted_sum(lane, D, at.b, c, m) + mass * root_x
+        cy = payload * far_y + weighted_sum(lane, D, at.b, s, m) + mass * root_y
         gravity = -(cx * D[at.gravity + X] + cy * D[at.gravity + Y])
     return twice * 0.5, strain, gravity
 
 
 @kernel
-def link_poses(lane, model, par, q, v, out):
-    """Of each link: x, y, angle of its root and their rates, then those of its tip (`POSES`)."""
+def link_poses(lane, model, par, q, v, out, tasks=None):
+    """Write `layout.POSES` of each link to out: x, y (m), angle (rad) of its root, their rates, the same of its tip.
+
+    Inertial axes. Root and tip are the joints, beyond rigid ends; angles are those of the beam's tangents there. q, v:
+    coordinates and their rates. par and tasks are not used.
+    """
     D = model.data
     at = constants(model)
     n, links = size(model.nodes), size(model.links)
@@ -143,25 +176,31 @@ def link_poses(lane, model, par, q, v, out):
     ex, ey = stack(lane, model.scratch), stack(lane, model.scratch)
     _moving_tangents(lane, model, q, v, x, y, c, s, ex, ey)
     px, py = _root(lane, model, q, c, s)
-    vx, vy = splat(lane, 0.0), splat(lane, 0.0)
+    vx, vy = 0.0, 0.0
     if model.root is not None:
-        vx, vy = root_of(lane, model, v, ex, ey)
+        vx, vy = root_position(lane, model, v, ex, ey)
+    # along the chain: a link's tip is its root + sum w_i e_i over its nodes, and the next link's root
     for k in range(links):
         o = POSE.end * k
-        put_vector(out, o + POSE.x, (px, py, load(lane, x, k * n)))
-        put_vector(out, o + POSE.vx, (vx, vy, load(lane, y, k * n)))
-        angle, rate = splat(lane, 0.0), splat(lane, 0.0)
+        store_vector(lane, out, o + POSE.x, (px, py, x[k * n]))
+        store_vector(lane, out, o + POSE.vx, (vx, vy, y[k * n]))
+        # on to the tip; its angle is sum l_i(L) phi_i
+        angle, rate = 0.0, 0.0
         for i in range(k * n, k * n + n):
-            px, py = px + load(lane, c, i) * D[at.w + i], py + load(lane, s, i) * D[at.w + i]
-            vx, vy = vx + load(lane, ex, i) * D[at.w + i], vy + load(lane, ey, i) * D[at.w + i]
-            angle, rate = angle + load(lane, x, i) * D[at.tips + i], rate + load(lane, y, i) * D[at.tips + i]
-        put_vector(out, o + POSE.tip_x, (px, py, angle))
-        put_vector(out, o + POSE.tip_vx, (vx, vy, rate))
+            px, py = px + c[i] * D[at.w + i], py + s[i] * D[at.w + i]
+            vx, vy = vx + ex[i] * D[at.w + i], vy + ey[i] * D[at.w + i]
+            angle, rate = angle + x[i] * D[at.tips + i], rate + y[i] * D[at.tips + i]
+        store_vector(lane, out, o + POSE.tip_x, (px, py, angle))
+        store_vector(lane, out, o + POSE.tip_vx, (vx, vy, rate))
 
 
 @kernel
-def shape(model, q, points):
-    """Positions along the chain, into the first rows of `points`; returns how many."""
+def centerline(model, q, points):
+    """Write positions along the chain, root + sum_j weight_pj e_j, to points[:, :2] (m); return their number.
+
+    One lane. q: coordinates; e_j: unit tangent (inertial axes) of node j. The stations p are those of DATA.points, as
+    many as `points` (n, 2) has rows for.
+    """
     D = model.data
     lane = (0,)
     m = size(model.links) * size(model.nodes)
@@ -171,6 +210,6 @@ def shape(model, q, points):
     _tangents(lane, model, q, x, c, s)
     root_x, root_y = _root(lane, model, q, c, s)
     for p in range(count):
-        points[p, 0] = root_x + weighted(lane, D, first + p * m, c, m)
-        points[p, 1] = root_y + weighted(lane, D, first + p * m, s, m)
+        points[p, 0] = root_x + weighted_sum(lane, D, first + p * m, c, m)
+        points[p, 1] = root_y + weighted_sum(lane, D, first + p * m, s, m)
     return count

@@ -1,16 +1,17 @@
-"""What the elastica's leaving out stretch and shear costs: an estimate for a scene, before anything is run.
+"""Estimate of the error of neglecting stretch and shear in the elastica, for a scene, before anything is run.
 
 Small vibrations about the initial configuration give the modes of the elastica. In mode k its inertia forces m u,
-balanced through the chain, make section forces N and Q whose work in stretch and shear adds the flexibility
+balanced through the chain, cause section forces N and Q whose work in stretch and shear adds the flexibility
 
     epsilon_k = omega_k^2 int N^2 / EA + Q^2 / C ds / (u' M u)
 
 to that of bending (first order; Grammel): the square of its frequency is divided by 1 + epsilon. Each mode's response
-to the scene's loads and motions is computed in time with it and without; the estimate is the largest distance of the
-tip between the two, and of the deflections as far as the arm turns (docs: theory, section "Elastica"). The model is
-linear about the start: right within a factor of about 3 for one link, of 4 for several that do not swing far; mostly
-too large where the error is small (below 0.3 % of the length). Links that whip round are beyond it: what a run's own
-estimate then counts is a companion run that is softer (`Notes.softer`), if that is further away.
+to the scene's loads and motions is computed in time with and without epsilon. The estimate is the largest distance of
+the tip between the two, plus a share of the distance of the deflections that grows with the arm's rotation, plus the
+stretch along the arm (theory, section 5). The model is linear about the start: right within a factor of about 3 for one
+link, of 4 for several that do not swing far; mostly too large if the error is small (below 0.3 % of the length). It
+does not cover links that whip round: a run's error estimate then uses the distance to a softer companion run
+(`Notes.softer`), if that is larger.
 """
 
 from collections.abc import Iterator, Mapping
@@ -28,23 +29,28 @@ from flexarm_env.time_functions import TimeFunction
 Array = NDArray[np.float64]
 
 MODES = 3
+"""Number of the lowest modes that the estimate includes."""
 SUDDEN = 2.0
-"""A load applied at once deflects twice as far as one applied slowly."""
+"""Factor on a static deflection: a load applied at once deflects twice as far as one applied slowly."""
 
 FEWEST, MOST, A_PERIOD = 2000, 100_000, 20
-"""Samples of a scene's time, and of a period of the highest mode."""
+"""Fewest and most samples of a scene's duration, and samples of a period of the highest mode."""
 
 
 class Notes(Mapping[str, float]):
-    """ "stretch_and_shear" of a scene, worked out when it is first looked at."""
+    """Mapping with the one key "stretch_and_shear": the estimate as a fraction of the arm's length, computed at first
+    access."""
 
     def __init__(self, scene: Scene, n: int) -> None:
+        """Store the scene and the number n of nodes a link; nothing is computed yet."""
         self._of = scene, n
 
     @property
     def softer(self) -> float:
-        """Factor on EI that makes the lowest modes as slow as stretch and shear make the one that they slow down most:
-        how far a run with it comes apart follows motion however gross, which the estimate, being linear, does not."""
+        """Factor on EI of a companion run: 1 / (1 + epsilon), epsilon the largest of the lowest modes.
+
+        The distance to that run covers motion of any size, which the linear estimate does not.
+        """
         scene, n = self._of
         modes = _Modes(scene, chain(scene.arm, n))
         lowest = range(min(MODES, modes.omega.size))
@@ -65,13 +71,16 @@ class Notes(Mapping[str, float]):
 
 @lru_cache(64)
 def stretch_and_shear(scene: Scene, n: int) -> float:
-    """Estimated largest error of the tip with n nodes a link, as a share of the arm's length, at most 1; kept, since it
-    does not depend on how the scene is run."""
+    """Estimate the largest error of the tip, as a fraction of the arm's length, at most 1, with n nodes a link.
+
+    Cached, since it does not depend on how the scene is run.
+    """
     length = scene.arm.total_length
     modes = _Modes(scene, chain(scene.arm, n))
     count = min(MODES, modes.omega.size)
     wanted = A_PERIOD * modes.omega[:count].max(initial=0.0) * scene.duration / (2.0 * np.pi)
     t = np.linspace(0.0, scene.duration, int(np.clip(wanted, FEWEST, MOST)) + 1)
+    # sums over the modes of the difference of both responses, over the arm's length
     tip, deflection = np.zeros((2, t.size)), np.zeros(t.size)
     for k in range(count):
         square, shape = modes.omega[k] ** 2, modes.shapes[:, k]
@@ -79,19 +88,24 @@ def stretch_and_shear(scene: Scene, n: int) -> float:
         bent = _response(square, damping, force, t)
         sheared = _response(square / (1.0 + square * modes.section_work(shape)), damping, force, t)
         bow = modes.deflection(shape) / length
-        off = (sheared - bent) / max(1.0, bow * np.abs(bent).max())  # a deflection is bounded, its linear model is not
+        # a deflection is bounded, its linear model is not
+        off = (sheared - bent) / max(1.0, bow * np.abs(bent).max())
         tip += np.outer(modes.tip(shape) / length, off)
         deflection += bow * np.abs(off)
     angle, between, rate = modes.swing(t)
-    # An arm that turns goes on from a deflection that is off to another angle; at small angles the two do not mix. They
-    # do where links turn against each other: modes are those of the chain as it began.
+    # Errors of the deflection become errors of the tip as the arm turns: not at small angles, fully at a right angle.
+    # They also do as links turn against each other, since the modes are those of the initial configuration.
     share = max(1.0 - np.cos(min(angle, 0.5 * np.pi)), 2.0 * np.sin(0.5 * min(between, np.pi / 3.0)))
     bending = np.hypot(*tip).max() + share * deflection.max()
     return float(min(1.0, bending + along_the_arm(scene, rate)))
 
 
 def _response(square: float, tau_d: float, force: Array, t: Array) -> Array:
-    """x(t) of x'' + tau_d w^2 x' + w^2 x = force from rest, w^2 = square > 0: convolution with that of an impulse."""
+    """Return x(t) of x'' + tau_d w^2 x' + w^2 x = force from rest, w^2 = square > 0 (1/s^2), by Fourier convolution.
+
+    tau_d: s; force, t (s): samples at even intervals from 0.
+    """
+    # response to an impulse, under- or overdamped; rate = 0: critically damped
     decay, n = 0.5 * tau_d * square, t.size
     rate = np.sqrt(complex(square - decay**2))
     with np.errstate(over="ignore", invalid="ignore"):
@@ -102,14 +116,15 @@ def _response(square: float, tau_d: float, force: Array, t: Array) -> Array:
 
 
 def along_the_arm(scene: Scene, rate: float) -> float:
-    """Stretch of the arm, as a share of its length: by a root that is shaken, by turning at up to `rate` (rad/s), and
-    by its weight, thrice that where it swings as a pendulum.
+    """Estimate the stretch of the arm as a fraction of its length L, from root motion, rotation and weight.
 
-    The arm is a spring of EA / L with half of its links' mass, its elbows and its payload at the tip.
+    The arm is a spring of EA / L with half of its links' mass, its elbows and its payload at the tip. rate: largest
+    angular velocity, rad/s. An arm that swings as a pendulum has three times its weight.
     """
     arm, end = scene.arm, scene.duration
     length = arm.total_length
     mass = arm.payload.mass + sum(0.5 * link.mass for link in arm.links) + sum(elbow.mass for elbow in arm.elbows)
+    # stretch = acceleration / (axial frequency)^2, of centrifugal force, root motion, weight
     square = min(link.series("EA") for link in arm.links) / (length * mass)
     move = rate**2 * length / square
     for motion in scene.motions:
@@ -126,13 +141,15 @@ def along_the_arm(scene: Scene, rate: float) -> float:
 
 
 class _Modes:
-    """Flexible modes of a chain about the scene's initial configuration.
+    """Flexible modes of a chain about the scene's initial configuration, payload included.
 
-    omega (f,) rad/s; shapes (Nn, f): angles of the nodes in each mode, normalised by the inertia (u' M u = 1); rigid
-    (Nn, r): those of the motions without strain.
+    omega (f,) rad/s; shapes (Nn, f): angles of the nodes in each mode, normalized by the inertia (u^T M u = 1); rigid
+    (Nn, r): angles of the motions without strain. along, across (2, Nn): unit tangents and normals of the nodes,
+    inertial axes; M (Nn, Nn) kg m^2; b (Nn,) kg m; mass kg.
     """
 
     def __init__(self, scene: Scene, chain: Chain) -> None:
+        """Linearize the chain about the scene's initial angles and solve the eigenproblem K u = omega^2 M u."""
         self.scene, self.chain, arm = scene, chain, scene.arm
         n, m = chain.n, chain.w.size
         payload = arm.payload
@@ -142,6 +159,7 @@ class _Modes:
         self.along = np.array([np.cos(self.angles), np.sin(self.angles)])  # unit tangents at the nodes
         self.across = np.array([-np.sin(self.angles), np.cos(self.angles)])
         self.own = [slice(k * n, (k + 1) * n) for k in range(arm.n_links)]  # nodes of each link
+        # M_ij = P_ij cos(phi_i - phi_j) + R_ij with the payload; K
         cosines = np.cos(self.angles[:, None] - self.angles)
         arm_of = chain.w.copy()
         arm_of[m - n :] += payload.offset[0] * chain.lines[-1].tip_angle
@@ -154,6 +172,7 @@ class _Modes:
             K[own, own] = chain.K[k]
         tip = chain.lines[-1].tip_angle
         self.M[m - n :, m - n :] += (payload.inertia + payload.mass * payload.offset[1] ** 2) * np.outer(tip, tip)
+        # free root: inertia about the center of mass; joints that do not move have no coordinate
         free_root = scene.root == "free"
         M = self.M - np.outer(self.b, self.b) * cosines / self.mass if free_root else self.M
         held = {int(k.joint) for k in scene.motions if k.joint is not None} | set(scene.rigid_joints)
@@ -167,7 +186,7 @@ class _Modes:
         self.root = free_root
 
     def damping(self, shape: Array, square: float) -> float:
-        """tau_d of a mode, s: the mean of the links' by their strain energy."""
+        """Return tau_d of a mode, s: the mean of the links' values weighted by strain energy; square: omega^2."""
         largest, shares = self.scene.arm.damping
         if shares is None:
             return largest
@@ -175,7 +194,10 @@ class _Modes:
         return float(largest * np.dot(shares, energies) / square)
 
     def _steps(self, shape: Array) -> tuple[Array, list[Array]]:
-        """Changes of the unit tangents (2, Nn), displacements of the links' roots and of the tip (2,), in a mode."""
+        """Return the changes of the unit tangents (2, Nn) and the displacements (2,), m, of all joints and the tip.
+
+        Per unit of the mode `shape`, inertial axes, from the root to the tip.
+        """
         move = self.across * shape
         places = [-(move @ self.b) / self.mass if self.root else np.zeros(2)]
         for own in self.own:
@@ -183,12 +205,14 @@ class _Modes:
         return move, places
 
     def deflection(self, shape: Array) -> float:
-        """Largest tip deflection of any link from its root's tangent, m per unit of the mode."""
+        """Return the largest tip deflection of any link from its root's tangent, m per unit of the mode."""
         return max(abs(float(self.chain.w[own] @ (shape[own] - shape[own.start]))) for own in self.own)
 
     def swing(self, t: Array) -> tuple[float, float, float]:
-        """How far links swing at most, and against each other, rad, without strain; how fast if it were not for
-        gravity, rad/s."""
+        """Return largest angle of the links, largest angle between links (rad), largest rate without gravity (rad/s).
+
+        Of the rigid motions, by integrating the scene's loads and motions over the times t (s).
+        """
         n, end = self.chain.n, float(t[-1])
         angle, rate = np.zeros((self.scene.arm.n_links, t.size)), np.zeros((self.scene.arm.n_links, t.size))
         for shape in self.rigid.T:
@@ -202,11 +226,14 @@ class _Modes:
         return float(np.abs(angle).max()) + given[0], between, float(np.abs(rate).max()) + given[1]
 
     def tip(self, shape: Array) -> Array:
-        """Displacement of the tip, m per unit of the mode, (2,)."""
+        """Return the displacement (2,) of the tip in inertial axes, m per unit of the mode."""
         return self._steps(shape)[1][-1]
 
     def section_work(self, shape: Array) -> float:
-        """int N^2 / EA + Q^2 / C ds of the inertia forces of the mode (per omega^2), along the chain from its tip."""
+        """Return int N^2 / EA + Q^2 / C ds of the forces m u of a mode (its inertia forces over omega^2).
+
+        N, Q: section forces along and across the tangent, summed from the tip. Times omega^2 it is the epsilon above.
+        """
         chain, arm = self.chain, self.scene.arm
         move, starts = self._steps(shape)
         total, force = 0.0, np.zeros(2)
@@ -215,6 +242,7 @@ class _Modes:
             last = k == arm.n_links - 1
             force = force + (arm.payload.mass if last else arm.elbow(k + 1).mass) * starts[k + 1]
             force = force + link.tip_mass * starts[k + 1]
+            # displacement at 65 places, inertia force of each interval, and the force beyond each place
             finer = np.linspace(0.0, link.length, 65)
             field = starts[k][:, None] + move[:, own] @ line.position(finer).T
             masses = link.along(0.5 * (finer[1:] + finer[:-1])).m
@@ -233,19 +261,24 @@ class _Modes:
         return total
 
     def force(self, shape: Array, t: Array, weight: bool = True) -> Array:
-        """What excites a mode at the times t (s): the scene's loads, motions and gravity, which starts at once, and the
-        arm's largest torques, applied at once, where the scene has neither loads nor motions."""
+        """Return the generalized force on a mode at the times t (s): the scene's loads, motions and gravity.
+
+        Gravity (unless ``weight`` is False) starts at once. A scene without loads and motions gets the arm's largest
+        torques, applied at once.
+        """
         scene, arm, n = self.scene, self.scene.arm, self.chain.n
         across = self.across
         force: Array = np.zeros(t.size)
         root = self._steps(shape)[1][0]
-        joints = [float(shape[k * n]) for k in range(arm.n_links)]  # their angles
+        # angle of each joint in the mode: of a link's first node less the tip before it
+        joints = [float(shape[k * n]) for k in range(arm.n_links)]
         for k in range(1, arm.n_links):
             joints[k] -= float(self.chain.lines[k - 1].tip_angle @ shape[self.own[k - 1]])
         for load in scene.loads:
             if isinstance(load, JointTorque):
                 force += joints[load.joint] * load.function(t)
                 continue
+            # point load: virtual work with the displacement and the angle of its point
             ends = arm.links[load.link]
             s = -ends.root_offset if load.end == "root" else ends.length + ends.tip_offset
             point = across @ (self.chain.arms_to(load.link, np.array([s]))[0] * shape) + root
@@ -261,14 +294,14 @@ class _Modes:
         return force
 
     def _share(self, motion: Motion, shape: Array) -> float:
-        """Inertia force of a mode per acceleration of a motion."""
+        """Return the inertia force on a mode per unit acceleration of a prescribed motion of the root or a joint."""
         if motion.joint is None:
             return float(self.b @ (self.across[0 if motion.coordinate == "root_x" else 1] * shape))
         return float((self.M @ shape)[motion.joint * self.chain.n :].sum())  # all that follows turns with it
 
 
 def _acceleration(f: TimeFunction, t: Array) -> Array:
-    """f'' at the times t; a jump of f' is an impulse, spread over a sample, the start from rest among them."""
+    """Return f'' at the even times t (s); a jump of f', such as a start from rest, is spread over one sample."""
     found: Array = f(t, 2)
     for kink, before in [(0.0, 0.0), *((k, f(k, 1, side="left")) for k in f.kinks if 0.0 < k < t[-1])]:
         found[round(kink / t[1])] += (f(kink, 1) - before) / t[1]
@@ -276,7 +309,7 @@ def _acceleration(f: TimeFunction, t: Array) -> Array:
 
 
 def coordinates(arm: Arm, n: int) -> Array:
-    """Angles of the nodes by the coordinates (Nn, Nn): a joint's turns all that follow in its link's root only."""
+    """Return T (Nn, Nn), nodes' angles = T coordinates: the first node of link k > 0 adds the tip before its joint."""
     T = np.eye(arm.n_links * n)
     for k in range(1, arm.n_links):
         T[k * n, k * n - 1] = 1.0
@@ -284,12 +317,13 @@ def coordinates(arm: Arm, n: int) -> Array:
 
 
 def _largest(f: TimeFunction, end: float, derivative: int = 0) -> float:
+    """Return the largest magnitude of a derivative of f on [0, end] (s), at 2001 samples and before their jumps."""
     times = np.linspace(0.0, end, 2001)
     return float(max(np.abs(f(times, derivative)).max(), np.abs(f(times, derivative, side="left"))[1:].max()))
 
 
 def _eigh(K: Array, M: Array) -> tuple[Array, Array]:
-    """Generalised symmetric eigenproblem, vectors normalised by M."""
+    """Solve K x = square M x, K and M symmetric: return squares and vectors (columns, x^T M x = 1)."""
     L = np.linalg.cholesky(M)
     square, vectors = np.linalg.eigh(np.linalg.solve(L, np.linalg.solve(L, K).T))
     return square, np.linalg.solve(L.T, vectors)

@@ -1,9 +1,9 @@
-"""The geometrically exact beam (Simo & Vu-Quoc 1986) in the plane: a scene to its Model (docs: theory, "Exact beam").
+"""Assembly of the geometrically exact beam (Simo & Vu-Quoc 1986) in the plane: scene -> Model; theory, section 5.
 
 Strains Gamma_1 = cos psi x' + sin psi y' - 1, Gamma_2 = -sin psi x' + cos psi y', kappa = psi' store the energy
-1/2 (EA Gamma_1^2 + C Gamma_2^2 + EI kappa^2); elements of order p, p-point (reduced) Gauss quadrature for the energy,
-p + 1 points for the consistent mass, which is constant. Coordinates are those of the inertial frame: there are no
-quadratic-velocity terms.
+1/2 (EA Gamma_1^2 + C Gamma_2^2 + EI kappa^2) per length. Elements have order p, p-point (reduced) Gauss quadrature of
+the energy and p + 1 points for the consistent mass, which is constant. Coordinates are in inertial axes, so there are
+no quadratic-velocity terms.
 """
 
 import numpy as np
@@ -20,25 +20,27 @@ from ..layout import OF_LOAD
 from ..linalg import product, solve
 from ..materials import BENDING, NORMAL_AND_SHEAR
 from ..model import BEAM, ExactBeam, System, damped, fixed_rows, levers
+from ..protocol import NewtonPolicy
 from .layout import AXES, CHAIN, ELBOW, FACTORS, LEVER_FACTORS, LEVERS, SECTION, VARYING, T, X, Y
 from .tables import functions, tables
 
 Array = NDArray[np.float64]
 
 HONOURS = {**BEAM, Section: (*BEAM[Section], *NORMAL_AND_SHEAR, *BENDING)}
-"""What of an arm this formulation takes into account; `assembly` refuses the rest."""
+"""Fields of an arm's dataclasses that this formulation models; `assembly` refuses an arm with other ones set."""
 
 LEAST_ROTARY = 1e-8
-"""Rotary inertia of a section, over m l^2 of its element of length l, that none falls below: without any the mass
+"""Lower bound of a section's rotary inertia J, as a fraction of m l^2 with the element's length l: with J = 0 the mass
 matrix would be singular."""
 
 
 def sections(arm: Arm, elements: int, order: int) -> Array:
-    """A `SECTION` for each link, one after the other; a `VARYING` for each element where one of them varies."""
+    """Pack the constants of all elements: a `SECTION` a link, or a `VARYING` an element if a section varies."""
     if varies(arm):
         return np.concatenate([_varying(part, order) for link in arm.links for part in link.cut(elements, "elements")])
     rows = []
     for link in arm.links:
+        # h: half the element's length
         h, s = 0.5 * link.length / elements, link.mean
         J = max(s.J, LEAST_ROTARY * s.m * (2.0 * h) ** 2)
         stiffness = {"k1": 0.25 * s.EA / h, "k2": 0.25 * s.C / h, "kb": 0.25 * s.EI / h}
@@ -47,12 +49,16 @@ def sections(arm: Arm, elements: int, order: int) -> Array:
 
 
 def varies(arm: Arm) -> bool:
-    """Whether a link of the arm has more than one section."""
+    """Return whether a link of the arm has more than one section."""
     return any(link.uniform is None for link in arm.links)
 
 
 def _varying(part: Link, order: int) -> Array:
-    """`VARYING` of one element: stretch and shear at its (reduced) Gauss points, all else integrated exactly."""
+    """Pack `VARYING` of one element: stretch and shear at its (reduced) Gauss points, all else integrated exactly.
+
+    part: the element as a link of its own, length l.
+    """
+    # Gauss points of the strains, then a quadrature that is exact for the element's sections
     l = part.length
     points = part.along(0.5 * l * (1.0 + legendre.leggauss(order)[0]))
     s, weights = part.quadrature()
@@ -66,22 +72,25 @@ def _varying(part: Link, order: int) -> Array:
 
 
 def _own(sections: Section | Properties) -> Array:
-    """What the sections' laws have besides stiffnesses, a row for each place."""
+    """Return the further constants of the material laws (NORMAL_AND_SHEAR, BENDING), a row for each place."""
     return np.array([getattr(sections, name) for name in (*NORMAL_AND_SHEAR, *BENDING)]).T
 
 
 def _bent(arm: Arm) -> bool:
-    """Whether a link is curved without stress."""
+    """Return whether a link of the arm is curved without stress."""
     return any(link.curved for link in arm.links)
 
 
 def rest(arm: Arm, elements: int, order: int) -> list[Array]:
-    """Of each link the (right - left, interior ...) in psi of its elements without stress, (elements, order), rad:
-    those of least strain energy."""
+    """Return for each link (right - left, interior ...) of psi of its stress-free elements, (elements, order), rad.
+
+    They minimize 1/2 int EI (psi' - kappa_0)^2 ds with the link's curvature kappa_0 (1/m).
+    """
     found = []
     for link in arm.links:
         rows = []
         for start, part in _placed(link, elements):
+            # normal equations of the element: (int EI g g^T) b = int EI kappa_0 g, psi' = g . b
             s, weights = part.quadrature()
             slope = functions(order, 2.0 * s / part.length - 1.0)[1] / part.length
             EI = weights * part.along(s).EI
@@ -92,21 +101,21 @@ def rest(arm: Arm, elements: int, order: int) -> list[Array]:
 
 
 def _placed(link: Link, elements: int) -> list[tuple[float, Link]]:
-    """The elements of a link and where they begin on it, m."""
+    """Return the elements of a link, each as a link of its own, with the place where it begins, m from the root."""
     parts = link.cut(elements, "elements")
     starts = np.cumsum([0.0] + [part.length for part in parts[:-1]])
     return list(zip(starts.tolist(), parts, strict=True))
 
 
 def elbows(arm: Arm) -> Array:
-    """An `ELBOW` for each link but the first."""
+    """Pack an `ELBOW` for each link but the first: mass (kg) and rotary inertias (kg m^2) of its root joint."""
     found = [arm.elbow(k) for k in range(1, arm.n_links)]
     packed = [ELBOW.pack({}, mass=e.mass, left=e.inertia_left, right=e.inertia_right) for e in found]
     return np.concatenate([np.zeros(0), *packed])
 
 
 def rigid_ends(scene: Scene) -> Array:
-    """`LEVERS` of an arm with rigid ends."""
+    """Pack the `LEVERS` of an arm with rigid ends: each link's root and tip, then each point load's lever, m."""
     links, loads = scene.arm.links, []
     for load in scene.loads:
         if isinstance(load, PointLoad):
@@ -116,10 +125,10 @@ def rigid_ends(scene: Scene) -> Array:
 
 
 def curved(scene: Scene, elements: int, order: int) -> Array:
-    """Coordinates of the chain without stress at the scene's initial angles.
+    """Return the coordinates q (m, rad) of a chain with curved links, without stress, at the scene's initial angles.
 
-    Positions such that there is no stretch and no shear at the Gauss points, where strains are taken: with d = l
-    (cos psi, sin psi) there, as `element.carry` moves them.
+    Positions have no stretch and no shear at the Gauss points, where strains are evaluated: d = l (cos psi, sin psi)
+    there, from the root outward, as in `element.propagate_positions`. Positions are complex, x + i y.
     """
     arm, t = scene.arm, tables(order)
     at = CHAIN.offsets(0, arm.n_links, elements, order)
@@ -130,8 +139,10 @@ def curved(scene: Scene, elements: int, order: int) -> Array:
         if k > 0:
             q[at.hinges + k - 1] = scene.initial_value(f"joint{k}")
             psi += q[at.hinges + k - 1]
+        # rigid root end, elements, rigid tip end
         z += link.root_offset * np.exp(1j * psi)
         for (_, part), bend in zip(_placed(link, elements), bends, strict=True):
+            # psi of the nodes, d at the Gauss points, and the (right - left, interior ...) of x + i y that have this d
             nodes = np.array([psi, psi + bend[0], *bend[1:]])
             pull = part.length * np.exp(1j * product(nodes, t.value))
             parts = product(t.slope * t.weights, pull) / t.norm
@@ -145,7 +156,10 @@ def curved(scene: Scene, elements: int, order: int) -> Array:
 
 
 def straight(scene: Scene, elements: int, order: int) -> Array:
-    """Coordinates of the chain with straight links at the scene's initial angles: interior coordinates vanish."""
+    """Return the coordinates q (m, rad) of the chain without stress at the scene's initial angles.
+
+    Interior coordinates of straight links are 0; curved links: see `curved`.
+    """
     arm = scene.arm
     if _bent(arm):
         return curved(scene, elements, order)
@@ -155,6 +169,7 @@ def straight(scene: Scene, elements: int, order: int) -> Array:
     row = at.elements
     q[row : row + AXES] = x, y, scene.angles[0]
     for k, link in enumerate(arm.links):
+        # vertices along the link, even unless its section varies; then the next joint, beyond the rigid end
         step, ends = link.length / elements, None if link.uniform else link.mesh(elements, "elements")
         for e in range(elements):
             row += AXES * order
@@ -171,8 +186,10 @@ def straight(scene: Scene, elements: int, order: int) -> Array:
 
 
 def rows(arm: Arm, elements: int, order: int) -> tuple[tuple[str, ...], dict[str, int]]:
-    """Names of the rows (linkK.xE ... of vertex E, linkK.xE.J of an interior coordinate of element E), and where the
-    joints' angles and the root's position are."""
+    """Return the names of all rows, and the rows of joint angles and root position by name.
+
+    link2.x3: x of vertex 3 of link 2; link2.x3.1: interior coordinate 1 of its element 3.
+    """
     names = ["root_x", "root_y", "joint0"]
     for k in range(arm.n_links):
         for e in range(elements):
@@ -184,7 +201,7 @@ def rows(arm: Arm, elements: int, order: int) -> tuple[tuple[str, ...], dict[str
 
 
 def load_rows(load: PointLoad, arm: Arm, elements: int, order: int) -> list[int]:
-    """The `ROWS_OF_LOAD` that make up the position and angle a load works on."""
+    """Return `ROWS_OF_LOAD` of a point load: rows of x, y, psi of its vertex and of the hinge angle (-1: none)."""
     at, at_tip = CHAIN.offsets(0, arm.n_links, elements, order), load.end == "tip"
     first = at.elements + AXES * order * elements * (load.link + at_tip)
     hinge = -1 if at_tip or load.link == 0 else at.hinges + load.link - 1
@@ -192,7 +209,11 @@ def load_rows(load: PointLoad, arm: Arm, elements: int, order: int) -> list[int]
 
 
 def build(scene: Scene, settings: Settings) -> System:
-    """The scene's chain with ``settings.elements`` elements of ``settings.order`` a link."""
+    """Assemble the scene's chain with ``settings.elements`` elements of polynomial order ``settings.order`` a link.
+
+    Raises:
+        InvalidValue: `period_correction` with links of different tau_d, rigid ends or an eccentric payload.
+    """
     assert settings.elements is not None and settings.order is not None
     arm, elements, order = scene.arm, settings.elements, settings.order
     if settings.period_correction and arm.damping[1]:
@@ -202,6 +223,7 @@ def build(scene: Scene, settings: Settings) -> System:
     if settings.period_correction and rigid:
         why = "where links have rigid ends, or the payload an offset"
         raise check.InvalidValue("period_correction", True, f"must be False {why}")
+    # rows: names, loads, pairs (x, y) that rotate with the arm, angles of vertices, weights 1/L of lengths
     names, coordinates = rows(arm, elements, order)
     loads = [load_rows(load, arm, elements, order) for load in scene.loads if isinstance(load, PointLoad)]
     hinges = CHAIN.offsets(0, arm.n_links, elements, order).hinges
@@ -217,8 +239,11 @@ def build(scene: Scene, settings: Settings) -> System:
         fixed=fixed_rows(scene, coordinates),
         algebraic=None,
         weight=weight,
-        predictor=0.0 if rigid else None,
-        correction=2.0 * settings.period_error if settings.period_correction else None,
+        newton=NewtonPolicy(
+            first_error=None if rigid else 10.0,
+            predicts=None if rigid else (0,),
+            period_correction=2.0 * settings.period_error if settings.period_correction else None,
+        ),
         order=(0,) * order,
         links=arm.n_links,
         elements=elements,

@@ -1,7 +1,8 @@
-"""An element's constants as its traced functions ask for them: of one section, or of sections that vary within it.
+"""Constants of an element for its traced functions, the same calls for one section and for sections that vary in it.
 
-`section` is a `layout.Section` or a `layout.Varying`, or what stands for one while a kernel is written out; which of
-the two it is, is known by then. None of this is compiled: what is left are the products that it returns.
+`section` is a `layout.Section` or a `layout.Varying`, or its symbolic form while a kernel is traced, with the same
+fields: `hasattr` selects the case at compile time. These functions are not compiled: the products that they return are.
+p: polynomial order, the number of Gauss points.
 """
 
 from typing import Any
@@ -12,7 +13,7 @@ from .tables import Tables
 
 
 def _own(section: Any, p: int) -> list[list[Any]]:
-    """What the laws have besides stiffnesses at the Gauss points, `NORMAL_AND_SHEAR` and `BENDING`."""
+    """Return the further constants of all material laws (`NORMAL_AND_SHEAR`, then `BENDING`), a list a Gauss point."""
     count = len(NORMAL_AND_SHEAR) + len(BENDING)
     if hasattr(section, "own"):
         return [[section.own[i] for i in range(count)]] * p
@@ -21,7 +22,7 @@ def _own(section: Any, p: int) -> list[list[Any]]:
 
 
 def materials(section: Any, p: int) -> list[tuple[Any, Any, list[Any]]]:
-    """At the Gauss points k1, k2 and what the laws of N and Q have besides."""
+    """Return k1 = EA/2l, k2 = C/2l (N/m) and the further constants of the laws of N and Q, a tuple a Gauss point."""
     own = [row[: len(NORMAL_AND_SHEAR)] for row in _own(section, p)]
     if hasattr(section, "k1"):
         return [(section.k1, section.k2, row) for row in own]
@@ -30,7 +31,7 @@ def materials(section: Any, p: int) -> list[tuple[Any, Any, list[Any]]]:
 
 
 def bending_at(section: Any, p: int) -> list[tuple[Any, list[Any]]]:
-    """At the Gauss points kb and what the law of M has besides."""
+    """Return kb = EI/2l (N m) and the further constants of the law of M, a tuple a Gauss point."""
     own = [row[len(NORMAL_AND_SHEAR) :] for row in _own(section, p)]
     if hasattr(section, "kb"):
         return [(section.kb, row) for row in own]
@@ -39,17 +40,17 @@ def bending_at(section: Any, p: int) -> list[tuple[Any, list[Any]]]:
 
 
 def length_of(section: Any) -> Any:
-    """l."""
+    """Return the element's length l, m."""
     return section.length if hasattr(section, "length") else section.numbers[0]
 
 
 def _row(section: Any, first: int, n: int, width: int) -> list[Any]:
-    """Row n of a matrix of `VARYING`."""
+    """Return row n of a matrix of `VARYING` that begins at `first` and has `width` columns."""
     return [section.numbers[first + width * n + k] for k in range(width)]
 
 
 def dot(row: list[Any], values: list[Any]) -> Any:
-    """Sum of the products."""
+    """Return the inner product of a row of constants and a list of values."""
     total = values[0] * row[0]
     for factor, value in zip(row[1:], values[1:], strict=True):
         total = total + value * factor
@@ -57,7 +58,8 @@ def dot(row: list[Any], values: list[Any]) -> Any:
 
 
 def moments_of(section: Any, t: Tables, bent: list[Any]) -> list[Any]:
-    """Bending moments of (right - left, interior ...) in psi."""
+    """Return the generalized bending moments K b (N m), conjugate to (right - left, interior ...) of psi; b: bent."""
+    # one section: K is diagonal, kb norm_i
     if hasattr(section, "kb"):
         return [x * (section.kb * float(norm)) for x, norm in zip(bent, t.norm, strict=True)]
     p = len(bent)
@@ -66,19 +68,22 @@ def moments_of(section: Any, t: Tables, bent: list[Any]) -> list[Any]:
 
 
 def unbent(section: Any, bent: list[Any]) -> list[Any]:
-    """(right - left, interior ...) in psi less what it is without stress."""
+    """Return (right - left, interior ...) of psi, `bent`, less its value without stress (rad)."""
     rest = getattr(section, "rest", None)
     return bent if rest is None else [x - rest[k] for k, x in enumerate(bent)]
 
 
 def inertia_row(section: Any, p: int, axis: int, n: int) -> list[Any]:
-    """Row n of the mass matrix of an axis, of sections that vary."""
+    """Return row n of an axis's mass matrix (X, Y: kg; T: kg m^2) for sections that vary."""
     at = VARYING.offsets(0, p)
     return _row(section, at.rotary if axis == T else at.mass, n, p + 1)
 
 
 def bending_entries(section: Any, t: Tables, share: Any) -> Any:
-    """A function of two nodes: the entry of bending stiffness times share, None where it vanishes."""
+    """Return a function of two nodes: the entry of the bending stiffness in psi (N m) times share, None where it is 0.
+
+    Nodes 0, 1: left and right vertex, whose slopes are opposite; 2 ...: interior. share: weight of K and C.
+    """
     p = len(t.weights)
     if hasattr(section, "kb"):
         kb = section.kb * share
@@ -89,6 +94,7 @@ def bending_entries(section: Any, t: Tables, share: Any) -> Any:
             return None if abs(bend) < 1e-13 else kb * bend
 
         return entry
+    # varying sections: full matrix by (right - left, interior ...); left and right vertex share its first row
     first, factor = VARYING.offsets(0, p).bend, section.factor * share
 
     def own(n1: int, n2: int) -> Any:
@@ -99,7 +105,7 @@ def bending_entries(section: Any, t: Tables, share: Any) -> Any:
 
 
 def inertia_entries(section: Any, t: Tables, weight: Any) -> Any:
-    """A function of two nodes and an axis: the entry of the mass matrix times weight, None where it vanishes."""
+    """Return a function of two nodes and an axis: the entry of the mass matrix times weight, None where it is 0."""
     if hasattr(section, "ml"):
         cml, cjl = section.ml * weight, section.jl * weight
 

@@ -1,21 +1,20 @@
 """Chains of geometrically exact beams: residual, tangent and its factors (model: `physics.model.ExactBeam`).
 
-An element (`element`) passes what it has of its right vertex to the next one, so that each row is written once. A link
-hinged to the tip before it shares that vertex's position; its root's angle there is psi + delta, hence a force on that
-angle acts on psi and on delta. The interior of each element is condensed as soon as its tangent is known; the vertices
-are eliminated from the tip to the root, without pivoting (the matrix is symmetric, and cm M outweighs what is not
-positive in it). A free hinge passes only forces on to the link before it: its angle is eliminated on the way.
-
-Where all that is in coordinates and in S is told in `layout`: CHAIN and FACTORS.
+Rows (`layout.CHAIN`): x, y (m, inertial axes) and psi (rad) of each vertex, interior amplitudes, hinge angles delta.
+Each element passes the state of its right vertex and the force on it to the next element, so each row is written once.
+A link hinged to the tip before it shares that vertex's position. Its root section has the angle psi + delta, so a
+moment on that section acts on psi and on delta. Interiors are condensed as soon as an element's tangent is known;
+vertices are eliminated from tip to root without pivoting: the matrix is symmetric, and cm M outweighs its indefinite
+part. A free hinge transmits forces, no moment: its angle is eliminated on the way. S is laid out as `layout.FACTORS`.
 """
 
-from ...compiler import kernel, load, sincos, splat, store
-from ..arithmetic import add, put_vector, vector
+from ...compiler import Lanes, kernel, load_lane, sincos
+from ..arithmetic import load_vector, store_vector
 from ..layout import OF_LOAD
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, ExactBeam
 from ..protocol import State, register
-from .element import backward, directions, forces, forward, handed_on, tangent
-from .inertia import inertia, rotate
+from .element import backward, element_result, forces, forward, section_directions, tangent
+from .inertia import inertia_forces
 from .layout import (
     AXES,
     LL,
@@ -44,83 +43,104 @@ from .layout import (
     rows_of,
     section_of,
 )
-from .output import damping_work, energy, link_poses, ports, predict, shape
-from .rigid import ROOT_END, TIP_END, about_root, about_tip, begin, carried, end, last, near, with_payload
+from .output import centerline, correct_positions, damping_power, energy, input_displacements, link_poses
+from .rigid import (
+    ROOT_END,
+    TIP_END,
+    about_root,
+    about_tip,
+    beam_start,
+    beam_start_rows,
+    condense_payload,
+    condense_to_near_point,
+    far_point_increment,
+    last_vertex_force,
+)
 
 
 @kernel
-def _less_loads(lane, model, u, q, r):
-    """r less the point loads; those on rigid ends have moments about the vertex before."""
+def _subtract_loads(lane, model, u: Lanes, q: Lanes, r: Lanes):
+    """Subtract the point loads u (force N in inertial axes, torque N m) from the rows of r that they act on.
+
+    A load at the end of a lever of length l along psi also has the moment l (cos psi F_y - sin psi F_x) on psi."""
     loads = model.loads
     for f in range(loads.shape[0] // ROWS_OF_LOAD.end):
+        # force on x and y; torque on the section angle psi, or psi + delta behind a hinge
         at, k = ROWS_OF_LOAD.end * f, model.links + OF_LOAD.end * f
-        add(lane, r, loads[at + ROWS_OF_LOAD.x], -load(lane, u, k + OF_LOAD.x))
-        add(lane, r, loads[at + ROWS_OF_LOAD.y], -load(lane, u, k + OF_LOAD.y))
-        add(lane, r, loads[at + ROWS_OF_LOAD.psi], -load(lane, u, k + OF_LOAD.torque))
+        r[loads[at + ROWS_OF_LOAD.x]] -= u[k + OF_LOAD.x]
+        r[loads[at + ROWS_OF_LOAD.y]] -= u[k + OF_LOAD.y]
+        r[loads[at + ROWS_OF_LOAD.psi]] -= u[k + OF_LOAD.torque]
         if loads[at + ROWS_OF_LOAD.hinge] >= 0:
-            add(lane, r, loads[at + ROWS_OF_LOAD.hinge], -load(lane, u, k + OF_LOAD.torque))
+            r[loads[at + ROWS_OF_LOAD.hinge]] -= u[k + OF_LOAD.torque]
     if model.rigid is not None:
         for f in range(loads.shape[0] // ROWS_OF_LOAD.end):
             row, k = loads[ROWS_OF_LOAD.end * f + ROWS_OF_LOAD.psi], model.links + OF_LOAD.end * f
-            sine, cosine = sincos(load(lane, q, row))
-            moment = cosine * load(lane, u, k + OF_LOAD.y) - sine * load(lane, u, k + OF_LOAD.x)
-            add(lane, r, row, -(moment * model.rigid[lever_at(model.links, 0) + f]))
+            sine, cosine = sincos(q[row])
+            moment = cosine * u[k + OF_LOAD.y] - sine * u[k + OF_LOAD.x]
+            r[row] -= moment * model.rigid[lever_at(model.links, 0) + f]
 
 
 @kernel
-def _at_vertex(lane, model, S, o, mass):
-    """A mass at a vertex; where there are levers it is at the far end of one (`rigid`)."""
+def _add_vertex_mass(lane, model, S: Lanes, o, mass):
+    """Add mass (weighted, kg) to the x and y diagonal of the 3x3 block at S[o]; with rigid ends, levers carry it."""
     if model.rigid is None:
-        add(lane, S, o + XX, mass)
-        add(lane, S, o + YY, mass)
+        S[o + XX] += mass
+        S[o + YY] += mass
 
 
 @kernel
-def _lumps(lane, model, par, cm, S):
-    """Pin flags cleared; inertia of hub, elbows and payload added to the condensed matrices."""
-    if cm != 0.0:
+def _add_lumped_inertia(lane, model, par: Lanes, weights, S: Lanes):
+    """Add the weighted inertia of hub, elbows, payload to S and clear its `pinned` flags, with weights.with_matrix."""
+    if weights.with_matrix:
+        cm = weights.mass
         factors, own = factors_of(model), element_factors_at(0, len(model.order))
-        zero = splat(lane, 0.0)
+        zero = 0.0
         for k in range(AXES):
-            store(S, factors.pinned + k, zero)
-        add(lane, S, factors.elements + own.condensed + LL + TT, splat(lane, cm * model.hub_inertia))
+            S[factors.pinned + k] = zero
+        S[factors.elements + own.condensed + LL + TT] += cm * model.hub_inertia
         for k in range(1, model.links):
-            store(S, factors.hinges + OF_HINGE.end * (k - 1) + OF_HINGE.pinned, zero)
+            S[factors.hinges + OF_HINGE.end * (k - 1) + OF_HINGE.pinned] = zero
+            # elbow: mass and left inertia at the tip before it, right inertia at the root behind it
             elbow = elbow_of(model, k)
             after = factors.elements + own.end * model.elements * k + own.condensed
             before = after - own.end
-            _at_vertex(lane, model, S, before + RR, splat(lane, cm * elbow.mass))
-            add(lane, S, before + RR + TT, splat(lane, cm * elbow.left))
-            add(lane, S, after + LL + TT, splat(lane, cm * elbow.right))
+            _add_vertex_mass(lane, model, S, before + RR, cm * elbow.mass)
+            S[before + RR + TT] += cm * elbow.left
+            S[after + LL + TT] += cm * elbow.right
         last = factors.end - own.end + own.condensed
-        _at_vertex(lane, model, S, last + RR, cm * load(lane, par, PAYLOAD_MASS))
-        add(lane, S, last + RR + TT, cm * load(lane, par, PAYLOAD_INERTIA))
+        _add_vertex_mass(lane, model, S, last + RR, cm * par[PAYLOAD_MASS])
+        S[last + RR + TT] += cm * par[PAYLOAD_INERTIA]
 
 
 @kernel
-def _directions(lane, model, q, S):
-    """Sines and cosines at all Gauss points, ahead of the elements: long chains, but none waits for another."""
+def _directions(lane, model, q: Lanes, S: Lanes):
+    """Store sine and cosine of psi at every Gauss point of the chain in the `circle` fields of S; q: coordinates."""
+    # one pass ahead of the elements: each sine is a long chain of operations, but none waits for another
     own = element_factors_at(0, len(model.order))
     i, o = rows_of(model).elements, factors_of(model).elements + own.circle
     for k in range(model.links):
         psi = root_angle(lane, model, q, k)
         for _ in range(model.elements):
-            directions(lane, model.order, q[i * len(lane) :], psi, S[o * len(lane) :])
+            section_directions(lane, model.order, q[i:], psi, S[o:])
             i += AXES * len(model.order)
             o += own.end
-            psi = load(lane, q, i + T)
+            psi = q[i + T]
 
 
 @kernel
-def _behind_hinge(lane, model, state, k, left):
-    """The vertex before link k as the link's root has it: its own angle, and the elbow's part that goes with it."""
+def _vertex_behind_hinge(lane, model, state: State, k, left):
+    """Return the `Vertex` at the root of link k > 0 from the tip vertex `left` before its hinge, without rigid ends.
+
+    The root section has the angle psi + delta (rad), delta of the hinge. Forces (N, inertial axes) include the elbow's
+    inertia forces; the moment (N m) is only that of the elbow part behind the hinge, since a hinge transmits none.
+    state: q, v, a."""
     (x, y, psi), (vx, vy, spin), (ax, ay, alpha), (fx, fy, _) = left.place, left.rate, left.acceleration, left.force
     elbow, d = elbow_of(model, k), rows_of(model).hinges + k - 1
-    alpha = alpha + load(lane, state.a, d)
+    alpha = alpha + state.a[d]
     if model.damped is not None:
-        spin = spin + load(lane, state.v, d)
+        spin = spin + state.v[d]
     return Vertex(
-        (x, y, psi + load(lane, state.q, d)),
+        (x, y, psi + state.q[d]),
         (vx, vy, spin),
         (ax, ay, alpha),
         (fx + ax * elbow.mass, fy + ay * elbow.mass, alpha * elbow.right),
@@ -128,109 +148,110 @@ def _behind_hinge(lane, model, state, k, left):
 
 
 @kernel
-def assemble(lane, model, par, state, u, weights, r, S):
-    """r and, where the weight of M is not 0, the tangent condensed to the vertices."""
+def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes, S: Lanes):
+    """Write r = M a + f(q, v) - B u, eq. [64], and, with weights.with_matrix, the matrix S condensed to vertices.
+
+    Rows of r: forces (N, inertial axes) on x, y; moments (N m) on psi and delta. S = weights.mass M + weights.damping C
+    + weights.stiffness K in the fields `interior`, `condensed` of FACTORS. state: q, v, a; u: joint torques, then point
+    loads."""
     q, v, a = state
     p, rows, own = len(model.order), rows_of(model), element_factors_at(0, len(model.order))
-    zero = splat(lane, 0.0)
-    torque = load(lane, a, T) * model.hub_inertia - load(lane, u, 0)
-    ax, ay, alpha = vector(lane, a, 0)
+    zero = 0.0
+    # root vertex: gravity as an acceleration of the frame, hub inertia less the hub torque as first moment
+    torque = a[T] * model.hub_inertia - u[0]
+    ax, ay, alpha = load_vector(lane, a, 0)
     rate = zero, zero, zero
     if model.gravity is not None:
         ax, ay = ax - model.gravity[0], ay - model.gravity[1]
     if model.damped is not None:
-        rate = vector(lane, v, 0)
-    left = Vertex(vector(lane, q, 0), rate, (ax, ay, alpha), (zero, zero, torque))
+        rate = load_vector(lane, v, 0)
+    left = Vertex(load_vector(lane, q, 0), rate, (ax, ay, alpha), (zero, zero, torque))
     i, o = rows.elements, factors_of(model).elements
     _directions(lane, model, q, S)
     for k in range(model.links):
+        # vertex where the beam of link k begins
         first, before = i, left
         if model.rigid is not None:
-            left = begin(lane, model, state, k, left, i)
+            left = beam_start(lane, model, state, k, left, i)
         elif k > 0:
-            left = _behind_hinge(lane, model, state, k, left)
+            left = _vertex_behind_hinge(lane, model, state, k, left)
         section = section_of(lane, model, par, k)
         for _ in range(model.elements):
-            j = i * len(lane)
+            # rows of the left vertex and the interior; forces on the right vertex go on to the next element
+            j = i
             here = State(q[j:], v[j:], a[j:])
-            circle = S[(o + own.circle) * len(lane) :]
-            left, points = handed_on(forces(lane, model.order, model.gravity, here, left, section, r[j:], circle))
-            if weights.mass != 0.0:
-                tangent(lane, model.order, points, section, weights, S[o * len(lane) :])
+            circle = S[o + own.circle :]
+            left, points = element_result(forces(lane, model.order, model.gravity, here, left, section, r[j:], circle))
+            if weights.with_matrix:
+                tangent(lane, model.order, points, section, weights, S[o:])
             i += AXES * p
             o += own.end
             section = next_section(model, section)
         if model.rigid is not None:
-            end(lane, model, state, u, k, before, first, r, weights, S)
+            beam_start_rows(lane, model, state, u, k, before, first, r, weights, S)
         elif k > 0:
-            moment = load(lane, r, first + T)
-            store(r, first + T, (before.force[T] + before.acceleration[T] * elbow_of(model, k).left) + moment)
-            store(r, rows.hinges + k - 1, moment - load(lane, u, k))
+            # the moment on psi + delta is one on psi, beside that of the link before, and one on delta
+            moment = r[first + T]
+            r[first + T] = (before.force[T] + before.acceleration[T] * elbow_of(model, k).left) + moment
+            r[rows.hinges + k - 1] = moment - u[k]
+    # last vertex: payload
     if model.rigid is not None:
-        fx, fy, moment = last(lane, model, par, state, left, i, weights, S)
+        fx, fy, moment = last_vertex_force(lane, model, par, state, left, i, weights, S)
     else:
         (fx, fy, moment), (ax, ay, _) = left.force, left.acceleration
-        mass = load(lane, par, PAYLOAD_MASS)
+        mass = par[PAYLOAD_MASS]
         fx, fy = fx + ax * mass, fy + ay * mass
-    put_vector(r, i, (fx, fy, moment + left.acceleration[T] * load(lane, par, PAYLOAD_INERTIA)))
+    store_vector(lane, r, i, (fx, fy, moment + left.acceleration[T] * par[PAYLOAD_INERTIA]))
     if model.loads is not None:
-        _less_loads(lane, model, u, q, r)
-    _lumps(lane, model, par, weights.mass, S)
-
-
-@kernel
-def pin(lane, model, S, k):
-    """Flag coordinate k, of the root or of a joint, for `factor`."""
-    factors = factors_of(model)
-    slot = factors.pinned + k
-    if k >= AXES:
-        slot = factors.hinges + OF_HINGE.end * (k - rows_of(model).hinges) + OF_HINGE.pinned
-    store(S, slot, splat(lane, 1.0))
+        _subtract_loads(lane, model, u, q, r)
+    _add_lumped_inertia(lane, model, par, weights, S)
 
 
 @kernel
 def _six(lane, S, o):
-    """The `SYMMETRIC` at o."""
-    xx, xy, xt = vector(lane, S, o + XX)
-    yy, yt, tt = vector(lane, S, o + YY)
+    """Load the symmetric 3x3 matrix of (x, y, psi) at S[o]: xx, xy, xt, yy, yt, tt with t for psi."""
+    xx, xy, xt = load_vector(lane, S, o + XX)
+    yy, yt, tt = load_vector(lane, S, o + YY)
     return xx, xy, xt, yy, yt, tt
 
 
 @kernel
-def _factor_three(S, o, xx, xy, xt, yy, yt, tt):
-    """Write the factors of a `SYMMETRIC` to o and return them."""
+def _factor_three(lane, S, o, xx, xy, xt, yy, yt, tt):
+    """Factor a symmetric 3x3 matrix of (x, y, psi) as L D L^T; write 1/D and L to S[o] (`SYMMETRIC`), return them."""
     i0 = 1.0 / xx
     l1, l2 = xy * i0, xt * i0
     i1 = 1.0 / (yy - xy * l1)
     m2 = yt - xy * l2
     l3 = m2 * i1
     i2 = 1.0 / ((tt - xt * l2) - m2 * l3)
-    put_vector(S, o + XX, (i0, l1, l2))
-    put_vector(S, o + YY, (i1, l3, i2))
+    store_vector(lane, S, o + XX, (i0, l1, l2))
+    store_vector(lane, S, o + YY, (i1, l3, i2))
     return i0, l1, l2, i1, l3, i2
 
 
 @kernel
 def _eliminate(lane, S, o, tail):
-    """Eliminate the right vertex of the element whose `CONDENSED` is at o; what remains on the left one.
+    """Eliminate an element's right vertex and return the Schur complement LL - LR (RR + tail)^-1 LR^T on its left one.
 
-    `tail`: what the elements behind left on the right vertex, a `SYMMETRIC`.
-    """
+    S[o]: the element's `CONDENSED`, with blocks LL, LR, RR of left and right vertex; RR becomes the factors L D L^T of
+    RR + tail, LR becomes LR L^-T D^-1. tail: the symmetric 3x3 matrix (xx, xy, xt, yy, yt, tt; t for psi) that the
+    elements behind left on the right vertex; so is the result."""
     xx, xy, xt, yy, yt, tt = _six(lane, S, o + RR)
     i0, l1, l2, i1, l3, i2 = _factor_three(
-        S, o + RR, xx + tail[0], xy + tail[1], xt + tail[2], yy + tail[3], yt + tail[4], tt + tail[5]
+        lane, S, o + RR, xx + tail[0], xy + tail[1], xt + tail[2], yy + tail[3], yt + tail[4], tt + tail[5]
     )
-    x0, x1, x2 = vector(lane, S, o + LR_X)
-    y0, y1, y2 = vector(lane, S, o + LR_Y)
-    t0, t1, t2 = vector(lane, S, o + LR_T)
+    # LR L^-T, then times D^-1
+    x0, x1, x2 = load_vector(lane, S, o + LR_X)
+    y0, y1, y2 = load_vector(lane, S, o + LR_Y)
+    t0, t1, t2 = load_vector(lane, S, o + LR_T)
     x1, y1, t1 = x1 - l1 * x0, y1 - l1 * y0, t1 - l1 * t0
     x2, y2, t2 = (x2 - l2 * x0) - l3 * x1, (y2 - l2 * y0) - l3 * y1, (t2 - l2 * t0) - l3 * t1
     p0, p1, p2 = x0 * i0, x1 * i1, x2 * i2
     q0, q1, q2 = y0 * i0, y1 * i1, y2 * i2
     r0, r1, r2 = t0 * i0, t1 * i1, t2 * i2
-    put_vector(S, o + LR_X, (p0, p1, p2))
-    put_vector(S, o + LR_Y, (q0, q1, q2))
-    put_vector(S, o + LR_T, (r0, r1, r2))
+    store_vector(lane, S, o + LR_X, (p0, p1, p2))
+    store_vector(lane, S, o + LR_Y, (q0, q1, q2))
+    store_vector(lane, S, o + LR_T, (r0, r1, r2))
     xx, xy, xt, yy, yt, tt = _six(lane, S, o + LL)
     return (
         ((xx - p0 * x0) - p1 * x1) - p2 * x2,
@@ -243,55 +264,67 @@ def _eliminate(lane, S, o, tail):
 
 
 @kernel
-def stiffen(lane, model, S, k, x):
-    """See `protocol`: the hub's turns the first section, an elbow's is kept for `factor`."""
+def add_stiffness(lane, model, S: Lanes, k, x):
+    """Add x (N m/rad) to the angle of joint row k: at the hub in S at once, at an elbow in `factor`.
+
+    None: flag row k, of the root or of a hinge, so that `factor` and `solve` keep it fixed."""
     factors = factors_of(model)
-    if k < AXES:
-        add(lane, S, factors.elements + element_factors_at(0, len(model.order)).condensed + LL + TT, x)
+    hinge = factors.hinges + OF_HINGE.end * (k - rows_of(model).hinges)
+    if x is None:
+        S[factors.pinned + k if k < AXES else hinge + OF_HINGE.pinned] = 1.0
+    elif k < AXES:
+        S[factors.elements + element_factors_at(0, len(model.order)).condensed + LL + TT] += x
     else:
-        store(S, factors.hinges + OF_HINGE.end * (k - rows_of(model).hinges) + OF_HINGE.own, x)
+        S[hinge + OF_HINGE.own] = x
 
 
 @kernel
-def _turn_free(lane, model, S, h, tail):
-    """Eliminate psi behind the hinge at h, with what a jointed arm adds to its row; what remains at the vertex."""
+def _eliminate_hinge_angle(lane, model, S: Lanes, h, tail):
+    """Eliminate the section angle behind a free hinge; return the 3x3 matrix on (x, y, psi) before the hinge.
+
+    tail: the symmetric matrix on (x, y, psi + delta) of all that follows. S[h], a `HINGE`: receives the inverse pivot
+    and the couplings over the pivot. In a jointed arm it holds the joint's stiffness against psi, which is added."""
     xx, xy, xt, yy, yt, tt = tail
-    zero = splat(lane, 0.0)
+    zero = 0.0
+    # ideal hinge: psi + delta is coupled with x and y alone, so no moment reaches psi
     if model.jointed is None:
         inverse = 1.0 / tt
         zx, zy = xt * inverse, yt * inverse
-        store(S, h + OF_HINGE.x, zx)
-        store(S, h + OF_HINGE.y, zy)
-        store(S, h + OF_HINGE.inverse, inverse)
+        S[h + OF_HINGE.x] = zx
+        S[h + OF_HINGE.y] = zy
+        S[h + OF_HINGE.inverse] = inverse
         return xx - zx * xt, xy - zx * yt, zero, yy - zy * yt, zero, zero
-    own = load(lane, S, h + OF_HINGE.own)
+    # joint stiffness k: adds k to the pivot and to psi's diagonal, -k to their coupling
+    own = S[h + OF_HINGE.own]
     inverse = 1.0 / (tt + own)
     zx, zy, zt = xt * inverse, yt * inverse, own * inverse
-    store(S, h + OF_HINGE.x, zx)
-    store(S, h + OF_HINGE.y, zy)
-    store(S, h + OF_HINGE.inverse, inverse)
-    store(S, h + OF_HINGE.own, zt)
+    S[h + OF_HINGE.x] = zx
+    S[h + OF_HINGE.y] = zy
+    S[h + OF_HINGE.inverse] = inverse
+    S[h + OF_HINGE.own] = zt
     return xx - zx * xt, xy - zx * yt, xt * zt, yy - zy * yt, yt * zt, tt * zt
 
 
 @kernel
 def factor(lane, model, S):
-    """L D L' over the vertices from tip to root; inverse pivots are kept."""
+    """Factor S = L D L^T in place from tip to root; S as `assemble` leaves it, rows fixed by `add_stiffness`."""
     factors, own = factors_of(model), element_factors_at(0, len(model.order))
-    zero, one = splat(lane, 0.0), splat(lane, 1.0)
-    tail = with_payload(lane, model, S, (zero, zero, zero, zero, zero, zero))
-    tail = near(lane, model, S, model.links - 1, TIP_END, tail)
+    zero, one = 0.0, 1.0
+    # payload and tip lever of the last link, then each link's elements, root lever, hinge, tip lever of the link before
+    tail = condense_payload(lane, model, S, (zero, zero, zero, zero, zero, zero))
+    tail = condense_to_near_point(lane, model, S, model.links - 1, TIP_END, tail)
     o = factors.end
     for k in range(model.links - 1, -1, -1):
         for _ in range(model.elements):
             o -= own.end
             tail = _eliminate(lane, S, o + own.condensed, tail)
-        tail = near(lane, model, S, k, ROOT_END, tail)
+        tail = condense_to_near_point(lane, model, S, k, ROOT_END, tail)
         if k > 0:
             h = factors.hinges + OF_HINGE.end * (k - 1)
             if S[(h + OF_HINGE.pinned) * len(lane)] == 0.0:
-                tail = _turn_free(lane, model, S, h, tail)
-            tail = near(lane, model, S, k - 1, TIP_END, tail)
+                tail = _eliminate_hinge_angle(lane, model, S, h, tail)
+            tail = condense_to_near_point(lane, model, S, k - 1, TIP_END, tail)
+    # root: rows of the identity where it is fixed
     xx, xy, xt, yy, yt, tt = tail
     pinned = factors.pinned
     if S[(pinned + X) * len(lane)] != 0.0:
@@ -300,109 +333,118 @@ def factor(lane, model, S):
         yy, xy, yt = one, zero, zero
     if S[(pinned + T) * len(lane)] != 0.0:
         tt, xt, yt = one, zero, zero
-    _factor_three(S, factors.root, xx, xy, xt, yy, yt, tt)
+    _factor_three(lane, S, factors.root, xx, xy, xt, yy, yt, tt)
 
 
 @kernel
-def _forward_three(lane, S, o, x, y, t):
-    """Right side (x, y, t), reduced by the factored `SYMMETRIC` at o."""
-    y = y - load(lane, S, o + XY) * x
-    return x, y, (t - load(lane, S, o + XT) * x) - load(lane, S, o + YT) * y
+def _forward_three(lane, S: Lanes, o, x, y, t):
+    """Return L^-1 (x, y, t) with the 3x3 factors L D L^T at S[o]: forward substitution of a vertex's right side."""
+    y = y - S[o + XY] * x
+    return x, y, (t - S[o + XT] * x) - S[o + YT] * y
 
 
 @kernel
-def _backward_three(lane, S, o, x, y, t):
-    """Solution from the reduced right side over the pivots."""
-    y = y - load(lane, S, o + YT) * t
-    return (x - load(lane, S, o + XY) * y) - load(lane, S, o + XT) * t, y, t
+def _backward_three(lane, S: Lanes, o, x, y, t):
+    """Return L^-T (x, y, t) with the 3x3 factors L D L^T at S[o]: backward substitution at a vertex."""
+    y = y - S[o + YT] * t
+    return (x - S[o + XY] * y) - S[o + XT] * t, y, t
 
 
 @kernel
 def _reduce(lane, S, o, x, y, t):
-    """Right side of the right vertex of the `CONDENSED` at o, reduced; and what it takes from the left one."""
+    """Return L^-1 b at an element's right vertex, b = (x, y, t), t for psi, and LR RR^-1 b: six numbers.
+
+    The left vertex's right side loses LR RR^-1 b. S[o]: the factored `CONDENSED`: RR = L D L^T, LR L^-T D^-1."""
     x, y, t = _forward_three(lane, S, o + RR, x, y, t)
-    x0, x1, x2 = vector(lane, S, o + LR_X)
-    y0, y1, y2 = vector(lane, S, o + LR_Y)
-    t0, t1, t2 = vector(lane, S, o + LR_T)
+    x0, x1, x2 = load_vector(lane, S, o + LR_X)
+    y0, y1, y2 = load_vector(lane, S, o + LR_Y)
+    t0, t1, t2 = load_vector(lane, S, o + LR_T)
     return x, y, t, (x0 * x + x1 * y) + x2 * t, (y0 * x + y1 * y) + y2 * t, (t0 * x + t1 * y) + t2 * t
 
 
 @kernel
-def _restore(lane, S, o, right, left):
-    """Solution at the right vertex from its reduced right side and the solution at the left one."""
+def _restore(lane, S: Lanes, o, right, left):
+    """Return the solution (x, y, psi) at an element's right vertex from that at its left vertex, `left`.
+
+    right: the right vertex's reduced right side L^-1 b. S[o]: the factored `CONDENSED`: RR = L D L^T, LR L^-T D^-1."""
     (x, y, t), (a, b, c) = right, left
-    x0, x1, x2 = vector(lane, S, o + LR_X)
-    y0, y1, y2 = vector(lane, S, o + LR_Y)
-    t0, t1, t2 = vector(lane, S, o + LR_T)
-    t = ((t * load(lane, S, o + RR + TT) - x2 * a) - y2 * b) - t2 * c
-    y = ((y * load(lane, S, o + RR + YY) - x1 * a) - y1 * b) - t1 * c
-    x = ((x * load(lane, S, o + RR + XX) - x0 * a) - y0 * b) - t0 * c
+    x0, x1, x2 = load_vector(lane, S, o + LR_X)
+    y0, y1, y2 = load_vector(lane, S, o + LR_Y)
+    t0, t1, t2 = load_vector(lane, S, o + LR_T)
+    t = ((t * S[o + RR + TT] - x2 * a) - y2 * b) - t2 * c
+    y = ((y * S[o + RR + YY] - x1 * a) - y1 * b) - t1 * c
+    x = ((x * S[o + RR + XX] - x0 * a) - y0 * b) - t0 * c
     return _backward_three(lane, S, o + RR, x, y, t)
 
 
 @kernel
-def solve(lane, model, S, x):
-    """x <- S^-1 x with the factors of `factor`."""
+def solve(lane, model, S: Lanes, x: Lanes):
+    """x <- S^-1 x in place, with the factors of `factor`: forward from tip to root, then backward from root to tip."""
     rows, factors, own = rows_of(model), factors_of(model), element_factors_at(0, len(model.order))
     span = AXES * len(model.order)
-    i, o, taken = rows.tip, factors.end, splat(lane, 0.0)
-    tx, ty, tt = vector(lane, x, i)
+    i, o, taken = rows.tip, factors.end, 0.0
+    tx, ty, tt = load_vector(lane, x, i)
     for k in range(model.links - 1, -1, -1):
         for _ in range(model.elements):
+            # interior, then right vertex; (tx, ty, tt) goes on as the left vertex's right side
             i -= span
             o -= own.end
-            lx, ly, lt, rx, ry, rt = forward(lane, model.order, S[o * len(lane) :], x[i * len(lane) :])
+            lx, ly, lt, rx, ry, rt = forward(lane, model.order, S[o:], x[i:])
             tx, ty, tt, ux, uy, ut = _reduce(lane, S, o + own.condensed, tx - rx, ty - ry, tt - rt)
-            put_vector(x, i + span, (tx, ty, tt))
+            store_vector(lane, x, i + span, (tx, ty, tt))
             taken = lt + ut
-            tx, ty, tt = vector(lane, x, i)
+            tx, ty, tt = load_vector(lane, x, i)
             tx, ty, tt = (tx - lx) - ux, (ty - ly) - uy, tt - taken
         taken, tt = about_root(lane, model, S, k, x, i, tx, ty, taken, tt)
         if k > 0:
             h, d = factors.hinges + OF_HINGE.end * (k - 1), rows.hinges + k - 1
-            if S[(h + OF_HINGE.pinned) * len(lane)] == 0.0:
-                own_side = load(lane, x, d)
+            if load_lane(lane, S, h + OF_HINGE.pinned, 0) == 0.0:
+                # right side of psi + delta: that of delta; the rest of psi's row belongs to the section before it
+                own_side = x[d]
                 both = own_side - taken
-                tt = load(lane, x, i + T) - own_side
+                tt = x[i + T] - own_side
                 if model.jointed is not None:  # with its part of the moment behind
-                    tt = tt + load(lane, S, h + OF_HINGE.own) * both
-                tx, ty = tx - load(lane, S, h + OF_HINGE.x) * both, ty - load(lane, S, h + OF_HINGE.y) * both
-                store(x, d, both)
+                    tt = tt + S[h + OF_HINGE.own] * both
+                tx, ty = tx - S[h + OF_HINGE.x] * both, ty - S[h + OF_HINGE.y] * both
+                x[d] = both
             tt = about_tip(lane, model, S, k - 1, x, i, tx, ty, tt)
+    # root: solution from its 3x3 factors
     pinned, root = factors.pinned, factors.root
-    if S[(pinned + X) * len(lane)] != 0.0:
-        tx = load(lane, x, X)
-    if S[(pinned + Y) * len(lane)] != 0.0:
-        ty = load(lane, x, Y)
-    if S[(pinned + T) * len(lane)] != 0.0:
-        tt = load(lane, x, T)
+    if load_lane(lane, S, pinned + X, 0) != 0.0:
+        tx = x[X]
+    if load_lane(lane, S, pinned + Y, 0) != 0.0:
+        ty = x[Y]
+    if load_lane(lane, S, pinned + T, 0) != 0.0:
+        tt = x[T]
     tx, ty, tt = _forward_three(lane, S, root, tx, ty, tt)
-    tx, ty, tt = tx * load(lane, S, root + XX), ty * load(lane, S, root + YY), tt * load(lane, S, root + TT)
+    tx, ty, tt = tx * S[root + XX], ty * S[root + YY], tt * S[root + TT]
     tx, ty, tt = _backward_three(lane, S, root, tx, ty, tt)
-    put_vector(x, 0, (tx, ty, tt))
+    store_vector(lane, x, 0, (tx, ty, tt))
     for k in range(model.links):
         if k > 0:
             h, d = factors.hinges + OF_HINGE.end * (k - 1), rows.hinges + k - 1
-            tx, ty = carried(lane, model, S, k - 1, TIP_END, tx, ty, tt)
+            tx, ty = far_point_increment(lane, model, S, k - 1, TIP_END, tx, ty, tt)
+            # angle behind the hinge, psi + delta; x[d] is the difference
             psi = tt
-            if S[(h + OF_HINGE.pinned) * len(lane)] == 0.0:
-                psi = load(lane, x, d) * load(lane, S, h + OF_HINGE.inverse) - load(lane, S, h + OF_HINGE.x) * tx
-                psi = psi - load(lane, S, h + OF_HINGE.y) * ty
+            if load_lane(lane, S, h + OF_HINGE.pinned, 0) == 0.0:
+                psi = x[d] * S[h + OF_HINGE.inverse] - S[h + OF_HINGE.x] * tx
+                psi = psi - S[h + OF_HINGE.y] * ty
                 if model.jointed is not None:  # with the part that psi before it carries along
-                    psi = psi + load(lane, S, h + OF_HINGE.own) * tt
-            store(x, d, psi - tt)
+                    psi = psi + S[h + OF_HINGE.own] * tt
+            x[d] = psi - tt
             tt = psi
-        tx, ty = carried(lane, model, S, k, ROOT_END, tx, ty, tt)
+        # from the start of the beam: right vertex of each element, then its interior
+        tx, ty = far_point_increment(lane, model, S, k, ROOT_END, tx, ty, tt)
         for _ in range(model.elements):
             left = tx, ty, tt
-            tx, ty, tt = _restore(lane, S, o + own.condensed, vector(lane, x, i + span), left)
-            put_vector(x, i + span, (tx, ty, tt))
-            backward(lane, model.order, S[o * len(lane) :], x[i * len(lane) :], left, (tx, ty, tt))
+            tx, ty, tt = _restore(lane, S, o + own.condensed, load_vector(lane, x, i + span), left)
+            store_vector(lane, x, i + span, (tx, ty, tt))
+            backward(lane, model.order, S[o:], x[i:], left, (tx, ty, tt))
             i += span
             o += own.end
 
 
 register(
-    ExactBeam, predict, assemble, inertia, rotate, pin, stiffen, factor, solve, ports, damping_work, energy, link_poses,
-    shape, solve_transposed=solve,
+    ExactBeam, correct_positions, assemble, inertia_forces, add_stiffness, factor, solve, input_displacements,
+    damping_power, energy, link_poses, centerline, solve_transposed=solve,
 )  # fmt: skip

@@ -1,58 +1,83 @@
-"""What correcting the period of a chain of geometrically exact beams takes: M a alone, and rotating its vectors."""
+"""Kernels of the period correction, theory (6.2), for chains of geometrically exact beams: M a, rotation of vectors."""
 
-from ...compiler import kernel, load, splat, store
-from ..arithmetic import put_vector, vector
+from ...compiler import Lanes, kernel
+from ..arithmetic import load_vector, store_vector
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
-from .element import momentum, rotate_pair
+from .element import momentum, rotate_by_small_angle
 from .layout import AXES, T, elbow_of, next_section, rows_of, section_of
 
 
 @kernel
-def inertia(lane, model, par, a, r):
-    """r <- M a: that of the elements, hub, elbows and payload."""
-    rows, zero = rows_of(model), splat(lane, 0.0)
-    x, y, psi = vector(lane, a, 0)
+def inertia_forces(lane, model, par: Lanes, turn, a: Lanes, r: Lanes):
+    """Rotate the vectors in a by `turn`, then compute r <- M a with the constant mass matrix M (unless r is None).
+
+    turn: None, or (start, q, share): each node's vector turns by `share` times its section's rotation from coordinates
+    start to q. a: accelerations by the rows of CHAIN (m/s^2, inertial axes; rad/s^2). r: forces (N) and moments (N m)
+    in the same rows. Without rigid ends: a model that has them has no period correction.
+    """
+    if turn is not None:
+        rotate_vectors(lane, model, turn[0], turn[1], turn[2], a)
+    if r is not None:
+        _multiply_mass(lane, model, par, a, r)
+
+
+@kernel
+def _multiply_mass(lane, model, par: Lanes, a: Lanes, r: Lanes):
+    """Compute r <- M a with the mass matrix of elements, hub, elbows and payload.
+
+    a: accelerations by the rows of CHAIN (m/s^2, inertial axes; rad/s^2); r: forces (N) and moments (N m) in the same
+    rows; par: payload mass (kg) and inertia (kg m^2).
+    """
+    rows, zero = rows_of(model), 0.0
+    # left: (a_x, a_y, a_psi) of the current vertex and the rows of r that it has so far
+    x, y, psi = load_vector(lane, a, 0)
     left = (x, y, psi, zero, zero, psi * model.hub_inertia)
     i = rows.elements
     for k in range(model.links):
         root, before, d = i + T, zero, rows.hinges + k - 1
         if k > 0:
+            # through the hinge: the section behind it turns by psi + delta, forces are transmitted, no moment
             x, y, psi, fx, fy, moment = left
             elbow = elbow_of(model, k)
             before = moment + psi * elbow.left
-            psi = psi + load(lane, a, d)
+            psi = psi + a[d]
             left = (x, y, psi, fx + x * elbow.mass, fy + y * elbow.mass, psi * elbow.right)
         section = section_of(lane, model, par, k)
         for _ in range(model.elements):
-            j = i * len(lane)
+            j = i
             left = momentum(lane, model.order, a[j:], left, section, r[j:])
             i += AXES * len(model.order)
             section = next_section(model, section)
+        # the moment on psi + delta belongs to the rows of psi and of delta
         if k > 0:
-            moment = load(lane, r, root)
-            store(r, root, before + moment)
-            store(r, d, moment)
+            moment = r[root]
+            r[root] = before + moment
+            r[d] = moment
     x, y, psi, fx, fy, moment = left
-    mass = load(lane, par, PAYLOAD_MASS)
-    put_vector(r, i, (fx + x * mass, fy + y * mass, moment + psi * load(lane, par, PAYLOAD_INERTIA)))
+    mass = par[PAYLOAD_MASS]
+    store_vector(lane, r, i, (fx + x * mass, fy + y * mass, moment + psi * par[PAYLOAD_INERTIA]))
 
 
 @kernel
-def rotate(lane, model, start, q, share, x):
-    """Rotate each node's vector (x, y) in x by a share of the angle that its section turns by from start to q."""
+def rotate_vectors(lane, model, start: Lanes, q: Lanes, share, x: Lanes):
+    """Rotate each node's vector (x, y; inertial axes) in x by `share` times its section's rotation from start to q.
+
+    start, q: coordinates (psi in rad, small differences). Interior amplitudes turn by the mean of both vertices.
+    """
     order, p, rows = model.order, len(model.order), rows_of(model)
     i = rows.elements
-    left = load(lane, q, i + T) - load(lane, start, i + T)
-    rotate_pair(lane, order, x, left * share)
+    left = q[i + T] - start[i + T]
+    rotate_by_small_angle(lane, order, x, left * share)
     for k in range(model.links):
         if k > 0:
             d = rows.hinges + k - 1
-            left = left + (load(lane, q, d) - load(lane, start, d))
+            left = left + (q[d] - start[d])
         for _ in range(model.elements):
             last = i + AXES * p
-            right = load(lane, q, last + T) - load(lane, start, last + T)
+            right = q[last + T] - start[last + T]
+            # interior nodes, then the right vertex
             for j in range(1, p):
-                rotate_pair(lane, order, x[(i + AXES * j) * len(lane) :], (left + right) * (0.5 * share))
-            rotate_pair(lane, order, x[last * len(lane) :], right * share)
+                rotate_by_small_angle(lane, order, x[i + AXES * j :], (left + right) * (0.5 * share))
+            rotate_by_small_angle(lane, order, x[last:], right * share)
             left = right
             i = last

@@ -1,12 +1,17 @@
-"""What is read off a chain of geometrically exact beams: ports, energies, poses, shape; and Newton's first guess."""
+"""Outputs of a chain of geometrically exact beams: input displacements, energies, damping power, poses, centerline.
+
+Also `correct_positions`, for the start of the Newton iteration. Positions in m, inertial axes; angles in rad from x.
+"""
 
 import numpy as np
 
-from ...compiler import kernel, load, sincos, splat, store
-from ..arithmetic import fall, put_vector, share_of, vector
+from ...compiler import Lanes, kernel, sincos
+from ..arithmetic import gravity_along, load_vector, scaled_by_share, store_vector
+from ..integrator.newton import move_prediction
+from ..integrator.work import copy_rows
 from ..layout import OF_LOAD, POSE
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, TAU_D
-from .element import carry, damp, measure
+from .element import damping_sums, energy_sums, propagate_positions
 from .layout import (
     AXES,
     ROWS_OF_LOAD,
@@ -22,112 +27,134 @@ from .layout import (
     section_of,
     vertex_of,
 )
-from .rigid import beginning, ends_of, following, joint, payload_place
+from .rigid import beam_start_motion, joint_motion, next_vertex_motion, payload_place, rigid_end_sums
 from .tables import interior
 
 
 @kernel
-def ports(lane, model, par, q, y):
-    """Joint angles, then position and angle of the point of each load."""
+def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
+    """Write the displacement conjugate to each input to y: joint angles (rad), then x, y, angle of each load point.
+
+    Positions in m, inertial axes. Joint 0: psi of the root; others: hinge angles delta. A load at the end of a lever
+    moves with it; one behind a hinge turns with psi + delta. par and since are not used: angles in the plane add up.
+    """
     rows, links = rows_of(model), model.links
-    store(y, 0, load(lane, q, T))
+    y[0] = q[T]
     for k in range(1, links):
-        store(y, k, load(lane, q, rows.hinges + k - 1))
+        y[k] = q[rows.hinges + k - 1]
     if model.loads is not None:
         for f in range(model.loads.shape[0] // ROWS_OF_LOAD.end):
             of = model.loads[ROWS_OF_LOAD.end * f :]
-            px, py = load(lane, q, of[ROWS_OF_LOAD.x]), load(lane, q, of[ROWS_OF_LOAD.y])
-            psi = load(lane, q, of[ROWS_OF_LOAD.psi])
+            px, py = q[of[ROWS_OF_LOAD.x]], q[of[ROWS_OF_LOAD.y]]
+            psi = q[of[ROWS_OF_LOAD.psi]]
             if model.rigid is not None:
                 length = model.rigid[lever_at(links, 0) + f]
                 sine, cosine = sincos(psi)
                 px, py = px + cosine * length, py + sine * length
             if of[ROWS_OF_LOAD.hinge] >= 0:
-                psi = psi + load(lane, q, of[ROWS_OF_LOAD.hinge])
-            put_vector(y, links + OF_LOAD.end * f, (px, py, psi))
+                psi = psi + q[of[ROWS_OF_LOAD.hinge]]
+            store_vector(lane, y, links + OF_LOAD.end * f, (px, py, psi))
 
 
 @kernel
-def energy(lane, model, par, q, v):
-    """(kinetic, strain, gravity) energy, J."""
+def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
+    """Return (kinetic, strain, gravitational) energy of the chain, J; gravity's is measured from the origin.
+
+    q: coordinates (m, rad); v: their rates. Strain energy as in theory (5.1).
+    """
     i = rows_of(model).elements
-    psi, spin = load(lane, q, i + T), load(lane, v, i + T)
+    # mx, my: first moments of mass, kg m
+    psi, spin = q[i + T], v[i + T]
     kinetic = (spin * spin) * (0.5 * model.hub_inertia)
-    strain, mx, my = splat(lane, 0.0), splat(lane, 0.0), splat(lane, 0.0)
+    strain, mx, my = 0.0, 0.0, 0.0
     for k in range(model.links):
+        # elbow: mass at the joint, rotary inertia before and behind the hinge
         if k > 0:
             elbow = elbow_of(model, k)
-            x, y, vx, vy = joint(lane, model, q, v, k)
+            x, y, vx, vy = joint_motion(lane, model, q, v, k)
             kinetic = kinetic + (vx * vx + vy * vy) * (0.5 * elbow.mass) + (spin * spin) * (0.5 * elbow.left)
             mx, my = mx + x * elbow.mass, my + y * elbow.mass
             psi, spin = root_angle(lane, model, q, k), root_angle(lane, model, v, k)
             kinetic = kinetic + (spin * spin) * (0.5 * elbow.right)
-        section, left = section_of(lane, model, par, k), beginning(lane, model, q, v, k)
+        section, left = section_of(lane, model, par, k), beam_start_motion(lane, model, q, v, k)
+        # rigid ends, then elements
         if model.rigid is not None:
-            more, x, y = ends_of(lane, model, q, v, k)
+            more, x, y = rigid_end_sums(lane, model, q, v, k)
             kinetic, mx, my = kinetic + more, mx + x, my + y
         for _ in range(model.elements):
-            j = i * len(lane)
-            part = measure(lane, model.order, q[j:], v[j:], psi, spin, left, section)
+            j = i
+            part = energy_sums(lane, model.order, q[j:], v[j:], psi, spin, left, section)
             kinetic, strain = kinetic + part[0], strain + part[1]
             mx, my = mx + part[2], my + part[3]
             section = next_section(model, section)
             i += AXES * len(model.order)
-            psi, spin = load(lane, q, i + T), load(lane, v, i + T)
-            left = following(lane, model, q, v, i)
-    mass = load(lane, par, PAYLOAD_MASS)
-    x, y, vx, vy = joint(lane, model, q, v, model.links)
+            psi, spin = q[i + T], v[i + T]
+            left = next_vertex_motion(lane, model, q, v, i)
+    # payload, at the tip or off it
+    mass = par[PAYLOAD_MASS]
+    x, y, vx, vy = joint_motion(lane, model, q, v, model.links)
     x, y, vx, vy = payload_place(lane, model, psi, spin, x, y, vx, vy)
-    kinetic = kinetic + ((vx * vx + vy * vy) * mass + (spin * spin) * load(lane, par, PAYLOAD_INERTIA)) * 0.5
+    kinetic = kinetic + ((vx * vx + vy * vy) * mass + (spin * spin) * par[PAYLOAD_INERTIA]) * 0.5
     mx, my = mx + x * mass, my + y * mass
-    return kinetic, strain, -(mx * fall(model.gravity, 0) + my * fall(model.gravity, 1))
+    return kinetic, strain, -(mx * gravity_along(model.gravity, 0) + my * gravity_along(model.gravity, 1))
 
 
 @kernel
-def damping_work(lane, model, par, q, v, x):
-    """x'C(q) v of the material, W."""
+def damping_power(lane, model, par: Lanes, q: Lanes, v: Lanes, x: Lanes):
+    """Return x^T C(q) v, W: the power at rates x of the Kelvin-Voigt damping forces at rates v; 0 without damping."""
     if model.damped is None:
-        return splat(lane, 0.0)
-    i, total = rows_of(model).elements, splat(lane, 0.0)
+        return 0.0
+    i, total = rows_of(model).elements, 0.0
     for k in range(model.links):
+        # section angle at the left of the next element, in q, v and x
         psi = root_angle(lane, model, q, k), root_angle(lane, model, v, k), root_angle(lane, model, x, k)
         section = section_of(lane, model, par, k)
-        left = beginning(lane, model, q, v, k), beginning(lane, model, q, x, k)
+        left = beam_start_motion(lane, model, q, v, k), beam_start_motion(lane, model, q, x, k)
         for _ in range(model.elements):
-            j = i * len(lane)
-            work = damp(lane, model.order, q[j:], v[j:], x[j:], psi, left, section)[0]
-            total = total + share_of(model.damped, k, work)
+            j = i
+            # per tau_d (W/s), times the link's share of tau_d
+            work = damping_sums(lane, model.order, q[j:], v[j:], x[j:], psi, left, section)[0]
+            total = total + scaled_by_share(model.damped, k, work)
             section = next_section(model, section)
             i += AXES * len(model.order)
-            psi = load(lane, q, i + T), load(lane, v, i + T), load(lane, x, i + T)
-            left = following(lane, model, q, v, i), following(lane, model, q, x, i)
-    return total * load(lane, par, TAU_D)
+            psi = q[i + T], v[i + T], x[i + T]
+            left = next_vertex_motion(lane, model, q, v, i), next_vertex_motion(lane, model, q, x, i)
+    return total * par[TAU_D]
 
 
 @kernel
-def link_poses(lane, model, par, q, v, out):
-    """Of each link: x, y, angle of its root and their rates, then those of its tip (`POSES`)."""
+def link_poses(lane, model, par, q: Lanes, v: Lanes, out, tasks=None):
+    """Write `layout.POSES` of each link to out: x, y (m), angle (rad) of its root, their rates, the same of its tip.
+
+    Inertial axes. Root and tip are the joints, beyond rigid ends; angles are those of the beam's sections there. q, v:
+    coordinates and their rates. par and tasks are not used.
+    """
     for k in range(model.links + 1):
-        x, y, vx, vy = joint(lane, model, q, v, k)
+        # joint k: root of link k, tip of link k - 1
+        x, y, vx, vy = joint_motion(lane, model, q, v, k)
         if k < model.links:
             at = POSE.end * k
-            put_vector(out, at + POSE.x, (x, y, root_angle(lane, model, q, k)))
-            put_vector(out, at + POSE.vx, (vx, vy, root_angle(lane, model, v, k)))
+            store_vector(lane, out, at + POSE.x, (x, y, root_angle(lane, model, q, k)))
+            store_vector(lane, out, at + POSE.vx, (vx, vy, root_angle(lane, model, v, k)))
         if k > 0:
             at, i = POSE.end * (k - 1), vertex_of(model, k)
-            put_vector(out, at + POSE.tip_x, (x, y, load(lane, q, i + T)))
-            put_vector(out, at + POSE.tip_vx, (vx, vy, load(lane, v, i + T)))
+            store_vector(lane, out, at + POSE.tip_x, (x, y, q[i + T]))
+            store_vector(lane, out, at + POSE.tip_vx, (vx, vy, v[i + T]))
 
 
 STATIONS = np.zeros((4, 4, 2))
-"""Interior functions (last axis) at p equal steps along an element of order p."""
+"""STATIONS[p, j, k]: interior function k at station j of p equal steps along an element of order p."""
 for _order in range(2, 4):
     STATIONS[_order, :_order, : _order - 1] = interior(_order, np.arange(_order) * 2.0 / _order - 1.0).T
 
 
 @kernel
-def shape(model, q, points):
-    """Positions along the chain at p equal steps of each element, as many as `points` has room for; their number."""
+def centerline(model, q, points):
+    """Write positions along the chain (m, inertial axes) at p equal steps of each element to points; return how many.
+
+    One lane. p: polynomial order; q: coordinates. Stops where `points` (n, 2) is full. The first point of a link is its
+    joint, the last one the arm's tip.
+    """
     p, rows = len(model.order), rows_of(model)
     at = element_at(0, p)
     count = 0
@@ -138,35 +165,52 @@ def shape(model, q, points):
                 share = j / p
                 left = q[i + X], q[i + Y]
                 if model.rigid is not None and e % model.elements == 0:
-                    x, y, _, _ = beginning((0,), model, q, q, e // model.elements)
+                    x, y, _, _ = beam_start_motion((0,), model, q, q, e // model.elements)
                     left = x, y
+                # linear functions of both vertices, then the interior functions
                 for axis in range(2):
                     value = left[axis] * (1.0 - share) + q[i + at.right + axis] * share
                     for k in range(p - 1):
                         value += STATIONS[p, j, k] * q[i + at.interior + AXES * k + axis]
                     points[count, axis] = value
                 if j == 0 and e % model.elements == 0:
-                    points[count, 0], points[count, 1], _, _ = joint((0,), model, q, q, e // model.elements)
+                    points[count, 0], points[count, 1], _, _ = joint_motion((0,), model, q, q, e // model.elements)
                 count += 1
     if count < points.shape[0]:
-        points[count, 0], points[count, 1], _, _ = joint((0,), model, q, q, model.links)
+        points[count, 0], points[count, 1], _, _ = joint_motion((0,), model, q, q, model.links)
         count += 1
     return count
 
 
 @kernel
-def predict(lane, model, start, q):
-    """Positions in q anew: from the root's, with the angles of q and the strains of `start`.
+def restore_strains(lane, model, start: Lanes, q: Lanes):
+    """Replace the predicted positions in q (m) by those that follow from q's root and angles and `start`'s strains.
 
-    A chain whose nodes move on along their velocities stretches by half the square of the angle it turns, which a
-    stiff arm answers with forces that spoil the first iterations.
+    start: coordinates at the beginning of the step. Nodes that move straight along their velocities stretch the chain
+    by half the square of the angle it turns by; the forces of a stiff arm then spoil the first Newton iterations.
     """
     i = rows_of(model).elements
-    x, y, _ = vector(lane, q, i)
+    x, y, _ = load_vector(lane, q, i)
     for k in range(model.links):
+        # left section angle at the start of the step and in q
         psi, new_psi = root_angle(lane, model, start, k), root_angle(lane, model, q, k)
         for _ in range(model.elements):
-            j = i * len(lane)
-            x, y = carry(lane, model.order, start[j:], q[j:], psi, new_psi, x, y)
+            j = i
+            x, y = propagate_positions(lane, model.order, start[j:], q[j:], psi, new_psi, x, y)
             i += AXES * len(model.order)
-            psi, new_psi = load(lane, start, i + T), load(lane, q, i + T)
+            psi, new_psi = start[i + T], q[i + T]
+
+
+@kernel
+def correct_positions(lane, model, par, w, active, slopes, predicted):
+    """Replace predicted positions in w.q (m) by those that follow from the strains at the step's start, w.q0.
+
+    w.v, w.a, w.b follow by `slopes` (`NewmarkSlopes`). predicted: a tag after a prediction; None after a Newton
+    increment, where nothing is done. active is not used.
+
+    # scratch   w.r
+    """
+    if predicted is not None:
+        copy_rows(lane, model.n, w.q, w.r)
+        restore_strains(lane, model, w.q0, w.r)
+        move_prediction(lane, model, w, w.r, slopes)

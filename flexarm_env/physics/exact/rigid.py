@@ -1,16 +1,21 @@
-"""Rigid ends of links: levers between the rows of a chain and its beams (docs: theory, "Exact beam").
+"""Rigid ends of links: levers between a chain's rows and its beams (docs: theory, "Links that vary, and rigid ends").
 
-The rows of a vertex are those of a beam's tip, or of the joint at the chain's root. Where links have rigid ends the
-next beam begins elsewhere: past the lever of the tip before it (length b along psi), the hinge, and the lever of its
-own root (c along psi + delta). What acts at the far point of a lever acts on the near one with a moment; its mass is
-in its middle. The matrix leaves out that a lever turns while it accelerates (terms in h omega, times its share of the
-inertia). A payload whose centre is not at the tip is at the far point of one more lever, behind the last.
+The rows of a vertex are those of a beam's tip, or of the joint at the chain's root. If links have rigid ends, the next
+beam begins elsewhere: past the lever of the tip before it (length b along psi), the hinge, and the lever of its own
+root (length c along psi + delta). The near point of a lever is the one closer to the arm's root. A force at its far
+point acts on the near point with a moment; the lever's mass is in its middle. The matrix leaves out that a lever turns
+while it accelerates (terms in h omega, times the lever's share of the inertia). A payload with its center off the tip
+is at the far point of one more lever, behind the last one.
+
+Vectors are in inertial axes (m, m/s, m/s^2, N); moments (N m) and angles (rad) are counter-clockwise. `end`: ROOT_END
+(joint to beam start) or TIP_END (beam end to next joint). Where `model.rigid` is None there are no levers.
 """
 
-from ...compiler import kernel, load, sincos, splat, store
-from ..arithmetic import pair, put_pair, put_vector, turned, vector
+from ...compiler import Lanes, kernel, sincos
+from ..arithmetic import load_pair, load_vector, rotate_2d, store_pair, store_vector
 from ..layout import LEVER
 from ..model import PAYLOAD_MASS
+from ..protocol import State
 from .layout import LEVER_FACTORS, T, Vertex, X, Y, elbow_of, factors_of, lever_at, root_angle, rows_of, vertex_of
 
 OF_LEVER, OF_FACTORS = LEVER.places, LEVER_FACTORS.places
@@ -18,147 +23,196 @@ ROOT_END, TIP_END = range(2)
 
 
 @kernel
-def arm(lane, model, k, end, angle):
-    """The lever of an end of link k as a vector along its beam's tangent."""
+def lever_vector(lane, model, k, end, angle):
+    """Return the lever of an end of link k, near to far point, m, inertial axes; angle: psi of the beam there, rad.
+
+    end: ROOT_END (joint to beam start) or TIP_END (beam end to next joint). The near point is closer to the arm's root.
+    """
     sine, cosine = sincos(angle)
     length = model.rigid[lever_at(k, end) + OF_LEVER.length]
     return cosine * length, sine * length
 
 
 @kernel
-def to_payload(lane, model, angle):
-    """The lever from the tip to the payload's centre."""
+def payload_lever_vector(lane, model, angle):
+    """Return the vector from the tip to the payload's center of mass, m, inertial axes; angle: psi of the tip, rad."""
     sine, cosine = sincos(angle)
-    return turned(cosine, sine, model.eccentric[0], model.eccentric[1])
+    return rotate_2d(cosine, sine, model.eccentric[0], model.eccentric[1])
 
 
 @kernel
 def _factors_at(model, k, end):
-    """Where the `LEVER_FACTORS` of an end of link k begin; of the payload's lever for k = links."""
+    """Return the offset in S of the `LEVER_FACTORS` of an end of link k; k = links, ROOT_END: the payload's lever."""
     return factors_of(model).end + OF_FACTORS.end * (2 * k + end)
 
 
 @kernel
-def _keep(S, at, lever, far, mass, turn):
-    """Write the `LEVER_FACTORS` at `at`."""
+def _store_lever_factors(lane, S, at, lever, far, mass, turn):
+    """Write a lever's terms of the Newton matrix, `LEVER_FACTORS`, to S from offset `at`.
+
+    lever: (e_x, e_y), m, inertial axes; (-e_y, e_x) is the far point's derivative by the lever's angle. far, mass: at
+    its far point and its own, kg times the matrix's weight of M; turn: diagonal entry of its angle, weighted inertia
+    less geometric stiffness.
+    """
     ex, ey = lever
-    put_pair(S, at + OF_FACTORS.x, (-ey, ex))
-    put_vector(S, at + OF_FACTORS.far, (far, mass, turn))
+    store_pair(lane, S, at + OF_FACTORS.x, (-ey, ex))
+    store_vector(lane, S, at + OF_FACTORS.far, (far, mass, turn))
 
 
 @kernel
 def payload_place(lane, model, psi, spin, x, y, vx, vy):
-    """Place and velocity of the payload's centre, from those of the tip."""
+    """Return position and velocity (x, y, vx, vy; inertial axes) of the payload's center of mass from the tip's.
+
+    m, m/s. psi, spin: angle (rad) and rate (rad/s) of the tip section. Unchanged for a payload at the tip.
+    """
     if model.eccentric is None:
         return x, y, vx, vy
-    return swung(lane, to_payload(lane, model, psi), spin, x, y, vx, vy)
+    return lever_end_velocity(lane, payload_lever_vector(lane, model, psi), spin, x, y, vx, vy)
 
 
 @kernel
 def _payload_force(lane, model, psi, motion, mass, weights, S):
-    """Force and moment of the payload's mass at the tip, whose motion is as in `_through`; mass there in the matrix."""
+    """Return the payload's inertia force at the tip and its moment about the tip: (fx, fy, moment, mass).
+
+    N (inertial axes), N m, kg. psi: angle of the tip section. motion: its rate, second rate and the acceleration (x, y;
+    less gravity) of the tip. mass: of the payload, kg. The mass returned is the one that the matrix sees at the tip: 0
+    if the payload has a lever of its own, whose factors are then written to S with weights.with_matrix.
+    """
     rate, second, ax, ay = motion
     if model.eccentric is None:
-        return ax * mass, ay * mass, splat(lane, 0.0), mass
-    ex, ey = to_payload(lane, model, psi)
-    px, py = _accelerated((ex, ey), rate, second, ax, ay, 1.0)
-    fx, fy, zero = px * mass, py * mass, splat(lane, 0.0)
-    if weights.mass != 0.0:
+        return ax * mass, ay * mass, 0.0, mass
+    ex, ey = payload_lever_vector(lane, model, psi)
+    px, py = _lever_acceleration((ex, ey), rate, second, ax, ay, 1.0)
+    fx, fy, zero = px * mass, py * mass, 0.0
+    # stiffness of the angle: moment e x f changes by -e . f
+    if weights.with_matrix:
         turn = -((ex * fx + ey * fy) * weights.stiffness)
-        _keep(S, _factors_at(model, model.links, ROOT_END), (ex, ey), mass * weights.mass, zero, turn)
+        at = _factors_at(model, model.links, ROOT_END)
+        _store_lever_factors(lane, S, at, (ex, ey), mass * weights.mass, zero, turn)
     return fx, fy, ex * fy - ey * fx, zero
 
 
 @kernel
-def swung(lane, lever, rate, x, y, vx, vy):
-    """Place and velocity of the far point of a lever."""
+def lever_end_velocity(lane, lever, rate, x, y, vx, vy):
+    """Return position (m) and velocity (m/s) of a lever's far point, (x, y, vx, vy), inertial axes.
+
+    lever: vector from near to far point, m; rate: of its angle, rad/s; x, y, vx, vy: of the near point.
+    """
     ax, ay = lever
     return x + ax, y + ay, vx - rate * ay, vy + rate * ax
 
 
 @kernel
-def _accelerated(lever, rate, second, ax, ay, share):
-    """Acceleration at a share of a lever."""
+def _lever_acceleration(lever, rate, second, ax, ay, share):
+    """Return the acceleration (x, y; m/s^2) of a point on a lever e, a + share (second e' - rate^2 e).
+
+    e' = (-e_y, e_x); a = (ax, ay): acceleration of the near point; share: 0 there, 1/2 in the middle, 1 at the far
+    point; rate, second: of the lever's angle, rad/s and rad/s^2. Inertial axes.
+    """
     ex, ey = lever
     square = rate * rate
     return ax + (-(second * ey) - square * ex) * share, ay + (second * ex - square * ey) * share
 
 
 @kernel
-def begin(lane, model, state, k, tip, i):
-    """The vertex where the beam of link k begins, from that before it at row i (`tip`): its force is what turns with
-    it, no more."""
+def beam_start(lane, model, state: State, k, tip, i):
+    """Return the `Vertex` where the beam of link k begins, behind levers and hinge, from the vertex `tip` at row i.
+
+    For k = 0 `tip` is the joint at the chain's root. The new vertex has no force. Its moment is the hub's inertia
+    torque less the hub torque (k = 0), or the elbow's inertia torque behind the hinge. `beam_start_rows` later
+    transmits the beam's force back. state: q, v, a of the arm.
+    """
     (x, y, psi), (vx, vy, turning), (ax, ay, alpha), (_, _, moment) = tip.place, tip.rate, tip.acceleration, tip.force
-    omega = load(lane, state.v, i + T)
-    zero = splat(lane, 0.0)
+    # omega is for centripetal terms, `turning` for strain rates, which a damped model alone reads
+    omega = state.v[i + T]
+    zero = 0.0
     if k > 0:
+        # tip lever of the link before, then the hinge
         d = rows_of(model).hinges + k - 1
-        lever = arm(lane, model, k - 1, TIP_END, psi)
-        x, y, vx, vy = swung(lane, lever, turning, x, y, vx, vy)
-        ax, ay = _accelerated(lever, omega, alpha, ax, ay, 1.0)
-        psi, spin, alpha = psi + load(lane, state.q, d), load(lane, state.v, d), alpha + load(lane, state.a, d)
+        lever = lever_vector(lane, model, k - 1, TIP_END, psi)
+        x, y, vx, vy = lever_end_velocity(lane, lever, turning, x, y, vx, vy)
+        ax, ay = _lever_acceleration(lever, omega, alpha, ax, ay, 1.0)
+        psi, spin, alpha = psi + state.q[d], state.v[d], alpha + state.a[d]
         omega, turning = omega + spin, turning + spin
         moment = alpha * elbow_of(model, k).right
-    lever = arm(lane, model, k, ROOT_END, psi)
-    x, y, vx, vy = swung(lane, lever, turning, x, y, vx, vy)
-    ax, ay = _accelerated(lever, omega, alpha, ax, ay, 1.0)
+    # root lever of link k (m, inertial axes): from the joint to the beam's first vertex
+    lever = lever_vector(lane, model, k, ROOT_END, psi)
+    x, y, vx, vy = lever_end_velocity(lane, lever, turning, x, y, vx, vy)
+    ax, ay = _lever_acceleration(lever, omega, alpha, ax, ay, 1.0)
     return Vertex((x, y, psi), (vx, vy, turning), (ax, ay, alpha), (zero, zero, moment))
 
 
 @kernel
 def _through(lane, model, k, end, lever, motion, force, moment, far, weights, S):
-    """Force and moment at the near point of a lever, from those at its far one; its factors, where S is wanted.
+    """Return the force and moment (fx, fy, moment) at a lever's near point, from those at its far point.
 
-    motion: rate, second rate, acceleration (x, y) of the near point. far: mass there, that of the matrix."""
+    The lever's own inertia is included. k, end: the lever is at this end of link k. lever: vector e, m, inertial axes.
+    motion: rate, second rate of its angle, acceleration (x, y; less gravity) of the near point. force (N), moment (N
+    m): at the far point. far: mass at the far point, kg, for the matrix alone. With weights.with_matrix the lever's
+    factors are written to S.
+    """
     rate, second, ax, ay = motion
     ex, ey = lever
     own = lever_at(k, end)
     mass, inertia = model.rigid[own + OF_LEVER.mass], model.rigid[own + OF_LEVER.inertia]
-    mx, my = _accelerated(lever, rate, second, ax, ay, 0.5)
+    # inertia force of the lever's mass, in its middle
+    mx, my = _lever_acceleration(lever, rate, second, ax, ay, 0.5)
     mx, my = mx * mass, my * mass
     fx, fy = force
-    if weights.mass != 0.0:
+    # geometric stiffness: the moments e x f + e/2 x m change with the angle by -(e . f + e/2 . m)
+    if weights.with_matrix:
         pull = (ex * fx + ey * fy) + (ex * mx + ey * my) * 0.5
         turn = inertia * weights.mass - pull * weights.stiffness
-        _keep(S, _factors_at(model, k, end), lever, far * weights.mass, splat(lane, mass * weights.mass), turn)
+        _store_lever_factors(
+            lane, S, _factors_at(model, k, end), lever, far * weights.mass, mass * weights.mass, turn
+        )
     moment = moment + (ex * fy - ey * fx) + (ex * my - ey * mx) * 0.5 + second * inertia
     return fx + mx, fy + my, moment
 
 
 @kernel
-def end(lane, model, state, u, k, tip, i, r, weights, S):
-    """The rows of the vertex before link k and of its hinge, from what the beam asks for where it begins."""
+def beam_start_rows(lane, model, state: State, u: Lanes, k, tip, i, r: Lanes, weights, S):
+    """Write the residual rows of the vertex before link k (row i) and of its hinge, with rigid ends.
+
+    In: r[i : i + 3], force (N, inertial axes) and moment (N m) on the start of the beam of link k. Out: the same rows
+    for the vertex `tip`, which is the near point of the tip lever before the hinge (k = 0: of the root lever), and the
+    hinge's row, moment less joint torque u[k]. state: q, v, a. The levers' factors go to S with weights.with_matrix.
+    """
     _, _, psi = tip.place
     (ax, ay, alpha), (gx, gy, moment) = tip.acceleration, tip.force
-    omega, zero = load(lane, state.v, i + T), splat(lane, 0.0)
-    fx, fy, turn = vector(lane, r, i)
+    omega, zero = state.v[i + T], 0.0
+    fx, fy, turn = load_vector(lane, r, i)
     if k == 0:
-        lever, motion = arm(lane, model, 0, ROOT_END, psi), (omega, alpha, ax, ay)
+        lever, motion = lever_vector(lane, model, 0, ROOT_END, psi), (omega, alpha, ax, ay)
         fx, fy, turn = _through(lane, model, 0, ROOT_END, lever, motion, (fx, fy), turn, zero, weights, S)
     else:
         d, elbow = rows_of(model).hinges + k - 1, elbow_of(model, k)
-        before = arm(lane, model, k - 1, TIP_END, psi)
-        jx, jy = _accelerated(before, omega, alpha, ax, ay, 1.0)
-        motion = omega + load(lane, state.v, d), alpha + load(lane, state.a, d), jx, jy
-        lever = arm(lane, model, k, ROOT_END, psi + load(lane, state.q, d))
+        before = lever_vector(lane, model, k - 1, TIP_END, psi)
+        jx, jy = _lever_acceleration(before, omega, alpha, ax, ay, 1.0)
+        # beam start -> joint
+        motion = omega + state.v[d], alpha + state.a[d], jx, jy
+        lever = lever_vector(lane, model, k, ROOT_END, psi + state.q[d])
         fx, fy, turn = _through(lane, model, k, ROOT_END, lever, motion, (fx, fy), turn, zero, weights, S)
-        store(r, d, turn - load(lane, u, k))
+        r[d] = turn - u[k]
+        # joint, with the elbow's mass -> vertex, with the force of the beam before it
         fx, fy = fx + jx * elbow.mass, fy + jy * elbow.mass
         fx, fy, turn = _through(
             lane, model, k - 1, TIP_END, before, (omega, alpha, ax, ay), (fx, fy),
-            turn + moment + alpha * elbow.left, splat(lane, elbow.mass), weights, S,
+            turn + moment + alpha * elbow.left, elbow.mass, weights, S,
         )  # fmt: skip
         fx, fy = fx + gx, fy + gy
-    put_vector(r, i, (fx, fy, turn))
+    store_vector(lane, r, i, (fx, fy, turn))
 
 
 @kernel
-def last(lane, model, par, state, tip, i, weights, S):
-    """Force and moment on the last vertex with those of the payload and the rigid end that carries it."""
+def last_vertex_force(lane, model, par: Lanes, state: State, tip, i, weights, S):
+    """Return force (N, inertial axes) and moment (N m) on the last vertex, row i: those of its beam (`tip`), of the
+    payload's mass and of the tip lever that carries it. The payload's rotary inertia is left to the caller."""
     (fx, fy, moment), (ax, ay, alpha) = tip.force, tip.acceleration
-    omega, mass, k = load(lane, state.v, i + T), load(lane, par, PAYLOAD_MASS), model.links - 1
-    lever = arm(lane, model, k, TIP_END, tip.place[T])
-    px, py = _accelerated(lever, omega, alpha, ax, ay, 1.0)
+    omega, mass, k = state.v[i + T], par[PAYLOAD_MASS], model.links - 1
+    lever = lever_vector(lane, model, k, TIP_END, tip.place[T])
+    px, py = _lever_acceleration(lever, omega, alpha, ax, ay, 1.0)
+    # payload -> end of the tip lever -> last vertex
     motion = omega, alpha, px, py
     px, py, more, there = _payload_force(lane, model, tip.place[T], motion, mass, weights, S)
     motion, moment = (omega, alpha, ax, ay), moment + more
@@ -170,118 +224,154 @@ def last(lane, model, par, state, tip, i, weights, S):
 
 
 @kernel
-def near(lane, model, S, k, end, tail):
-    """The matrix of x, y, psi at the near point of a lever from that at its far one."""
+def condense_to_near_point(lane, model, S, k, end, tail):
+    """Return the symmetric 3x3 matrix on (x, y, psi) of a lever's near point from `tail`, that of its far point.
+
+    Order (xx, xy, xt, yy, yt, tt), t for psi. The lever is at the `end` of link k; its `LEVER_FACTORS` are in S. With n
+    = (-e_y, e_x) the far point moves by dx + n dpsi, a map T, and the lever's middle by dx + n/2 dpsi: T^T (tail + far
+    mass) T + the lever's own mass + `turn` on psi. Without levers `tail` itself.
+    """
     if model.rigid is None:
         return tail
+    # mass at the far point, then congruence by n
     at = _factors_at(model, k, end)
-    nx, ny = pair(lane, S, at + OF_FACTORS.x)
-    far, mass, turn = vector(lane, S, at + OF_FACTORS.far)
+    nx, ny = load_pair(lane, S, at + OF_FACTORS.x)
+    far, mass, turn = load_vector(lane, S, at + OF_FACTORS.far)
     xx, xy, xt, yy, yt, tt = tail
     xx, yy = xx + far, yy + far
     px, py = xx * nx + xy * ny, xy * nx + yy * ny
     tt = tt + (xt * nx + yt * ny) * 2.0 + (nx * px + ny * py)
+    # the lever's mass in its middle, its inertia and its geometric stiffness
     tt = tt + mass * (nx * nx + ny * ny) * 0.25 + turn
     return xx + mass, xy, xt + px + mass * nx * 0.5, yy + mass, yt + py + mass * ny * 0.5, tt
 
 
 @kernel
-def with_payload(lane, model, S, tail):
-    """The matrix of x, y, psi at the tip, with that of the payload behind it."""
+def condense_payload(lane, model, S, tail):
+    """Return the symmetric 3x3 matrix on (x, y, psi) of the tip from `tail`, that of the payload's center of mass.
+
+    S holds the `LEVER_FACTORS` of the payload's lever; for a payload at the tip `tail` itself.
+    """
     if model.eccentric is None:
         return tail
-    return near(lane, model, S, model.links, ROOT_END, tail)
+    return condense_to_near_point(lane, model, S, model.links, ROOT_END, tail)
 
 
 @kernel
 def moment_about(lane, model, S, k, end, x, y):
-    """Moment about a lever's near point of a force at its far one."""
+    """Return the moment n . (x, y), N m, about a lever's near point of the force (x, y) at its far point.
+
+    Force in N, inertial axes. The lever e at the `end` of link k has n = (-e_y, e_x), which is in S. 0 without levers.
+    """
     if model.rigid is None:
-        return splat(lane, 0.0)
-    nx, ny = pair(lane, S, _factors_at(model, k, end) + OF_FACTORS.x)
+        return 0.0
+    nx, ny = load_pair(lane, S, _factors_at(model, k, end) + OF_FACTORS.x)
     return nx * x + ny * y
 
 
 @kernel
-def carried(lane, model, S, k, end, x, y, turn):
-    """How a lever's far point moves where its near one moves by x, y and turns."""
+def far_point_increment(lane, model, S, k, end, x, y, turn):
+    """Return the increment (x, y), m, of a lever's far point from that of its near point and of its angle.
+
+    (x, y), turn: increments of the near point (m, inertial axes) and the angle (rad). The lever e at the `end` of link
+    k has n = (-e_y, e_x), which is in S: (x, y) + n turn. (x, y) without levers.
+    """
     if model.rigid is None:
         return x, y
-    nx, ny = pair(lane, S, _factors_at(model, k, end) + OF_FACTORS.x)
+    nx, ny = load_pair(lane, S, _factors_at(model, k, end) + OF_FACTORS.x)
     return x + nx * turn, y + ny * turn
 
 
 @kernel
-def about_root(lane, model, S, k, x, i, tx, ty, taken, tt):
-    """What is taken from the angle at a joint, and what is left of row i's, with moments on the lever behind it."""
+def about_root(lane, model, S, k, x: Lanes, i, tx, ty, taken, tt):
+    """Move the reduction of a right side from the start of link k's beam to the joint before it; return (taken, tt).
+
+    In `solve`, rows i, i + 1 of x hold the original right side of x and y, (tx, ty) what is left of it; the difference
+    is a force at the far point of the root lever. Its moment about the joint adds to `taken`, the sum that psi's row
+    has lost, and is subtracted from `tt`, what is left of psi's row. S: factors. Unchanged without levers.
+    """
     if model.rigid is None:
         return taken, tt
-    moment = moment_about(lane, model, S, k, ROOT_END, load(lane, x, i + X) - tx, load(lane, x, i + Y) - ty)
+    moment = moment_about(lane, model, S, k, ROOT_END, x[i + X] - tx, x[i + Y] - ty)
     return taken + moment, tt - moment
 
 
 @kernel
-def about_tip(lane, model, S, k, x, i, tx, ty, tt):
-    """What is left of row i's angle, with moments on the lever before the joint."""
+def about_tip(lane, model, S, k, x: Lanes, i, tx, ty, tt):
+    """Return what is left, tt, of the right side of psi at row i + 2, less the moment of the forces lost at the joint.
+
+    In `solve`, rows i, i + 1 of x hold the original right side of x and y, (tx, ty) what is left of it: the difference
+    is a force at the far point of link k's tip lever. S: factors. Unchanged without levers.
+    """
     if model.rigid is None:
         return tt
-    return tt - moment_about(lane, model, S, k, TIP_END, load(lane, x, i + X) - tx, load(lane, x, i + Y) - ty)
+    return tt - moment_about(lane, model, S, k, TIP_END, x[i + X] - tx, x[i + Y] - ty)
 
 
 # --- what is read off --------------------------------------------------------------------------------
 
 
 @kernel
-def vertex(lane, q, v, i):
-    """Place and velocity of the vertex at row i."""
-    (x, y), (vx, vy) = pair(lane, q, i), pair(lane, v, i)
+def vertex_motion(lane, q, v, i):
+    """Return position (m) and velocity (m/s) of the vertex at row i: (x, y, vx, vy), inertial axes."""
+    (x, y), (vx, vy) = load_pair(lane, q, i), load_pair(lane, v, i)
     return x, y, vx, vy
 
 
 @kernel
-def joint(lane, model, q, v, k):
-    """Place and velocity of joint k (of the arm's tip: k = links)."""
+def joint_motion(lane, model, q: Lanes, v: Lanes, k):
+    """Return position (m) and velocity (m/s) of joint k, k = links: of the arm's tip; (x, y, vx, vy), inertial axes."""
     i = vertex_of(model, k)
-    x, y, vx, vy = vertex(lane, q, v, i)
+    x, y, vx, vy = vertex_motion(lane, q, v, i)
     if model.rigid is None or k == 0:
         return x, y, vx, vy
-    return swung(lane, arm(lane, model, k - 1, TIP_END, load(lane, q, i + T)), load(lane, v, i + T), x, y, vx, vy)
+    return lever_end_velocity(
+        lane, lever_vector(lane, model, k - 1, TIP_END, q[i + T]), v[i + T], x, y, vx, vy
+    )
 
 
 @kernel
-def beginning(lane, model, q, v, k):
-    """Place and velocity of where the beam of link k begins; None without rigid ends."""
+def beam_start_motion(lane, model, q, v, k):
+    """Return (x, y, vx, vy), m and m/s, inertial axes, of the start of link k's beam; None without rigid ends.
+
+    q: coordinates (m, rad); v: their rates. None: q and v hold the start themselves, in the vertex's rows.
+    """
     if model.rigid is None:
         return None
-    x, y, vx, vy = joint(lane, model, q, v, k)
+    x, y, vx, vy = joint_motion(lane, model, q, v, k)
     psi, spin = root_angle(lane, model, q, k), root_angle(lane, model, v, k)
-    return swung(lane, arm(lane, model, k, ROOT_END, psi), spin, x, y, vx, vy)
+    return lever_end_velocity(lane, lever_vector(lane, model, k, ROOT_END, psi), spin, x, y, vx, vy)
 
 
 @kernel
-def following(lane, model, q, v, i):
-    """Those of the vertex at row i, where the next element of a beam begins."""
+def next_vertex_motion(lane, model, q, v, i):
+    """Return (x, y, vx, vy) of the vertex at row i, where an element begins; None without rigid ends.
+
+    m, m/s, inertial axes. It takes the place of `beam_start_motion` for all elements of a link but the first; None: q
+    and v hold it.
+    """
     if model.rigid is None:
         return None
-    return vertex(lane, q, v, i)
+    return vertex_motion(lane, q, v, i)
 
 
 @kernel
-def ends_of(lane, model, q, v, k):
-    """(kinetic energy, first moments x, y) of the rigid ends of link k."""
-    zero = splat(lane, 0.0)
+def rigid_end_sums(lane, model, q: Lanes, v: Lanes, k):
+    """Return kinetic energy (J) and first moments of mass (x, y; kg m, inertial axes) of the rigid ends of link k."""
+    zero = 0.0
     kinetic, mx, my = zero, zero, zero
     for side in range(2):
         at, i = lever_at(k, side), vertex_of(model, k + side)
         mass, inertia = model.rigid[at + OF_LEVER.mass], model.rigid[at + OF_LEVER.inertia]
         if side == 0:
-            x, y, vx, vy = joint(lane, model, q, v, k)
+            x, y, vx, vy = joint_motion(lane, model, q, v, k)
             psi, spin = root_angle(lane, model, q, k), root_angle(lane, model, v, k)
         else:
-            x, y, vx, vy = vertex(lane, q, v, i)
-            psi, spin = load(lane, q, i + T), load(lane, v, i + T)
-        ax, ay = arm(lane, model, k, side, psi)
-        x, y, vx, vy = swung(lane, (ax * 0.5, ay * 0.5), spin, x, y, vx, vy)
+            x, y, vx, vy = vertex_motion(lane, q, v, i)
+            psi, spin = q[i + T], v[i + T]
+        # middle of the lever, where its mass is
+        ax, ay = lever_vector(lane, model, k, side, psi)
+        x, y, vx, vy = lever_end_velocity(lane, (ax * 0.5, ay * 0.5), spin, x, y, vx, vy)
         kinetic = kinetic + ((vx * vx + vy * vy) * mass + (spin * spin) * inertia) * 0.5
         mx, my = mx + x * mass, my + y * mass
     return kinetic, mx, my

@@ -1,6 +1,7 @@
-"""Functions of a geometrically exact element on [-1, 1], their Gauss points, for each polynomial order, and sums.
+"""Shape functions of a geometrically exact element on [-1, 1], their values at Gauss points, and short sums of them.
 
-What takes values of run time (`Sums` and what follows it) is for traced functions.
+`tables` and what it calls are NumPy. `Sums` and the functions after it take values of run time, in traced functions.
+Nodes of an element of order p: left vertex, right vertex, p - 1 interior functions, which vanish at both ends.
 """
 
 from dataclasses import dataclass
@@ -15,21 +16,21 @@ from ..linalg import product
 
 @dataclass(frozen=True)
 class Tables:
-    """Functions of an element on [-1, 1]: left and right linear ones, then the interior ones.
+    """Functions of an element of order p on [-1, 1] at its p Gauss points: left and right linear ones, interior ones.
 
-    weights (p,) of the Gauss points; value (p + 1, p), slope (p, p): values, and twice the derivatives of (right -
-    left, interior ...), at the Gauss points; mass (p + 1, p + 1): integrals of products; norm (p,): sum w slope^2.
+    Twice a derivative on [-1, 1] is l times the derivative along the element, whatever its length l.
     """
 
-    weights: np.ndarray
-    value: np.ndarray
-    slope: np.ndarray
-    mass: np.ndarray
-    norm: np.ndarray
+    weights: np.ndarray  # (p,), of the Gauss points, sum 2
+    value: np.ndarray  # (p + 1, p), functions (left, right, interior ...) at the Gauss points
+    slope: np.ndarray  # (p, p), twice the derivatives of (right - left, interior ...) at the Gauss points
+    mass: np.ndarray  # (p + 1, p + 1), integrals of products of the functions over [-1, 1]
+    norm: np.ndarray  # (p,), sum of w slope^2
 
 
 def _scaled(order: int, evaluate: Any) -> list[np.ndarray]:
-    """What `evaluate` makes of each interior function's slope, a Legendre series, and of its largest Gauss value."""
+    """Return evaluate(f, scale) for each interior function's slope: f is its Legendre series before scaling, scale the
+    value of f of largest magnitude at the `order` Gauss points."""
     points = legendre.leggauss(order)[0]
     found = []
     for k in range(1, order):
@@ -40,24 +41,26 @@ def _scaled(order: int, evaluate: Any) -> list[np.ndarray]:
 
 
 def interior(order: int, x: np.ndarray) -> np.ndarray:
-    """Interior functions at points x of [-1, 1], shape (order - 1, len(x))."""
+    """Return the interior functions at points x of [-1, 1], shape (order - 1, len(x)): integrals of scaled P_k."""
     x = np.asarray(x, dtype=np.float64)
     rows = _scaled(order, lambda f, scale: 0.5 * legendre.legval(x, legendre.legint(f / scale, lbnd=-1.0)))
     return np.array(rows).reshape(order - 1, np.size(x))
 
 
 def functions(order: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """At points x of [-1, 1]: values (order + 1, len(x)) and slopes (order, len(x)) as :class:`Tables` has them."""
+    """Return values (order + 1, len(x)) and slopes (order, len(x)) of all functions at x in [-1, 1], as in `Tables`."""
     slopes = [np.ones(np.size(x)), *_scaled(order, lambda f, scale: legendre.legval(x, f) / scale)]
     return np.vstack([0.5 * (1.0 - x), 0.5 * (1.0 + x), interior(order, x)]), np.array(slopes)
 
 
 @cache
 def tables(order: int) -> Tables:
-    """The tables of an order from 1 to 3 (or more)."""
+    """Compute the `Tables` of a polynomial order from 1 to 3 (or more)."""
+    # p Gauss points for the strains (reduced), p + 1 for the mass
     points, weights = legendre.leggauss(order)
     value, slopes = functions(order, points)
     slopes = np.array([_tidy(row) for row in slopes])
+    # products of two functions have degree 2p: exact with p + 1 points
     fine, fine_weights = legendre.leggauss(order + 1)
     at = functions(order, fine)[0]
     mass = _tidy(product(at * fine_weights, at.T))
@@ -65,23 +68,24 @@ def tables(order: int) -> Tables:
 
 
 def _tidy(values: np.ndarray) -> np.ndarray:
-    """Round-off taken out of numbers that are simple."""
+    """Round values within 1e-14 of 0 or of a multiple of 1/60 to that number."""
     values = np.where(np.abs(values) < 1e-14, 0.0, values)
     simple = np.round(values * 60.0) / 60.0
     return np.where(np.abs(values - simple) < 1e-14, simple, values)
 
 
 class Sums:
-    """Sums of values with known coefficients, each written once: what is a multiple of another sum is not repeated."""
+    """Emit sums of traced values with constant coefficients; reuse an earlier sum for each multiple of it."""
 
     def __init__(self) -> None:
         self.known: dict[Any, Any] = {}
 
     def __call__(self, coefficients: Any, values: Any, factor: float = 1.0, unit: Any = None) -> Any:
-        """factor * unit * sum of coefficient * value; 0.0 where all coefficients vanish. `unit`: a scalar symbol."""
+        """Return factor * unit * sum of coefficient * value; 0.0 if all coefficients vanish. unit: a scalar symbol."""
         terms = [(float(c), v) for c, v in zip(coefficients, values, strict=True) if abs(c) > 1e-14]
         if not terms:
             return 0.0
+        # the sum over its first coefficient: one sum serves all its multiples
         first = terms[0][0]
         ratios = [_near_one(c / first) for c, _ in terms]
         key = tuple((ratio, id(v)) for ratio, (_, v) in zip(ratios, terms, strict=True))
@@ -96,22 +100,28 @@ class Sums:
 
 
 def _near_one(ratio: float) -> float:
+    """Round a ratio within 1e-14 of 1 or -1 to it."""
     return round(ratio) if abs(abs(ratio) - 1.0) < 1e-14 else ratio
 
 
 def times(value: Any, factor: float) -> Any:
+    """Return value * factor without a product where the factor is 1 or -1."""
     factor = _near_one(factor)
     return value if factor == 1.0 else -value if factor == -1.0 else value * factor
 
 
 def slopes(sums: Sums, t: Tables, nodes: list[Any]) -> tuple[Any, list[Any]]:
-    """Right less left value, and d (slope times l) at the Gauss points."""
+    """Return right less left value of a coordinate, and l times its derivative along the element at the Gauss points.
+
+    nodes: left, right, interior values of the coordinate; t: the element's tables.
+    """
     span = nodes[1] - nodes[0]
     return span, [sums(column, [span, *nodes[2:]]) for column in t.slope.T]
 
 
 def values_at(sums: Sums, t: Tables, nodes: list[Any], span: Any) -> list[Any]:
-    """The coordinate at the Gauss points: even and odd functions apart, since points come in pairs."""
+    """Return a coordinate's values at the Gauss points; nodes: left, right, interior; span: right less left."""
+    # even and odd functions apart: Gauss points come in pairs, which share both sums
     middle = (nodes[0] + nodes[1]) * 0.5
     values = []
     for v in t.value.T:

@@ -1,7 +1,7 @@
 """The paper's two-node planar Timoshenko element: shape functions [41], stiffness [44], [45], mass [52].
 
-Nodal coordinates (u1, v1, phi1, u2, v2, phi2) in the body frame, length l, shear factor
-mu = 1 / (1 + 12 EI / (C l^2)); mu = 1 is Euler-Bernoulli.
+Nodal coordinates (u1, v1, phi1, u2, v2, phi2) in the body frame (m, m, rad), length l (m), shear factor
+mu = 1 / (1 + 12 EI / (C l^2)); mu = 1 is Euler-Bernoulli (theory, section 1).
 """
 
 from dataclasses import dataclass
@@ -23,14 +23,15 @@ QUADRATURE = (0.5 * (1.0 + _GAUSS_X), 0.5 * _GAUSS_W)
 
 
 FINER = np.polynomial.legendre.leggauss(8)
-"""On each smooth piece of an element whose sections vary."""
+"""Gauss points in (-1, 1) and weights on each smooth piece of an element whose sections vary."""
 
 
 @dataclass(frozen=True)
 class Element:
-    """A piece of a link as one finite element, which begins at `start` (m) of its body; `number`: in an even mesh.
+    """A piece of a link as one finite element.
 
-    Where its sections vary its shape functions are those of their mean, and stiffness and mass are integrals.
+    link: the piece. start: m, where it begins in its body. number: index in an even mesh, otherwise None.
+    Where sections vary, the shape functions are those of the mean section; stiffness and mass are integrals.
     """
 
     link: Link
@@ -39,24 +40,25 @@ class Element:
 
     @property
     def length(self) -> float:
-        """m."""
+        """Return the element's length l, m."""
         return self.link.length
 
     @cached_property
     def section(self) -> Section:
-        """The section, or the mean of what vary."""
+        """Return the section, or the mean section where sections vary."""
         return self.link.mean
 
     @cached_property
     def mu(self) -> float:
-        """Shear factor of the shape functions."""
+        """Return the shear factor mu of the shape functions, dimensionless."""
         return shear_factor(self.section, self.length)
 
     @cached_property
     def points(self) -> list[tuple[float, float, Section]]:
-        """Points xi in (0, 1), weights and sections."""
+        """Return quadrature points xi in (0, 1), their weights (sum 1) and the sections there."""
         if self.link.uniform is not None:
             return [(x, weight, self.link.uniform) for x, weight in zip(*QUADRATURE, strict=True)]
+        # Gauss points of each smooth piece between the places where sections jump
         x, weights = FINER
         ends = np.array(self.link.points)
         half = 0.5 * np.diff(ends)[:, None]
@@ -66,43 +68,50 @@ class Element:
         return [(a / self.length, b, Section(*map(float, c))) for a, b, c in zip(s, shares, values, strict=True)]
 
     def at(self, xi: float) -> float:
-        """x of a point, m from the body's root."""
+        """Return x (m from the body's root) of the point xi in (0, 1)."""
         return self.start + xi * self.length if self.number is None else (self.number + xi) * self.length
 
     def shapes(self, xi: float) -> Array:
-        """`shape_functions` here."""
+        """Return the element's `shape_functions` at xi, (3, 6)."""
         return shape_functions(xi, self.length, self.mu)
 
     def stiffness(self) -> Array:
-        """Axial and bending stiffness, (6, 6)."""
+        """Return the axial and bending stiffness (6, 6): eq. [44], or its integral where the section varies."""
         if self.link.uniform is not None:
             return linear_stiffness(self.link.uniform, self.length)
         l, total = self.length, np.zeros((6, 6))
+        # strains by nodal coordinates: shear v' - phi, which is constant in the element, and stretch u'
         gamma = (self.mu - 1.0) * np.array([0.0, 1.0 / l, 0.5, 0.0, -1.0 / l, 0.5])  # v' - phi
         stretch = np.array([-1.0, 0.0, 0.0, 1.0, 0.0, 0.0]) / l
+        # sum of EI phi'^2, C gamma^2 and EA u'^2 over the quadrature points
         for xi, weight, at in self.points:
             for stiffness, strain in ((at.EI, self.bend(xi)), (at.C, gamma), (at.EA, stretch)):
                 total += weight * l * stiffness * np.outer(strain, strain)
         return total
 
     def bend(self, xi: float) -> Array:
-        """phi' at a point, (6,)."""
+        """Return the curvature's shape functions phi' at xi, (6,), 1/m."""
+        # derivative of the phi row of eq. [41] by x
         l, b = self.length, 3.0 * self.mu
         a = 6.0 * self.mu * (1.0 - 2.0 * xi) / l**2
         return np.array([0.0, -a, (-1.0 - b + 2.0 * b * xi) / l, 0.0, a, (1.0 - b + 2.0 * b * xi) / l])
 
     def mass(self) -> Array:
-        """Consistent mass with rotary inertia, eq. [52], (6, 6)."""
+        """Return the consistent mass matrix with rotary inertia, eq. [52], (6, 6)."""
         mass = np.zeros((6, 6))
         for xi, weight, at in self.points:
             n_u, n_v, n_phi = self.shapes(xi)
+            # int m (N_u'N_u + N_v'N_v) + J N_phi'N_phi dx
             translational = np.outer(n_u, n_u) + np.outer(n_v, n_v)
             mass += weight * self.length * (at.m * translational + at.J * np.outer(n_phi, n_phi))
         return mass
 
 
 def mesh(link: Link, n: int, option: str) -> list[Element]:
-    """A link, or a piece of one, in n elements, which break at its jumps; `option` gave n."""
+    """Cut a link, or a piece of one, into n elements, root to tip, that end where sections jump.
+
+    option: name of the setting that gave n, for the message of a ValueError.
+    """
     if link.uniform is not None:
         l = link.length / n
         return [Element(Link(l, link.uniform), e, e * l) for e in range(n)]
@@ -112,12 +121,16 @@ def mesh(link: Link, n: int, option: str) -> list[Element]:
 
 
 def shear_factor(section: Section, length: float) -> float:
-    """mu of eq. [41], dimensionless."""
+    """Return the shear factor mu = 1 / (1 + 12 EI / (C l^2)) of eq. [41], dimensionless."""
     return float(1.0 / (1.0 + 12.0 * section.EI / (section.C * length**2)))
 
 
 def shape_functions(xi: float, length: float, mu: float) -> Array:
-    """Rows u, v (m) and phi (rad) of eq. [41] at xi = x/l, shape (3, 6)."""
+    """Return the shape functions of u, v (m, along and across the element's axis) and phi (rad) at xi = x/l: (3, 6).
+
+    Columns: u1, v1, phi1, u2, v2, phi2. length l: m; mu: 1 / (1 + 12 EI / (C l^2)), 1 without shear. The paper's eq.
+    [41].
+    """
     eta, half = 1.0 - xi, 0.5 * length
     return np.array(
         [
@@ -135,11 +148,13 @@ def shape_functions(xi: float, length: float, mu: float) -> Array:
 
 
 def linear_stiffness(section: Section, length: float) -> Array:
-    """Axial and bending stiffness, eq. [44], shape (6, 6)."""
+    """Return the axial and bending stiffness, eq. [44], on (u1, v1, phi1, u2, v2, phi2), shape (6, 6)."""
     mu, l = shear_factor(section, length), length
     stiffness = np.zeros((6, 6))
+    # stretch: EA/l on (u1, u2)
     stiffness[np.ix_([0, 3], [0, 3])] = section.EA / l * np.array([[1, -1], [-1, 1]])
     a, b = 12 * mu / l**2, 6 * mu / l
+    # bending with shear: EI/l on (v1, phi1, v2, phi2)
     stiffness[np.ix_(BENDING, BENDING)] = (section.EI / l) * np.array(
         [[a, b, -a, b], [b, 1 + 3 * mu, -b, 3 * mu - 1], [-a, -b, a, -b], [b, 3 * mu - 1, -b, 1 + 3 * mu]]
     )
@@ -147,7 +162,7 @@ def linear_stiffness(section: Section, length: float) -> Array:
 
 
 def geometric_matrix(section: Section, length: float) -> Array:
-    """G of the geometric stiffness P G, eq. [45], on (v1, phi1, v2, phi2), shape (4, 4), 1/m; w'Gw = int v'^2 dx."""
+    """Return G of the geometric stiffness P G, eq. [45], on (v1, phi1, v2, phi2), (4, 4), 1/m: w'Gw = int v'^2 dx."""
     mu, l = shear_factor(section, length), length
     a, b = 60 + 12 * mu**2, 6 * mu**2 * l
     c, d = (5 + 3 * mu**2) * l**2, (-5 + 3 * mu**2) * l**2
@@ -155,17 +170,20 @@ def geometric_matrix(section: Section, length: float) -> Array:
 
 
 def coupling_matrix(section: Section, length: float) -> Array:
-    """H of von Karman's energy EA / 2l (u2 - u1 + w'Hw / 2)^2 on (v1, phi1, v2, phi2), shape (4, 4), 1/m.
+    """Return H of von Karman's energy EA / 2l (u2 - u1 + w'Hw / 2)^2 on w = (v1, phi1, v2, phi2), shape (4, 4), 1/m.
 
-    Such that the energy's derivative is the exact beam's force along the frame: its stretch is u' + phi v' - phi^2 / 2
-    to second order, along the section's normal, and its shear force Q = C gamma turns with the section, which takes
-    Q phi from the axial force. Hence w'Hw = int v'^2 - gamma^2 - 2 (Q / EA) phi dx with the shear strain
-    gamma = v' - phi, which is constant in the element (docs: theory, eq. 1.2). G of [45] in its place takes the stretch
-    along the tangent, which is wrong by gamma^2 / 2 on however fine a mesh.
+        w'Hw = int v'^2 - gamma^2 - 2 (Q / EA) phi dx                                  (theory, eq. 1.2)
+
+    The energy's derivative is the exact beam's force along the frame: its stretch is u' + phi v' - phi^2 / 2 to second
+    order, along the section's normal, and its shear force Q = C gamma turns with the section, which subtracts Q phi
+    from the axial force. The shear strain gamma = v' - phi is constant in the element. G of [45] in place of H takes
+    the stretch along the tangent, which is wrong by gamma^2 / 2 on however fine a mesh.
     """
     mu, l = shear_factor(section, length), length
+    # Q, gamma and the mean of phi over the element, as rows on w
     shear_force = 12.0 * mu * section.EI / l**2 * np.array([-1.0 / l, -0.5, 1.0 / l, -0.5])
     gamma = shear_force / section.C
     mean_phi = np.array([-mu / l, 0.5 * (1.0 - mu), mu / l, 0.5 * (1.0 - mu)])
+    # int Q phi / EA dx as a bilinear form
     turned = np.outer(shear_force / section.EA, mean_phi)
     return geometric_matrix(section, l) - l * (np.outer(gamma, gamma) + turned + turned.T)

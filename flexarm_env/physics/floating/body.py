@@ -1,101 +1,121 @@
-"""One body of a chain of floating frames in lanes: inertia [57]-[63], elastic force, and what it hands on.
+"""Kernels of one floating-frame body: motion of its tip, inertia forces [57]-[63], elastic and damping forces.
 
-A body's frame stands at X, theta; its root section is turned by rho'p against the frame, its tip lies at t(p) in it.
-Positions drop out (gravity is an acceleration of the frame), so that from root to tip a body hands on the section's
-angle and the acceleration there, from tip to root the force and the moment that all behind it ask for. Their changes by
-a change of what lies before are as few: three numbers each way (docs: theory, section 3).
+A body's frame has origin R and angle theta. Its tip lies at t(q) in the frame's axes and its root section is turned by
+rho'q against the frame. Positions R drop out, because gravity enters as an acceleration of the frame. A sweep from root
+to tip therefore passes a section's angle, its rates and its acceleration; a sweep back passes a force and a moment
+(theory, section 3).
 
-E = [[0, -1], [1, 0]] turns a quarter; d/dt of R y is R (y' + w E y).
+Arguments that recur: `model` is the `Mesh`, common to all bodies; `D` is one body's block of constants
+(`layout.BODY`); q, v, a begin at the body's n elastic coordinates. E = [[0, -1], [1, 0]] turns a vector by a right
+angle; in a frame that spins at w the derivative of a vector y is y' + w E y.
 """
 
-from ...compiler import kernel, load, sincos, size, splat, store, unrolled
-from ..arithmetic import pair, put_pair, put_vector, turned, turned_back, vector
+from ...compiler import Lanes, kernel, sincos, size, unrolled
+from ..arithmetic import load_pair, load_vector, rotate_2d, rotate_back_2d, store_pair, store_vector
 from ..model import STIFFNESS_FACTOR, TAU_D
 from .layout import KNOWN, NOW, PASSED, body_at, factors_at, span_at, strain_at, vectors_at, window
 
 
 @kernel
 def constants(model):
-    """Where the fields of BODY begin in a body's block."""
+    """Return the index of each field of `layout.BODY` in a body's block of constants."""
     return body_at(0, size(model.n), len(model.window), len(model.elements), 0)
 
 
 @kernel
-def damping_time(lane, model, D, par):
-    """tau_d of the body, s."""
-    tau = load(lane, par, TAU_D)
+def damping_time(lane, model, D, par: Lanes):
+    """Return the body's damping time tau_d, s: the arm's, in par, times the body's share in D where links differ."""
+    tau = par[TAU_D]
     if model.damped is not None and len(model.damped) > 1:
         tau = tau * D[constants(model).damped]
     return tau
 
 
 @kernel
-def dot(lane, model, D, at, x):
-    """sum_j D[at + j] x_j over the elastic coordinates."""
-    total = load(lane, x, 0) * D[at]
+def dot(lane, model, D, at, x: Lanes):
+    """Return sum_j D[at + j] x_j over the body's n elastic coordinates; x: coordinates, rates or accelerations."""
+    total = x[0] * D[at]
     for j in range(1, size(model.n)):
-        total = total + load(lane, x, j) * D[at + j]
+        total = total + x[j] * D[at + j]
     return total
 
 
 @kernel
 def along(lane, model, D, at, x):
-    """`dot` with what shapes along the axis bring, which modes have none of (x + -0.0 is x to the last bit)."""
+    """Return sum_j D[at + j] x_j of a shape function along the axis of the body's frame (m for coordinates x).
+
+    D, at: the body's constants and where the function begins; x: elastic coordinates, rates or accelerations. Bodies
+    reduced to modes have none: -0.0 is returned, because x + -0.0 is x to the last bit.
+    """
     if model.modal is not None:
-        return splat(lane, -0.0)
+        return -0.0
     return dot(lane, model, D, at, x)
 
 
 @kernel
-def product(lane, model, D, at, x, y):
-    """x'A y with the matrix at D[at:]."""
+def product(lane, model, D, at, x: Lanes, y):
+    """Return x' A y, where A is the n x n matrix stored by rows at D[at:]."""
     n = size(model.n)
-    total = load(lane, x, 0) * dot(lane, model, D, at, y)
+    total = x[0] * dot(lane, model, D, at, y)
     for i in range(1, n):
-        total = total + load(lane, x, i) * dot(lane, model, D, at + i * n, y)
+        total = total + x[i] * dot(lane, model, D, at + i * n, y)
     return total
 
 
 @kernel
-def in_window(lane, model, D, at, x, first):
-    """sum_j D[at + j] x_j over the coordinates of an element's window, which begins at `first`."""
-    total = load(lane, x, first) * D[at]
+def in_window(lane, model, D, at, x: Lanes, first):
+    """Return sum_j D[at + j] x[first + j] over an element's window: its elastic coordinates from `first` on."""
+    total = x[first] * D[at]
     for j in range(1, len(model.window)):
-        total = total + load(lane, x, first + j) * D[at + j]
+        total = total + x[first + j] * D[at + j]
     return total
 
 
 @kernel
 def tip(lane, model, D, x):
-    """(u, v, phi)'x at the tip, without foreshortening."""
+    """Return (u, v, phi)'x at the body's tip: displacement (m) along and across the frame's axis, section angle (rad).
+
+    Linear part alone, without the foreshortening of bodies reduced to modes. x: coordinates, their rates or
+    accelerations.
+    """
     own = constants(model)
     return along(lane, model, D, own.tip_u, x), dot(lane, model, D, own.tip_v, x), dot(lane, model, D, own.tip_phi, x)
 
 
 @kernel
 def turn_of_root(lane, model, D, x):
-    """rho'x, by which the root section is turned against the frame."""
+    """Return rho'x, the angle (rad) of the root section against the body's frame; 0 for frames clamped to the root."""
     if model.chord is None:
-        return splat(lane, 0.0)
+        return 0.0
     return dot(lane, model, D, constants(model).root, x)
 
 
 @unrolled
 @kernel
-def carry(lane, model, D, q, v, a, pose, S):
-    """From the root section to the tip section: pose holds angle, rate, second rate and the acceleration less gravity.
+def propagate_to_tip(lane, model, D, q, v, a, pose, S):
+    """Propagate angle, rates and acceleration from a body's root section to its tip section.
 
-    What the frame does now is kept in S (`NOW`).
+        theta = angle - rho'q,   r''_tip = R'' + A (t'' + 2 w E t' + alpha E t - w^2 t)       (theory, eq. 3.1)
+
+    A: rotation by the frame's angle theta; E turns by 90 deg; w, alpha: rates of theta; t: tip in frame axes; R:
+    origin.
+
+    # state    q, v, a: elastic coordinates, rates, accelerations
+    # in, out  pose (5,), `PASSED`: at the root section, then at the tip section; inertial axes
+    # out      S: `NOW` of the body's `FACTORS`; frame axes
     """
     own, now = constants(model), factors_at(0, size(model.n)).now
-    angle, w, alpha = vector(lane, pose, PASSED.angle)
+    # angle and rates of the frame: the root section's, less rho'q (frame through both ends)
+    angle, w, alpha = load_vector(lane, pose, PASSED.angle)
     if model.chord is not None:
         angle = angle - turn_of_root(lane, model, D, q)
         w = w - turn_of_root(lane, model, D, v)
         alpha = alpha - turn_of_root(lane, model, D, a)
+    # R'' - g in the frame's axes
     sine, cosine = sincos(angle)
-    gx, gy = pair(lane, pose, PASSED.ax)
-    ax, ay = turned_back(cosine, sine, gx, gy)
+    gx, gy = load_pair(lane, pose, PASSED.ax)
+    ax, ay = rotate_back_2d(cosine, sine, gx, gy)
+    # t(q), its first and second derivative in the frame; modes shorten x = length + u by q'H q / 2
     x, y, phi = tip(lane, model, D, q)
     tx, ty, rate = tip(lane, model, D, v)
     hx, hy, second = tip(lane, model, D, a)
@@ -104,68 +124,92 @@ def carry(lane, model, D, q, v, a, pose, S):
         x = x - product(lane, model, D, own.tip_H, q, q) * 0.5
         tx = tx - product(lane, model, D, own.tip_H, q, v)
         hx = hx - (product(lane, model, D, own.tip_H, q, a) + product(lane, model, D, own.tip_H, v, v))
+    # acceleration of the tip relative to the origin, frame axes
     bx = hx - alpha * y - (w * w) * x - (w * ty) * 2.0
     by = hy + alpha * x - (w * w) * y + (w * tx) * 2.0
-    put_pair(S, now + NOW.cos, (cosine, sine))
-    put_pair(S, now + NOW.a, (ax, ay))
-    put_pair(S, now + NOW.rate, (w, alpha))
-    put_pair(S, now + NOW.tip, (x, y))
-    put_pair(S, now + NOW.tip_rate, (tx - w * y, ty + w * x))
-    put_pair(S, now + NOW.tip_second, (bx, by))
-    put_vector(pose, PASSED.angle, (angle + phi, w + rate, alpha + second))
-    put_pair(pose, PASSED.ax, turned(cosine, sine, ax + bx, ay + by))
+    store_pair(lane, S, now + NOW.cos, (cosine, sine))
+    store_pair(lane, S, now + NOW.a, (ax, ay))
+    store_pair(lane, S, now + NOW.rate, (w, alpha))
+    store_pair(lane, S, now + NOW.tip, (x, y))
+    store_pair(lane, S, now + NOW.tip_rate, (tx - w * y, ty + w * x))
+    store_pair(lane, S, now + NOW.tip_second, (bx, by))
+    # tip section: angle and rates; acceleration less gravity in inertial axes
+    store_vector(lane, pose, PASSED.angle, (angle + phi, w + rate, alpha + second))
+    store_pair(lane, pose, PASSED.ax, rotate_2d(cosine, sine, ax + bx, ay + by))
 
 
 @kernel
-def _strains(lane, model, D, stiffness, tau, q, v, strains):
-    """Of each element: its axial force, then what its stretch and that one's rate change by with its coordinates.
+def _strains(lane, model, D, stiffness, tau, q: Lanes, v: Lanes, strains: Lanes):
+    """Compute each finite element's axial force (N), and the gradient of its stretch by its window's coordinates.
 
-    von Karman: g + H q and H v; the paper, whose force has no potential: G q and nothing.
+        von Karman:  stretch = g'q + q'Hq / 2,  gradient = g + H q,  its rate H v        (theory, eq. 1.2)
+        paper:       stretch = g'q, "gradient" = G q of eq. [45], whose force has no potential
+
+    g, H (G): `SPAN.stretch`, `SPAN.H`; window: the element's elastic coordinates, from `window` on.
+
+    # in       tau: tau_d, s; q, v: elastic coordinates and rates; stiffness: not read (EA has no factor)
+    # out      strains: a `STRAIN` per element; `rate` only with damping and von Karman
     """
     n, wide = size(model.n), len(model.window)
     own = span_at(constants(model).spans, wide)
     kept = strain_at(0, wide)
     for e in range(len(model.elements)):
         first = window(model, n, e)
-        linear, half, lost = splat(lane, 0.0), splat(lane, 0.0), splat(lane, 0.0)
+        linear, half, lost = 0.0, 0.0, 0.0
+        # linear = g'q, half = q'Hq, lost = gradient'v (rate of the stretch)
         for i in range(wide):
             slope = in_window(lane, model, D, own.H + i * wide, q, first)
-            x = load(lane, q, first + i)
+            x = q[first + i]
             linear, half = linear + x * D[own.stretch + i], half + x * slope
             if model.full is None:
-                store(strains, kept.slope + i, slope)
+                strains[kept.slope + i] = slope
             else:
                 slope = slope + D[own.stretch + i]
-                lost = lost + load(lane, v, first + i) * slope
-                store(strains, kept.slope + i, slope)
+                lost = lost + v[first + i] * slope
+                strains[kept.slope + i] = slope
+        # N = EA/l (stretch + tau_d times its rate)
         force = linear * D[own.stiffness]
         if model.full is not None:
             force = (linear + half * 0.5) * D[own.stiffness]
             if model.damped is not None:
                 force = force + (lost * tau) * D[own.stiffness]
                 for i in range(wide):
-                    store(strains, kept.rate + i, in_window(lane, model, D, own.H + i * wide, v, first))
-        store(strains, kept.force, force)
+                    strains[kept.rate + i] = in_window(lane, model, D, own.H + i * wide, v, first)
+        strains[kept.force] = force
         own, kept = span_at(own.end, wide), strain_at(kept.end, wide)
 
 
 @unrolled
 @kernel
-def forces(lane, model, D, par, carried, q, v, a, force, known, vectors, strains, S, r):
-    """The body's rows of the residual, inertia [61]-[63] and elastic forces [44], [45].
+def forces(
+    lane, model, D, par: Lanes, carried, q: Lanes, v: Lanes, a: Lanes, force: Lanes, known, vectors: Lanes,
+    strains: Lanes, S, r: Lanes,
+):  # fmt: skip
+    """Compute a body's rows r of the residual, and the force G_b and moment M_b that it requires at its root.
 
-    force: in what lies behind asks for at the tip (x, y, moment), out what all from here on asks for at the root.
-    carried: mass and inertia at the tip, kg and kg m^2, for drag alone. known, vectors, strains: kept for `tangent`.
+        M_b = f_theta + (E t)'g + M,  r = f_q + K q + (dt/dq)'g + phi_t M - rho M_b,  G_b = f_R + G   (theory, eq. 3.2)
+
+    f: inertia forces with gravity, eqs. [61]-[63] (theory, eq. 2.4); K q: elastic forces [44], [45] with damping; t,
+    phi_t'q: place and angle of the tip in frame axes; rho'q: angle of the root section against the frame; E turns by 90
+    deg; G, M: force and moment required at the tip, g = G in frame axes.
+
+    # model    D; par: the arm's parameters (factor on bending stiffness, tau_d)
+    # state    q, v, a: elastic coordinates, rates, accelerations; S: `NOW`, written by `propagate_to_tip`
+    # in       carried (2,): mass (kg) and inertia (kg m^2) at the tip, read by mass-proportional damping alone
+    # in, out  force (3,): force (N, inertial axes) and moment (N m) required at the tip by all bodies beyond it; then
+    #          at the root by this body and all beyond
+    # out      r: n rows of q; known, vectors, strains: `KNOWN`, `VECTORS`, `STRAIN`, which `tangent` needs
     """
     own, n = constants(model), size(model.n)
     now, vec = factors_at(0, n).now, vectors_at(0, n)
-    cos, sin = pair(lane, S, now + NOW.cos)
-    ax, ay = pair(lane, S, now + NOW.a)
-    w, alpha = pair(lane, S, now + NOW.rate)
-    stiffness, tau = load(lane, par, STIFFNESS_FACTOR), damping_time(lane, model, D, par)
-    fx, fy, moment = vector(lane, force, 0)
-    gx, gy = turned_back(cos, sin, fx, fy)
-    # s: first moment, t its rate, h its second rate in the frame
+    # R'' - g (frame axes), w, alpha; force and moment at the tip
+    cos, sin = load_pair(lane, S, now + NOW.cos)
+    ax, ay = load_pair(lane, S, now + NOW.a)
+    w, alpha = load_pair(lane, S, now + NOW.rate)
+    stiffness, tau = par[STIFFNESS_FACTOR], damping_time(lane, model, D, par)
+    fx, fy, moment = load_vector(lane, force, 0)
+    gx, gy = rotate_back_2d(cos, sin, fx, fy)
+    # first moment s = s_bar(q) (theory, eq. 2.2), its first and second derivative t, h in the frame
     sx, sy = along(lane, model, D, own.S_bar_x, q) + D[own.S0], dot(lane, model, D, own.S_bar_y, q)
     tx, ty = along(lane, model, D, own.S_bar_x, v), dot(lane, model, D, own.S_bar_y, v)
     hx, hy = along(lane, model, D, own.S_bar_x, a), dot(lane, model, D, own.S_bar_y, a)
@@ -173,37 +217,43 @@ def forces(lane, model, D, par, carried, q, v, a, force, known, vectors, strains
         sx = sx - product(lane, model, D, own.D0, q, q) * 0.5
         tx = tx - product(lane, model, D, own.D0, q, v)
         hx = hx - (product(lane, model, D, own.D0, q, a) + product(lane, model, D, own.D0, v, v))
-    inertia, spin_rate, lever = splat(lane, D[own.I0]), splat(lane, 0.0), splat(lane, 0.0)
+    # I(q), I'/2 = (c_u + G q)'v and (c + B q)'a
+    inertia, spin_rate, lever = D[own.I0], 0.0, 0.0
     for i in range(n):
         gq = dot(lane, model, D, own.G + i * n, q)
         if model.modal is None:
-            inertia = inertia + (gq + 2.0 * D[own.c_u + i]) * load(lane, q, i)
+            inertia = inertia + (gq + 2.0 * D[own.c_u + i]) * q[i]
             gq = gq + D[own.c_u + i]
         else:
-            inertia = inertia + gq * load(lane, q, i)
+            inertia = inertia + gq * q[i]
         cb = along(lane, model, D, own.B + i * n, q) + D[own.c + i]
-        spin_rate = spin_rate + gq * load(lane, v, i)
-        lever = lever + cb * load(lane, a, i)
-        store(vectors, vec.gq + i, gq)
-        store(vectors, vec.cb + i, cb)
+        spin_rate = spin_rate + gq * v[i]
+        lever = lever + cb * a[i]
+        vectors[vec.gq + i] = gq
+        vectors[vec.cb + i] = cb
+    # d = f_R - m_t (R'' - g) in frame axes
     square = w * w
     mass = D[own.mass]
     dx = hx - alpha * sy - square * sx - (w * ty) * 2.0
     dy = hy + alpha * sx - square * sy + (w * tx) * 2.0
+    # f_theta, then M_b = f_theta + (E t)'g + M
     turning = (sx * ay - sy * ax) + alpha * inertia + lever + (w * spin_rate) * 2.0
-    x, y = pair(lane, S, now + NOW.tip)
+    x, y = load_pair(lane, S, now + NOW.tip)
     turning = turning + (x * gy - y * gx) + moment
     _strains(lane, model, D, stiffness, tau, q, v, strains)
+    # r_q = f_q + elastic force + (dt/dq)'g + phi_t M - rho M_b
     for i in range(n):
-        gsx, gsy, px = splat(lane, D[own.S_bar_x + i]), D[own.S_bar_y + i], splat(lane, D[own.tip_u + i])
+        # rows of Gamma = d s_bar/dq and of dt/dq
+        gsx, gsy, px = D[own.S_bar_x + i], D[own.S_bar_y + i], D[own.tip_u + i]
         if model.modal is not None:
             gsx = gsx - dot(lane, model, D, own.D0 + i * n, q)
             px = px - dot(lane, model, D, own.tip_H + i * n, q)
         bv = along(lane, model, D, own.B + i * n, v)
-        store(vectors, vec.bv + i, bv)
-        store(vectors, vec.gsx + i, gsx)
-        store(vectors, vec.px + i, px)
-        gq, cb = load(lane, vectors, vec.gq + i), load(lane, vectors, vec.cb + i)
+        vectors[vec.bv + i] = bv
+        vectors[vec.gsx + i] = gsx
+        vectors[vec.px + i] = px
+        gq, cb = vectors[vec.gq + i], vectors[vec.cb + i]
+        # (K_bend (q - q0) + tau_d K_bend v) times the factor on EI; the linear stretch unless von Karman replaces it
         elastic = dot(lane, model, D, own.K_bend + i * n, q)
         if model.curved is not None:
             elastic = elastic - D[own.moment + i]
@@ -214,6 +264,7 @@ def forces(lane, model, D, par, carried, q, v, a, force, known, vectors, strains
             elastic = elastic + along(lane, model, D, own.K_axial + i * n, q)
             if model.damped is not None:
                 elastic = elastic + along(lane, model, D, own.K_axial + i * n, v) * tau
+        # f_q = Gamma'(R'' - g) + alpha (c + B q) + M_ff a - w^2 (c_u + G q) + 2 w B v
         total = (gsx * ax + ay * gsy) + alpha * cb + dot(lane, model, D, own.M_ff + i * n, a)
         total = total - square * gq
         if model.modal is None:
@@ -222,38 +273,46 @@ def forces(lane, model, D, par, carried, q, v, a, force, known, vectors, strains
         total = total + (px * gx + gy * D[own.tip_v + i]) + moment * D[own.tip_phi + i]
         if model.chord is not None:
             total = total - turning * D[own.root + i]
-        store(r, i, total)
+        r[i] = total
+    # axial forces of the elements times the gradients of their stretches
     wide = len(model.window)
     kept = strain_at(0, wide)
     for e in range(len(model.elements)):
         first = window(model, n, e)
         for i in range(wide):
-            pull = load(lane, strains, kept.force) * load(lane, strains, kept.slope + i)
-            store(r, first + i, load(lane, r, first + i) + pull)
+            pull = strains[kept.force] * strains[kept.slope + i]
+            r[first + i] += pull
         kept = strain_at(kept.end, wide)
     if model.drag is not None:
-        _drag(lane, model, D, carried, v, vectors, r)
-    store(force, 0, cos * (ax * mass + dx + gx) - sin * (ay * mass + dy + gy))
-    store(force, 1, sin * (ax * mass + dx + gx) + cos * (ay * mass + dy + gy))
-    store(force, 2, turning)
-    put_pair(known, KNOWN.d, (dx, dy))
-    put_pair(known, KNOWN.s, (sx, sy))
-    put_pair(known, KNOWN.t, (tx, ty))
-    put_pair(known, KNOWN.inertia, (inertia, spin_rate))
-    put_pair(known, KNOWN.g, (gx, gy))
+        _mass_damping(lane, model, D, carried, v, vectors, r)
+    # G_b = f_R + G, back in inertial axes
+    force[0] = cos * (ax * mass + dx + gx) - sin * (ay * mass + dy + gy)
+    force[1] = sin * (ax * mass + dx + gx) + cos * (ay * mass + dy + gy)
+    force[2] = turning
+    store_pair(lane, known, KNOWN.d, (dx, dy))
+    store_pair(lane, known, KNOWN.s, (sx, sy))
+    store_pair(lane, known, KNOWN.t, (tx, ty))
+    store_pair(lane, known, KNOWN.inertia, (inertia, spin_rate))
+    store_pair(lane, known, KNOWN.g, (gx, gy))
 
 
 @kernel
-def _drag(lane, model, D, carried, v, vectors, r):
-    """Damping that goes with mass, on rates in the frame: the body's own and that of what it carries at its tip."""
+def _mass_damping(lane, model, D, carried: Lanes, v: Lanes, vectors: Lanes, r: Lanes):
+    """Add mass-proportional damping to the body's rows of r: r += drag (M_ff + m J'J + J_p phi phi') v.
+
+    drag: 1/s; M_ff: the body's mass matrix; v: elastic rates, relative to the frame. m, J_p = `carried`: mass (kg) and
+    inertia (kg m^2) at the tip; J = dt/dq, phi: the tip's place and the tip section's angle by q, frame axes. `vectors`
+    holds the x row of J.
+    """
     own, n, px = constants(model), size(model.n), vectors_at(0, size(model.n)).px
-    mass, inertia = load(lane, carried, 0) * D[own.drag], load(lane, carried, 1) * D[own.drag]
+    mass, inertia = carried[0] * D[own.drag], carried[1] * D[own.drag]
     _, ty, turning = tip(lane, model, D, v)
-    tx = splat(lane, 0.0)
+    # velocity of the tip in the frame, m/s: J v
+    tx = 0.0
     for i in range(n):
-        tx = tx + load(lane, vectors, px + i) * load(lane, v, i)
+        tx = tx + vectors[px + i] * v[i]
     for i in range(n):
         total = dot(lane, model, D, own.M_ff + i * n, v) * D[own.drag]
-        total = total + (load(lane, vectors, px + i) * tx + ty * D[own.tip_v + i]) * mass
+        total = total + (vectors[px + i] * tx + ty * D[own.tip_v + i]) * mass
         total = total + (turning * D[own.tip_phi + i]) * inertia
-        store(r, i, load(lane, r, i) + total)
+        r[i] += total

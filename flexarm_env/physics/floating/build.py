@@ -1,6 +1,6 @@
-"""A scene's links as floating-frame bodies: a `FloatingChain`, or a `FloatingFrame` joined by multipliers.
+"""Assembly of a scene's links as floating-frame bodies: a `FloatingChain`, or a `FloatingFrame` with multipliers.
 
-Each link is cut into `segments` bodies joined rigidly, of finite elements or reduced to `modes`.
+Each link is cut into `segments` bodies that are joined rigidly, of finite elements or reduced to `modes`.
 """
 
 import itertools
@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import validation as check
 from ...compiler import WIDEST
 from ...parameters import Arm, Link, Payload
 from ...scene import PointLoad, Scene
 from ...settings import MODAL_BOUND, Settings
 from ..model import BEAM, FloatingChain, FloatingFrame, Mesh, System, fixed_rows, levers
+from ..protocol import NewtonPolicy
 from .beam_element import BENDING
 from .constants import Body, finite_element_body, free_coordinates
 from .layout import (
@@ -35,18 +37,23 @@ from .layout import (
 from .reduction import inertia_margins, modal_body
 
 HONOURS = {**BEAM, Arm: (*BEAM[Arm], "mass_damping")}
-"""What of an arm this formulation takes into account; `assembly` refuses the rest."""
+"""Classes and fields of an arm that this formulation takes into account; `assembly` rejects arms with others."""
 
 WRITTEN_OUT = 8
-"""Elastic coordinates of a body up to which its kernels are written out, every index a constant."""
+"""Largest number of elastic coordinates of a body whose kernels are unrolled, with constant indices."""
 
 MARGIN_LOST = 0.5
-"""Share of the margin of a reduced body's mass matrix whose loss likewise ends the run."""
+"""Fraction of a reduced body's inertia margin (`inertia_margins`) whose loss ends the run as out of range."""
 
 
 def carried(arm: Arm, link: int, rest: float = 0.0) -> tuple[float, float]:
-    """Mass (kg) and inertia (kg m^2) that link k carries `rest` m before its tip, all of it straight and locked."""
+    """Return the mass (kg) and inertia (kg m^2) that a link carries at a point `rest` m before its tip.
+
+    Everything beyond the point is straight and rigid: the rest of the link, its rigid end, elbows, later links, the
+    payload. The inertia is about the point.
+    """
     own, mass, inertia, distance = arm.links[link], 0.0, 0.0, rest + arm.links[link].tip_offset
+    # rest of the link itself
     if own.uniform is not None:
         section = own.uniform
         mass, inertia = section.m * rest, section.m * rest**3 / 3 + section.J * rest
@@ -54,6 +61,7 @@ def carried(arm: Arm, link: int, rest: float = 0.0) -> tuple[float, float]:
         behind = own.part(own.length - rest, own.length)
         mass, inertia = behind.mass, behind.moment(2) + behind.rotary
     for k in range(link + 1, arm.n_links):
+        # elbow and link k, `distance` m from the point
         elbow, item = arm.elbow(k), arm.links[k]
         length = item.length
         mass += elbow.mass + item.mass
@@ -66,31 +74,54 @@ def carried(arm: Arm, link: int, rest: float = 0.0) -> tuple[float, float]:
         else:
             inertia += item.moment(2) + distance * (2.0 * item.moment(1) + distance * item.mass) + item.rotary
         distance += length + item.tip_offset
+    # the link's own rigid end at half its length, then the payload
     mass, inertia = mass + own.tip_mass, inertia + own.tip_inertia + own.tip_mass * (rest + 0.5 * own.tip_offset) ** 2
     far = abs(distance + arm.payload.lever)
     return mass + arm.payload.mass, inertia + arm.payload.inertia + arm.payload.mass * far**2
 
 
 def _rigid(arm: Arm) -> bool:
-    """Whether links have rigid ends."""
+    """Return whether any link of the arm has a rigid end."""
     return any(link.rigid_ends for link in arm.links)
 
 
-def _cut(link: Link, segments: int) -> list[Link]:
-    """A link in segments: at its jumps where there are segments enough, otherwise even ones with jumps inside."""
+ROUNDED = 1e-9
+"""Fraction of a link's length within which the end of an even segment is moved to a jump of the section."""
+
+
+def _cut(link: Link, settings: Settings) -> list[Link]:
+    """Cut a link into segments: at its jumps where segments are enough, otherwise evenly with jumps inside.
+
+    Raises ValueError where a segment has a jump inside and too few elements for one to end there.
+    """
+    segments = settings.segments or 1
     if segments > len(link.jumps):
         return link.cut(segments, "segments")
-    ends = np.linspace(0.0, link.length, segments + 1).tolist()
-    return [link.part(a, b) for a, b in itertools.pairwise(ends)]
+    # even segments, whose ends are the jumps where both coincide up to rounding
+    ends = np.linspace(0.0, link.length, segments + 1)
+    for jump in link.jumps:
+        ends[abs(ends - jump) <= ROUNDED * link.length] = jump
+    parts = [link.part(a, b) for a, b in itertools.pairwise(ends.tolist())]
+    # each jump inside a segment must be the end of an element
+    least = 1 + max(len(part.jumps) for part in parts)
+    if settings.elements is not None and segments > 1 and least > settings.elements:
+        jumps = len(link.jumps)
+        what = f"must be at least {jumps + 1} for a link whose sections jump {jumps} times, or elements {least}"
+        raise check.InvalidValue("segments", segments, what)
+    return parts
 
 
 def bodies_of(arm: Arm, settings: Settings) -> list[Body]:
-    """Bodies root to tip, equally many a link, with hub and elbows lumped (the payload stays an arm's own)."""
+    """Return the bodies of all links from root to tip, equally many per link, with hub and elbows lumped.
+
+    The payload is not lumped, because it is one of the arm's own parameters.
+    """
     bodies: list[Body] = []
     frame, segments = settings.frame or "root", settings.segments or 1
     for k, link in enumerate(arm.links):
-        parts = _cut(link, segments)
+        parts = _cut(link, settings)
         if settings.modes is not None:
+            # length of the link beyond each segment, whose mass shapes the segment's modes
             rests = [sum(part.length for part in parts[i + 1 :]) for i in range(segments)]
             if link.uniform is not None:
                 rests = [parts[0].length * (segments - 1 - i) for i in range(segments)]
@@ -102,6 +133,7 @@ def bodies_of(arm: Arm, settings: Settings) -> list[Body]:
             assert settings.elements is not None
             coupling = settings.coupling or "linear"
             pieces = [finite_element_body(part, settings.elements, coupling, frame) for part in parts]
+        # hub or right elbow inertia at the root, elbow's mass and left inertia at the tip
         pieces[0].add_root_inertia(arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right)
         if k + 1 < arm.n_links:  # the elbow's mass belongs to the link before it, or to its rigid end
             mass = 0.0 if _rigid(arm) else arm.elbow(k + 1).mass
@@ -111,7 +143,10 @@ def bodies_of(arm: Arm, settings: Settings) -> list[Body]:
 
 
 def _limits(scene: Scene, bodies: list[Body], reduced: bool) -> list[float]:
-    """Loss of inertia about its root (kg m^2) that each body may suffer; any where its angle is prescribed."""
+    """Return the largest loss of inertia about its root (kg m^2) of each body; inf for finite elements (reduced=False).
+
+    It is a fraction of the body's `inertia_margins`, infinite for a body whose angle is prescribed.
+    """
     if not reduced:
         return [np.inf] * len(bodies)
     arm, limits, segments = scene.arm, [], len(bodies) // scene.arm.n_links
@@ -124,18 +159,24 @@ def _limits(scene: Scene, bodies: list[Body], reduced: bool) -> list[float]:
 
 
 def build(scene: Scene, settings: Settings) -> System:
-    """Assemble a scene in the floating-frame formulation."""
+    """Assemble a scene in the floating-frame formulation: with multipliers where the settings ask for them."""
     return _joined(scene, settings) if settings.multipliers else _chain(scene, settings)
 
 
 def _span(body: Body, e: int, n: int, mesh: Mesh, frame: str) -> NDArray[np.float64]:
-    """What `SPAN` says of finite element e."""
+    """Return the `SPAN` of finite element e: EA/l, its stretch and its matrix H on the coordinates of its window.
+
+    n: elastic coordinates of a body. frame: "root" or "chord".
+    """
     elements = len(mesh.elements)
     free, wide = list(free_coordinates(elements, frame)), len(mesh.window)
     begin = window(mesh, n, e)
+    # indices of the window's coordinates among (u, v, phi) of all nodes
     own = free[begin : begin + wide]  # of all nodes' coordinates, those in the window
+    # zero on all nodes' coordinates, then the window is cut out
     stretch, H = np.zeros(3 * elements + 3), np.zeros((3 * elements + 3,) * 2)
     first = 3 * e  # three coordinates a node
+    # stretch u2 - u1, and H on (v1, phi1, v2, phi2)
     stretch[[first, first + 3]] = -1.0, 1.0
     bending = first + BENDING
     H[np.ix_(bending, bending)] = body.element_g[e]
@@ -143,8 +184,9 @@ def _span(body: Body, e: int, n: int, mesh: Mesh, frame: str) -> NDArray[np.floa
 
 
 def _mesh(bodies: list[Body], arm: Arm, settings: Settings) -> Mesh:
-    """What all the bodies have."""
+    """Return the `Mesh` that all bodies share: their sizes, and a tag for each term that their kernels compile."""
     n = bodies[0].n
+    # without coupling of stretch and bending there are no element terms; a window has the free ones of 6 coordinates
     elements, wide = bodies[0].element_ea.size if settings.coupling != "linear" else 0, min(n, 6)
     largest, shares = arm.damping
     return Mesh(
@@ -165,8 +207,12 @@ def _mesh(bodies: list[Body], arm: Arm, settings: Settings) -> Mesh:
 def _block(
     body: Body, mesh: Mesh, frame: str, drag: float, damped: float, offset: float, most_lost: float
 ) -> NDArray[np.float64]:
-    """A body's block of `data`."""
+    """Return a body's block of `data`, packed as `layout.BODY`.
+
+    drag: 1/s; damped: the body's share of tau_d; offset: rad, of the rigid joint at its tip; most_lost: kg m^2.
+    """
     n, elements = body.n, len(mesh.elements)
+    # drawing stations in groups of lanes, field by field
     stations = np.array([
         STATION.pack({"n": n}, x=x, u=shape[0], v=shape[1], H=h)
         for x, shape, h in zip(body.stations, body.shapes, body.station_h, strict=True)
@@ -185,7 +231,7 @@ def _block(
 
 
 def _shared(scene: Scene, settings: Settings, bodies: list[Body], offsets: NDArray[np.float64]) -> dict[str, Any]:
-    """Fields that `FloatingChain` and `FloatingFrame` both have. offsets: angles of the rigid joints, rad."""
+    """Return the fields that `FloatingChain` and `FloatingFrame` share; offsets: angles of rigid joints, rad."""
     arm, mesh = scene.arm, _mesh(bodies, scene.arm, settings)
     assert settings.frame is not None
     limits, segments = _limits(scene, bodies, settings.modes is not None), settings.segments or 1
@@ -197,7 +243,6 @@ def _shared(scene: Scene, settings: Settings, bodies: list[Body], offsets: NDArr
     point_loads = [load for load in scene.loads if isinstance(load, PointLoad)]
     return {
         "n_inputs": arm.n_links + 3 * len(point_loads),
-        "correction": None,
         "mesh": mesh,
         "links": arm.n_links,
         "segments": segments,
@@ -210,20 +255,26 @@ def _shared(scene: Scene, settings: Settings, bodies: list[Body], offsets: NDArr
 
 
 def _chain(scene: Scene, settings: Settings) -> System:
-    """The scene's chain without multipliers."""
+    """Assemble the scene's chain without multipliers.
+
+    Rows: x, y, angle of the root; elastic coordinates of all bodies from root to tip; angles of the elbows.
+    """
     arm = scene.arm
     bodies = bodies_of(arm, settings)
     n, count = bodies[0].n, len(bodies)
+    # names of the rows
     each = itertools.product(range(arm.n_links), range(settings.segments or 1), range(n))
     names = ["root_x", "root_y", "joint0", *(f"link{k}.body{b}.q{i}" for k, b, i in each)]
     names += [f"joint{k}" for k in range(1, arm.n_links)]
     coordinates = {name: names.index(name) for name in ["root_x", "root_y", *[f"joint{k}" for k in range(arm.n_links)]]}
+    # start: straight links at the scene's angles, elastic coordinates without stress
     q0, weight = np.zeros(len(names)), np.ones(len(names))
     q0[:2], q0[2] = scene.position, scene.angles[0]
     for k in range(1, arm.n_links):
         q0[-arm.n_links + k] = scene.initial_value(f"joint{k}")
     elastic = slice(ELASTIC, ELASTIC + n * count)
     q0[elastic] = np.concatenate([body.q0 for body in bodies])
+    # Newton's weights: reciprocal of each coordinate's characteristic size
     weight[:2] = 1.0 / arm.total_length
     weight[elastic] = np.concatenate([_sizes(body, settings, arm) for body in bodies])
     rigid, eccentric = _rigid(arm), arm.payload.eccentric
@@ -237,7 +288,11 @@ def _chain(scene: Scene, settings: Settings) -> System:
         algebraic=None,
         weight=weight,
         # with stretch, what Newton leaves is small in length but not in force: nothing is trusted
-        predictor=1.0 if settings.modes is None else (1.0, 10.0),
+        newton=NewtonPolicy(
+            acceleration_share=1.0,
+            first_error=None if settings.modes is None else 10.0,
+            resolved=None if settings.modes is None else (0,),
+        ),
         rigid=levers(arm) if rigid else None,
         table=None,
         jointed=(0,) if arm.jointed else None,
@@ -248,8 +303,11 @@ def _chain(scene: Scene, settings: Settings) -> System:
 
 
 def _sizes(body: Body, settings: Settings, arm: Arm) -> NDArray[np.float64]:
-    """One over the size that matters of each elastic coordinate: u and v are lengths, phi is an angle; the size of a
-    mode is what it moves the tip by, or turns the ends by."""
+    """Return the reciprocal of each elastic coordinate's characteristic size (n,).
+
+    Finite elements: u and v are lengths (1 over the arm's length), phi is an angle (1). A mode: the tip deflection that
+    it causes over the arm's length, or the angles of the ends where they are more.
+    """
     if settings.modes is not None:
         moved = np.maximum(np.abs(body.tip[1]) / arm.total_length, np.abs(body.root))
         sizes: NDArray[np.float64] = np.maximum(moved, np.abs(body.tip[2]) * (settings.frame == "chord"))
@@ -260,14 +318,16 @@ def _sizes(body: Body, settings: Settings, arm: Arm) -> NDArray[np.float64]:
 
 
 def _joined(scene: Scene, settings: Settings) -> System:
-    """The scene's bodies joined by multipliers: the paper's own form."""
+    """Assemble the scene's bodies joined by multipliers, the paper's own form: rows body 0, its joint, body 1, ..."""
     arm, bodies, segments = scene.arm, bodies_of(scene.arm, settings), settings.segments or 1
     n, count = bodies[0].n, len(bodies)
     links = np.arange(count) // segments
-    rows, angle, offset = np.full(count, 3), np.full(count, -1), np.zeros(count)  # of the joint behind each body
+    # of the joint at each body's tip: number of multipliers, prescribing motion (-1: none), constant angle (rad)
+    rows, angle, offset = np.full(count, 3), np.full(count, -1), np.zeros(count)
     rows[-1] = 0
     coordinates = {"root_x": 0, "root_y": 1, "joint0": 2}
     motions = [motion.coordinate for motion in scene.motions]
+    # joints between links: rigid (3 rows), prescribed (3 rows, a motion) or hinges (2 rows)
     for joint in range(1, arm.n_links):
         b, name = joint * segments - 1, f"joint{joint}"  # b: the body before it
         if joint in scene.rigid_joints:
@@ -277,11 +337,13 @@ def _joined(scene: Scene, settings: Settings) -> System:
             coordinates[name] = -1 - (int(rows[:b].sum()) + 2)
         else:
             rows[b] = 2
+    # first row of each body; half-width of the band: from a joint's last multiplier to its body's first row
     start = np.cumsum([0, *(ELASTIC + n + rows)])
     size = int(start[-1])
     half = ELASTIC + n + int(rows.max()) - 1
     fixed = [k for k, name in ((0, "root_x"), (1, "root_y")) if scene.root == "pinned" and name not in motions]
     q0, weight, names = np.zeros(size), np.ones(size), list[str]()
+    # start: straight links at the scene's angles
     x, y = scene.position
     for b, (body, at, theta) in enumerate(zip(bodies, start, np.take(scene.angles, links), strict=False)):
         q0[at : at + ELASTIC] = x, y, theta
@@ -290,6 +352,7 @@ def _joined(scene: Scene, settings: Settings) -> System:
         weight[at + ELASTIC : at + ELASTIC + n] = _sizes(body, settings, arm)
         names += [f"body{b}.{what}" for what in ("x", "y", "theta", *(f"q{i}" for i in range(n)))]
         names += [f"joint{b}.lambda{i}" for i in range(rows[b])]
+    # rows of multipliers
     algebraic = [row for end, own in zip(start[1:], rows, strict=True) for row in range(end - own, end)]
     table = np.zeros((count, ROW.places.end), np.int64)
     columns = {"start": start[:-1], "size": n, "link": links, "multipliers": rows, "motion": angle}
@@ -301,7 +364,7 @@ def _joined(scene: Scene, settings: Settings) -> System:
         fixed=np.array(fixed, np.int64),
         algebraic=np.array(algebraic, np.int64),
         weight=weight,
-        predictor=1.0,
+        newton=NewtonPolicy(acceleration_share=1.0),
         half=half,
         rigid=None,
         eccentric=None,

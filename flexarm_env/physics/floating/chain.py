@@ -1,23 +1,38 @@
-"""A chain of floating frames without multipliers: residual, matrix, factors (model: `physics.model.FloatingChain`).
+"""A chain of floating frames without multipliers: residual, Newton matrix and its factors (theory, section 3).
 
-A frame begins where the body before it ends, so that its place and turn follow from the elastic coordinates before it:
-rigid joints between segments need no rows. One sweep from root to tip gives every frame's motion, one back the forces;
-the matrix is never formed, its blocks are eliminated body by body from the tip (an articulated body's inertia, but of
-the whole tangent): the cost is linear in the number of bodies.
+Model: `physics.model.FloatingChain`. A body's frame begins where the body before it ends, so that its origin and angle
+follow from the elastic coordinates before it, and rigid joints between segments need no rows. Rows of q: x, y, angle of
+the root; elastic coordinates of all bodies from root to tip; angles of the elbows.
 
-S holds `ROOT`, then a `JOINT` for each elbow and `FACTORS` for each body, then `LEVER_FACTORS` of rigid ends.
+One sweep from root to tip computes the motion of every frame, a sweep back the forces. The matrix is never formed: its
+blocks are eliminated body by body from the tip, as an articulated body's inertia, but for the whole tangent. The cost
+is linear in the number of bodies.
+
+S holds `ROOT`, a `JOINT` per elbow, `FACTORS` per body, `LEVER_FACTORS` of rigid ends and of the payload's lever.
 """
 
-from ...compiler import kernel, load, size, splat, stack, store
-from ..arithmetic import add, fall, pair, put_pair, put_vector, vector
+from ...compiler import Lanes, kernel, load_lane, size, stack
+from ..arithmetic import gravity_along, load_pair, load_vector, store_pair, store_vector
 from ..layout import OF_LOAD
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, FloatingChain
-from ..protocol import register
-from .body import carry, forces
-from .chain_output import damping_work, energy, link_poses, out_of_range, ports, shape
+from ..protocol import State, register
+from .body import forces, propagate_to_tip
+from .chain_output import centerline, damping_power, energy, input_displacements, link_poses, out_of_range
 from .layout import ANGLE, JOINT, KNOWN, LOADED, PASSED, ROOT, acts_at, cell, elastic_row, elbow_row, factors_at
 from .matrix import condense, reduce, restore, tangent
-from .rigid import ACROSS, ROOT_END, SWEPT, TIP_END, end_of, inward, near, outward, swept, to_payload, with_moment
+from .rigid import (
+    ACROSS,
+    ROOT_END,
+    SWEPT,
+    TIP_END,
+    condense_to_near_point,
+    end_of,
+    far_point_change,
+    propagate_outward,
+    to_payload,
+    transmit_inward,
+    with_moment,
+)
 
 THREE, FIVE, NINE = (0,) * 3, (0,) * 5, (0,) * 9
 NUMBERS = (0,) * KNOWN.end
@@ -25,253 +40,306 @@ NUMBERS = (0,) * KNOWN.end
 
 @kernel
 def _stride(model):
-    """Numbers of a body in S."""
+    """Return the number of entries in S per body."""
     return factors_at(0, size(model.mesh.n)).end
 
 
 @kernel
 def _bodies_at(model):
-    """Where the bodies' part of S begins."""
+    """Return the index in S of the first body's `FACTORS`."""
     return ROOT.end + JOINT.end * (model.links - 1)
 
 
 @kernel
 def _levers_at(model):
-    """Where the part of the rigid ends begins."""
+    """Return the index in S of the first `LEVER_FACTORS`."""
     return _bodies_at(model) + _stride(model) * model.links * model.segments
 
 
 @kernel
 def _joint_at(k):
-    """Where the part of elbow k, from 1 on, begins."""
+    """Return the index in S of the `JOINT` of elbow k >= 1."""
     return ROOT.end + JOINT.end * (k - 1)
 
 
 @kernel
-def frame_at(lane, model, state, i, pose):
-    """pose <- angle at rows i of what moves as `state` tells, its rates, and the acceleration there less gravity."""
+def frame_at(lane, model, state: State, i, pose):
+    """Write angle, rates and acceleration less gravity of the frame with rows i, i + 1, i + ANGLE into pose, `PASSED`.
+
+    These rows of state (q, v, a of the whole arm) are x, y (inertial axes) and angle. pose (5,): rad, rad/s, rad/s^2,
+    then m/s^2 along inertial axes.
+    """
     q, v, a = state
-    put_vector(pose, PASSED.angle, (load(lane, q, i + ANGLE), load(lane, v, i + ANGLE), load(lane, a, i + ANGLE)))
-    ax, ay = pair(lane, a, i)
-    put_pair(pose, PASSED.ax, (ax - fall(model.gravity, 0), ay - fall(model.gravity, 1)))
+    store_vector(lane, pose, PASSED.angle, (q[i + ANGLE], v[i + ANGLE], a[i + ANGLE]))
+    ax, ay = load_pair(lane, a, i)
+    store_pair(lane, pose, PASSED.ax, (ax - gravity_along(model.gravity, 0), ay - gravity_along(model.gravity, 1)))
 
 
 @kernel
-def less_loads(lane, model, link, end, u, force):
-    """force (x, y, moment) less the point loads at an end of a link."""
+def subtract_loads(lane, model, link, end, u: Lanes, force: Lanes):
+    """Subtract the point loads at an end (0 root, 1 tip) of a link from force (3,): N, N, N m in inertial axes.
+
+    u: inputs; after the joint torques of all links come x, y and torque of each load (`LOAD`).
+    """
     if model.loads is not None:
         for f in range(model.loads.shape[0] // LOADED.end):
             if acts_at(model.loads, f, link, end):
                 for i in range(3):
-                    add(lane, force, i, -load(lane, u, model.links + OF_LOAD.end * f + i))
+                    force[i] -= u[model.links + OF_LOAD.end * f + i]
 
 
 @kernel
-def payload_force(lane, par, pose, force, carried):
-    """force <- what the payload asks for at a pose; carried <- its mass and inertia."""
-    mass, inertia = load(lane, par, PAYLOAD_MASS), load(lane, par, PAYLOAD_INERTIA)
-    ax, ay = pair(lane, pose, PASSED.ax)
-    put_vector(force, 0, (ax * mass, ay * mass, load(lane, pose, PASSED.second) * inertia))
-    put_pair(carried, 0, (mass, inertia))
+def payload_force(lane, par: Lanes, pose: Lanes, force, carried):
+    """Compute the payload's inertia force m_p (r'' - g) and moment J_p alpha at a pose (`PASSED`), inertial axes.
+
+    # out      force (3,): N, N, N m; carried (2,): m_p (kg), J_p (kg m^2), which mass-proportional damping needs
+    """
+    mass, inertia = par[PAYLOAD_MASS], par[PAYLOAD_INERTIA]
+    ax, ay = load_pair(lane, pose, PASSED.ax)
+    store_vector(lane, force, 0, (ax * mass, ay * mass, pose[PASSED.second] * inertia))
+    store_pair(lane, carried, 0, (mass, inertia))
 
 
 @kernel
-def assemble(lane, model, par, state, u, weights, r, S):
-    """r and, unless only that is asked for, the bodies' matrices."""
-    (q, v, a), (cm, cc, ck) = state, weights
-    mesh, L = model.mesh, len(lane)
+def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes, S: Lanes):
+    """Compute the residual r of eq. [64] and, with weights.with_matrix, the blocks of the Newton matrix.
+
+    Rows of r: force (N, inertial axes) and moment (N m) at the root less the hub's torque; each body's elastic
+    coordinates (theory, eq. 3.2); at each elbow the moment less its torque, N m. u: joint torques (N m), then point
+    loads; weights: `Weights` of dr/da, dr/dv, dr/dq. S receives the bodies' `FACTORS.matrix` and lever arms; `factor`
+    eliminates them. See `protocol.assemble`.
+    """
+    (q, v, a), (cm, cc, ck, with_matrix, _) = state, weights
+    mesh = model.mesh
     pose, force, carried = stack(lane, FIVE), stack(lane, THREE), stack(lane, THREE)
     known, vectors, strains = stack(lane, NUMBERS), stack(lane, mesh.scratch), stack(lane, mesh.strains)
     stride, first, levers = _stride(model), _bodies_at(model), _levers_at(model)
+    # sweep from root to tip: angle, rates, acceleration less gravity of every section
     frame_at(lane, model, state, 0, pose)
     for k in range(model.links):
+        # elbow: its relative angle and rates turn the section
         if k > 0:
             elbow = elbow_row(model, k)
-            add(lane, pose, PASSED.angle, load(lane, q, elbow))
-            add(lane, pose, PASSED.rate, load(lane, v, elbow))
-            add(lane, pose, PASSED.second, load(lane, a, elbow))
-        outward(lane, end_of(model, k, ROOT_END), pose, S, levers)
+            pose[PASSED.angle] += q[elbow]
+            pose[PASSED.rate] += v[elbow]
+            pose[PASSED.second] += a[elbow]
+        propagate_outward(lane, end_of(model, k, ROOT_END), pose, S, levers)
         for b in range(k * model.segments, (k + 1) * model.segments):
-            e = elastic_row(model, b) * L
-            carry(lane, mesh, model.data[model.block * b :], q[e:], v[e:], a[e:], pose, S[(first + stride * b) * L :])
-        outward(lane, end_of(model, k, TIP_END), pose, S, levers)
-    outward(lane, to_payload(model), pose, S, levers)
+            e = elastic_row(model, b)
+            propagate_to_tip(
+                lane, mesh, model.data[model.block * b :], q[e:], v[e:], a[e:], pose, S[first + stride * b :]
+            )
+        propagate_outward(lane, end_of(model, k, TIP_END), pose, S, levers)
+    propagate_outward(lane, to_payload(model), pose, S, levers)
+    # sweep from tip to root: force and moment required by all beyond
     payload_force(lane, par, pose, force, carried)
-    inward(lane, to_payload(model), force, cm, cc, ck, S, levers)
+    transmit_inward(lane, to_payload(model), force, weights, S, levers)
     for k in range(model.links - 1, -1, -1):
-        less_loads(lane, model, k, 1, u, force)
-        inward(lane, end_of(model, k, TIP_END), force, cm, cc, ck, S, levers)
+        subtract_loads(lane, model, k, 1, u, force)
+        transmit_inward(lane, end_of(model, k, TIP_END), force, weights, S, levers)
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
-            e, D, own = elastic_row(model, b) * L, model.data[model.block * b :], S[(first + stride * b) * L :]
+            e, D, own = elastic_row(model, b), model.data[model.block * b :], S[first + stride * b :]
             forces(lane, mesh, D, par, carried, q[e:], v[e:], a[e:], force, known, vectors, strains, own, r[e:])
-            if cm != 0.0:
+            # the body's own matrix, forces at its tip constant
+            if with_matrix:
                 tangent(lane, mesh, D, par, carried, cm, cc, ck, q[e:], v[e:], a[e:], known, vectors, strains, own)
-            put_pair(carried, 0, (splat(lane, 0.0), splat(lane, 0.0)))
-        inward(lane, end_of(model, k, ROOT_END), force, cm, cc, ck, S, levers)
-        less_loads(lane, model, k, 0, u, force)
+            # only the last body carries the payload
+            store_pair(lane, carried, 0, (0.0, 0.0))
+        transmit_inward(lane, end_of(model, k, ROOT_END), force, weights, S, levers)
+        subtract_loads(lane, model, k, 0, u, force)
+        # elbow: moment required minus joint torque
         if k > 0:
-            store(r, elbow_row(model, k), load(lane, force, 2) - load(lane, u, k))
-    fx, fy, moment = vector(lane, force, 0)
-    put_vector(r, 0, (fx, fy, moment - load(lane, u, 0)))
-    if cm != 0.0:
+            r[elbow_row(model, k)] = force[2] - u[k]
+    # root: force and moment required there, minus the hub's torque
+    fx, fy, moment = load_vector(lane, force, 0)
+    store_vector(lane, r, 0, (fx, fy, moment - u[0]))
+    # nothing is pinned until `add_stiffness`; cm and the payload's inertia are kept for `factor` and `solve`
+    if with_matrix:
         for k in range(3):
-            store(S, ROOT.pinned + k, splat(lane, 0.0))
+            S[ROOT.pinned + k] = 0.0
         for k in range(1, model.links):
-            store(S, _joint_at(k) + JOINT.pinned, splat(lane, 0.0))
-        put_pair(S, ROOT.scale, (splat(lane, cm), splat(lane, 1.0 / cm)))
-        put_pair(S, ROOT.tail, (load(lane, par, PAYLOAD_INERTIA) * cm, load(lane, par, PAYLOAD_MASS)))
+            S[_joint_at(k) + JOINT.pinned] = 0.0
+        store_pair(lane, S, ROOT.scale, (cm, 1.0 / cm))
+        store_pair(lane, S, ROOT.tail, (par[PAYLOAD_INERTIA] * cm, par[PAYLOAD_MASS]))
 
 
 @kernel
-def pin(lane, model, S, k):
-    """Flag coordinate k, of the root or of an elbow, for `factor`."""
-    slot = ROOT.pinned + k
-    if k > 2:
-        slot = _joint_at(k - elbow_row(model, 0)) + JOINT.pinned
-    store(S, slot, splat(lane, 1.0))
+def add_stiffness(lane, model, S: Lanes, k, x):
+    """Store x (N m/rad) for row k, the angle of the hub or of an elbow; `factor` adds it to the diagonal entry.
+
+    None: mark row k, of the root (0 to 2) or of an elbow, as fixed; `factor` and `solve` treat it as the identity's.
+    """
+    elbow = _joint_at(k - elbow_row(model, 0))
+    if x is None:
+        S[elbow + JOINT.pinned if k > 2 else ROOT.pinned + k] = 1.0
+    else:
+        S[elbow + JOINT.own if k > 2 else ROOT.own] = x
 
 
 @kernel
-def stiffen(lane, model, S, k, x):
-    """See `protocol`; kept for `factor`."""
-    slot = ROOT.own
-    if k > 2:
-        slot = _joint_at(k - elbow_row(model, 0)) + JOINT.own
-    store(S, slot, x)
-
-
-@kernel
-def _with_own(lane, model, S, at, x, y):
-    """x and, in a jointed arm, what stands at S[at] for a joint, times y."""
+def _with_own(lane, model, S: Lanes, at, x, y):
+    """Return x + S[at] y in an arm with joint models (`model.jointed`), otherwise x; at: a joint's or root's `own`."""
     if model.jointed is None:
         return x
-    return x + load(lane, S, at) * y
+    return x + S[at] * y
 
 
 @kernel
-def diagonal(tail, zero, mass, inertia):
-    """tail <- the matrix of a body's force and moment at its centre."""
-    put_vector(tail, cell(0, 0), (mass, zero, zero))
-    put_vector(tail, cell(1, 0), (zero, mass, zero))
-    put_vector(tail, cell(2, 0), (zero, zero, inertia))
+def diagonal(lane, tail, zero, mass, inertia):
+    """Write diag(mass, mass, inertia) into tail (9,): force and moment of a rigid body by acceleration and angle.
+
+    inertia is already multiplied by cm; zero: 0.0 in every lane.
+    """
+    store_vector(lane, tail, cell(0, 0), (mass, zero, zero))
+    store_vector(lane, tail, cell(1, 0), (zero, mass, zero))
+    store_vector(lane, tail, cell(2, 0), (zero, zero, inertia))
 
 
 @kernel
-def factor(lane, model, S):
-    """Bodies condensed from tip to root, and the root's three rows factored; inverse pivots are kept."""
-    L, stride, first = len(lane), _stride(model), _bodies_at(model)
-    tail, (inertia, mass) = stack(lane, NINE), pair(lane, S, ROOT.tail)
-    zero, one = splat(lane, 0.0), splat(lane, 1.0)
-    diagonal(tail, zero, mass, inertia)
+def factor(lane, model, S: Lanes):
+    """Factor S in place: eliminate the bodies and elbows from tip to root, then factor the root's 3 x 3 matrix.
+
+    `tail` (9,), by rows, inertial axes: change of force and moment by the weighted acceleration (x, y) and the angle of
+    a section, of all that lies beyond it. Pivots are stored inverted. At a free elbow the angle of the section beyond
+    is eliminated: the moment there is the joint's torque, so that no change of moment passes; at a fixed one all
+    passes.
+    """
+    stride, first = _stride(model), _bodies_at(model)
+    tail, (inertia, mass) = stack(lane, NINE), load_pair(lane, S, ROOT.tail)
+    zero, one = 0.0, 1.0
+    # payload at its center, then through its lever to the tip
+    diagonal(lane, tail, zero, mass, inertia)
     levers = _levers_at(model)
-    near(lane, to_payload(model), S, levers, tail)
+    condense_to_near_point(lane, to_payload(model), S, levers, tail)
     for k in range(model.links - 1, -1, -1):
-        near(lane, end_of(model, k, TIP_END), S, levers, tail)
+        condense_to_near_point(lane, end_of(model, k, TIP_END), S, levers, tail)
+        # bodies of link k from its tip, between its rigid ends
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
-            condense(lane, model.mesh, model.data[model.block * b :], S[(first + stride * b) * L :], tail)
-        near(lane, end_of(model, k, ROOT_END), S, levers, tail)
+            condense(lane, model.mesh, model.data[model.block * b :], S[first + stride * b :], tail)
+        condense_to_near_point(lane, end_of(model, k, ROOT_END), S, levers, tail)
         if k > 0:
+            # free elbow: pivot = moment by angle beyond, plus joint stiffness
             o = _joint_at(k)
-            if S[(o + JOINT.pinned) * L] == 0.0:
-                inverse = one / _with_own(lane, model, S, o + JOINT.own, load(lane, tail, cell(2, 2)), 1.0)
-                store(S, o + JOINT.inverse, inverse)
+            if load_lane(lane, S, o + JOINT.pinned, 0) == 0.0:
+                inverse = one / _with_own(lane, model, S, o + JOINT.own, tail[cell(2, 2)], 1.0)
+                S[o + JOINT.inverse] = inverse
+                # column and row of the pivot, divided by it
                 for i in range(2):
-                    store(S, o + JOINT.column + i, load(lane, tail, cell(i, 2)) * inverse)
-                    store(S, o + JOINT.row + i, load(lane, tail, cell(2, i)) * inverse)
+                    S[o + JOINT.column + i] = tail[cell(i, 2)] * inverse
+                    S[o + JOINT.row + i] = tail[cell(2, i)] * inverse
+                # Schur complement in x, y
                 for i in range(2):
                     for j in range(2):
-                        part = load(lane, S, o + JOINT.column + i) * load(lane, tail, cell(2, j))
-                        store(tail, cell(i, j), load(lane, tail, cell(i, j)) - part)
+                        part = S[o + JOINT.column + i] * tail[cell(2, j)]
+                        tail[cell(i, j)] -= part
                 if model.jointed is None:  # nothing of the angle behind is left for that before
                     for i in range(3):
-                        store(tail, cell(i, 2), zero)
-                        store(tail, cell(2, i), zero)
+                        tail[cell(i, 2)] = zero
+                        tail[cell(2, i)] = zero
                 else:
-                    share = load(lane, S, o + JOINT.own) * inverse
-                    store(S, o + JOINT.own, share)
+                    # joint stiffness s couples both sections: entries of the angle before the elbow are s / pivot times
+                    # those after it
+                    share = S[o + JOINT.own] * inverse
+                    S[o + JOINT.own] = share
                     for i in range(2):
-                        store(tail, cell(i, 2), load(lane, tail, cell(i, 2)) * share)
-                        store(tail, cell(2, i), load(lane, tail, cell(2, i)) * share)
-                    store(tail, cell(2, 2), load(lane, tail, cell(2, 2)) * share)
-    store(tail, cell(2, 2), _with_own(lane, model, S, ROOT.own, load(lane, tail, cell(2, 2)), 1.0))
+                        tail[cell(i, 2)] *= share
+                        tail[cell(2, i)] *= share
+                    tail[cell(2, 2)] *= share
+    # root: joint stiffness of the hub; fixed rows and columns become those of the identity
+    tail[cell(2, 2)] = _with_own(lane, model, S, ROOT.own, tail[cell(2, 2)], 1.0)
     for i in range(3):
         for j in range(3):
-            entry = load(lane, tail, cell(i, j))
-            if S[(ROOT.pinned + i) * L] != 0.0 or S[(ROOT.pinned + j) * L] != 0.0:
+            entry = tail[cell(i, j)]
+            if load_lane(lane, S, ROOT.pinned + i, 0) != 0.0 or load_lane(lane, S, ROOT.pinned + j, 0) != 0.0:
                 entry = one if i == j else zero
-            store(S, ROOT.factors + cell(i, j), entry)
+            S[ROOT.factors + cell(i, j)] = entry
+    # LU of the root's matrix without pivoting
     F = ROOT.factors
     for k in range(3):
-        if S[(ROOT.pinned + k) * L] == 0.0:  # a row of the identity is its own factor
-            inverse = one / load(lane, S, F + cell(k, k))
-            store(S, F + cell(k, k), inverse)
+        if load_lane(lane, S, ROOT.pinned + k, 0) == 0.0:  # a row of the identity is its own factor
+            inverse = one / S[F + cell(k, k)]
+            S[F + cell(k, k)] = inverse
             for i in range(k + 1, 3):
-                f = load(lane, S, F + cell(i, k)) * inverse
-                store(S, F + cell(i, k), f)
+                f = S[F + cell(i, k)] * inverse
+                S[F + cell(i, k)] = f
                 for j in range(k + 1, 3):
-                    store(S, F + cell(i, j), load(lane, S, F + cell(i, j)) - f * load(lane, S, F + cell(k, j)))
+                    S[F + cell(i, j)] -= f * S[F + cell(k, j)]
 
 
 @kernel
-def solve(lane, model, S, x):
-    """x <- S^-1 x with the factors of `factor`."""
-    mesh, L, stride, first = model.mesh, len(lane), _stride(model), _bodies_at(model)
-    flow, levers, zero = stack(lane, THREE), _levers_at(model), splat(lane, 0.0)
-    put_vector(flow, 0, (zero, zero, zero))
+def solve(lane, model, S: Lanes, x: Lanes):
+    """Replace x by S^-1 x with the factors of `factor`: right sides in, increments out, for all rows of the arm.
+
+    Forward from tip to root, then the root's 3 x 3 system, then back from root to tip. flow (3,), inertial axes: force
+    and moment that the reduced right sides beyond a section cause; on the way back the weighted acceleration and the
+    angle of a section.
+    """
+    mesh, stride, first = model.mesh, _stride(model), _bodies_at(model)
+    flow, levers, zero = stack(lane, THREE), _levers_at(model), 0.0
+    store_vector(lane, flow, 0, (zero, zero, zero))
+    # forward substitution, tip to root
     for k in range(model.links - 1, -1, -1):
         with_moment(lane, end_of(model, k, TIP_END), S, levers, ACROSS, flow)
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
-            D, own = model.data[model.block * b :], S[(first + stride * b) * L :]
-            reduce(lane, mesh, D, own, x[elastic_row(model, b) * L :], flow)
+            D, own = model.data[model.block * b :], S[first + stride * b :]
+            reduce(lane, mesh, D, own, x[elastic_row(model, b) :], flow)
         with_moment(lane, end_of(model, k, ROOT_END), S, levers, ACROSS, flow)
         if k > 0:
             o = _joint_at(k)
-            if S[(o + JOINT.pinned) * L] == 0.0:
-                wanted = load(lane, x, elbow_row(model, k))
-                left = wanted - load(lane, flow, 2)
+            if load_lane(lane, S, o + JOINT.pinned, 0) == 0.0:
+                # free elbow: the row's right side less the moment that arrives; the right side itself passes on (less
+                # joint stiffness)
+                wanted = x[elbow_row(model, k)]
+                left = wanted - flow[2]
                 for i in range(2):
-                    add(lane, flow, i, load(lane, S, o + JOINT.column + i) * left)
-                store(x, elbow_row(model, k), left)
-                store(flow, 2, _with_own(lane, model, S, o + JOINT.own, wanted, -left))
+                    flow[i] += S[o + JOINT.column + i] * left
+                x[elbow_row(model, k)] = left
+                flow[2] = _with_own(lane, model, S, o + JOINT.own, wanted, -left)
+    # right side of the root's rows; a fixed row keeps its own (x, y as accelerations: times cm)
     for i in range(3):
-        right = load(lane, x, i)
-        if S[(ROOT.pinned + i) * L] == 0.0:
-            right = right - load(lane, flow, i)
+        right = x[i]
+        if load_lane(lane, S, ROOT.pinned + i, 0) == 0.0:
+            right = right - flow[i]
         elif i < 2:
-            right = right * load(lane, S, ROOT.scale)
-        store(flow, i, right)
+            right = right * S[ROOT.scale]
+        flow[i] = right
+    # root: forward and back substitution with the 3 x 3 factors
     F = ROOT.factors
     for i in range(1, 3):
-        if S[(ROOT.pinned + i) * L] == 0.0:
+        if load_lane(lane, S, ROOT.pinned + i, 0) == 0.0:
             for j in range(i):
-                add(lane, flow, i, -(load(lane, S, F + cell(i, j)) * load(lane, flow, j)))
+                flow[i] -= S[F + cell(i, j)] * flow[j]
     for i in range(2, -1, -1):
-        if S[(ROOT.pinned + i) * L] == 0.0:
-            total = load(lane, flow, i)
+        if load_lane(lane, S, ROOT.pinned + i, 0) == 0.0:
+            total = flow[i]
             for j in range(i + 1, 3):
-                total = total - load(lane, S, F + cell(i, j)) * load(lane, flow, j)
-            store(flow, i, total * load(lane, S, F + cell(i, i)))
-    (dx, dy, turn), inverse = vector(lane, flow, 0), load(lane, S, ROOT.scale + 1)
-    put_vector(x, 0, (dx * inverse, dy * inverse, turn))
+                total = total - S[F + cell(i, j)] * flow[j]
+            flow[i] = total * S[F + cell(i, i)]
+    # unknowns of the root: accelerations x, y are cm times the increments of x, y
+    (dx, dy, turn), inverse = load_vector(lane, flow, 0), S[ROOT.scale + 1]
+    store_vector(lane, x, 0, (dx * inverse, dy * inverse, turn))
+    # back substitution, root to tip
     for k in range(model.links):
         if k > 0:
-            o, before = _joint_at(k), load(lane, flow, 2)
+            # elbow: angle of the section beyond, from its pivot row; the elbow's increment is the difference of both
+            # angles
+            o, before = _joint_at(k), flow[2]
             turn = before
-            if S[(o + JOINT.pinned) * L] == 0.0:
-                turn = load(lane, x, elbow_row(model, k)) * load(lane, S, o + JOINT.inverse)
+            if load_lane(lane, S, o + JOINT.pinned, 0) == 0.0:
+                turn = x[elbow_row(model, k)] * S[o + JOINT.inverse]
                 for i in range(2):
-                    turn = turn - load(lane, S, o + JOINT.row + i) * load(lane, flow, i)
+                    turn = turn - S[o + JOINT.row + i] * flow[i]
                 turn = _with_own(lane, model, S, o + JOINT.own, turn, before)
-            store(x, elbow_row(model, k), turn - before)
-            store(flow, 2, turn)
-        swept(lane, end_of(model, k, ROOT_END), S, levers, SWEPT, flow)
+            x[elbow_row(model, k)] = turn - before
+            flow[2] = turn
+        far_point_change(lane, end_of(model, k, ROOT_END), S, levers, SWEPT, flow)
         for b in range(k * model.segments, (k + 1) * model.segments):
-            D, own = model.data[model.block * b :], S[(first + stride * b) * L :]
-            restore(lane, mesh, D, own, x[elastic_row(model, b) * L :], flow)
-        swept(lane, end_of(model, k, TIP_END), S, levers, SWEPT, flow)
+            D, own = model.data[model.block * b :], S[first + stride * b :]
+            restore(lane, mesh, D, own, x[elastic_row(model, b) :], flow)
+        far_point_change(lane, end_of(model, k, TIP_END), S, levers, SWEPT, flow)
 
 
 register(
-    FloatingChain, assemble, pin, stiffen, factor, solve, ports, damping_work, energy, link_poses,
-    out_of_range, shape,
+    FloatingChain, assemble, add_stiffness, factor, solve, input_displacements, damping_power, energy,
+    link_poses, out_of_range, centerline,
 )  # fmt: skip

@@ -1,37 +1,51 @@
-"""What is read off floating frames, in a chain or joined by multipliers: ports, energies, poses, range, shape.
+"""Outputs of floating frames, with or without multipliers: input displacements, energies, poses, range, centerline.
 
-model: `physics.model.FloatingChain`, whose table is None, or `FloatingFrame`, whose bodies have frames of their own.
+Model: `physics.model.FloatingChain`, whose table is None, or `FloatingFrame`, each body of which has rows for its
+frame. `D`: one body's block of constants (`layout.BODY`); `mesh`, or `model` of one body's kernels: the `Mesh` of all
+bodies.
 """
 
-from ...compiler import WIDEST, absolute, kernel, load, select_lt, sincos, size, splat, stack, store, unrolled
-from ..arithmetic import add, fall, pair, put_pair, put_vector, turned, turned_back, vector
+from ...compiler import WIDEST, Lanes, absolute, kernel, load, select_lt, sincos, size, stack, store, unrolled
+from ..arithmetic import (
+    gravity_along,
+    load_pair,
+    load_vector,
+    rotate_2d,
+    rotate_back_2d,
+    store_pair,
+    store_vector,
+)
 from ..layout import OF_LOAD, POSE
 from ..model import DIVERGED, OUT_OF_RANGE, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR
 from .body import along, constants, damping_time, dot, in_window, product, tip, turn_of_root
 from .layout import ANGLE, ELASTIC, FRAME, LOADED, START, acts_at, elastic_row, elbow_row, span_at, station_at, window
-from .rigid import ROOT_END, TIP_END, end_of, moved, passed, to_payload
+from .rigid import ROOT_END, TIP_END, add_rigid_end, end_of, far_point_pose, to_payload
 
 SIX = (0,) * 6
 
 
 @kernel
-def _enter(lane, model, q, v, k, b, pose):
-    """To the root section of body b, of link k: from the tip section before it, or to where its own frame stands."""
+def _enter(lane, model, q: Lanes, v: Lanes, k, b, pose: Lanes):
+    """Write the pose (6,) of the root section of body b, of link k: position, angle and their rates, inertial axes.
+
+    In: the pose of the tip section before it. First body or body with its own frame (multipliers): read from q, v, rows
+    of the system. First body of a later link: the elbow's angle and rate are added. Otherwise the pose stays.
+    """
     at = 0
     if model.table is not None:
         at = model.table[b, START]
     if model.table is not None or b == 0:
-        put_vector(pose, POSE.x, vector(lane, q, at))
-        put_vector(pose, POSE.vx, vector(lane, v, at))
+        store_vector(lane, pose, POSE.x, load_vector(lane, q, at))
+        store_vector(lane, pose, POSE.vx, load_vector(lane, v, at))
     elif b == k * model.segments:
         i = elbow_row(model, k)
-        add(lane, pose, POSE.angle, load(lane, q, i))
-        add(lane, pose, POSE.rate, load(lane, v, i))
+        pose[POSE.angle] += q[i]
+        pose[POSE.rate] += v[i]
 
 
 @kernel
 def _elastic(model, b):
-    """Row of body b's first elastic coordinate."""
+    """Return the row of body b's first elastic coordinate, in a chain or with multipliers (`model.table` not None)."""
     if model.table is None:
         return elastic_row(model, b)
     return model.table[b, START] + ELASTIC
@@ -39,102 +53,134 @@ def _elastic(model, b):
 
 @unrolled
 @kernel
-def place(lane, model, D, q, v, pose, frame):
-    """From a body's root section to its tip section; frame <- cosine, sine, its origin's velocity in its axes, rate."""
+def place(lane, model, D, q, v, pose: Lanes, frame: Lanes):
+    """Move a pose from a body's root section to its tip section: position, angle (m, rad) and their rates.
+
+        r_tip = R + A t(q),   r'_tip = R' + A (t' + w E t),   angle = theta + phi_t'q                 (theory, eq. 3.1)
+
+    R: origin, A: rotation by the frame's angle theta, w: its rate; t: tip in frame axes; E turns by 90 deg.
+
+    # state    q, v: the body's elastic coordinates and rates
+    # in, out  pose (6,), inertial axes
+    # out      frame, `FRAME`: cos theta, sin theta, velocity of the origin in frame axes, w
+    """
     own = constants(model)
-    angle, w = load(lane, pose, POSE.angle), load(lane, pose, POSE.rate)
+    # angle and rate of the frame: the root section's, less rho'q (frame through both ends)
+    angle, w = pose[POSE.angle], pose[POSE.rate]
     if model.chord is not None:
         angle, w = angle - turn_of_root(lane, model, D, q), w - turn_of_root(lane, model, D, v)
     s, c = sincos(angle)
-    X, Y = pair(lane, pose, POSE.x)
-    vx, vy = pair(lane, pose, POSE.vx)
+    X, Y = load_pair(lane, pose, POSE.x)
+    vx, vy = load_pair(lane, pose, POSE.vx)
+    # t(q) and t' in frame axes; modes shorten x by q'H q / 2
     x, y, phi = tip(lane, model, D, q)
     tx, ty, rate = tip(lane, model, D, v)
     x = x + D[own.length]
     if model.modal is not None:
         x = x - product(lane, model, D, own.tip_H, q, q) * 0.5
         tx = tx - product(lane, model, D, own.tip_H, q, v)
-    put_pair(frame, FRAME.cos, (c, s))
-    put_pair(frame, FRAME.vx, turned_back(c, s, vx, vy))
-    store(frame, FRAME.rate, w)
-    tx, ty = turned(c, s, tx - w * y, ty + w * x)
-    x, y = turned(c, s, x, y)
-    put_vector(pose, POSE.x, (X + x, Y + y, angle + phi))
-    put_vector(pose, POSE.vx, (vx + tx, vy + ty, w + rate))
+    store_pair(lane, frame, FRAME.cos, (c, s))
+    store_pair(lane, frame, FRAME.vx, rotate_back_2d(c, s, vx, vy))
+    frame[FRAME.rate] = w
+    # velocity and position of the tip relative to the origin, inertial axes
+    tx, ty = rotate_2d(c, s, tx - w * y, ty + w * x)
+    x, y = rotate_2d(c, s, x, y)
+    store_vector(lane, pose, POSE.x, (X + x, Y + y, angle + phi))
+    store_vector(lane, pose, POSE.vx, (vx + tx, vy + ty, w + rate))
 
 
 @kernel
-def _visit(lane, model, q, v, tell, out):
-    """From root to tip; tell(lane, model, k, end, pose, out) at the root and at the tip of each link k."""
+def _visit(lane, model, q: Lanes, v: Lanes, tell, out):
+    """Walk along the chain and call tell(lane, model, k, end, pose, out) at the root and the tip of each link k.
+
+    pose (6,), `POSE`: x, y, angle and rates of the section at the joint, rigid ends included; inertial axes. end:
+    ROOT_END or TIP_END. q, v: rows of the system; out: passed to `tell`.
+    """
     pose, frame = stack(lane, SIX), stack(lane, SIX)
     for k in range(model.links):
         for b in range(k * model.segments, (k + 1) * model.segments):
             _enter(lane, model, q, v, k, b, pose)
             if b == k * model.segments:
                 tell(lane, model, k, ROOT_END, pose, out)
-                moved(lane, end_of(model, k, ROOT_END), pose)
-            e = _elastic(model, b) * len(lane)
+                far_point_pose(lane, end_of(model, k, ROOT_END), pose)
+            e = _elastic(model, b)
             place(lane, model.mesh, model.data[model.block * b :], q[e:], v[e:], pose, frame)
-        moved(lane, end_of(model, k, TIP_END), pose)
+        far_point_pose(lane, end_of(model, k, TIP_END), pose)
         tell(lane, model, k, TIP_END, pose, out)
 
 
 @kernel
-def _to_pose(lane, model, link, end, pose, out):
+def _to_pose(lane, model, link, end, pose: Lanes, out: Lanes):
+    """Copy a pose (6,) into a link's `POSE` in out, at its root (end 0) or tip (end 1); a `tell` of `_visit`."""
     for i in range(6):
-        store(out, POSE.end * link + POSE.tip_x * end + i, load(lane, pose, i))
+        out[POSE.end * link + POSE.tip_x * end + i] = pose[i]
 
 
 @kernel
-def link_poses(lane, model, par, q, v, out):
-    """Of each link: x, y, angle of its root and their rates, then those of its tip."""
+def link_poses(lane, model, par, q, v, out, tasks=None):
+    """Write x, y (m), angle (rad) and their rates of each link's root, then of its tip; inertial axes.
+
+    out: a `layout.POSES` per link. q, v: rows of the system.
+    """
     _visit(lane, model, q, v, _to_pose, out)
 
 
 @kernel
 def _to_loads(lane, model, link, end, pose, y):
+    """Write x, y (m) and angle (rad) of a pose into the rows of y of the point loads there; a `tell` of `_visit`."""
     for f in range(model.loads.shape[0] // LOADED.end):
         if acts_at(model.loads, f, link, end):
-            put_vector(y, model.links + OF_LOAD.end * f, vector(lane, pose, POSE.x))
+            store_vector(lane, y, model.links + OF_LOAD.end * f, load_vector(lane, pose, POSE.x))
 
 
 @kernel
 def ports_of_loads(lane, model, q, y):
-    """Position and section angle at each point load."""
+    """Write position (m, inertial axes) and section angle (rad) at each point load into y, after the joint angles."""
     if model.loads is not None:
         _visit(lane, model, q, q, _to_loads, y)
 
 
 @kernel
-def ports(lane, model, par, q, y):
-    """Joint angles, then `ports_of_loads`."""
-    store(y, 0, load(lane, q, ANGLE))
+def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
+    """Write the displacements conjugate to the inputs into y: joint angles, then x, y, angle at each point load.
+
+    Joints (rad): angle of the root, relative angles of the elbows. Positions (m) in inertial axes, section angles
+    (rad). since: not read, because angles in the plane add up.
+    """
+    y[0] = q[ANGLE]
     for k in range(1, model.links):
-        store(y, k, load(lane, q, elbow_row(model, k)))
+        y[k] = q[elbow_row(model, k)]
     ports_of_loads(lane, model, q, y)
 
 
 @unrolled
 @kernel
-def _damping(lane, model, D, par, q, v, x, total):
-    """total + x'C(q) v of one body (a tuple of it)."""
+def _damping(lane, model, D, par: Lanes, q, v: Lanes, x: Lanes, total):
+    """Return total + x'C(q) v of one body, as a tuple of one (W for x = v); C: Kelvin-Voigt and mass-proportional.
+
+    # model    D: constants; par: the arm's parameters (factor on bending stiffness, tau_d)
+    # state    q, v: elastic coordinates and rates; x: rates that are multiplied from the left
+    """
     own, n, wide = constants(model), size(model.n), len(model.window)
     if model.damped is not None:
-        part = product(lane, model, D, own.K_bend, x, v) * load(lane, par, STIFFNESS_FACTOR)
+        part = product(lane, model, D, own.K_bend, x, v) * par[STIFFNESS_FACTOR]
+        # linear stretch: K_axial
+        # von Karman (theory, eq. 1.3): EA/l times both stretch rates, (g + H q)'v and (g + H q)'x
         if model.full is None and model.modal is None:
             part = part + product(lane, model, D, own.K_axial, x, v)
         else:
             span = span_at(own.spans, wide)
             for e in range(len(model.elements)):
                 first = window(model, n, e)
-                rate, other = splat(lane, 0.0), splat(lane, 0.0)
+                rate, other = 0.0, 0.0
                 for i in range(wide):
                     slope = in_window(lane, model, D, span.H + i * wide, q, first) + D[span.stretch + i]
-                    rate = rate + slope * load(lane, v, first + i)
-                    other = other + slope * load(lane, x, first + i)
+                    rate = rate + slope * v[first + i]
+                    other = other + slope * x[first + i]
                 part = part + (rate * other) * D[span.stiffness]
                 span = span_at(span.end, wide)
         total = total + part * damping_time(lane, model, D, par)
+    # mass-proportional damping on rates in the frame
     if model.drag is not None:
         total = total + product(lane, model, D, own.M_ff, x, v) * D[own.drag]
     return (total,)
@@ -142,101 +188,129 @@ def _damping(lane, model, D, par, q, v, x, total):
 
 @unrolled
 @kernel
-def _payload_drag(lane, model, D, par, q, v, x):
-    """What drag does on the payload (a tuple of it), the tip's rates in the frame of its body."""
+def _payload_drag(lane, model, D, par: Lanes, q, v, x):
+    """Return the payload's part of x'C(q) v by mass-proportional damping, as a tuple of one (W for x = v).
+
+        drag (m_p x_t.v_t + J_p (phi_t'x) (phi_t'v))
+
+    v_t, x_t: velocities of the tip relative to the last body's frame, in its axes, for elastic rates v and x; modes
+    include the rate of foreshortening, -q'H v. J_p, m_p: payload; phi_t: tip section's angle by q; drag: 1/s.
+    """
     own = constants(model)
     vx, vy, turning = tip(lane, model, D, v)
     xx, xy, turn = tip(lane, model, D, x)
     if model.modal is not None:
         vx = vx - product(lane, model, D, own.tip_H, q, v)
         xx = xx - product(lane, model, D, own.tip_H, q, x)
-    part = (vx * xx + vy * xy) * load(lane, par, PAYLOAD_MASS) + (turning * turn) * load(lane, par, PAYLOAD_INERTIA)
+    part = (vx * xx + vy * xy) * par[PAYLOAD_MASS] + (turning * turn) * par[PAYLOAD_INERTIA]
     return (part * D[own.drag],)
 
 
 @kernel
-def damping_work(lane, model, par, q, v, x):
-    """x'C(q) v, W: damping of the elastic coordinates and of the payload (for x = v twice Rayleigh's function)."""
-    total, mesh, last = splat(lane, 0.0), model.mesh, model.links * model.segments - 1
+def damping_power(lane, model, par, q: Lanes, v: Lanes, x: Lanes):
+    """Return x'C(q) v, W: damping of the elastic coordinates and of the payload; for x = v the dissipated power.
+
+    q, v, x: rows of the system; rigid motion is not damped.
+    """
+    total, mesh, last = 0.0, model.mesh, model.links * model.segments - 1
     for b in range(last + 1):
-        e = _elastic(model, b) * len(lane)
+        e = _elastic(model, b)
         total = _damping(lane, mesh, model.data[model.block * b :], par, q[e:], v[e:], x[e:], total)[0]
     if mesh.drag is not None:
-        e = _elastic(model, last) * len(lane)
+        e = _elastic(model, last)
         total = total + _payload_drag(lane, mesh, model.data[model.block * last :], par, q[e:], v[e:], x[e:])[0]
     return total
 
 
 @unrolled
 @kernel
-def _energies(lane, model, D, par, q, v, frame):
-    """Kinetic and strain energy, first moments x, y about the body's origin, of one body."""
+def _energies(lane, model, D, par: Lanes, q: Lanes, v, frame):
+    """Return one body's kinetic and strain energy (J) and first moments x, y about its origin (kg m, inertial axes).
+
+        T = m_t |R'|^2 / 2 + R'.(s_bar' + w E s_bar) + w^2 I / 2 + w (c + B q)'v + v'M_ff v / 2     (theory, eq. 2.3)
+
+    R: origin, w: rate of the frame; s_bar(q): first moment, I(q): inertia about the origin; E turns by 90 deg.
+
+    # state    q, v: elastic coordinates and rates; frame: `FRAME` of the body, velocity R' in frame axes
+    """
     own, n, wide = constants(model), size(model.n), len(model.window)
-    c, s = pair(lane, frame, FRAME.cos)
-    vx, vy, w = vector(lane, frame, FRAME.vx)
+    c, s = load_pair(lane, frame, FRAME.cos)
+    vx, vy, w = load_vector(lane, frame, FRAME.vx)
+    # s_bar(q) and s_bar' in frame axes
     sx, sy = along(lane, model, D, own.S_bar_x, q) + D[own.S0], dot(lane, model, D, own.S_bar_y, q)
     tx, ty = along(lane, model, D, own.S_bar_x, v), dot(lane, model, D, own.S_bar_y, v)
     if model.modal is not None:
         sx = sx - product(lane, model, D, own.D0, q, q) * 0.5
         tx = tx - product(lane, model, D, own.D0, q, v)
+    # I(q) = I0 + 2 c_u'q + q'G q
     inertia = along(lane, model, D, own.c_u, q) * 2.0 + D[own.I0] + product(lane, model, D, own.G, q, q)
+    # T: translation, coupling with the first moment's rate; rotation and elastic rates; angular momentum of elastic
+    # rates
     kinetic = (vx * vx + vy * vy) * (0.5 * D[own.mass]) + vx * (tx - w * sy) + vy * (ty + w * sx)
     kinetic = kinetic + ((w * w) * inertia + product(lane, model, D, own.M_ff, v, v)) * 0.5
     spun = dot(lane, model, D, own.c, v)
     if model.modal is None:
         spun = spun + product(lane, model, D, own.B, v, q)
     kinetic = kinetic + w * spun
-    strain = product(lane, model, D, own.K_bend, q, q) * (load(lane, par, STIFFNESS_FACTOR) * 0.5)
+    # bending with the factor on EI, relative to the shape without stress
+    strain = product(lane, model, D, own.K_bend, q, q) * (par[STIFFNESS_FACTOR] * 0.5)
     if model.curved is not None:
-        strain = strain + (D[own.spent] - dot(lane, model, D, own.moment, q)) * load(lane, par, STIFFNESS_FACTOR)
+        strain = strain + (D[own.spent] - dot(lane, model, D, own.moment, q)) * par[STIFFNESS_FACTOR]
     if model.full is None and model.modal is None:
         strain = strain + product(lane, model, D, own.K_axial, q, q) * 0.5
+    # elements: EA/(2 l) (g'q + q'H q / 2)^2 (theory, eq. 1.2)
     span = span_at(own.spans, wide)
     for e in range(len(model.elements)):
         first = window(model, n, e)
-        linear, second = splat(lane, 0.0), splat(lane, 0.0)
+        linear, second = 0.0, 0.0
         for i in range(wide):
             slope = in_window(lane, model, D, span.H + i * wide, q, first)
-            linear = linear + load(lane, q, first + i) * D[span.stretch + i]
-            second = second + load(lane, q, first + i) * slope
+            linear = linear + q[first + i] * D[span.stretch + i]
+            second = second + q[first + i] * slope
         if model.full is not None:
             linear = linear + second * 0.5
             strain = strain + (linear * linear) * (0.5 * D[span.stiffness])
         else:  # q'K(q)q / 2 of [43]; the paper's force has no potential
             strain = strain + (linear * second) * (0.5 * D[span.stiffness])
         span = span_at(span.end, wide)
-    mx, my = turned(c, s, sx, sy)
+    mx, my = rotate_2d(c, s, sx, sy)
     return kinetic, strain, mx, my
 
 
 @kernel
-def energy(lane, model, par, q, v):
-    """(kinetic, strain, gravity) energy, J."""
+def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
+    """Return the (kinetic, strain, gravitational) energy of the arm, J; gravity's is 0 at the inertial origin.
+
+    q, v: rows of the system; par: payload mass and inertia, factor on bending stiffness.
+    """
     pose, frame, ends = stack(lane, SIX), stack(lane, SIX), stack(lane, (0, 0, 0))
-    zero = splat(lane, 0.0)
-    put_vector(ends, 0, (zero, zero, zero))
+    zero = 0.0
+    # kinetic energy and first moments of rigid ends (with the elbows' masses where links have such ends)
+    store_vector(lane, ends, 0, (zero, zero, zero))
     kinetic, strain, gravity = zero, zero, zero
-    gx, gy = fall(model.gravity, 0), fall(model.gravity, 1)
+    gx, gy = gravity_along(model.gravity, 0), gravity_along(model.gravity, 1)
     for k in range(model.links):
         for b in range(k * model.segments, (k + 1) * model.segments):
             _enter(lane, model, q, v, k, b, pose)
             if b == k * model.segments:
-                passed(lane, end_of(model, k, ROOT_END), pose, ends)
-            e, D = _elastic(model, b) * len(lane), model.data[model.block * b :]
-            (x, y), mass = pair(lane, pose, POSE.x), D[constants(model.mesh).mass]
+                add_rigid_end(lane, end_of(model, k, ROOT_END), pose, ends)
+            e, D = _elastic(model, b), model.data[model.block * b :]
+            (x, y), mass = load_pair(lane, pose, POSE.x), D[constants(model.mesh).mass]
             place(lane, model.mesh, D, q[e:], v[e:], pose, frame)
             moving, bent, mx, my = _energies(lane, model.mesh, D, par, q[e:], v[e:], frame)
             kinetic, strain = kinetic + moving, strain + bent
+            # -g.(first moment about the inertial origin)
             gravity = gravity - (mx + x * mass) * gx - (my + y * mass) * gy
-        passed(lane, end_of(model, k, TIP_END), pose, ends)
-    moved(lane, to_payload(model), pose)
-    x, y = pair(lane, pose, POSE.x)
-    vx, vy, w = vector(lane, pose, POSE.vx)
-    mass = load(lane, par, PAYLOAD_MASS)
-    kinetic = kinetic + ((vx * vx + vy * vy) * mass + (w * w) * load(lane, par, PAYLOAD_INERTIA)) * 0.5
+        add_rigid_end(lane, end_of(model, k, TIP_END), pose, ends)
+    # payload at its center
+    far_point_pose(lane, to_payload(model), pose)
+    x, y = load_pair(lane, pose, POSE.x)
+    vx, vy, w = load_vector(lane, pose, POSE.vx)
+    mass = par[PAYLOAD_MASS]
+    kinetic = kinetic + ((vx * vx + vy * vy) * mass + (w * w) * par[PAYLOAD_INERTIA]) * 0.5
     gravity = gravity - mass * (x * gx + y * gy)
     if model.rigid is not None:
-        more, mx, my = vector(lane, ends, 0)
+        more, mx, my = load_vector(lane, ends, 0)
         kinetic, gravity = kinetic + more, gravity - (mx * gx + my * gy)
     return kinetic, strain, gravity
 
@@ -244,40 +318,53 @@ def energy(lane, model, par, q, v):
 @unrolled
 @kernel
 def _ranges(lane, model, D, payload, q):
-    """The tip's deflection over the length; what the inertia about the root has lost over what it may lose."""
+    """Return one body's tip deflection over its length, and its loss of root inertia over the largest allowed loss.
+
+    The deflection is measured from the tangent at the root. The loss counts foreshortening alone (theory, section 4):
+    q'(D - M_uv)q = -q'G q (`BODY.G`) and the payload's part m_p (L q'H q - y^2), with length L, `BODY.tip_H` H and
+    deflection y of the tip; it is 0 for finite elements.
+
+    # in       payload: m_p, kg, mass at the body's tip; q: elastic coordinates
+    """
     own = constants(model)
     y = dot(lane, model, D, own.tip_v, q)
-    far, lost = y, splat(lane, 0.0)
-    if model.chord is not None:  # against the tangent at the root
+    far, lost = y, 0.0
+    # frame through both ends: distance from the tangent at the root, y - sin(rho'q) x, sine to third order
+    if model.chord is not None:
         turn, x = dot(lane, model, D, own.root, q), tip(lane, model, D, q)[0] + D[own.length]
         if model.modal is not None:
             x = x - product(lane, model, D, own.tip_H, q, q) * 0.5
         far = y - (turn - turn * (turn * turn) * (1.0 / 6.0)) * x
     if model.modal is not None:
+        # inertia about the root: payload's loss, then the body's (G = M_uv - D)
         lost = product(lane, model, D, own.tip_H, q, q) * D[own.length] - y * y
         lost = (lost * payload - product(lane, model, D, own.G, q, q)) * (1.0 / D[own.most_lost])
     return absolute(far) * (1.0 / D[own.length]), lost
 
 
 @kernel
-def out_of_range(lane, model, par, q):
-    """DIVERGED when a body's tip deflects beyond its length; OUT_OF_RANGE when a reduced link leaves its range: by its
-    deflection, or by an inertia about its root that comes near to where the mass matrix is indefinite."""
-    status, payload = splat(lane, 0.0), load(lane, par, PAYLOAD_MASS)
+def out_of_range(lane, model, par: Lanes, q: Lanes):
+    """Return a status code per lane: 0.0, DIVERGED or OUT_OF_RANGE.
+
+    DIVERGED: a body's tip deflects by its length or more, or is NaN. OUT_OF_RANGE, modes alone: deflection above
+    `model.bound`, or an inertia about the root so small that the mass matrix comes near to indefinite. Of several
+    bodies beyond their range the one nearest to the root determines the code.
+    """
+    status, payload = 0.0, par[PAYLOAD_MASS]
     for b in range(model.links * model.segments - 1, -1, -1):
-        own = q[_elastic(model, b) * len(lane) :]
+        own = q[_elastic(model, b) :]
         deflection, lost = _ranges(lane, model.mesh, model.data[model.block * b :], payload, own)
-        payload = splat(lane, 0.0)
+        payload = 0.0
         if model.mesh.modal is not None:
-            far = select_lt(model.bound, deflection, splat(lane, 2.0), lost)
-            status = select_lt(1.0, far, splat(lane, float(OUT_OF_RANGE)), status)
-        status = select_lt(deflection, 1.0, status, splat(lane, float(DIVERGED)))
+            far = select_lt(model.bound, deflection, 2.0, lost)
+            status = select_lt(1.0, far, float(OUT_OF_RANGE), status)
+        status = select_lt(deflection, 1.0, status, float(DIVERGED))
     return status
 
 
 @kernel
 def _sum(D, at, x, n):
-    """sum_j D_j x_j, D of each station."""
+    """Return sum_j D[at + j] x_j for len(WIDEST) stations at once; D: lanes of stations; x (n,): one arm's."""
     total = load(WIDEST, D, at) * x[0]
     for j in range(1, n):
         total = total + load(WIDEST, D, at + j) * x[j]
@@ -286,9 +373,14 @@ def _sum(D, at, x, n):
 
 @kernel
 def _draw(mesh, D, q, x0, y0, frame, line):
-    """line <- x of the stations at D, in lanes, then y."""
+    """Write x, then y (m, inertial axes) of a group of len(WIDEST) drawing stations of one body into line (2 lanes).
+
+    # in       D: a `STATION`, each entry for all stations of the group; q: elastic coordinates; x0, y0: origin (m);
+    #          frame: `FRAME`
+    """
     n = size(mesh.n)
     at = station_at(0, n)
+    # place in frame axes: shape functions, or modes with foreshortening q'H q / 2
     x, y = load(WIDEST, D, at.x), _sum(D, at.v, q, n)
     if mesh.modal is None:
         x = x + _sum(D, at.u, q, n)
@@ -297,14 +389,19 @@ def _draw(mesh, D, q, x0, y0, frame, line):
         for i in range(1, n):
             bent = bent + _sum(D, at.H + i * n, q, n) * q[i]
         x = x - bent * 0.5
+    # to inertial axes
     c, s = frame[FRAME.cos], frame[FRAME.sin]
     store(line, 0, x * c + x0 - y * s)
     store(line, 1, x * s + y0 + y * c)
 
 
 @kernel
-def shape(model, q, points):
-    """Positions along the chain at the bodies' stations, as many as `points` has room for; their number."""
+def centerline(model, q, points):
+    """Write positions (m, inertial axes) along the chain into points (n_points, 2) and return their number; one lane.
+
+    The root, then the drawing stations of all bodies from root to tip, at most as many as `points` has rows. The last
+    point of a link with rigid ends is the end of its rigid end.
+    """
     lane, many = (0,), len(WIDEST)
     mesh, n = model.mesh, size(model.mesh.n)
     pose, frame, line = stack(lane, SIX), stack(lane, SIX), stack(WIDEST, (0, 0))
@@ -315,7 +412,7 @@ def shape(model, q, points):
         for b in range(k * model.segments, (k + 1) * model.segments):
             _enter(lane, model, q, q, k, b, pose)
             if b == k * model.segments:
-                moved(lane, end_of(model, k, ROOT_END), pose)
+                far_point_pose(lane, end_of(model, k, ROOT_END), pose)
             D, e = model.data[model.block * b :], q[_elastic(model, b) :]
             x0, y0 = pose[POSE.x], pose[POSE.y]
             place(lane, mesh, D, e, e, pose, frame)
@@ -326,7 +423,7 @@ def shape(model, q, points):
                         return count
                     points[count, 0], points[count, 1] = line[i], line[many + i]
                     count += 1
-        moved(lane, end_of(model, k, TIP_END), pose)
+        far_point_pose(lane, end_of(model, k, TIP_END), pose)
         if model.rigid is not None:  # a link's last point is where its rigid end ends
             points[count - 1, 0], points[count - 1, 1] = pose[POSE.x], pose[POSE.y]
     return count

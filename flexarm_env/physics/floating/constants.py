@@ -1,8 +1,9 @@
-"""A link (or a piece of one) as a floating-frame body: frame R, theta and elastic coordinates q, eqs. [20]-[27].
+"""Constants of a link, or a piece of one, as a floating-frame body with elastic coordinates q, eqs. [20]-[27].
 
-The frame is clamped to the body's first node, so that node's (u, v, phi) vanish and the frame angle is the
-root section's. All inertia enters through constants that are computed here once; the kernels do the rest.
-A body reduced to bending modes has the same constants plus those of its foreshortening (`reduction.py`).
+Frame "root" is clamped to the body's first node, whose (u, v, phi) vanish, so that the frame's angle is the root
+section's; frame "chord" goes through both ends. All inertia enters through constants (theory, eq. 2.1) that are
+computed here once and that kernels read. A body reduced to modes has the same constants and those of its foreshortening
+(`reduction`).
 """
 
 from dataclasses import dataclass, field
@@ -20,45 +21,46 @@ Array = NDArray[np.float64]
 
 @dataclass
 class Body:
-    """Constants of one body with n elastic coordinates, in its own frame, SI.
+    """Constants of one body with n elastic coordinates q, in its own frame, SI.
 
     With s_bar(q) = S0 + S_bar q - e1 q'D0 q / 2 and I(q) = I0 + 2 c_u'q + q'G q its kinetic energy is
-    1/2 m_t |R'|^2 + R''A (w S~ s_bar + s_bar') + 1/2 w^2 I + w (c + B q)'q' + 1/2 q''M_ff q'  (docs: theory, eq. 2.3).
+    1/2 m_t |R'|^2 + R''A (w S~ s_bar + s_bar') + 1/2 w^2 I + w (c + B q)'q' + 1/2 q''M_ff q'  (theory, eq. 2.3).
     """
 
-    length: float
+    length: float  # m, undeformed
     mass: float  # m_t, kg
     s0: float  # S0, first moment along the axis, kg m
-    i0: float  # I0, kg m^2
-    s_bar: Array  # (2, n) kg
+    i0: float  # I0, inertia about the frame's origin, kg m^2
+    s_bar: Array  # (2, n) kg: S_bar, elastic part of the first moment, x and y
     g: Array  # (n, n) kg: M_uv, less the foreshortening term D for modes
     m_ff: Array  # (n, n) kg: elastic mass matrix, rotary inertia included
-    b: Array  # (n, n) kg, skew
-    c_u: Array  # (n,) kg m
-    c: Array  # (n,) kg m
+    b: Array  # (n, n) kg: B, skew
+    c_u: Array  # (n,) kg m: int m x N_u
+    c: Array  # (n,) kg m: int m x N_v + J N_phi
     k_axial: Array  # (n, n) N/m: linear stiffness [44], stretching part
     k_bend: Array  # (n, n) N/m: bending part
     d0: Array  # (n, n) kg: foreshortening in the first moment, zero for finite elements
-    tip: Array  # (3, n) u, v, phi at the tip
+    tip: Array  # (3, n) shape functions of u, v, phi at the tip
     tip_h: Array  # (n, n) 1/m: foreshortening of the tip, u -= q'H q / 2; zero for finite elements
     root: Array  # (n,) rho: the root section is turned by rho'q against the frame; zero where it is clamped to it
-    shapes: Array  # (s, 3, n) u, v, phi at drawing stations
+    shapes: Array  # (s, 3, n) shape functions of u, v, phi at drawing stations
     stations: Array  # (s,) m: x of those stations
     station_h: Array  # (s, n, n) foreshortening there
-    moment: Array  # (n,): K_bend q without stress
-    q0: Array  # (n,): that q
+    moment: Array  # (n,): K_bend q0, bending forces subtracted for the shape without stress
+    q0: Array  # (n,): elastic coordinates of the shape without stress; zero for straight links
     element_ea: Array = field(default_factory=lambda: np.zeros(0))  # EA / l of each element, N/m
     element_g: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))  # 1/m: G of [45]; H for von Karman
 
     @property
     def n(self) -> int:
-        """Number of elastic coordinates."""
+        """Return the number of elastic coordinates."""
         return self.c.size
 
     def add_tip_mass(self, mass: float, inertia: float) -> None:
-        """Lump a mass (kg) and an inertia (kg m^2) at the tip: payload, elbow (theory, eq. 2.6)."""
+        """Lump a mass (kg) and an inertia (kg m^2) at the tip, such as an elbow's (theory, eq. 2.6)."""
         n_u, n_v, n_phi = self.tip
         length = self.length
+        # first moment; matrices of the elastic coordinates, where foreshortening H takes from the inertia; rigid motion
         self.s_bar += mass * np.array([n_u, n_v])
         m_uv = mass * (np.outer(n_u, n_u) + np.outer(n_v, n_v))
         self.g += m_uv - mass * length * self.tip_h
@@ -72,24 +74,27 @@ class Body:
         self.i0 += mass * length**2 + inertia
 
     def add_root_inertia(self, inertia: float) -> None:
-        """Lump an inertia (kg m^2) at the root section."""
+        """Lump an inertia (kg m^2), the hub's or an elbow's, at the root section, whose angle is theta + rho'q."""
         self.i0 += inertia
         self.c += inertia * self.root
         self.m_ff += inertia * np.outer(self.root, self.root)
 
 
 def free_coordinates(elements: int, frame: str) -> NDArray[np.int64]:
-    """Those of the nodes' (u, v, phi) that are a body's elastic coordinates.
+    """Return the indices of a body's elastic coordinates among (u, v, phi) of its elements + 1 nodes.
 
-    All but the first node's in a frame that is clamped to it ("root"), all but u, v of the first and v of the last in
-    one through both ("chord").
+    frame="root", clamped to the first node: all but that node's. frame="chord", through both ends: all but u, v of the
+    first node and v of the last.
     """
     last = 3 * elements + 3
     return np.arange(3, last) if frame == "root" else np.r_[2 : last - 2, last - 1]
 
 
 def finite_element_body(link: Link, elements: int, coupling: str, frame: str = "root") -> Body:
-    """A link, or a piece of one, in elements; n = 3 elements. coupling: of COUPLINGS. frame: "root" or "chord"."""
+    """Return the `Body` of a link, or a piece of one, in finite elements: n = 3 elements coordinates.
+
+    coupling: of stretch and bending, one of COUPLINGS. frame: "root" or "chord".
+    """
     parts = mesh(link, elements, "elements")
     n_all = 3 * (elements + 1)
     k_axial, k_bend = np.zeros((n_all, n_all)), np.zeros((n_all, n_all))
@@ -99,6 +104,7 @@ def finite_element_body(link: Link, elements: int, coupling: str, frame: str = "
     s_bar = np.zeros((2, n_all))
     c_u, c = np.zeros(n_all), np.zeros(n_all)
     for e, part in enumerate(parts):
+        # stiffness, split into bending and stretching rows
         at, k, bend = slice(3 * e, 3 * e + 6), part.stiffness(), np.zeros((6, 6))
         bend[np.ix_(BENDING, BENDING)] = k[np.ix_(BENDING, BENDING)]
         k_axial[at, at] += k - bend
@@ -106,6 +112,7 @@ def finite_element_body(link: Link, elements: int, coupling: str, frame: str = "
         mass[at, at] += part.mass()
         for xi, weight, section in part.points:
             n_u, n_v, n_phi = part.shapes(xi)
+            # mass integrals of (theory, eq. 2.1) by quadrature
             dm, x = section.m * weight * part.length, part.at(xi)
             m_uv[at, at] += dm * (np.outer(n_u, n_u) + np.outer(n_v, n_v))
             # q'B q' = dm r'S~ r' with S~ = [[0, -1], [1, 0]]
@@ -113,6 +120,7 @@ def finite_element_body(link: Link, elements: int, coupling: str, frame: str = "
             s_bar[:, at] += dm * np.array([n_u, n_v])
             c_u[at] += dm * x * n_u
             c[at] += dm * x * n_v + section.J * weight * part.length * n_phi
+    # remove the coordinates that the frame fixes
     free = free_coordinates(elements, frame)
     both, n = np.ix_(free, free), n_all - 3
     shapes, stations = _drawing_stations(parts)
@@ -146,7 +154,7 @@ def finite_element_body(link: Link, elements: int, coupling: str, frame: str = "
 
 
 def _bending_moments(parts: list[Element]) -> Array:
-    """int EI curvature phi' dx over the link for all nodes' coordinates, N m."""
+    """Return int EI kappa_0 phi' dx, the bending forces of the curvature without stress, on all nodes' coordinates."""
     total = np.zeros(3 * len(parts) + 3)
     for e, part in enumerate(parts):
         for xi, weight, section in part.points:
@@ -156,20 +164,26 @@ def _bending_moments(parts: list[Element]) -> Array:
 
 
 def _natural(link: Link, parts: list[Element], k_bend: Array, stretching: Any, free: Any) -> Array:
-    """`Body.moment` and `Body.q0`: bending of least energy, and no stretch (`coupling_matrix`)."""
+    """Return `Body.moment` and `Body.q0`, (2, n): the shape without stress, which has no stretch.
+
+    stretching: `coupling_matrix` or `geometric_matrix`; free: indices of the elastic coordinates. Zero for straight
+    links.
+    """
     if not link.curved:
         return np.zeros((2, len(free)))
     moment, q = _bending_moments(parts), np.zeros(k_bend.shape[0])
+    # v and phi: K_bend q0 = int EI kappa_0 phi' dx
     bends = np.array([i for i in free if i % 3])
     q[bends] = np.linalg.solve(k_bend[np.ix_(bends, bends)], moment[bends])
     for e, part in enumerate(parts):
+        # u: no stretch to second order, u2 - u1 = -w'Hw / 2
         w = q[3 * e + BENDING]
         q[3 * e + 3] = q[3 * e] - 0.5 * w @ stretching(part.section, part.length) @ w
     return np.array([k_bend @ q, q])[:, free]
 
 
 def _drawing_stations(parts: list[Element]) -> tuple[Array, Array]:
-    """Shape functions of all nodes' coordinates at eight points of each element."""
+    """Return shape functions (s, 3, nodal coordinates) and x (s,) in m at eight points of each element."""
     rows, places = [], []
     for e, part in enumerate(parts):
         for xi in np.arange(1, 9) / 8:

@@ -1,6 +1,7 @@
-"""Where things are in a floating-frame Model's arrays: in `table` (a row a body), `data` (a block a body) and S.
+"""Layouts of a floating-frame Model's arrays: `table` (a row per body), `data` (a block per body), factors S, scratch.
 
-Components that kernels read together (`arithmetic.pair`, `vector`) are fields side by side, in that order.
+Components that kernels read together (`arithmetic.load_pair`, `load_vector`) are neighboring fields, in that order.
+Symbols are those of docs/theory.md, sections 1 to 3. Frame axes: those of a body's floating frame.
 """
 
 from ...compiler import kernel, size
@@ -8,174 +9,193 @@ from ...layout import Field, Layout
 
 ROW = Layout(
     "Row", "",
-    Field("start", (), "", "first row in the system"),
-    Field("size", (), "", "elastic coordinates n"),
-    Field("link", (), "", "number of the link that it is part of"),
-    Field("multipliers", (), "", "of the joint behind it: 0, 2 (hinge), 3 (with angle)"),
-    Field("motion", (), "", "that prescribes that joint's angle; -1: rigid"),
+    Field("start", (), "", "first row of the body in the system"),
+    Field("size", (), "", "number n of elastic coordinates"),
+    Field("link", (), "", "index of the link that the body is part of"),
+    Field("multipliers", (), "", "number of the joint at the tip: 0 (last body), 2 (hinge), 3 (angle constrained too)"),
+    Field("motion", (), "", "index of the motion that prescribes that joint's angle; -1: constant angle or hinge"),
 )  # fmt: skip
 START, SIZE, LINK, MULTIPLIERS, MOTION, _ = ROW.places
 
 ANGLE, ELASTIC = 2, 3
-"""Behind x and y of a frame comes its angle, behind that its elastic coordinates."""
+"""Offsets in a frame's rows: x and y of its origin, its angle, then the body's elastic coordinates."""
 
+# in S: a lever's part of the Newton matrix
 LEVER_FACTORS = Layout(
     "LeverFactors", "",
-    *(Field(name, (), "m", "along the beam's tangent") for name in ("ex", "ey")),
-    *(Field(name, (), "", "of the near point now") for name in ("rate", "second", "ax", "ay")),
-    *(Field(name, (), "m", "across it; this and the rest of the last matrix") for name in ("nx", "ny")),
-    *(Field(name, (), "", "change of the far point's acceleration by the angle") for name in ("wx", "wy")),
-    Field("turn", (), "", "what resists its turning by itself"),
+    *(Field(name, (), "m", "lever from near to far point, inertial axes") for name in ("ex", "ey")),
+    *(Field(name, (), "", "near point: w, alpha, acceleration - g") for name in ("rate", "second", "ax", "ay")),
+    *(Field(name, (), "m", "E lever: change of the far point by the angle, last matrix") for name in ("nx", "ny")),
+    *(Field(name, (), "", "weighted change of the far point's acceleration by the angle") for name in ("wx", "wy")),
+    Field("turn", (), "", "weighted derivative of the near point's moment by the angle, forces constant"),
 )  # fmt: skip
-"""Behind the bodies' factors in S, for each link's root and tip."""
+"""Of each rigid end, at a link's root and tip, and of the payload's lever: stored in S after the bodies' factors."""
 
+# in `data`: coupling of stretch and bending in one finite element
 SPAN = Layout(
     "Span", "window",
     Field("stiffness", (), "N/m", "EA / l"),
-    Field("stretch", ("window",), "", "g: the linear stretch (u2 - u1) of a finite element is g'q of its window"),
-    Field("H", ("window", "window"), "1/m", "its stretch of second order is q'H q / 2 (von Karman), or G of eq. [45]"),
+    Field("stretch", ("window",), "", "g: linear stretch u2 - u1 (m) of a finite element is g'q, q of its window"),
+    Field("H", ("window", "window"), "1/m", "H: stretch q'H q / 2 of second order (von Karman); G of [45] (paper)"),
 )  # fmt: skip
+# in `data`: shape functions at a point where the centerline is drawn
 STATION = Layout(
     "Station", "n",
-    Field("x", (), "m", "along the axis"),
-    Field("u", ("n",), "", "shape along the axis"),
-    Field("v", ("n",), "", "and across it"),
+    Field("x", (), "m", "place of the drawing station along the axis"),
+    Field("u", ("n",), "", "shape functions along the axis"),
+    Field("v", ("n",), "", "shape functions across it"),
     Field("H", ("n", "n"), "1/m", "foreshortening: u -= q'H q / 2"),
 )  # fmt: skip
+# in `data`: constants of one body (`constants.Body`), which kernels read
 BODY = Layout(
     "Body", "n, window, elements, stations",
-    Field("length", (), "m", ""),
-    Field("mass", (), "kg", "m_t"),
-    Field("S0", (), "kg m", "first moment along the axis"),
-    Field("I0", (), "kg m^2", "inertia about the root"),
-    Field("offset", (), "rad", "angle of the rigid joint behind it"),
-    Field("most_lost", (), "kg m^2", "inertia about the root that foreshortening may take; inf: as much as it likes"),
-    Field("S_bar_x", ("n",), "kg", "elastic part of the first moment along the axis"),
-    Field("S_bar_y", ("n",), "kg", "and across it"),
-    Field("c_u", ("n",), "kg m", "I = I0 + 2 c_u'q + q'G q"),
-    Field("c", ("n",), "kg m", "angular momentum (c + B q)'q'"),
-    Field("tip_u", ("n",), "", "shape along the axis at the tip"),
-    Field("tip_v", ("n",), "", "across it"),
-    Field("tip_phi", ("n",), "1/m", "and of the section's angle"),
-    Field("G", ("n", "n"), "kg", ""),
-    Field("M_ff", ("n", "n"), "kg", "elastic mass matrix"),
-    Field("B", ("n", "n"), "kg", "skew"),
-    Field("K_axial", ("n", "n"), "N/m", "stretching part of the linear stiffness"),
-    Field("K_bend", ("n", "n"), "N/m", "bending part"),
-    Field("D0", ("n", "n"), "kg", "foreshortening in the first moment"),
-    Field("tip_H", ("n", "n"), "1/m", "foreshortening of the tip"),
-    Field("drag", (), "1/s", "damping that goes with mass"),
-    Field("damped", (), "", "share of tau_d, where links differ"),
-    Field("root", ("n",), "", "rho: the root section is turned by rho'q against the frame"),
-    Field("moment", ("n",), "", "K_bend q of q without stress"),
-    Field("spent", (), "J", "half that times q: bending energy of q = 0"),
-    Field("spans", ("elements", SPAN.length), "", "a `SPAN` each"),
-    Field("stations", ("stations", STATION.length), "", "a `STATION` in lanes for each eight, the widest there are"),
+    Field("length", (), "m", "undeformed length of the body"),
+    Field("mass", (), "kg", "m_t, eq. 2.1"),
+    Field("S0", (), "kg m", "S_0: first moment along the axis, undeformed"),
+    Field("I0", (), "kg m^2", "I_0: inertia about the frame's origin, undeformed"),
+    Field("offset", (), "rad", "angle of the rigid joint at the tip"),
+    Field("most_lost", (), "kg m^2", "largest loss of inertia about the root by foreshortening; inf: no limit"),
+    Field("S_bar_x", ("n",), "kg", "S_bar, x row: elastic part of the first moment along the axis"),
+    Field("S_bar_y", ("n",), "kg", "S_bar, y row: across the axis"),
+    Field("c_u", ("n",), "kg m", "c_u of the inertia I = I0 + 2 c_u'q + q'G q, eq. 2.2"),
+    Field("c", ("n",), "kg m", "c of the elastic angular momentum (c + B q)'q', eq. 2.3"),
+    Field("tip_u", ("n",), "", "shape functions along the axis at the tip"),
+    Field("tip_v", ("n",), "", "shape functions across the axis at the tip"),
+    Field("tip_phi", ("n",), "1/m", "phi_t (tau of eq. 3.1): shape functions of the tip section's angle"),
+    Field("G", ("n", "n"), "kg", "G = M_uv - D, eq. 2.2"),
+    Field("M_ff", ("n", "n"), "kg", "M_ff: elastic mass matrix with rotary inertia"),
+    Field("B", ("n", "n"), "kg", "B: skew gyroscopic matrix, eq. 2.1"),
+    Field("K_axial", ("n", "n"), "N/m", "linear stiffness [44], stretching part"),
+    Field("K_bend", ("n", "n"), "N/m", "linear stiffness [44], bending part (with shear)"),
+    Field("D0", ("n", "n"), "kg", "D_0: foreshortening in the first moment, s_bar_x -= q'D0 q / 2"),
+    Field("tip_H", ("n", "n"), "1/m", "H(L): foreshortening of the tip, t_x -= q'H q / 2"),
+    Field("drag", (), "1/s", "alpha: mass-proportional damping"),
+    Field("damped", (), "", "the body's share of the arm's tau_d, read where links differ"),
+    Field("root", ("n",), "", "rho: the root section is turned by rho'q (rad) against the frame"),
+    Field("moment", ("n",), "", "K_bend q0: bending forces subtracted for a shape q0 without stress"),
+    Field("spent", (), "J", "q0'K_bend q0 / 2: bending energy at q = 0"),
+    Field("spans", ("elements", SPAN.length), "", "a `SPAN` per finite element"),
+    Field("stations", ("stations", STATION.length), "", "a `STATION` per drawing station, in lanes of len(WIDEST)"),
 )  # fmt: skip
 body_at = kernel(BODY.offsets)
 station_at = kernel(STATION.offsets)
 span_at = kernel(SPAN.offsets)
 
+# in S: motion of a body's frame and tip in the last residual
 NOW = Layout(
     "Now", "",
-    Field("cos", (), "", "of the frame's angle"),
-    Field("sin", (), "", ""),
-    Field("a", (2,), "m/s^2", "acceleration of its origin less gravity; this and the rest in its axes"),
-    Field("rate", (), "rad/s", "of its angle"),
-    Field("second", (), "rad/s^2", ""),
-    Field("tip", (2,), "m", "where the tip is"),
-    Field("tip_rate", (2,), "m/s", "how it moves against the origin"),
-    Field("tip_second", (2,), "m/s^2", "its acceleration less the origin's"),
+    Field("cos", (), "", "cos theta of the body's frame"),
+    Field("sin", (), "", "sin theta"),
+    Field("a", (2,), "m/s^2", "R'' - g: acceleration of the origin less gravity, frame axes"),
+    Field("rate", (), "rad/s", "w = theta'"),
+    Field("second", (), "rad/s^2", "alpha = theta''"),
+    Field("tip", (2,), "m", "t: the tip relative to the origin, frame axes"),
+    Field("tip_rate", (2,), "m/s", "t' + w E t: velocity of the tip relative to the origin, frame axes"),
+    Field("tip_second", (2,), "m/s^2", "acceleration of the tip relative to the origin, frame axes"),
 ).places  # fmt: skip
+# on the stack: motion of a section, passed from body to body
 PASSED = Layout(
     "Passed", "",
-    Field("angle", (), "rad", "of a section"),
-    Field("rate", (), "rad/s", ""),
-    Field("second", (), "rad/s^2", ""),
-    Field("ax", (), "m/s^2", "its acceleration less gravity, global axes"),
-    Field("ay", (), "m/s^2", ""),
+    Field("angle", (), "rad", "angle of a section from the inertial x axis"),
+    Field("rate", (), "rad/s", "its angular velocity"),
+    Field("second", (), "rad/s^2", "its angular acceleration"),
+    Field("ax", (), "m/s^2", "acceleration of the section's center less gravity, inertial axes, x"),
+    Field("ay", (), "m/s^2", "the same, y"),
 ).places  # fmt: skip
+# on the stack: motion of a body's frame, for energies and poses
 FRAME = Layout(
     "Frame", "",
-    Field("cos", (), "", "of a body's frame"),
-    Field("sin", (), "", ""),
-    Field("vx", (), "m/s", "velocity of its origin, in its axes"),
-    Field("vy", (), "m/s", ""),
-    Field("rate", (), "rad/s", ""),
+    Field("cos", (), "", "cos theta of a body's frame; for output, where accelerations are not known"),
+    Field("sin", (), "", "sin theta"),
+    Field("vx", (), "m/s", "velocity of the frame's origin, frame axes, x"),
+    Field("vy", (), "m/s", "the same, y"),
+    Field("rate", (), "rad/s", "w = theta'"),
 ).places  # fmt: skip
+# on the stack: vectors over q of one body, from `body.forces` to `matrix.tangent`
 VECTORS = Layout(
     "Vectors", "n",
-    Field("gq", ("n",), "kg m", "c_u + G q"),
-    Field("cb", ("n",), "kg m", "c + B q"),
-    Field("bv", ("n",), "kg m/s", "B q'"),
-    Field("gsx", ("n",), "kg", "change of the first moment along the axis by q"),
-    Field("px", ("n",), "", "change of the tip's x by q"),
+    Field("gq", ("n",), "kg m", "c_u + G q: half the gradient of the inertia I by q"),
+    Field("cb", ("n",), "kg m", "c + B q: elastic angular momentum by q'"),
+    Field("bv", ("n",), "kg m/s", "B q', half the Coriolis force over w"),
+    Field("gsx", ("n",), "kg", "Gamma, x row: derivative of the first moment along the axis by q"),
+    Field("px", ("n",), "", "dt/dq, x row: derivative of the tip's x by q"),
 )  # fmt: skip
+# on the stack: one finite element's axial force and its derivatives, for the same
 STRAIN = Layout(
     "Strain", "window",
-    Field("force", (), "N", "of an element, along its axis"),
-    Field("slope", ("window",), "", "change of its stretch by its window's coordinates"),
-    Field("rate", ("window",), "1/s", "and of the stretch's rate"),
+    Field("force", (), "N", "axial force of a finite element"),
+    Field("slope", ("window",), "", "gradient of its stretch (m) by its window's coordinates"),
+    Field("rate", ("window",), "1/s", "time derivative of that gradient, H q' (von Karman with damping)"),
 )  # fmt: skip
 vectors_at = kernel(VECTORS.offsets)
 strain_at = kernel(STRAIN.offsets)
+# on the stack: further numbers from `body.forces` to `matrix.tangent`
 KNOWN = Layout(
     "Known", "",
-    Field("d", (2,), "N", "inertia force less mass times the origin's acceleration"),
-    Field("s", (2,), "kg m", "first moment"),
-    Field("t", (2,), "kg m/s", "its rate in the frame"),
-    Field("inertia", (), "kg m^2", "I"),
-    Field("spin_rate", (), "kg m^2/s", "I' / 2"),
-    Field("g", (2,), "N", "force at the tip"),
+    Field("d", (2,), "N", "f_R - m_t (R'' - g), eq. 2.4, frame axes"),
+    Field("s", (2,), "kg m", "s_bar(q): first moment, frame axes"),
+    Field("t", (2,), "kg m/s", "s_bar': its rate in the frame, frame axes"),
+    Field("inertia", (), "kg m^2", "I(q) about the origin"),
+    Field("spin_rate", (), "kg m^2/s", "I'/2 = (c_u + G q)'q'"),
+    Field("g", (2,), "N", "force required at the tip by all beyond, frame axes"),
 ).places  # fmt: skip
+# in S: one body's part of the Newton matrix
 FACTORS = Layout(
     "Factors", "n",
-    Field("now", (NOW.end,), "", "`NOW`, of the last residual"),
-    Field("frame", (2,), "", "cosine and sine of the frame's angle, this and the rest of the last matrix"),
-    Field("arm", ("n + 1", 2), "", "change of the tip's place by q and by the frame's angle"),
-    Field("swept", ("n + 1", 2), "", "change of its acceleration"),
-    Field("matrix", ("n + 3", "n + 3"), "", "of q, the origin's acceleration and the angle; then its factors"),
+    Field("now", (NOW.end,), "", "a `NOW`, of the last residual"),
+    Field("frame", (2,), "", "cos theta, sin theta; this and the rest: of the last matrix, not the last residual"),
+    Field("arm", ("n + 1", 2), "", "J: derivative of the tip's place by q, then by theta; frame axes"),
+    Field("swept", ("n + 1", 2), "", "weighted derivative of the tip's acceleration by q, theta, eq. 3.3"),
+    Field("matrix", ("n + 3", "n + 3"), "", "Newton matrix of q, origin's acceleration, theta; then its factors"),
 )  # fmt: skip
 
 
 @kernel
 def cell(i, j):
-    """Place of an entry of a matrix of three rows and columns, kept by rows: of x, y and the angle."""
+    """Return the index of entry (i, j) in a 3 x 3 matrix stored by rows; rows and columns: x, y, angle."""
     return 3 * i + j
 
 
+# in S: an elbow's part of the factors; indices of rows are x, y, angle
 JOINT = Layout(
     "Joint", "",
-    Field("pinned", (), "", "1: held"),
-    Field("column", (2,), "", "of what is behind, by the angle, over the pivot"),
-    Field("row", (2,), "", "by x and y, over the pivot"),
-    Field("inverse", (), "", "of the pivot"),
-    Field("own", (), "", "what a jointed arm adds to its row; factored: the same over the pivot"),
+    Field("pinned", (), "", "1: the elbow's angle is fixed or prescribed, 0: free"),
+    Field("column", (2,), "", "force by the angle of the section after the elbow, of all beyond, over the pivot"),
+    Field("row", (2,), "", "moment by acceleration along x and y, of all beyond, over the pivot"),
+    Field("inverse", (), "", "reciprocal of the pivot: moment by angle of all beyond, plus `own`"),
+    Field("own", (), "", "N m: from `add_stiffness`; after `factor`: divided by the pivot"),
 ).places  # fmt: skip
+# in S: the root's part
 ROOT = Layout(
     "Root", "",
-    Field("pinned", (3,), "", "x, y, angle: 1: held"),
-    Field("scale", (2,), "", "cm and its inverse"),
-    Field("tail", (2,), "", "cm times the payload's inertia, and its mass"),
-    Field("own", (), "", "what a jointed arm adds to the hub's row"),
-    Field("factors", (3, 3), "", "of what all is to the root"),
+    Field("pinned", (3,), "", "x, y, angle of the root: 1 fixed or prescribed, 0 free"),
+    Field("scale", (2,), "", "cm and 1/cm: place of the root and its weighted acceleration"),
+    Field("tail", (2,), "", "payload: cm times its inertia, and its mass"),
+    Field("own", (), "", "N m: `add_stiffness` at the hub"),
+    Field("factors", (3, 3), "", "LU of the whole chain condensed to x, y, angle of the root; inverted pivots"),
 ).places  # fmt: skip
+# where a point load acts
 LOADED = Layout(
-    "Loaded", "", Field("link", (), "", "that a point load acts on"), Field("side", (), "", "its end: 0 root, 1 tip")
+    "Loaded", "", Field("link", (), "", "link that a point load acts on"), Field("side", (), "", "end: 0 root, 1 tip")
 ).places
 factors_at = kernel(FACTORS.offsets)
 
 
 @kernel
 def acts_at(loads, f, link, end):
-    """Whether point load f acts at that end of a link."""
+    """Return whether point load f acts at end `end` (0 root, 1 tip) of a link; `loads`: a `LOADED` per load."""
     at = LOADED.end * f
     return loads[at + LOADED.link] == link and loads[at + LOADED.side] == end
 
 
 @kernel
 def window(model, n, e):
-    """First elastic coordinate of an element's window (`model`: a Mesh of n of them)."""
+    """Return the first elastic coordinate of element e's window, the free coordinates of its two nodes.
+
+    `model`: a `Mesh` of n elastic coordinates. Each node has (u, v, phi); a frame clamped to the root fixes the first
+    node's three, a frame through both ends u, v of the first and v of the last. Windows at the ends are moved inwards,
+    so that all have the same width.
+    """
     first = 3 * e - 3
     if model.chord is not None:
         first = min(3 * e - 2, n - len(model.window))
@@ -184,11 +204,11 @@ def window(model, n, e):
 
 @kernel
 def elastic_row(model, b):
-    """Row of the first elastic coordinate of body b in a chain, behind the root's x, y and angle."""
+    """Return the row of body b's first elastic coordinate in a chain: after the root's x, y and angle."""
     return ELASTIC + size(model.mesh.n) * b
 
 
 @kernel
 def elbow_row(model, k):
-    """Row of the angle of elbow k, from 1 on, in a chain: behind all bodies."""
+    """Return the row of the angle of elbow k >= 1 in a chain: after the elastic coordinates of all bodies."""
     return elastic_row(model, model.links * model.segments) + k - 1

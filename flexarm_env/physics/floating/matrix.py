@@ -1,10 +1,15 @@
-"""A body's matrix, cm dr/da + cc dr/dv + ck dr/dq, and its elimination from a chain (docs: theory, section 3).
+"""A body's Newton matrix, cm dr/da + cc dr/dv + ck dr/dq, and its elimination from a chain (theory, section 3).
 
-Rows and columns: the body's n elastic coordinates, then x, y of the acceleration of its origin and its angle.
+Rows and columns of a body's matrix, n + 3: the n elastic coordinates, then x and y (rows: force at the root; columns:
+acceleration of the origin, frame axes), then the angle (row: moment at the root; column: the frame's angle).
+
+A change of the coordinates before a body reaches it through three numbers: the change of the acceleration at its root
+(weighted: cm, cc, ck times the changes by accelerations, rates, coordinates) and of its angle. `tail` (9,) is the
+3 x 3 matrix of force and moment by these three numbers, stored by rows: that of all bodies beyond a section.
 """
 
-from ...compiler import kernel, load, size, splat, store, unrolled
-from ..arithmetic import pair, put_pair, turned, turned_back, vector
+from ...compiler import Lanes, kernel, size, unrolled
+from ..arithmetic import load_pair, load_vector, rotate_2d, rotate_back_2d, store_pair
 from ..model import STIFFNESS_FACTOR
 from .body import constants, damping_time, dot, turn_of_root
 from .layout import KNOWN, NOW, cell, factors_at, span_at, strain_at, vectors_at, window
@@ -12,70 +17,92 @@ from .layout import KNOWN, NOW, cell, factors_at, span_at, strain_at, vectors_at
 
 @unrolled
 @kernel
-def tangent(lane, model, D, par, carried, cm, cc, ck, q, v, a, known, vectors, strains, S):
-    """The body's matrix cm dr/da + cc dr/dv + ck dr/dq, with the lever arms of the force at its tip; how the tip moves
-    (`arm`) and how its acceleration changes (`swept`)."""
+def tangent(lane, model, D, par: Lanes, carried, cm, cc, ck, q, v, a: Lanes, known, vectors: Lanes, strains, S: Lanes):
+    """Compute the body's matrix cm dr/da + cc dr/dv + ck dr/dq, eqs. [72]-[78], derivative of `body.forces`.
+
+    Rows and columns: q, x and y of the origin's acceleration (frame axes), angle. Forces at the tip are constant here;
+    `add_outboard` adds their change. E turns by 90 deg; t: tip, relative to the origin; w, alpha: rates of the angle;
+    s_bar: first moment.
+
+    # model    D; par: the arm's parameters; cm, cc, ck: `Weights`
+    # state    q, v, a; S: `NOW`; known, vectors, strains: written by `body.forces`; carried (2,): kg, kg m^2 at the tip
+    # out      S: `FACTORS.frame`; `arm` = (dt/dq, E t); `swept` = weighted change of the tip's acceleration relative to
+    #          the origin by q and angle, the bracket of (theory, eq. 3.3); `matrix`
+    """
     own, n = constants(model), size(model.n)
     at, vec = factors_at(0, n), vectors_at(0, n)
     W, wide, theta = at.matrix, n + 3, n + 2
-    ax, ay = pair(lane, S, at.now + NOW.a)
-    w, alpha = pair(lane, S, at.now + NOW.rate)
-    sx, sy = pair(lane, known, KNOWN.s)
-    tx, ty = pair(lane, known, KNOWN.t)
-    dx, dy = pair(lane, known, KNOWN.d)
-    gx, gy = pair(lane, known, KNOWN.g)
-    inertia, spin_rate = pair(lane, known, KNOWN.inertia)
-    stiffness, tau = load(lane, par, STIFFNESS_FACTOR), damping_time(lane, model, D, par)
-    put_pair(S, at.frame, pair(lane, S, at.now + NOW.cos))
-    mass = splat(lane, D[own.mass])
+    # R'' - g, w, alpha; s_bar, its rate, f_R - m_t (R'' - g); force at the tip; I, I'/2
+    ax, ay = load_pair(lane, S, at.now + NOW.a)
+    w, alpha = load_pair(lane, S, at.now + NOW.rate)
+    sx, sy = load_pair(lane, known, KNOWN.s)
+    tx, ty = load_pair(lane, known, KNOWN.t)
+    dx, dy = load_pair(lane, known, KNOWN.d)
+    gx, gy = load_pair(lane, known, KNOWN.g)
+    inertia, spin_rate = load_pair(lane, known, KNOWN.inertia)
+    stiffness, tau = par[STIFFNESS_FACTOR], damping_time(lane, model, D, par)
+    store_pair(lane, S, at.frame, load_pair(lane, S, at.now + NOW.cos))
+    mass = D[own.mass]
     square, twice = w * w, w * (2.0 * cc)
-    x, y = pair(lane, S, at.now + NOW.tip)
-    ux, uy = pair(lane, S, at.now + NOW.tip_rate)
-    bx, by = pair(lane, S, at.now + NOW.tip_second)
-    put_pair(S, at.arm + 2 * n, (-y, x))
-    put_pair(S, at.swept + 2 * n, (-(y * cm + uy * (2.0 * cc) + by * ck), x * cm + ux * (2.0 * cc) + bx * ck))
-    zero = splat(lane, 0.0)
+    x, y = load_pair(lane, S, at.now + NOW.tip)
+    ux, uy = load_pair(lane, S, at.now + NOW.tip_rate)
+    bx, by = load_pair(lane, S, at.now + NOW.tip_second)
+    # column of the angle: E t, and cm E t + 2 cc E t' + ck E t'' with the derivatives of t in inertial space
+    store_pair(lane, S, at.arm + 2 * n, (-y, x))
+    store_pair(lane, S, at.swept + 2 * n, (-(y * cm + uy * (2.0 * cc) + by * ck), x * cm + ux * (2.0 * cc) + bx * ck))
+    zero = 0.0
     px, py, pt = W + n * wide, W + (n + 1) * wide, W + theta * wide  # rows of x, y, angle
-    put_pair(S, px + n, (mass, zero))
-    put_pair(S, py + n, (zero, mass))
-    put_pair(S, pt + n, (-sy, sx))
-    store(S, px + theta, -(sy * cm) - (w * sx + ty) * (2.0 * cc) - dy * ck)
-    store(S, py + theta, sx * cm - (w * sy - tx) * (2.0 * cc) + dx * ck)
-    store(S, pt + theta, inertia * cm + spin_rate * (2.0 * cc) - ((sx * ax + sy * ay) + (x * gx + y * gy)) * ck)
-    slope = splat(lane, ck)  # of elastic forces
+    # by the origin's acceleration: df_R = m_t, df_theta = E s_bar
+    store_pair(lane, S, px + n, (mass, zero))
+    store_pair(lane, S, py + n, (zero, mass))
+    store_pair(lane, S, pt + n, (-sy, sx))
+    # by the angle: E times (cm s_bar + 2 cc (its rate) + ck d); forces that are constant in inertial axes turn back
+    S[px + theta] = -(sy * cm) - (w * sx + ty) * (2.0 * cc) - dy * ck
+    S[py + theta] = sx * cm - (w * sy - tx) * (2.0 * cc) + dx * ck
+    S[pt + theta] = inertia * cm + spin_rate * (2.0 * cc) - ((sx * ax + sy * ay) + (x * gx + y * gy)) * ck
+    # weight of elastic forces: ck + tau_d cc
+    slope = ck
     if model.damped is not None:
         slope = tau * cc + ck
     bend = slope * stiffness
+    # 2 w cc + alpha ck goes with E, w^2 ck with the identity
     spun, turned = twice + alpha * ck, square * ck
     for i in range(n):
-        gq, cb, bv = load(lane, vectors, vec.gq + i), load(lane, vectors, vec.cb + i), load(lane, vectors, vec.bv + i)
-        gsx, gsy = load(lane, vectors, vec.gsx + i), splat(lane, D[own.S_bar_y + i])
-        tipx, tipy = load(lane, vectors, vec.px + i), splat(lane, D[own.tip_v + i])
+        gq, cb, bv = vectors[vec.gq + i], vectors[vec.cb + i], vectors[vec.bv + i]
+        gsx, gsy = vectors[vec.gsx + i], D[own.S_bar_y + i]
+        tipx, tipy = vectors[vec.px + i], D[own.tip_v + i]
+        # f_R by q_i: Gamma_i (cm - turned) + E Gamma_i spun
         along = gsx * cm - gsy * spun - gsx * turned
         across = gsy * cm + gsx * spun - gsy * turned
+        # the same of the tip: (dt/dq_i) (cm - turned) + E (dt/dq_i) spun
         swept_x = tipx * cm - tipy * spun - tipx * turned
         swept_y = tipy * cm + tipx * spun - tipy * turned
+        # Gamma and dt/dq of modes change with q: -D0, -H times v and a
         if model.modal is not None:
             dv, da = dot(lane, model, D, own.D0 + i * n, v), dot(lane, model, D, own.D0 + i * n, a)
             along, across = along - (dv * (2.0 * cc) + da * ck), across - (w * dv) * (2.0 * ck)
             dv, da = dot(lane, model, D, own.tip_H + i * n, v), dot(lane, model, D, own.tip_H + i * n, a)
             swept_x, swept_y = swept_x - (dv * (2.0 * cc) + da * ck), swept_y - (w * dv) * (2.0 * ck)
-        put_pair(S, at.arm + 2 * i, (tipx, tipy))
-        put_pair(S, at.swept + 2 * i, (swept_x, swept_y))
-        store(S, px + i, along)
-        store(S, py + i, across)
-        ba = splat(lane, -0.0)
+        store_pair(lane, S, at.arm + 2 * i, (tipx, tipy))
+        store_pair(lane, S, at.swept + 2 * i, (swept_x, swept_y))
+        S[px + i] = along
+        S[py + i] = across
+        # (B'a)_i: finite elements alone; -0.0 leaves sums bit-equal
+        ba = -0.0
         if model.modal is None:
-            ba = load(lane, a, 0) * D[own.B + i]
+            ba = a[0] * D[own.B + i]
             for j in range(1, n):
-                ba = ba + load(lane, a, j) * D[own.B + j * n + i]
+                ba = ba + a[j] * D[own.B + j * n + i]
+        # f_theta by q_i: (c + B q) cm + 2 w cc (c_u + G q) + ck (lever + 2 alpha (c_u + G q) + B'a + 2 w G v)
         gv = dot(lane, model, D, own.G + i * n, v)
         lever = (gsx * ay - gsy * ax) + (tipx * gy - tipy * gx)
         about = lever + (alpha * gq) * 2.0 + ba + (w * gv) * 2.0
-        store(S, pt + i, cb * cm + gq * twice + about * ck)
+        S[pt + i] = cb * cm + gq * twice + about * ck
+        # row of q_i: Gamma_i by the acceleration; by the angle (c + B q) cm + 2 cc (B v - w (c_u + G q)) + ck lever
         row = W + i * wide
-        put_pair(S, row + n, (gsx, gsy))
-        store(S, row + theta, cb * cm + (bv - w * gq) * (2.0 * cc) + lever * ck)
+        store_pair(lane, S, row + n, (gsx, gsy))
+        S[row + theta] = cb * cm + (bv - w * gq) * (2.0 * cc) + lever * ck
+        # by q_j: elastic stiffness + cm M_ff - w^2 ck G + (2 w cc + alpha ck) B, minus what foreshortening takes
         for j in range(n):
             entry = bend * D[own.K_bend + i * n + j] + cm * D[own.M_ff + i * n + j]
             entry = entry - turned * D[own.G + i * n + j]
@@ -87,140 +114,173 @@ def tangent(lane, model, D, par, carried, cm, cc, ck, q, v, a, known, vectors, s
                 entry = entry - (ax * D[own.D0 + i * n + j] + gx * D[own.tip_H + i * n + j]) * ck
             if model.drag is not None:
                 entry = entry + (cc * D[own.drag]) * D[own.M_ff + i * n + j]
-            store(S, row + j, entry)
+            S[row + j] = entry
     _stretching(lane, model, D, tau, cc, ck, strains, S)
     if model.drag is not None:
         _drag_tangent(lane, model, D, carried, cc, ck, v, vectors, S)
 
 
 @kernel
-def _stretching(lane, model, D, tau, cc, ck, strains, S):
-    """The elements' part of the matrix: through the axial force, and its turning."""
+def _stretching(lane, model, D, tau, cc, ck, strains: Lanes, S: Lanes):
+    """Add the finite elements' axial stiffness to the body's matrix: material part and geometric part N H.
+
+        gradient_i (ck EA/l + cc tau_d EA/l) gradient_j + ck gradient_i tau_d EA/l (H v)_j + ck N H_ij
+
+    i, j: coordinates of an element's window; gradient: of its stretch; N: its axial force; H: `SPAN.H`; v: rates.
+
+    # in       tau: tau_d, s; cc, ck: weights of damping and stiffness; strains: a `STRAIN` per element
+    # out      S: added to `FACTORS.matrix`
+    """
     n, wide = size(model.n), len(model.window)
     W, own, kept = factors_at(0, n).matrix, span_at(constants(model).spans, wide), strain_at(0, wide)
     for e in range(len(model.elements)):
         first = window(model, n, e)
-        force = load(lane, strains, kept.force) * ck
-        both, lag = splat(lane, D[own.stiffness] * ck), splat(lane, 0.0)
+        force = strains[kept.force] * ck
+        both, lag = D[own.stiffness] * ck, 0.0
         if model.damped is not None:
             both, lag = (tau * cc + ck) * D[own.stiffness], (tau * ck) * D[own.stiffness]
         for j in range(wide):
             if model.full is None:
-                change = splat(lane, ck * D[own.stiffness] * D[own.stretch + j])
+                # the paper's force N G q: N changes with the linear stretch alone and is not damped
+                change = ck * D[own.stiffness] * D[own.stretch + j]
             else:
-                change = both * load(lane, strains, kept.slope + j)
+                change = both * strains[kept.slope + j]
                 if model.damped is not None:
-                    change = change + lag * load(lane, strains, kept.rate + j)
+                    change = change + lag * strains[kept.rate + j]
             for i in range(wide):
-                entry = load(lane, strains, kept.slope + i) * change + force * D[own.H + i * wide + j]
+                entry = strains[kept.slope + i] * change + force * D[own.H + i * wide + j]
                 place = W + (first + i) * (n + 3) + first + j
-                store(S, place, load(lane, S, place) + entry)
+                S[place] += entry
         own, kept = span_at(own.end, wide), strain_at(kept.end, wide)
 
 
 @kernel
-def _drag_tangent(lane, model, D, carried, cc, ck, v, vectors, S):
-    """What drag on the carried mass adds to the matrix."""
+def _drag_tangent(lane, model, D, carried: Lanes, cc, ck, v: Lanes, vectors: Lanes, S: Lanes):
+    """Add the mass-proportional damping of the carried mass to the body's matrix; derivative of `body._mass_damping`.
+
+        cc drag (m J'J + J_p phi phi') - ck drag m (terms of the change of J with q, modes alone)
+
+    m, J_p = carried; J = dt/dq, phi: the tip's place and the tip section's angle by q; drag: 1/s.
+
+    # in       carried (2,): mass (kg), inertia (kg m^2) at the tip; v: elastic rates; vectors: x row of J
+    #          cc, ck: weights of dr/dv, dr/dq
+    # out      S: added to `FACTORS.matrix`
+    """
     own, n = constants(model), size(model.n)
     W, px = factors_at(0, n).matrix, vectors_at(0, n).px
-    mass, inertia = load(lane, carried, 0) * D[own.drag], load(lane, carried, 1) * D[own.drag]
-    tx = splat(lane, 0.0)
+    mass, inertia = carried[0] * D[own.drag], carried[1] * D[own.drag]
+    # velocity of the tip along the frame's axis
+    tx = 0.0
     for i in range(n):
-        tx = tx + load(lane, vectors, px + i) * load(lane, v, i)
+        tx = tx + vectors[px + i] * v[i]
     for i in range(n):
-        xi, yi, phi = load(lane, vectors, px + i), D[own.tip_v + i], D[own.tip_phi + i]
+        xi, yi, phi = vectors[px + i], D[own.tip_v + i], D[own.tip_phi + i]
         for j in range(n):
-            entry = (xi * load(lane, vectors, px + j) + yi * D[own.tip_v + j]) * mass
+            entry = (xi * vectors[px + j] + yi * D[own.tip_v + j]) * mass
             entry = (entry + inertia * (phi * D[own.tip_phi + j])) * cc
             if model.modal is not None:
                 lost = xi * dot(lane, model, D, own.tip_H + j * n, v) + tx * D[own.tip_H + i * n + j]
                 entry = entry - (lost * mass) * ck
             place = W + i * (n + 3) + j
-            store(S, place, load(lane, S, place) + entry)
+            S[place] += entry
 
 
 @unrolled
 @kernel
-def take_in(lane, model, D, S, tail):
-    """The body's matrix with what lies behind it.
+def add_outboard(lane, model, D, S: Lanes, tail: Lanes):
+    """Add the matrix of all bodies beyond the tip to the body's matrix: arm' tail swept.
 
-    tail (9, by rows, global axes): change of force and moment by a change of the acceleration and the angle at the tip
-    section; it is turned to the frame's axes.
+    arm: displacement and rotation of the tip section by each coordinate. swept: its weighted acceleration (cm, cc, ck
+    times the derivatives by accelerations, rates, coordinates) and its rotation by each coordinate. Frame axes.
+
+    # in       tail (9,): change of force (N) and moment (N m) at the tip section by its weighted acceleration and its
+    #          angle, inertial axes; overwritten by the same in the frame's axes
+    # in, out  S: `FACTORS.matrix` (n + 3, n + 3); reads `frame`, `arm`, `swept`
     """
     own, n = constants(model), size(model.n)
     at = factors_at(0, n)
     W, wide = at.matrix, n + 3
-    c, s = pair(lane, S, at.frame)
+    # tail in frame axes: A' tail A
+    c, s = load_pair(lane, S, at.frame)
     _turn_matrix(lane, tail, c, -s)
-    for j in range(wide):  # what comes back through the tip by column j
+    for j in range(wide):
+        # acceleration and angle of the tip by column j, and with tail the force (fx, fy) and moment m
         if j < n:
-            bx, by = pair(lane, S, at.swept + 2 * j)
-            fx, fy, m = _times(lane, tail, bx, by, splat(lane, D[own.tip_phi + j]))
+            bx, by = load_pair(lane, S, at.swept + 2 * j)
+            fx, fy, m = _times(lane, tail, bx, by, D[own.tip_phi + j])
         elif j == wide - 1:
-            bx, by = pair(lane, S, at.swept + 2 * n)
-            fx, fy, m = _times(lane, tail, bx, by, splat(lane, 1.0))
+            bx, by = load_pair(lane, S, at.swept + 2 * n)
+            fx, fy, m = _times(lane, tail, bx, by, 1.0)
         else:
             k = j - n
-            fx, fy, m = load(lane, tail, cell(0, k)), load(lane, tail, cell(1, k)), load(lane, tail, cell(2, k))
+            fx, fy, m = tail[cell(0, k)], tail[cell(1, k)], tail[cell(2, k)]
         for i in range(wide):
             k = W + i * wide + j
+            # their virtual work on row i: lever arms of the force, angle of the tip section
             if i < n:
-                px, py = pair(lane, S, at.arm + 2 * i)
+                px, py = load_pair(lane, S, at.arm + 2 * i)
                 part = px * fx + py * fy + m * D[own.tip_phi + i]
             elif i == n:
                 part = fx
             elif i == n + 1:
                 part = fy
             else:
-                px, py = pair(lane, S, at.arm + 2 * n)
+                px, py = load_pair(lane, S, at.arm + 2 * n)
                 part = px * fx + py * fy + m
-            store(S, k, load(lane, S, k) + part)
+            S[k] += part
 
 
 @unrolled
 @kernel
-def condense(lane, model, D, S, tail):
-    """Take in what lies behind, eliminate the elastic coordinates, hand on what is left.
+def condense(lane, model, D, S: Lanes, tail: Lanes):
+    """Eliminate a body's elastic coordinates and return the matrix of the rest as `tail` of the body before it.
 
-    tail (9, by rows, global axes): change of force and moment by a change of the acceleration and the angle; in at the
-    tip section, out at the root section. Factors stay in the matrix, pivots inverted: no pivoting, since cm M, positive
-    definite, outweighs the rest.
+    The rest: force and moment at the body's root by the acceleration (weighted by cm, cc, ck, as in `add_outboard`) and
+    the angle of its root section. Factors L, U stay in S with inverted pivots. There is no pivoting: cm M, which is
+    positive definite, outweighs the rest.
+
+    # in, out  tail (9,): change of force and moment by acceleration and angle (inertial axes), in: at the tip section
+    #          of the body, of all beyond; out: at its root section, the Schur complement of the elastic rows
+    # in, out  S: `FACTORS.matrix`, then its factors
     """
-    take_in(lane, model, D, S, tail)
+    add_outboard(lane, model, D, S, tail)
     own, n = constants(model), size(model.n)
     at = factors_at(0, n)
     W, wide, theta = at.matrix, n + 3, n + 2
-    if model.chord is not None:  # from the frame's angle to the root section's
+    # replace the frame's angle by the root section's, theta = angle - rho'q: columns, then rows (r_q -= rho M_b)
+    if model.chord is not None:
         for i in range(wide):
-            last = load(lane, S, W + i * wide + theta)
+            last = S[W + i * wide + theta]
             for j in range(n):
                 k = W + i * wide + j
-                store(S, k, load(lane, S, k) - last * D[own.root + j])
+                S[k] -= last * D[own.root + j]
         for j in range(wide):
-            last = load(lane, S, W + theta * wide + j)
+            last = S[W + theta * wide + j]
             for i in range(n):
                 k = W + i * wide + j
-                store(S, k, load(lane, S, k) - last * D[own.root + i])
+                S[k] -= last * D[own.root + i]
+    # Gaussian elimination of the n elastic rows
     for k in range(n):
-        inverse = 1.0 / load(lane, S, W + k * wide + k)
-        store(S, W + k * wide + k, inverse)
+        inverse = 1.0 / S[W + k * wide + k]
+        S[W + k * wide + k] = inverse
         for i in range(k + 1, wide):
-            f = load(lane, S, W + i * wide + k) * inverse
-            store(S, W + i * wide + k, f)
+            f = S[W + i * wide + k] * inverse
+            S[W + i * wide + k] = f
             for j in range(k + 1, wide):
                 place = W + i * wide + j
-                store(S, place, load(lane, S, place) - f * load(lane, S, W + k * wide + j))
+                S[place] -= f * S[W + k * wide + j]
+    # Schur complement, back to inertial axes
     for i in range(3):
         for j in range(3):
-            store(tail, cell(i, j), load(lane, S, W + (n + i) * wide + n + j))
-    c, s = pair(lane, S, at.frame)
+            tail[cell(i, j)] = S[W + (n + i) * wide + n + j]
+    c, s = load_pair(lane, S, at.frame)
     _turn_matrix(lane, tail, c, s)
 
 
 @kernel
 def _times(lane, tail, x, y, turn):
-    """The matrix of three rows times (x, y, turn)."""
-    one, two, three = vector(lane, tail, 0), vector(lane, tail, 3), vector(lane, tail, 6)
+    """Return the 3 x 3 matrix `tail` times the vector (x, y, turn)."""
+    one, two, three = load_vector(lane, tail, 0), load_vector(lane, tail, 3), load_vector(lane, tail, 6)
     return (
         one[0] * x + one[1] * y + one[2] * turn,
         two[0] * x + two[1] * y + two[2] * turn,
@@ -229,68 +289,91 @@ def _times(lane, tail, x, y, turn):
 
 
 @kernel
-def _turn_matrix(lane, tail, c, s):
-    """The matrix of three rows in axes turned back by the angle with cosine c and sine s."""
+def _turn_matrix(lane, tail: Lanes, c, s):
+    """Rotate the 3 x 3 matrix `tail` in place: Q tail Q', where Q turns x and y by the angle with cosine c and sine s.
+
+    (c, s) of a frame: from its axes to inertial ones; (c, -s): the other way.
+    """
+    # rows x and y
     for j in range(3):
-        x, y = turned(c, s, load(lane, tail, cell(0, j)), load(lane, tail, cell(1, j)))
-        store(tail, cell(0, j), x)
-        store(tail, cell(1, j), y)
+        x, y = rotate_2d(c, s, tail[cell(0, j)], tail[cell(1, j)])
+        tail[cell(0, j)] = x
+        tail[cell(1, j)] = y
+    # columns x and y
     for i in range(3):
-        x, y = pair(lane, tail, cell(i, 0))
-        put_pair(tail, cell(i, 0), turned(c, s, x, y))
+        x, y = load_pair(lane, tail, cell(i, 0))
+        store_pair(lane, tail, cell(i, 0), rotate_2d(c, s, x, y))
 
 
 @unrolled
 @kernel
-def reduce(lane, model, D, S, x, flow):
-    """Right sides from tip to root: flow (3, global axes) is what is left of those behind, in force and moment."""
+def reduce(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
+    """Forward substitution for one body, tip to root: x <- L^-1 x in the rows of its elastic coordinates.
+
+    # in       S: factors of `condense`
+    # in, out  x (n,): right side, then the reduced one
+    # in, out  flow (3,): force and moment (inertial axes) that the reduced rows beyond cause, in: at the tip section;
+    #          out: at the root section, to be subtracted from the right side there
+    """
     own, n = constants(model), size(model.n)
     at = factors_at(0, n)
     W, wide, theta = at.matrix, n + 3, n + 2
-    c, s = pair(lane, S, at.frame)
-    fx, fy, moment = vector(lane, flow, 0)
-    gx, gy = turned_back(c, s, fx, fy)
-    px, py = pair(lane, S, at.arm + 2 * n)
+    c, s = load_pair(lane, S, at.frame)
+    fx, fy, moment = load_vector(lane, flow, 0)
+    # force and moment in frame axes, moment about the frame's origin
+    gx, gy = rotate_back_2d(c, s, fx, fy)
+    px, py = load_pair(lane, S, at.arm + 2 * n)
     turning = px * gx + py * gy + moment
     left_x, left_y, left_t = gx, gy, turning
     for i in range(n):
-        px, py = pair(lane, S, at.arm + 2 * i)
-        total = load(lane, x, i) - (px * gx + py * gy) - moment * D[own.tip_phi + i]
+        px, py = load_pair(lane, S, at.arm + 2 * i)
+        # row i: their virtual work is subtracted, then the multiples of the rows before
+        total = x[i] - (px * gx + py * gy) - moment * D[own.tip_phi + i]
         if model.chord is not None:
             total = total + turning * D[own.root + i]
         for j in range(i):
-            total = total - load(lane, S, W + i * wide + j) * load(lane, x, j)
-        store(x, i, total)
-        left_x = left_x + load(lane, S, W + n * wide + i) * total
-        left_y = left_y + load(lane, S, W + (n + 1) * wide + i) * total
-        left_t = left_t + load(lane, S, W + theta * wide + i) * total
-    put_pair(flow, 0, turned(c, s, left_x, left_y))
-    store(flow, 2, left_t)
+            total = total - S[W + i * wide + j] * x[j]
+        x[i] = total
+        # contribution of the reduced row to force and moment at the root
+        left_x = left_x + S[W + n * wide + i] * total
+        left_y = left_y + S[W + (n + 1) * wide + i] * total
+        left_t = left_t + S[W + theta * wide + i] * total
+    store_pair(lane, flow, 0, rotate_2d(c, s, left_x, left_y))
+    flow[2] = left_t
 
 
 @unrolled
 @kernel
-def restore(lane, model, D, S, x, flow):
-    """Solution from root to tip: flow (3, global axes) is the change of acceleration and angle at a section."""
+def restore(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
+    """Back substitution for one body, root to tip: x <- its elastic coordinates.
+
+    # in       S: factors of `condense`, `FACTORS.swept`
+    # in, out  x (n,): reduced right side, then the solution
+    # in, out  flow (3,): change of acceleration (weighted as in `add_outboard`, inertial axes) and of angle,
+    #          in: at the root section; out: at the tip section
+    """
     own, n = constants(model), size(model.n)
     at = factors_at(0, n)
     W, wide, theta = at.matrix, n + 3, n + 2
-    c, s = pair(lane, S, at.frame)
-    fx, fy, turn = vector(lane, flow, 0)
-    bx, by = turned_back(c, s, fx, fy)
+    c, s = load_pair(lane, S, at.frame)
+    fx, fy, turn = load_vector(lane, flow, 0)
+    bx, by = rotate_back_2d(c, s, fx, fy)
+    # U x = right side, less the columns of acceleration and angle; pivots are stored inverted
     for i in range(n - 1, -1, -1):
         row = W + i * wide
-        total = load(lane, x, i) - load(lane, S, row + n) * bx - load(lane, S, row + n + 1) * by
-        total = total - load(lane, S, row + theta) * turn
+        total = x[i] - S[row + n] * bx - S[row + n + 1] * by
+        total = total - S[row + theta] * turn
         for j in range(i + 1, n):
-            total = total - load(lane, S, row + j) * load(lane, x, j)
-        store(x, i, total * load(lane, S, row + i))
+            total = total - S[row + j] * x[j]
+        x[i] = total * S[row + i]
+    # angle of the frame: root section's less rho'x
     if model.chord is not None:
         turn = turn - turn_of_root(lane, model, D, x)
-    wx, wy = pair(lane, S, at.swept + 2 * n)
+    # acceleration of the tip by angle and elastic coordinates
+    wx, wy = load_pair(lane, S, at.swept + 2 * n)
     bx, by = bx + wx * turn, by + wy * turn
     for j in range(n):
-        wx, wy = pair(lane, S, at.swept + 2 * j)
-        bx, by = bx + wx * load(lane, x, j), by + wy * load(lane, x, j)
-    put_pair(flow, 0, turned(c, s, bx, by))
-    store(flow, 2, turn + dot(lane, model, D, own.tip_phi, x))
+        wx, wy = load_pair(lane, S, at.swept + 2 * j)
+        bx, by = bx + wx * x[j], by + wy * x[j]
+    store_pair(lane, flow, 0, rotate_2d(c, s, bx, by))
+    flow[2] = turn + dot(lane, model, D, own.tip_phi, x)

@@ -1,24 +1,26 @@
 """Floating frames joined by Lagrange multipliers, the paper's own form: eqs. [34]-[38], [64], [65], [72]-[78].
 
-Each body has R_x, R_y, theta of its frame and its elastic coordinates q of its own; that its tip is where the next
-frame begins, and at its angle where the joint is rigid or prescribed, are constraints Phi. Rows: body 0, multipliers of
-the joint behind it, body 1, ..., so that the matrix is banded. A body's mechanics are those of `body`: what its joint
-holds it with lies at its tip as any force does.
+Each body has its own rows: R_x, R_y (inertial axes) and theta of its frame, then its elastic coordinates q. The
+constraints Phi (theory, eq. 3.4) say that its tip is the origin of the next frame and, where the joint is rigid or
+prescribed, that its tip section has the next frame's angle. Order of rows: body 0, multipliers of the joint at its tip,
+body 1, ...; the matrix is banded. The kernels of `body` compute each body; its joint's multipliers are a force at its
+tip like any other.
 
-S holds the band, the pivots of its factors, and room for one body's `FACTORS`. One arm at a time: rows are exchanged.
+S holds the band, the pivots of its factors, and one body's `FACTORS` as scratch. One arm at a time: pivoting exchanges
+rows.
 """
 
-from ...compiler import kernel, load, size, splat, stack, store
-from ..arithmetic import add, pair, put_pair, put_vector, turned
+from ...compiler import Lanes, kernel, size, stack
+from ..arithmetic import load_pair, rotate_2d, store_pair, store_vector
 from ..layout import OF_MOTION
 from ..linalg import band_lu, band_lu_solve
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, FloatingFrame
-from ..protocol import register
-from .body import carry, constants, forces, tip
-from .chain import diagonal, frame_at, less_loads, payload_force
-from .chain_output import damping_work, energy, link_poses, out_of_range, ports_of_loads, shape
+from ..protocol import State, register
+from .body import constants, forces, propagate_to_tip, tip
+from .chain import diagonal, frame_at, payload_force, subtract_loads
+from .chain_output import centerline, damping_power, energy, link_poses, out_of_range, ports_of_loads
 from .layout import ANGLE, ELASTIC, KNOWN, MOTION, MULTIPLIERS, NOW, START, factors_at
-from .matrix import take_in, tangent
+from .matrix import add_outboard, tangent
 
 THREE, FIVE, NINE = (0,) * 3, (0,) * 5, (0,) * 9
 NUMBERS, MOVES = (0,) * KNOWN.end, (0,) * NOW.end
@@ -26,118 +28,159 @@ NUMBERS, MOVES = (0,) * KNOWN.end, (0,) * NOW.end
 
 @kernel
 def band_width(half):
-    """Numbers a row of the band of half-width `half`, with room for what pivoting fills."""
+    """Return the entries per row of a band matrix with `half` diagonals on each side, with the fill-in of pivoting."""
     return 3 * half + 1
 
 
 @kernel
-def assemble(lane, model, par, state, u, weights, r, S):
-    """Residual [64] and tangent [72]-[78] of the chain, see `protocol`."""
-    (q, v, a), (cm, cc, ck) = state, weights
-    mesh, table, n, segments, L = model.mesh, model.table, size(model.mesh.n), model.segments, len(lane)
+def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes, S: Lanes):
+    """Compute the residual r of eq. [64] and the banded matrix of eqs. [72]-[78]; arguments as in `protocol.assemble`.
+
+    Rows of r: force (inertial axes) and moment of each body's frame, its elastic coordinates; rows of multipliers are 0
+    here (`constraint_residual` writes them). Entry (i, j) of the matrix is S[i band_width + j - i + half].
+
+    `held` (3,): force and moment lambda of the joint between two bodies, with an elbow's torque; it acts at the tip of
+    the body before and, with the other sign, at the root of the body after. Without
+    weights.with_matrix S is not changed.
+    """
+    (q, v, a), (cm, cc, ck, with_matrix, _) = state, weights
+    mesh, table, n, segments = model.mesh, model.table, size(model.mesh.n), model.segments
     pose, force, held, carried = stack(lane, FIVE), stack(lane, THREE), stack(lane, THREE), stack(lane, THREE)
     tail = stack(lane, NINE)
     known, vectors, strains = stack(lane, NUMBERS), stack(lane, mesh.scratch), stack(lane, mesh.strains)
-    width, last, zero = band_width(model.half), table.shape[0] - 1, splat(lane, 0.0)
-    own = S[model.n * (width + 1) * L :]
-    if cm != 0.0:
+    width, last, zero = band_width(model.half), table.shape[0] - 1, 0.0
+    own = S[model.n * (width + 1) :]
+    # clear the band
+    if with_matrix:
         for k in range(model.n * width):
-            store(S, k, zero)
-    put_vector(held, 0, (zero, zero, load(lane, u, 0)))
-    put_pair(carried, 0, (zero, zero))
+            S[k] = zero
+    # before body 0: the hub's torque
+    store_vector(lane, held, 0, (zero, zero, u[0]))
+    store_pair(lane, carried, 0, (zero, zero))
     for b in range(last + 1):
         at, lam, D = table[b, START], table[b, START] + ELASTIC + n, model.data[model.block * b :]
-        e, link = (at + ELASTIC) * L, b // segments
+        e, link = at + ELASTIC, b // segments
+        # the frame's motion is in its own rows; the tip's follows
         frame_at(lane, model, state, at, pose)
-        carry(lane, mesh, D, q[e:], v[e:], a[e:], pose, own)
+        propagate_to_tip(lane, mesh, D, q[e:], v[e:], a[e:], pose, own)
         for i in range(3):  # the joint before it and loads, at the root
-            store(force, i, -load(lane, held, i))
+            force[i] = -held[i]
         if b % segments == 0:
-            less_loads(lane, model, link, 0, u, force)
+            subtract_loads(lane, model, link, 0, u, force)
         for i in range(3):  # the joint behind it, payload and loads, at the tip
-            store(r, at + i, load(lane, force, i))
-            store(held, i, zero)
+            r[at + i] = force[i]
+            held[i] = zero
+        # multipliers of the joint at the tip; an elbow's torque
         for i in range(table[b, MULTIPLIERS]):
-            store(held, i, load(lane, q, lam + i))
-            store(r, lam + i, zero)
+            held[i] = q[lam + i]
+            r[lam + i] = zero
         if b < last and (b + 1) % segments == 0:
-            add(lane, held, 2, load(lane, u, link + 1))
+            held[2] += u[link + 1]
         for i in range(3):
-            store(force, i, load(lane, held, i))
+            force[i] = held[i]
+        # last body: payload at the tip
         if b == last:
             payload_force(lane, par, pose, force, carried)
         if (b + 1) % segments == 0:
-            less_loads(lane, model, link, 1, u, force)
+            subtract_loads(lane, model, link, 1, u, force)
+        # body's rows, and its own force and moment at the root
         forces(lane, mesh, D, par, carried, q[e:], v[e:], a[e:], force, known, vectors, strains, own, r[e:])
         for i in range(3):
-            add(lane, r, at + i, load(lane, force, i))
-        if cm != 0.0:
+            r[at + i] += force[i]
+        # the body's matrix into the band, then Phi_q of the joint at its tip
+        if with_matrix:
             tangent(lane, mesh, D, par, carried, cm, cc, ck, q[e:], v[e:], a[e:], known, vectors, strains, own)
             if b == last:
-                diagonal(tail, zero, load(lane, par, PAYLOAD_MASS), load(lane, par, PAYLOAD_INERTIA) * cm)
-                take_in(lane, mesh, D, own, tail)
+                diagonal(lane, tail, zero, par[PAYLOAD_MASS], par[PAYLOAD_INERTIA] * cm)
+                add_outboard(lane, mesh, D, own, tail)
             _to_band(lane, mesh, own, at, cm, model.half, S)
             if b < last:
                 _join(lane, mesh, D, own, at, table[b, MULTIPLIERS], cm, model.half, S)
 
 
 @kernel
-def _to_band(lane, mesh, own, at, cm, half, S):
-    """A body's matrix to its rows and columns of the band: those of R in global axes, columns of its acceleration
-    times cm, since R comes in through that alone."""
+def _to_band(lane, mesh, own: Lanes, at, cm, half, S: Lanes):
+    """Write a body's matrix into its rows and columns of the band, those of R in inertial axes.
+
+    Columns of the origin's acceleration are multiplied by cm, because R enters the residual through its acceleration
+    alone.
+
+    # in       own: `FACTORS` of the body, whose matrix is overwritten; at: the body's first row; cm: weight of dr/da
+    # out      S: the band of half-width `half`
+    """
     n, width = size(mesh.n), band_width(half)
     places = factors_at(0, n)
-    (c, s), W, wide = pair(lane, own, places.frame), places.matrix, n + 3
+    (c, s), W, wide = load_pair(lane, own, places.frame), places.matrix, n + 3
+    # columns of the origin: from frame axes to inertial axes
     for i in range(wide):
         k = W + i * wide + n
-        x, y = pair(lane, own, k)
-        x, y = turned(c, s, x, y)
-        put_pair(own, k, (x * cm, y * cm))
+        x, y = load_pair(lane, own, k)
+        x, y = rotate_2d(c, s, x, y)
+        store_pair(lane, own, k, (x * cm, y * cm))
+    # rows of the origin, likewise rotated
     for j in range(wide):
         k = W + n * wide + j
-        x, y = turned(c, s, load(lane, own, k), load(lane, own, k + wide))
-        store(own, k, x)
-        store(own, k + wide, y)
+        x, y = rotate_2d(c, s, own[k], own[k + wide])
+        own[k] = x
+        own[k + wide] = y
+    # copy; the body's matrix begins with q, its rows in the system with R, theta
     for i in range(wide):
-        row = at + (i + ELASTIC) % wide  # the body's matrix begins with q, its rows in the system with R, theta
+        row = at + (i + ELASTIC) % wide
         for j in range(wide):
-            store(S, row * width + at + (j + ELASTIC) % wide - row + half, load(lane, own, W + i * wide + j))
+            S[row * width + at + (j + ELASTIC) % wide - row + half] = own[W + i * wide + j]
 
 
 @kernel
 def _join(lane, mesh, D, own, at, rows, scale, half, S):
-    """Phi_q and its transpose for the joint behind a body, of so many rows, both times `scale`."""
+    """Write Phi_q and its transpose of the joint at a body's tip into the band, both times `scale` (theory, eq. 3.5).
+
+    Phi: constraints of `constraint_residual`; their rows and columns are those of the joint's multipliers.
+
+    # in       own: `FACTORS` of the body (`frame`, `arm`); at: its first row; rows: 2 for a hinge, 3 with the angle;
+    #          half: half-width of the band
+    # out      S: rows and columns of the joint's multipliers
+    """
     n = size(mesh.n)
     places = factors_at(0, n)
-    (c, s), phi = pair(lane, own, places.frame), constants(mesh).tip_phi
+    (c, s), phi = load_pair(lane, own, places.frame), constants(mesh).tip_phi
     lam = at + ELASTIC + n
+    # +1 of this body's x, y, angle, -1 of the next one's
     for k in range(rows):
-        _both(S, half, lam + k, at + k, splat(lane, scale))
-        _both(S, half, lam + k, lam + rows + k, splat(lane, -scale))
+        _both(lane, S, half, lam + k, at + k, scale)
+        _both(lane, S, half, lam + k, lam + rows + k, -scale)
+    # derivative of the tip's place by q, then theta; inertial axes
     for j in range(n + 1):  # q, then theta
-        x, y = pair(lane, own, places.arm + 2 * j)
-        x, y = turned(c, s, x * scale, y * scale)
+        x, y = load_pair(lane, own, places.arm + 2 * j)
+        x, y = rotate_2d(c, s, x * scale, y * scale)
         place = at + ELASTIC + j if j < n else at + ANGLE
-        _both(S, half, lam, place, x)
-        _both(S, half, lam + 1, place, y)
+        _both(lane, S, half, lam, place, x)
+        _both(lane, S, half, lam + 1, place, y)
+        # tip section's angle by q
         if rows == 3 and j < n:
-            _both(S, half, lam + ANGLE, place, splat(lane, scale * D[phi + j]))
+            _both(lane, S, half, lam + ANGLE, place, scale * D[phi + j])
 
 
 @kernel
-def _both(S, half, i, j, x):
-    """Entries (i, j) and (j, i) of the band."""
-    store(S, i * band_width(half) + j - i + half, x)
-    store(S, j * band_width(half) + i - j + half, x)
+def _both(lane, S: Lanes, half, i, j, x):
+    """Write x into entries (i, j) and (j, i) of the band of half-width `half`."""
+    S[i * band_width(half) + j - i + half] = x
+    S[j * band_width(half) + i - j + half] = x
 
 
 @kernel
-def constrain(lane, model, psi, state, level, scale, r):
-    """Constraints [34]-[38] or their rates: each tip less the next frame's origin, its angle less that frame's where it
-    is rigid or prescribed."""
+def constraint_residual(lane, model, psi: Lanes, state: State, level, scale, r: Lanes):
+    """Write the constraints [34]-[38], or their time derivatives, times `scale` into the rows of multipliers of r.
+
+        Phi = (R_b + A t_b - R_{b+1},  angle of the tip section + psi - theta_{b+1})                   (theory, eq. 3.4)
+
+    R, theta: origin (inertial axes) and angle of a frame, of body b and the next; A: rotation by theta_b; t_b: tip in
+    frame axes. level: 0 for Phi (m, rad), 1 and 2 for its derivatives. psi: prescribed motions with rates and
+    accelerations (`MOTION`); a rigid joint has its constant angle instead; hinges lack the row of the angle.
+    """
     q, v, a = state
     table, n = model.table, size(model.mesh.n)
     pose, now = stack(lane, FIVE), stack(lane, MOVES)
+    # coordinates, rates or accelerations of the frames
     x = q
     if level == 1:
         x = v
@@ -145,61 +188,72 @@ def constrain(lane, model, psi, state, level, scale, r):
         x = a
     for b in range(table.shape[0] - 1):
         at, D = table[b, START], model.data[model.block * b :]
-        e, lam, behind = (at + ELASTIC) * len(lane), at + ELASTIC + n, table[b + 1, START]
+        e, lam, behind = at + ELASTIC, at + ELASTIC + n, table[b + 1, START]
+        # motion of the tip relative to the origin, frame axes: place, velocity, acceleration
         frame_at(lane, model, state, at, pose)
-        carry(lane, model.mesh, D, q[e:], v[e:], a[e:], pose, now)
-        c, s = pair(lane, now, NOW.cos)
-        tx, ty = pair(lane, now, NOW.tip + 2 * level)  # the tip's place, its rate, its acceleration
-        store(r, lam, (load(lane, x, at) - load(lane, x, behind) + c * tx - s * ty) * scale)
-        store(r, lam + 1, (load(lane, x, at + 1) - load(lane, x, behind + 1) + s * tx + c * ty) * scale)
+        propagate_to_tip(lane, model.mesh, D, q[e:], v[e:], a[e:], pose, now)
+        c, s = load_pair(lane, now, NOW.cos)
+        tx, ty = load_pair(lane, now, NOW.tip + 2 * level)  # the tip's place, its rate, its acceleration
+        r[lam] = (x[at] - x[behind] + c * tx - s * ty) * scale
+        r[lam + 1] = (x[at + 1] - x[behind + 1] + s * tx + c * ty) * scale
         if table[b, MULTIPLIERS] == 3:
-            turn = load(lane, pose, level) - load(lane, x, behind + ANGLE)
+            # pose: angle, rate, acceleration of the tip section
+            turn = pose[level] - x[behind + ANGLE]
             if table[b, MOTION] >= 0:
-                turn = turn + load(lane, psi, OF_MOTION.end * table[b, MOTION] + level)
+                turn = turn + psi[OF_MOTION.end * table[b, MOTION] + level]
             elif level == 0:
                 turn = turn + D[constants(model.mesh).offset]
-            store(r, lam + ANGLE, turn * scale)
+            r[lam + ANGLE] = turn * scale
 
 
 @kernel
-def pin(lane, model, S, k):
-    """Replace row and column k by those of the identity."""
-    half, zero = model.half, splat(lane, 0.0)
+def add_stiffness(lane, model, S: Lanes, k, x):
+    """Replace row and column k of the band by those of the identity: coordinate k is prescribed or fixed.
+
+    x: not read, always None (infinitely stiff).
+    """
+    half, zero = model.half, 0.0
     width = band_width(half)
     for j in range(max(0, k - half), min(model.n, k + half + 1)):
-        store(S, k * width + j - k + half, zero)
-        store(S, j * width + k - j + half, zero)
-    store(S, k * width + half, splat(lane, 1.0))
+        S[k * width + j - k + half] = zero
+        S[j * width + k - j + half] = zero
+    S[k * width + half] = 1.0
 
 
 @kernel
-def factor(lane, model, S):
-    """Band LU; the pivots lie behind the matrix."""
+def factor(lane, model, S: Lanes):
+    """Factor the band of S in place by LU with partial pivoting; pivots are stored in S after the band."""
     n = model.n
-    band_lu(lane, S, S[n * band_width(model.half) * len(lane) :], n, model.half, model.half)
+    band_lu(lane, S, S[n * band_width(model.half) :], n, model.half, model.half)
 
 
 @kernel
-def solve(lane, model, S, x):
-    """x <- S^-1 x."""
+def solve(lane, model, S: Lanes, x):
+    """Replace x by S^-1 x with the band's factors of `factor`; x: right sides in, increments and multipliers out."""
     n = model.n
-    band_lu_solve(lane, S, S[n * band_width(model.half) * len(lane) :], x, n, model.half, model.half)
+    band_lu_solve(lane, S, S[n * band_width(model.half) :], x, n, model.half, model.half)
 
 
 @kernel
-def ports(lane, model, par, q, y):
-    """Joint angles, then position and section angle at each point load."""
+def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
+    """Write the displacements conjugate to the inputs into y: joint angles, then x, y, angle at each point load.
+
+    Hub: angle of the first frame; elbow k: angle of link k's first frame less the tip section's before it, rad.
+    Positions (m) in inertial axes, section angles in rad. since: not read, because angles in the plane add up.
+    """
     segments = model.segments
-    store(y, 0, load(lane, q, ANGLE))
+    y[0] = q[ANGLE]
     for k in range(1, model.links):
         b = k * segments - 1
+        # tip section before the elbow: theta + phi_t'q
         before = model.table[b, START]
-        turned = tip(lane, model.mesh, model.data[model.block * b :], q[(before + ELASTIC) * len(lane) :])[2]
-        turned = load(lane, q, before + ANGLE) + turned
-        store(y, k, load(lane, q, model.table[b + 1, START] + ANGLE) - turned)
+        turned = tip(lane, model.mesh, model.data[model.block * b :], q[before + ELASTIC :])[2]
+        turned = q[before + ANGLE] + turned
+        y[k] = q[model.table[b + 1, START] + ANGLE] - turned
     ports_of_loads(lane, model, q, y)
 
 
 register(
-    FloatingFrame, assemble, constrain, pin, factor, solve, ports, damping_work, energy, link_poses, out_of_range, shape
+    FloatingFrame, assemble, constraint_residual, add_stiffness, factor, solve, input_displacements, damping_power,
+    energy, link_poses, out_of_range, centerline
 )

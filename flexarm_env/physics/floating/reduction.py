@@ -1,8 +1,8 @@
 """Reduction of a link, or a piece of one, to a few bending modes with foreshortening: the paper's substructuring.
 
-The shape is s = (x - p'H(x)p / 2, v(x)'p), its sections turn by phi(x)'p, and p'H(x)p = int_0^x v'^2 - (v' - phi)^2:
-the axis along the section's normal keeps its length, as the exact beam's does. Modes are those of the clamped link
-with what it carries lumped at its tip (docs: theory, section 4).
+The shape is s = (x - p'H(x)p / 2, v(x)'p), sections turn by phi(x)'p, and p'H(x)p = int_0^x v'^2 - (v' - phi)^2 dx
+(theory, eq. 4.1): the line along the sections' normals keeps its length, as the exact beam's axis does. Modes are those
+of the clamped link with the mass and inertia that it carries lumped at its tip.
 """
 
 from collections.abc import Sequence
@@ -19,11 +19,11 @@ from .constants import Body
 Array = NDArray[np.float64]
 
 MESH = 32
-"""Elements of the mesh that the modes are taken from; the fourth frequency is then within 1e-5 of the exact one."""
+"""Elements of the mesh from which modes are computed; the fourth frequency is then within 1e-5 of the exact one."""
 
 
 def _bending_matrices(link: Link) -> tuple[Array, Array]:
-    """Stiffness and mass of a free link's mesh on v, phi of each node."""
+    """Assemble stiffness and mass of a free link's mesh on (v, phi) of its nodes, (2 (MESH + 1), 2 (MESH + 1)) each."""
     size = 2 * (MESH + 1)
     stiffness, mass = np.zeros((size, size)), np.zeros((size, size))
     for e, part in enumerate(mesh(link, MESH, "elements")):
@@ -34,8 +34,11 @@ def _bending_matrices(link: Link) -> tuple[Array, Array]:
 
 
 def _lowest(stiffness: Array, mass: Array, n: int) -> tuple[Array, Array]:
-    """The n lowest frequencies (rad/s) and their mass-normalised shapes. Solved for 1 / omega^2: the stiffness is well
-    conditioned, while sections that turn with next to no inertia make the mass matrix nearly singular."""
+    """Return the n lowest frequencies (rad/s) and mass-normalized shapes (columns) of a stiffness and a mass matrix.
+
+    Solved for 1 / omega^2: the stiffness is well conditioned, while sections of hardly any rotary inertia make the mass
+    matrix nearly singular.
+    """
     from scipy.linalg import eigh
 
     size = len(mass)
@@ -45,9 +48,10 @@ def _lowest(stiffness: Array, mass: Array, n: int) -> tuple[Array, Array]:
 
 
 def clamped_modes(link: Link, n: int, tip_mass: float, tip_inertia: float) -> tuple[Array, Array]:
-    """Lowest n bending modes of a clamped link with a mass (kg) and inertia (kg m^2) at its tip.
+    """Return the lowest n bending modes of a clamped link with a mass (kg) and an inertia (kg m^2) at its tip.
 
-    Returns frequencies (n,) in rad/s and nodal shapes (2 (MESH + 1), n): v, phi of each node, mass-normalised.
+    Returns frequencies (n,) in rad/s and nodal shapes (2 (MESH + 1), n): v, phi of each node, mass-normalized; the
+    tip's deflection is positive.
     """
     stiffness, mass = _bending_matrices(link)
     mass[-2, -2] += tip_mass
@@ -59,8 +63,11 @@ def clamped_modes(link: Link, n: int, tip_mass: float, tip_inertia: float) -> tu
 
 
 def pinned_modes(link: Link, n: int) -> tuple[Array, Array]:
-    """The static shapes of a link between pins whose root, and whose tip, is turned by 1 rad, and its lowest n - 2
-    bending modes between pins: stiffness matrix (n, n) and nodal shapes as `clamped_modes` has them."""
+    """Return two static shapes and the lowest n - 2 bending modes of a link between pins.
+
+    The static shapes have the root's section, or the tip's, turned by 1 rad. Returns the stiffness matrix (n, n) of the
+    shapes and nodal shapes (2 (MESH + 1), n): v, phi of each node; modes turn the root's section positively.
+    """
     from scipy.linalg import solve
 
     stiffness, mass = _bending_matrices(link)
@@ -80,11 +87,13 @@ def pinned_modes(link: Link, n: int) -> tuple[Array, Array]:
 def modal_body(
     link: Link, n: int, tip_mass: float, tip_inertia: float, frame: str = "root", whole: bool = True
 ) -> Body:
-    """A link, or a piece of one, reduced to n shapes; kept, since arms are used again and again: copy before a change.
+    """Return the `Body` of a link, or of a piece of one (whole=False), reduced to n shapes.
 
-    Frame "root": clamped modes, which the tip mass and inertia shape without being part of the body's inertia. "chord":
-    of a whole link the same, seen from the line through both ends; of a piece, which its neighbours bend by moments
-    at both ends, `pinned_modes` (one shape alone is the clamped one).
+    frame="root": clamped modes with tip_mass (kg) and tip_inertia (kg m^2) at the tip, which shape the modes but are no
+    part of the body's inertia. frame="chord": of a whole link the same modes, seen from the line through both ends; of
+    a piece, which its neighbors bend by moments at both ends, `pinned_modes` (a single shape is the clamped one).
+
+    The result is cached and shared: copy it before a change.
     """
     length, parts = link.length, mesh(link, MESH, "elements")
     frequencies, nodal = clamped_modes(link, n, tip_mass, tip_inertia)
@@ -92,6 +101,7 @@ def modal_body(
     if frame == "chord" and not whole and n > 1:
         k, nodal = pinned_modes(link, n)
     elif frame == "chord":
+        # seen from the line through both ends: v - v(L) x / L, phi - v(L) / L
         turn = nodal[-2] / length
         nodes = np.linspace(0.0, length, MESH + 1) if link.uniform else np.array([*(p.start for p in parts), length])
         nodal[0::2] -= nodes[:, None] * turn
@@ -105,20 +115,25 @@ def modal_body(
         w, l = nodal[2 * e : 2 * e + 4], part.length
         for xi, weight, section in part.points:
             _, n_v, n_phi = part.shapes(xi)
+            # shapes v, phi and dv/dx at the point; dx: length of the quadrature point
             v, phi, slope = n_v[BENDING] @ w, n_phi[BENDING] @ w, _slope(xi, l, part.mu) @ w
             dx, x = weight * l, part.at(xi)
+            # constants of (theory, eq. 2.1)
             m_uv += section.m * dx * np.outer(v, v)
             m_ff += dx * (section.m * np.outer(v, v) + section.J * np.outer(phi, phi))
             s_bar[1] += section.m * dx * v
             c += dx * (section.m * x * v + section.J * phi)
+            # bending moment of the shape without stress, int EI kappa_0 phi' dx
             if link.curved:
                 kappa = float(curves.along(part.link.curvature, xi * l))
                 moment += dx * section.EI * kappa * (part.bend(xi)[BENDING] @ w)
+            # contribution to H(x) of (theory, eq. 4.1)
             stretch = dx * (np.outer(slope, slope) - np.outer(slope - phi, slope - phi))
             h += stretch
             beyond = _beyond(link, x)
             d0 += beyond[0] * stretch  # int m H dx, by parts
             d += beyond[1] * stretch  # int m x H dx, by parts
+        # drawing station at the element's end
         stations.append(part.at(1.0))
         shapes.append(np.array([np.zeros(n), nodal[2 * e + 2], nodal[2 * e + 3]]))
         station_h.append(h.copy())
@@ -148,7 +163,7 @@ def modal_body(
 
 
 def _beyond(link: Link, x: float) -> tuple[float, float]:
-    """Mass (kg) behind x and its first moment about the root (kg m)."""
+    """Return the link's mass beyond x (kg) and its first moment about the root (kg m); x in m."""
     if link.uniform is not None:
         m, length = link.uniform.m, link.length
         return m * (length - x), 0.5 * m * (length**2 - x**2)
@@ -157,37 +172,48 @@ def _beyond(link: Link, x: float) -> tuple[float, float]:
 
 
 def inertia_margins(bodies: Sequence[Body], payload: Payload, root_moves: bool, held: bool) -> list[float]:
-    """How far the mass matrix of a straight link is from indefinite, body by body: the inertia (kg m^2) of a body's
-    angle that is left when all that the link's other bodies, their modes and, where it moves, the root can do gives way
-    to a torque there. bodies: rigidly joined, root to tip. held: the root's angle is prescribed."""
+    """Return, body by body, how far a straight link's mass matrix is from indefinite: a margin of inertia, kg m^2.
+
+    mu of theory, section 4: the margin is the inertia of the body's angle that is left when everything else gives way
+    to a torque there: the link's other bodies, their modes and, where it moves, the root. It is the reciprocal of the
+    angle's entry in the inverse mass matrix.
+
+    bodies: rigidly joined, root to tip. payload: at the tip of the last. root_moves: the root's y is free. held: the
+    root's angle is prescribed.
+    """
     size = 2 + sum(body.n for body in bodies)  # the root's y and angle, the modes of all
     mass, angles = np.zeros((size, size)), []
     across, turn = np.eye(2, size)  # y and angle of a body's root in these coordinates
     first = 2
     for k, body in enumerate(bodies):
         modes = np.eye(body.n, size, first)
+        # angle of the body's frame: root section's less rho'q
         frame = turn - body.root @ modes
         own = np.vstack([across, frame, modes])
         angles.append(frame)
+        # the body's mass matrix in y, angle and modes, transformed to the link's coordinates
         inertia = np.zeros((body.n + 2, body.n + 2))
         inertia[0, 0], inertia[1, 1], inertia[2:, 2:] = body.mass, body.i0, body.m_ff
         inertia[0, 1:] = inertia[1:, 0] = [body.s0, *body.s_bar[1]]
         inertia[1, 2:] = inertia[2:, 1] = body.c
         mass += own.T @ inertia @ own
+        # y and angle of the tip section, where the next body begins
         across, turn = across + body.length * frame + body.tip[1] @ modes, frame + body.tip[2] @ modes
         if k + 1 == len(bodies):
+            # payload beyond the last body
             along, aside = payload.offset
             across = across + along * turn
             inertia_there = payload.inertia + payload.mass * aside**2
             mass += payload.mass * np.outer(across, across) + inertia_there * np.outer(turn, turn)
         first += body.n
+    # inverse of the mass matrix in free coordinates, entry of each body's angle
     free = [k for k in range(size) if k > 1 or (k == 0 and root_moves) or (k == 1 and not held)]
     compliance = [row[free] @ np.linalg.solve(mass[np.ix_(free, free)], row[free]) for row in np.array(angles)]
     return [1.0 / value if value > 0.0 else np.inf for value in compliance]
 
 
 def _slope(xi: float, l: float, mu: float) -> Array:
-    """dv/dx of the element's shape function [41] on (v1, phi1, v2, phi2)."""
+    """Return dv/dx (4,) of the element's shape function [41] at xi = x/l, on (v1, phi1, v2, phi2)."""
     eta = 1.0 - xi
     # d/dxi of eta (1 + mu xi (eta - xi)) etc.; d(xi eta)/dxi = eta - xi, d(eta - xi)/dxi = -2
     p, q = xi * eta, eta - xi

@@ -1,38 +1,38 @@
-"""Levers in a chain of floating frames: rigid ends of links, between a joint and the link's first or last body, and
-that from the tip to the payload's centre.
+"""Rigid levers in a chain of floating frames: rigid ends of links, and the offset from the tip to the payload's center.
 
-At the near point of a lever a section has an acceleration a (less gravity), an angle, its rate w and second rate; at
-its far point, l e away, a + l (alpha n - w^2 e), n = E e. A force there is a moment here besides. A lever has
-a mass in its middle, and an elbow's mass at its far point.
+A rigid end lies between a joint and the link's first or last body. The lever e = (ex, ey), inertial axes, leads from
+its near point (towards the arm's root) to its far point and turns with the section there: angle, w, alpha. The far
+point's acceleration is a + alpha n - w^2 e with n = E e; a force f at the far point acts at the near point with the
+moment n.f. The lever's own mass lies at e/2, an elbow's mass at the far point.
 """
 
 from typing import Any, NamedTuple
 
-from ...compiler import kernel, load, sincos, splat, store
-from ..arithmetic import add, pair, put_pair, put_vector, vector
+from ...compiler import Lanes, kernel, sincos
+from ..arithmetic import load_pair, load_vector, store_pair, store_vector
 from ..layout import LEVER, POSE
 from .layout import LEVER_FACTORS, PASSED, cell
 
 OF_LEVER, OF_FACTORS = LEVER.places, LEVER_FACTORS.places
 ROOT_END, TIP_END = range(2)
 ACROSS, SWEPT = OF_FACTORS.nx, OF_FACTORS.wx
-"""Where change of the far point's place by the angle begins, and that of its acceleration."""
+"""Index in `LEVER_FACTORS` of n, derivative of the far point by the angle, and of its acceleration's (weighted)."""
 
 
 class Lever(NamedTuple):
-    """One of them."""
+    """A rigid lever of an arm, at a given end of a link or to the payload."""
 
-    number: int  # in the order of their factors in S
+    number: int  # index of its `LEVER_FACTORS` in S
     along: float  # m, from the near point to the far one, along the section's tangent
     across: Any  # m, across it, or None
-    mass: float  # kg
-    inertia: float  # kg m^2
-    far: float  # kg, of a mass at the far point
+    mass: float  # kg, in the middle of the lever
+    inertia: float  # kg m^2, about the middle
+    far: float  # kg, mass at the far point
 
 
 @kernel
 def end_of(model, k, end):
-    """The rigid end of link k, or None."""
+    """Return the `Lever` of link k's rigid end at its root or tip (end: ROOT_END, TIP_END); None without rigid ends."""
     if model.rigid is None:
         return None
     at = OF_LEVER.end * (2 * k + end)
@@ -42,7 +42,7 @@ def end_of(model, k, end):
 
 @kernel
 def to_payload(model):
-    """The lever to the payload, or None."""
+    """Return the `Lever` from the tip to the payload's center, without mass; None where the payload sits at the tip."""
     if model.eccentric is None:
         return None
     return Lever(2 * model.links, model.eccentric[0], model.eccentric[1], 0.0, 0.0, 0.0)
@@ -50,13 +50,13 @@ def to_payload(model):
 
 @kernel
 def _factors_at(first, lever):
-    """Where the `LEVER_FACTORS` of a lever begin, those of all of them at `first`."""
+    """Return the index in S of a lever's `LEVER_FACTORS`; `first`: index of the first lever's."""
     return first + OF_FACTORS.end * lever.number
 
 
 @kernel
 def _lever_at(lane, along, across, angle):
-    """A lever, or a part of one, at an angle of its section."""
+    """Return the vector (along, across) of section axes in inertial axes, m; angle: section's, rad; across: or None."""
     sine, cosine = sincos(angle)
     ex, ey = cosine * along, sine * along
     if across is not None:
@@ -65,116 +65,163 @@ def _lever_at(lane, along, across, angle):
 
 
 @kernel
-def outward(lane, lever, pose, S, first):
-    """pose <- that of the far point of a lever; what is known of it is kept in S."""
+def propagate_outward(lane, lever, pose, S, first):
+    """Propagate a section's acceleration from a lever's near to its far point: a + alpha n - w^2 e.
+
+    e: lever, n: e turned by 90 deg; w, alpha: angular velocity and acceleration of the section. No-op without a lever
+    (None).
+
+    # in, out  pose (5,), `PASSED`: angle and rates stay, the acceleration is replaced; inertial axes
+    # out      S: ex, ey, rates and near acceleration of the lever's `LEVER_FACTORS`; first: index of lever 0's
+    """
     if lever is not None:
-        at, (angle, w, alpha) = _factors_at(first, lever), vector(lane, pose, PASSED.angle)
+        at, (angle, w, alpha) = _factors_at(first, lever), load_vector(lane, pose, PASSED.angle)
         ex, ey = _lever_at(lane, lever.along, lever.across, angle)
-        ax, ay = pair(lane, pose, PASSED.ax)
-        put_pair(S, at + OF_FACTORS.ex, (ex, ey))
-        put_pair(S, at + OF_FACTORS.rate, (w, alpha))
-        put_pair(S, at + OF_FACTORS.ax, (ax, ay))
-        put_pair(pose, PASSED.ax, (ax - (alpha * ey + (w * w) * ex), ay + (alpha * ex - (w * w) * ey)))
+        ax, ay = load_pair(lane, pose, PASSED.ax)
+        store_pair(lane, S, at + OF_FACTORS.ex, (ex, ey))
+        store_pair(lane, S, at + OF_FACTORS.rate, (w, alpha))
+        store_pair(lane, S, at + OF_FACTORS.ax, (ax, ay))
+        store_pair(lane, pose, PASSED.ax, (ax - (alpha * ey + (w * w) * ex), ay + (alpha * ex - (w * w) * ey)))
 
 
 @kernel
-def inward(lane, lever, force, cm, cc, ck, S, first):
-    """force <- force and moment that a lever and all behind it need at its near point, from those at its far point.
+def transmit_inward(lane, lever, force, weights, S: Lanes, first):
+    """Transmit a force and a moment from a lever's far to its near point, and add the inertia forces of its masses.
 
-    cm, cc, ck: weights of M, C and K; where cm is not 0 the lever's part of the matrix is kept in S.
+        f_near = f + m_far a_far + m a_mid,   M_near = M + e x (f + m_far a_far) + (e/2) x m a_mid + J alpha
+
+    e: lever, near to far point; J: inertia of its own mass m; alpha: angular acceleration; a_far, a_mid: accelerations
+    less gravity at e and e/2. Inertial axes. No-op without a lever (None).
+
+    # in       S: written by `propagate_outward`; weights: `Weights`; first: index in S of lever 0's `LEVER_FACTORS`
+    # in, out  force (3,): force (N) and moment (N m) required at the far point, then at the near point
+    # out      S, with weights.with_matrix: n, weighted change of the far acceleration, and `turn`, of `LEVER_FACTORS`
     """
     if lever is not None:
         at = _factors_at(first, lever)
-        ex, ey = pair(lane, S, at + OF_FACTORS.ex)
-        w, alpha = pair(lane, S, at + OF_FACTORS.rate)
-        ax, ay = pair(lane, S, at + OF_FACTORS.ax)
+        ex, ey = load_pair(lane, S, at + OF_FACTORS.ex)
+        w, alpha = load_pair(lane, S, at + OF_FACTORS.rate)
+        ax, ay = load_pair(lane, S, at + OF_FACTORS.ax)
+        # acceleration of the far point relative to the near one: alpha n - w^2 e
         dx, dy = -(alpha * ey + (w * w) * ex), alpha * ex - (w * w) * ey
-        fx, fy, moment = vector(lane, force, 0)
+        fx, fy, moment = load_vector(lane, force, 0)
+        # force at the far point with its mass; inertia force of the lever's own mass at half the way
         fx, fy = fx + (ax + dx) * lever.far, fy + (ay + dy) * lever.far
         mx, my = (ax + dx * 0.5) * lever.mass, (ay + dy * 0.5) * lever.mass
         moment = moment + (ex * fy - ey * fx) + (ex * my - ey * mx) * 0.5 + alpha * lever.inertia
-        put_vector(force, 0, (fx + mx, fy + my, moment))
-        if cm != 0.0:
+        store_vector(lane, force, 0, (fx + mx, fy + my, moment))
+        if weights.with_matrix:
+            cm, cc, ck = weights.mass, weights.damping, weights.stiffness
+            # weighted derivatives by the angle: n, cm n - 2 cc w e + ck E (alpha n - w^2 e), and cm J - ck (e.f +
+            # e.f_mid / 2)
             twice, pull = w * (2.0 * cc), (ex * fx + ey * fy) + (ex * mx + ey * my) * 0.5
-            put_pair(S, at + OF_FACTORS.nx, (-ey, ex))
-            put_pair(S, at + OF_FACTORS.wx, (-(ey * cm) - ex * twice - dy * ck, ex * cm - ey * twice + dx * ck))
-            store(S, at + OF_FACTORS.turn, lever.inertia * cm - pull * ck)
+            store_pair(lane, S, at + OF_FACTORS.nx, (-ey, ex))
+            store_pair(lane, S, at + OF_FACTORS.wx, (-(ey * cm) - ex * twice - dy * ck, ex * cm - ey * twice + dx * ck))
+            S[at + OF_FACTORS.turn] = lever.inertia * cm - pull * ck
 
 
 @kernel
-def near(lane, lever, S, first, tail):
-    """tail <- the matrix of force and moment by acceleration and angle at the near point, from that at the far one."""
+def condense_to_near_point(lane, lever, S: Lanes, first, tail: Lanes):
+    """Transform the matrix `tail` of force and moment by acceleration and angle from a lever's far to its near point.
+
+        tail <- N' (tail + m_far) W + own mass at e/2,   N = [1, 0, nx; 0, 1, ny; 0, 0, 1], W: with (wx, wy)
+
+    (nx, ny): derivative of the far point by the angle; (wx, wy): that of its acceleration, weighted by cm, cc, ck
+    (`Weights`); e: lever; m_far: mass at the far point. No-op without a lever (None). Inertial axes.
+
+    # in       S: `LEVER_FACTORS` of `transmit_inward`; first: index of lever 0's
+    # in, out  tail (9,), by rows: force x, y, moment; columns: acceleration x, y (weighted), angle
+    """
     if lever is not None:
         at, mass = _factors_at(first, lever), lever.mass
-        nx, ny = pair(lane, S, at + OF_FACTORS.nx)
-        wx, wy = pair(lane, S, at + OF_FACTORS.wx)
+        nx, ny = load_pair(lane, S, at + OF_FACTORS.nx)
+        wx, wy = load_pair(lane, S, at + OF_FACTORS.wx)
+        # mass at the far point
         for i in range(2):
-            add(lane, tail, cell(i, i), lever.far)
+            tail[cell(i, i)] += lever.far
+        # far acceleration = near acceleration + w times the angle: columns; moment += n.f: rows
         for i in range(3):
-            add(lane, tail, cell(i, 2), load(lane, tail, cell(i, 0)) * wx + load(lane, tail, cell(i, 1)) * wy)
+            tail[cell(i, 2)] += tail[cell(i, 0)] * wx + tail[cell(i, 1)] * wy
         for j in range(3):
-            add(lane, tail, cell(2, j), load(lane, tail, cell(0, j)) * nx + load(lane, tail, cell(1, j)) * ny)
-        half = splat(lane, 0.5 * mass)
+            tail[cell(2, j)] += tail[cell(0, j)] * nx + tail[cell(1, j)] * ny
+        # mass in the middle: acceleration and moment with half the lever; derivative of lever arms at constant forces
+        half = 0.5 * mass
         for i in range(2):
-            add(lane, tail, cell(i, i), mass)
-        add(lane, tail, cell(0, 2), wx * half)
-        add(lane, tail, cell(1, 2), wy * half)
-        add(lane, tail, cell(2, 0), nx * half)
-        add(lane, tail, cell(2, 1), ny * half)
-        add(lane, tail, cell(2, 2), (nx * wx + ny * wy) * (half * 0.5) + load(lane, S, at + OF_FACTORS.turn))
+            tail[cell(i, i)] += mass
+        tail[cell(0, 2)] += wx * half
+        tail[cell(1, 2)] += wy * half
+        tail[cell(2, 0)] += nx * half
+        tail[cell(2, 1)] += ny * half
+        tail[cell(2, 2)] += (nx * wx + ny * wy) * (half * 0.5) + S[at + OF_FACTORS.turn]
 
 
 @kernel
-def with_moment(lane, lever, S, first, arm, flow):
-    """flow <- that of the near point, where it is a force and a moment; arm: ACROSS, or SWEPT if transposed."""
+def with_moment(lane, lever, S, first, arm, flow: Lanes):
+    """Transmit a force f and a moment, `flow` (3,), from a lever's far to its near point: moment += n.f.
+
+    n: derivative of the far point by the section's angle; inertial axes; no-op without a lever (None). arm: ACROSS for
+    n; SWEPT for solutions with the transposed matrix, which exchange n and the acceleration's change. first: index in S
+    of lever 0's `LEVER_FACTORS`.
+    """
     if lever is not None:
-        x, y = pair(lane, S, _factors_at(first, lever) + arm)
-        add(lane, flow, 2, x * load(lane, flow, 0) + y * load(lane, flow, 1))
+        x, y = load_pair(lane, S, _factors_at(first, lever) + arm)
+        flow[2] += x * flow[0] + y * flow[1]
 
 
 @kernel
-def swept(lane, lever, S, first, arm, flow):
-    """flow <- that of the far point, where it is a change of acceleration and angle; arm: SWEPT, or ACROSS if
-    transposed."""
+def far_point_change(lane, lever, S, first, arm, flow: Lanes):
+    """Propagate a weighted change of acceleration and angle, `flow` (3,), from a lever's near to its far point.
+
+        (x, y) += angle times the change of the far point's acceleration by the angle
+
+    Inertial axes. arm: SWEPT for that change; ACROSS (n) for solutions with the transposed matrix. first: index in S of
+    lever 0's `LEVER_FACTORS`; no-op without a lever (None).
+    """
     if lever is not None:
-        x, y = pair(lane, S, _factors_at(first, lever) + arm)
-        turn = load(lane, flow, 2)
-        add(lane, flow, 0, x * turn)
-        add(lane, flow, 1, y * turn)
+        x, y = load_pair(lane, S, _factors_at(first, lever) + arm)
+        turn = flow[2]
+        flow[0] += x * turn
+        flow[1] += y * turn
 
 
 @kernel
-def _move(lane, along, across, pose):
-    """pose (x, y, angle and rates) <- that of a point so far away."""
-    w = load(lane, pose, POSE.rate)
-    ex, ey = _lever_at(lane, along, across, load(lane, pose, POSE.angle))
-    add(lane, pose, POSE.x, ex)
-    add(lane, pose, POSE.y, ey)
-    store(pose, POSE.vx, load(lane, pose, POSE.vx) - w * ey)
-    add(lane, pose, POSE.vy, w * ex)
+def _move_pose(lane, along, across, pose: Lanes):
+    """Move a pose by a lever that turns with its section; along, across (m, section axes; across may be None).
+
+    pose (6,), `POSE` from x to rate: position (m) and velocity (m/s) change, angle and rate stay; inertial axes.
+    """
+    w = pose[POSE.rate]
+    ex, ey = _lever_at(lane, along, across, pose[POSE.angle])
+    pose[POSE.x] += ex
+    pose[POSE.y] += ey
+    pose[POSE.vx] -= w * ey
+    pose[POSE.vy] += w * ex
 
 
 @kernel
-def moved(lane, lever, pose):
-    """pose <- that of the far point."""
+def far_point_pose(lane, lever, pose):
+    """Move a pose (6,), inertial axes, from a lever's near to its far point; no-op without a lever (None)."""
     if lever is not None:
-        _move(lane, lever.along, lever.across, pose)
+        _move_pose(lane, lever.along, lever.across, pose)
 
 
 @kernel
-def _body(lane, pose, mass, inertia, totals):
-    """totals (kinetic energy, first moments x, y) += those of a rigid body at a pose."""
-    vx, vy, w = vector(lane, pose, POSE.vx)
-    add(lane, totals, 0, ((vx * vx + vy * vy) * mass + (w * w) * inertia) * 0.5)
-    add(lane, totals, 1, load(lane, pose, POSE.x) * mass)
-    add(lane, totals, 2, load(lane, pose, POSE.y) * mass)
+def _body(lane, pose: Lanes, mass, inertia, totals: Lanes):
+    """Add a rigid body's kinetic energy (J) and first moments m x, m y (kg m) to totals (3,); pose: its center's."""
+    vx, vy, w = load_vector(lane, pose, POSE.vx)
+    totals[0] += ((vx * vx + vy * vy) * mass + (w * w) * inertia) * 0.5
+    totals[1] += pose[POSE.x] * mass
+    totals[2] += pose[POSE.y] * mass
 
 
 @kernel
-def passed(lane, lever, pose, totals):
-    """pose <- that of a rigid end's far point; totals += kinetic energy and first moments on the way."""
+def add_rigid_end(lane, lever, pose, totals):
+    """Move a pose (6,) from a rigid end's near to its far point and add the energy and first moments of its masses.
+
+    totals (3,): kinetic energy (J), first moments m x, m y (kg m, inertial axes). No-op without a lever.
+    """
     if lever is not None:
-        _move(lane, lever.along * 0.5, None, pose)
+        _move_pose(lane, lever.along * 0.5, None, pose)
         _body(lane, pose, lever.mass, lever.inertia, totals)
-        _move(lane, lever.along * 0.5, None, pose)
+        _move_pose(lane, lever.along * 0.5, None, pose)
         _body(lane, pose, lever.far, 0.0, totals)

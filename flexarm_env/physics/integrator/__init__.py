@@ -1,1 +1,1 @@
-"""One time step, what comes before the first and after a jump, and the books."""
+"""Time integration (theory, section 6): a step, its Newton iteration, starts and jumps, and the energy account."""

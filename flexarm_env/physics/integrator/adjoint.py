@@ -1,53 +1,55 @@
-"""Cotangents of a step, a fresh start and a jump of torques: what comes out of them, taken back to what went in.
+"""Cotangents of a step, a fresh start and a jump of torques: from what comes out of them back to what went in.
 
-The transposes of `tangents`: a system with the transposed matrix, and the residual's derivatives backwards. `bar` is a
-work array whose q, v, a, b and u hold cotangents, its other rows are free; `w` holds the arm at the end of the step.
+The transposes of `tangents`: a system with the transposed matrix, and the residual's derivatives in reverse. `bar` is a
+work array whose q, v, a, b and u hold cotangents, its other rows are scratch; `w` holds the arm at the end of the step.
 """
 
 from __future__ import annotations
 
-from ...compiler import kernel, largest, load, select_lt, size, splat, store
-from ..joints.friction import friction_cotangents, note_branch, note_cotangents
+from ...compiler import kernel, load, max_over_lanes, select_lt, size, splat, store
+from ..joints.friction import friction_cotangents, friction_residual_cotangents, store_branch
 from ..model import TAU_D
 from ..protocol import (
     MASS_ALONE,
     State,
     Weights,
-    friction,
+    input_displacements,
     note_inverse,
     noted_inverse,
-    ports,
-    rotates,
     solve_transposed,
     tangent_map,
     vjp_product,
     vjp_residual,
 )
-from .switching import light_weights
-from .tangents import largest_row, solved
-from .work import copy_rows, moved_by, state_of, take_out_known
+from .switching import light_joint_weights
+from .tangents import largest_row, tangents_have_converged
+from .work import accumulated_increment, copy_rows, remove_known_rows, state_of
 
 
 @kernel
 def _multiply(lane, model, w, bar):
-    """bar.r <- - S^-T bar.r, of the factors in w.S."""
+    """Solve for the residual's cotangents: bar.r <- -S^-T bar.r, with the factors in w.S.
+
+    bar: work array of cotangents. Rows of fixed coordinates (model.fixed) are set to 0 before and after.
+    """
     for k in range(size(model.n)):
         store(bar.r, k, -load(lane, bar.r, k))
-    take_out_known(lane, model, None, bar.r, w.S, False)
+    remove_known_rows(lane, model, None, bar.r, w.S, False)
     solve_transposed(lane, model, w.S, bar.r)
-    take_out_known(lane, model, None, bar.r, w.S, False)
+    remove_known_rows(lane, model, None, bar.r, w.S, False)
 
 
 @kernel
 def vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, passes):
-    """bar: cotangents of q, v, a, b from a step's end to its start; those of u and of the parameters are added.
+    """Transform the cotangents of q, v, a, b in bar from a step's end to its start; add those of u and parameters.
 
-    w.r, w.S: from `tangents.prepare`. passes: 1 where S is the residual's derivative; where it is nearly so, what is
-    left is solved for again.
+    w: the arm at the step's end, w.r and w.S from `tangents.factor_step_end`; slopes: `NewmarkSlopes` of the step.
+    passes: 1 where S is the residual's derivative; more where S is approximate and the remaining error is solved for
+    again.
     """
-    weights, half = Weights(slopes.a, slopes.v, 1.0), slopes.v / slopes.a
-    note_branch(lane, model, par, state_of(w), weights, half, w.r, w.S)
-    if rotates(model) is None:
+    weights, half = Weights(slopes.a, slopes.v, 1.0, newton_share=1.0), slopes.v / slopes.a
+    store_branch(lane, model, par, state_of(w), weights, half, w.r, w.S)
+    if model.newton.rotations is None:
         _vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, weights, half, passes)
     else:
         _vjp_shift(lane, model, par, par_bar, w, bar, slopes, scheme, weights, half, passes)
@@ -56,10 +58,11 @@ def vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, passes):
 
 @kernel
 def _vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, weights, half, passes):
-    """`vjp_step` of coordinates that add up."""
+    """Transform cotangents as `vjp_step` for coordinates that are added, by eq. (6.1) and lambda = -S^-T q_bar."""
     n, h, am, af = size(model.n), slopes.h, scheme.alpha_m, scheme.alpha_f
     for _ in range(passes):
-        for k in range(n):  # all that comes to q of the end, which the residual is to take away
+        # total cotangent of q+, of which v+, a+ and b+ are functions
+        for k in range(n):
             q, v = load(lane, bar.q, k), load(lane, bar.v, k)
             a, b = load(lane, bar.a, k), load(lane, bar.b, k)
             store(bar.r, k, q + v * slopes.v + a * slopes.a + b * slopes.b)
@@ -67,6 +70,7 @@ def _vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, weights, half, 
         _multiply(lane, model, w, bar)
         vjp_residual(lane, model, par, par_bar, state_of(w), w.u, bar.S, state_of(bar), bar.u, bar.r)
     for k in range(n):
+        # back through v+, a+, b+ to q, v, a, b of the start
         v, a = load(lane, bar.v, k), load(lane, bar.a, k)
         ahead = -load(lane, bar.b, k) * slopes.b - v * slopes.v - a * slopes.a
         store(bar.q, k, ahead)
@@ -77,7 +81,7 @@ def _vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, weights, half, 
 
 @kernel
 def _follow(lane, model, bar, slopes, d_bar):
-    """d_bar <- what v, a and b have of what q is moved by."""
+    """Compute d_bar = v_bar dv/dq + a_bar da/dq + b_bar db/dq, cotangent of a displacement that v, a, b follow."""
     for k in range(size(model.n)):
         v, a, b = load(lane, bar.v, k), load(lane, bar.a, k), load(lane, bar.b, k)
         store(d_bar, k, v * slopes.v + a * slopes.a + b * slopes.b)
@@ -85,7 +89,7 @@ def _follow(lane, model, bar, slopes, d_bar):
 
 @kernel
 def _turn_back(lane, model, d, free, x):
-    """x <- T^-1 x, of T that is d's (`protocol.tangent_map`)."""
+    """Compute x <- T^-1 x with the tangent map T of the increment d (`protocol.tangent_map`); free: scratch."""
     for k in range(size(model.n)):
         store(free, k, -load(lane, d, k))
     tangent_map(lane, model, free, True, x)
@@ -93,35 +97,39 @@ def _turn_back(lane, model, d, free, x):
 
 @kernel
 def _vjp_shift(lane, model, par, par_bar, w, bar, slopes, scheme, weights, ahead, passes):
-    """bar: cotangents of q, v and a from where increments of rotations have moved q to, v, a and b following, back to
-    where it began. w.shift: what moved it.
+    """Transform the cotangents of q, v, a in bar from the step's end to its prediction, which D in w.shift moves.
 
-    What comes to q of stiff strains cancels in the end, and is not summed up: it is what v, a and b take with them.
+    Theory, section 9: the cotangent of q at the end must vanish in total, so that forces of stiff strains, which
+    cancel, are not summed up. What comes to the prediction is -T(D)^-1 (s_v v_bar + s_a a_bar + s_b b_bar).
     """
-    n, moved = size(model.n), moved_by(w)[0]
+    n, moved = size(model.n), accumulated_increment(lane, w)[0]
     first, before = splat(lane, 0.0), splat(lane, 0.0)
-    tau = load(lane, par, TAU_D) * weights.damping  # of stiff rows of S = K + C + M: C over K
+    # tau = C / K of stiff rows of S = K + C + M; a0 <- -s D with s = tau / (1 + tau)
+    tau = load(lane, par, TAU_D) * weights.damping
     for i in range(n):
         store(bar.a0, i, load(lane, moved, i) * (tau * -1.0 / (tau + 1.0)))
     tangent_map(lane, model, w.q, False, bar.q)
     note_inverse(lane, model, moved, bar.v0)
     note_inverse(lane, model, w.q, bar.b0)
     for k in range(passes):
+        # cotangent of D: that of v, a, b mapped by T(D)^-T, and that of q in body axes
         _follow(lane, model, bar, slopes, bar.r)
         copy_rows(lane, n, bar.q, bar.q0)
         noted_inverse(lane, model, moved, bar.v0, bar.r)
         noted_inverse(lane, model, w.q, bar.b0, bar.q0)
         for i in range(n):
             store(bar.r, i, load(lane, bar.r, i) + load(lane, bar.q0, i))
-        noted_inverse(lane, model, bar.a0, bar.v0, bar.r)  # to first order S T^-s for K + (C + M) T^-1, s = C / (K + C)
+        # to first order S T^-s stands for K + (C + M) T^-1, s = C / (K + C)
+        noted_inverse(lane, model, bar.a0, bar.v0, bar.r)
         friction_cotangents(lane, model, weights, ahead, w.S, bar.r, bar.v, bar.a)
         _multiply(lane, model, w, bar)
         left = largest_row(lane, model, bar.r, 1, 0)
         first = left if k == 0 else first
         vjp_residual(lane, model, par, par_bar, state_of(w), w.u, bar.S, state_of(bar), bar.u, bar.r)
-        if k > 0 and solved(lane, scheme, first, before, left):
+        if k > 0 and tangents_have_converged(lane, scheme, first, before, left):
             break
         before = left
+    # cotangent of the prediction
     _follow(lane, model, bar, slopes, bar.q)
     for i in range(n):
         store(bar.q, i, -load(lane, bar.q, i))
@@ -130,9 +138,12 @@ def _vjp_shift(lane, model, par, par_bar, w, bar, slopes, scheme, weights, ahead
 
 @kernel
 def _vjp_foresee(lane, model, w, bar, h, scheme):
-    """`step.foresee` of no acceleration, backwards; second in w.shift: the increment that it moves q by."""
+    """Transform the cotangents in bar through a step's prediction with a+ = 0 (`newmark_predict`), with rotations.
+
+    Second half of w.shift: the increment by which the prediction moves q. h: the step, s.
+    """
     am, af, beta, gamma, n = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma, size(model.n)
-    _, way = moved_by(w)
+    way = accumulated_increment(lane, w)[1]
     tangent_map(lane, model, way, False, bar.q)
     for k in range(n):
         d, v, b = load(lane, bar.q, k), load(lane, bar.v, k), load(lane, bar.b, k)
@@ -145,7 +156,7 @@ def _vjp_foresee(lane, model, w, bar, h, scheme):
 
 @kernel
 def _open_jump(lane, n, bar, after, before):
-    """bar.r <- what comes to a jump of a and b; nothing to the states of both sides."""
+    """Set bar.r to the cotangent of a jump of a and b, a_bar + b_bar, and the states `after` and `before` to 0."""
     zero = splat(lane, 0.0)
     for k in range(n):
         store(bar.r, k, load(lane, bar.a, k) + load(lane, bar.b, k))
@@ -157,7 +168,7 @@ def _open_jump(lane, n, bar, after, before):
 
 @kernel
 def _add_state(lane, n, more, to):
-    """to <- to + more."""
+    """Add the rows of q, v, a of `more` to those of `to`; n: rows."""
     for k in range(n):
         store(to.q, k, load(lane, to.q, k) + load(lane, more.q, k))
         store(to.v, k, load(lane, to.v, k) + load(lane, more.v, k))
@@ -166,8 +177,11 @@ def _add_state(lane, n, more, to):
 
 @kernel
 def vjp_light(lane, model, par, par_bar, w, bar, h, first):
-    """`vjp_switch` of models that are `protocol.light` and whose inputs are torques alone, q's cotangents of increments
-    in body axes; first: 1 where there was no residual before. What the matrix itself changes by counts too."""
+    """Transform cotangents as `vjp_switch` for models with `NewtonPolicy.light_joints` whose inputs are torques alone.
+
+    Cotangents of q are of increments in body axes. first: lanes > 1/2 without a residual before the jump. The
+    derivative of the matrix M + h/2 C + h^2/4 K is included.
+    """
     n, zero, one = size(model.n), splat(lane, 0.0), State(w.q, w.v, w.a0)
     after, before = State(bar.q0, bar.v0, bar.a0), State(w.q0, w.v0, w.b0)
     for k in range(n):
@@ -176,8 +190,9 @@ def vjp_light(lane, model, par, par_bar, w, bar, h, first):
     friction_cotangents(lane, model, MASS_ALONE, 0.5 * h, w.S, bar.r, bar.v, bar.a)
     _multiply(lane, model, w, bar)
     copy_rows(lane, n, bar.r, w.b)
-    if friction(model) is None and largest(first) < 0.5:  # before and after differ by what torques work on
-        ports(lane, model, par, bar.r, bar.b0)
+    # without friction r(u) - r(u0) is linear in the torques alone: their cotangents are displacements of bar.r
+    if model.newton.friction is None and max_over_lanes(first) < 0.5:
+        input_displacements(lane, model, par, bar.r, bar.b0)
         for k in range(size(model.n_inputs)):
             turned = load(lane, bar.b0, k)
             store(bar.u, k, load(lane, bar.u, k) - turned)
@@ -185,20 +200,22 @@ def vjp_light(lane, model, par, par_bar, w, bar, h, first):
     else:
         for k in range(n):
             store(bar.b0, k, select_lt(0.5, first, zero, -load(lane, bar.r, k)))
-        note_cotangents(lane, model, w.S, bar.b0)
+        friction_residual_cotangents(lane, model, w.S, bar.b0)
         vjp_residual(lane, model, par, par_bar, one, w.u, bar.S, after, bar.u, bar.r)
         vjp_residual(lane, model, par, par_bar, one, w.u0, bar.S, before, bar.u0, bar.b0)
         _add_state(lane, n, before, after)
-    vjp_product(lane, model, par, par_bar, one, w.u, light_weights(h), w.r, bar.S, after, bar.u, w.b)
+    vjp_product(lane, model, par, par_bar, one, w.u, light_joint_weights(h), w.r, bar.S, after, bar.u, w.b)
     tangent_map(lane, model, w.q, True, after.q)
     _add_state(lane, n, after, bar)
 
 
 @kernel
 def vjp_switch(lane, model, par, par_bar, w, bar, h):
-    """bar: cotangents from after a jump of the torques from u0 to u to before it; w: after it, its matrix in w.S, but
-    for a0: accelerations before it. What the residual has of stiffness on both sides is the same to the last bit, and
-    is taken from one another as such."""
+    """Transform the cotangents in bar from after a jump of the torques, u0 to u, to before it.
+
+    Adds those of u, u0 and the parameters. w: the arm after the jump, w.S its factors; w.a0: accelerations before it.
+    The residual's stiffness part is the same to the last bit on both sides and cancels exactly.
+    """
     n = size(model.n)
     after, before = State(bar.q0, bar.v0, bar.a0), State(w.q0, w.v0, w.b0)
     _open_jump(lane, n, bar, after, before)
@@ -206,7 +223,7 @@ def vjp_switch(lane, model, par, par_bar, w, bar, h):
     _multiply(lane, model, w, bar)
     for k in range(n):
         store(bar.b0, k, -load(lane, bar.r, k))
-    note_cotangents(lane, model, w.S, bar.b0)
+    friction_residual_cotangents(lane, model, w.S, bar.b0)
     vjp_residual(lane, model, par, par_bar, state_of(w), w.u, bar.S, after, bar.u, bar.r)
     vjp_residual(lane, model, par, par_bar, State(w.q, w.v, w.a0), w.u0, bar.S, before, bar.u0, bar.b0)
     _add_state(lane, n, before, after)
@@ -215,7 +232,10 @@ def vjp_switch(lane, model, par, par_bar, w, bar, h):
 
 @kernel
 def vjp_restart(lane, model, par, par_bar, w, bar, fresh, h):
-    """bar: cotangents of q and v from after a fresh start to before it, where `fresh` is 1; w.S: its matrix."""
+    """Transform the cotangents of q and v in bar from after a fresh start to before it, in lanes with fresh > 1/2.
+
+    w.S: factors of its matrix M; h: a step, s, for friction half a step ahead. Other lanes keep their cotangents.
+    """
     zero = splat(lane, 0.0)
     for k in range(size(model.n)):
         a, b = load(lane, bar.a, k), load(lane, bar.b, k)

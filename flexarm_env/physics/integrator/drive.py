@@ -1,21 +1,22 @@
-"""Loads and motions as functions of time, evaluated where the integrator needs them."""
+"""Evaluate a scene's loads and prescribed motions, functions of time, where the integrator needs them."""
 
 from __future__ import annotations
 
 import math
 
 from ... import time_functions
-from ...compiler import kernel, load, splat, store
+from ...compiler import Lanes, kernel
 from ...time_functions import AMPLITUDE, C0, C1, C2, C3, OMEGA, PHASE, PIECE, T0
 from ..layout import OF_MOTION
 
 cubic, wave = kernel(time_functions.cubic), kernel(time_functions.wave)
-"""A piece's values, by the same lines as a `TimeFunction`'s."""
+"""Value and derivatives of a piece, compiled from the source of `TimeFunction`."""
 
 
 @kernel
 def piece_at(drive, f, t):
-    """Index of the piece of function f that holds at time t."""
+    """Return the index in `drive.pieces` of the piece of time function f that is valid at time t (s)."""
+    # bisection: the last piece that begins at or before t
     low, high = drive.first[f], drive.first[f + 1] - 1
     while low < high:
         middle = (low + high + 1) // 2
@@ -28,9 +29,16 @@ def piece_at(drive, f, t):
 
 @kernel
 def evaluate(drive, f, t, side):
-    """(value, rate, second derivative) of function f at t; the piece is the one that holds at `side`."""
+    """Return (value, first, second time derivative) of time function f of a `Drive` at time t (s).
+
+        value = c0 + c1 s + c2 s^2 + c3 s^3 + A sin(w s + p),    s = t - t0
+
+    In the function's unit (N, N m, m, rad). side: time (s) that selects the piece, slightly before or after t where the
+    function jumps at t.
+    """
     at = PIECE * piece_at(drive, f, side)
     p = drive.pieces[at : at + PIECE]
+    # time since the piece began; its cubic, then its sine
     s = t - p[T0]
     value, rate, second, _ = cubic(p[C0], p[C1], p[C2], p[C3], s)
     if p[AMPLITUDE] != 0.0:
@@ -41,23 +49,32 @@ def evaluate(drive, f, t, side):
 
 
 @kernel
-def set_inputs(lane, drive, u, t, side):
-    """Fill the driven entries of u at time t."""
+def set_inputs(lane, drive, u: Lanes, t, side):
+    """Write the inputs that are functions of time into u (N m, N): each driven entry <- sum of its terms at time t (s).
+
+    drive: `Drive`. Entries without a term keep their value (actions). u: (n_inputs,) lanes; side: time (s) slightly
+    before or after t, which selects the piece of a function that jumps at t.
+    """
     before = -1
     for i in range(drive.entries.shape[0]):
         entry = drive.entries[i]
+        # terms of one entry follow each other: the first one clears it
         if entry != before:
-            store(u, entry, splat(lane, 0.0))
-        store(u, entry, load(lane, u, entry) + evaluate(drive, drive.terms[i], t, side)[0])
+            u[entry] = 0.0
+        u[entry] += evaluate(drive, drive.terms[i], t, side)[0]
         before = entry
 
 
 @kernel
-def set_motions(lane, drive, psi, t, side):
-    """Fill psi, a `MOTION` for each prescribed coordinate, at time t."""
+def set_motions(lane, drive, psi: Lanes, t, side):
+    """Write value, rate and second rate of each prescribed coordinate at time t (s) to psi: a `MOTION` each (m, rad).
+
+    drive: `Drive`; psi: (n_motions * 3,) lanes; side: time (s) slightly before or after t, which selects the piece of a
+    function that jumps at t.
+    """
     for i in range(drive.motions.shape[0]):
         value, rate, second = evaluate(drive, drive.motions[i], t, side)
         at = OF_MOTION.end * i
-        store(psi, at + OF_MOTION.value, splat(lane, value))
-        store(psi, at + OF_MOTION.rate, splat(lane, rate))
-        store(psi, at + OF_MOTION.second, splat(lane, second))
+        psi[at + OF_MOTION.value] = value
+        psi[at + OF_MOTION.rate] = rate
+        psi[at + OF_MOTION.second] = second

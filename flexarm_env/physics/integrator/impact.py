@@ -1,121 +1,155 @@
-"""A payload that changes at an instant: what is gripped comes to the arm's motion, what is let go takes its along."""
+"""Jump of the state where the payload changes at an instant: an object is gripped or released."""
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, select_lt, size, splat, store
+from ...compiler import Lanes, kernel, select_lt, size
 from ..layout import DISSIPATED, WORK_DONE
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
-from ..protocol import MASS_ALONE, RESIDUAL_ALONE, Weights, assemble, constrain, energy
-from .start import layer_of
-from .work import copy_rows, move_multipliers, solve_known, state_of, take_multipliers
+from ..protocol import MASS_ALONE, RESIDUAL_ALONE, Weights, assemble, constraint_residual, energy
+from .start import damping_layer
+from .work import Work, copy_rows, move_multipliers, solve_unknown_rows, state_of, take_multipliers
 
 
 @kernel
-def change_payload(lane, model, resting, par, new, live, w, h, books):
-    """The payload's mass and inertia become `new` (2 rows of lanes) where `live` is 1; elsewhere nothing changes.
+def change_payload(lane, model, resting, par, new, live: Lanes, w: Work, h, books):
+    """Set the payload's mass (kg) and inertia (kg m^2) to `new` (2 rows) in lanes with live > 1/2; velocities jump.
 
-    resting: a tag where what is gripped rests. It comes to the arm's motion in no time: positions stay, and so does the
-    momentum, M+ v+ + Phi_q^T Lambda = M- v-; torques and the forces of springs, dampers and friction are finite, and
-    have no impulse. Where there is none, and where something is let go, what comes or goes moves with the tip:
-    velocities stay. Of the jump of the velocities what damping ends before a step could see it is taken out, as where a
-    motion jumps: e = (1 - s)^3 (1 + 3 s) dv with s = (M+ + h/2 C)^-1 M+ (`start.restart` says why).
+    resting: a tag if the gripped object is at rest. It takes on the arm's motion in no time: q and the momentum stay,
+    M+ v+ + Phi_q^T Lambda = M- v-, since torques, springs, dampers and friction are finite and have no impulse. M-, M+:
+    mass matrix with the old and the new payload; Lambda: impulses of the constraints Phi = 0. With None, and where an
+    object is released, it moves with the tip and v stays. The part of the jump dv that damping ends before a step sees
+    it is removed as where a motion jumps: e = (1 - s)^3 (1 + 3 s) dv with s = (M+ + h/2 C)^-1 M+ (see `start`).
 
-    Accelerations change with what the forces ask for of the residual r-, r+ before and after,
+    Accelerations jump with the change of the residual from r- to r+, b by the same amount:
 
-        (M+ + h/2 C + h^2/4 K) da + Phi_q^T dlambda = -(r+ - r-),    three times,
+        (M+ + h/2 C + h^2/4 K) da + Phi_q^T dlambda = -(r+ - r-),    solved three times with one factorization.
 
-    and b keeps its distance from a: see `start.restart`. h: a step. books: a tag, or None. What the impact and
-    that damping take, T- - T+, goes to what is dissipated; the energy of the payload that comes or goes to the work.
+    # model     model; par: in, old payload; out, new one. h: a step, s. In space the inertia is a factor on the tensor
+    # state     w.v, w.a, w.b and multipliers in w.q: in and out
+    # scratch   w.r, w.S, w.q0, w.v0, w.a0, w.b0
+
+    books: a tag to account in w.books, or None. The impact's loss T- - T+ of kinetic energy is dissipated; the energy
+    of the object that comes or goes counts as work.
     """
-    n, here = size(model.n), load(lane, live, 0)
+    n, here = size(model.n), live[0]
     before = energy(lane, model, par, w.q, w.v)
-    struck = _struck(lane, resting, par, new, here)
+    struck = _is_gripped_at_rest(lane, resting, par, new, here)
+    # r-, v-, a- before the change
     assemble(lane, model, par, state_of(w), w.u, RESIDUAL_ALONE, w.r, w.S)
     copy_rows(lane, n, w.r, w.b0)
     copy_rows(lane, n, w.v, w.v0)
     copy_rows(lane, n, w.a, w.a0)
-    _of_momentum(lane, model, par, new, w)
+    # w.r <- loss of velocity; v0 <- v+ by momentum alone
+    _velocity_loss(lane, model, par, new, w)
     for k in range(n):
-        v = load(lane, w.v0, k)
-        store(w.v0, k, select_lt(0.5, struck, v - load(lane, w.r, k), v))
-    layer_of(lane, model, None, par, w, w.q0, h, True)
+        v = w.v0[k]
+        w.v0[k] = select_lt(0.5, struck, v - w.r[k], v)
+    # w.r <- e of that loss, which velocities regain
+    damping_layer(lane, model, None, par, w, w.q0, h, True)
     for k in range(n):
-        v = load(lane, w.v0, k)
-        store(w.v, k, select_lt(0.5, struck, v + load(lane, w.r, k), v))
-        store(w.a, k, load(lane, w.a0, k))
+        v = w.v0[k]
+        w.v[k] = select_lt(0.5, struck, v + w.r[k], v)
+        w.a[k] = w.a0[k]
     move_multipliers(lane, model.algebraic, w.v, w.v, True)
+    # accelerations, in live lanes; b keeps its distance from a
     _accelerate(lane, model, par, w, h)
     for k in range(n):
-        a = load(lane, w.a0, k)
-        new_a = select_lt(0.5, here, load(lane, w.a, k), a)
-        store(w.a, k, new_a)
-        store(w.b, k, select_lt(0.5, here, load(lane, w.b, k) + (new_a - a), load(lane, w.b, k)))
-    _book(lane, model, books, par, w, before, struck)
+        a = w.a0[k]
+        new_a = select_lt(0.5, here, w.a[k], a)
+        w.a[k] = new_a
+        w.b[k] = select_lt(0.5, here, w.b[k] + (new_a - a), w.b[k])
+    _account_for_impact(lane, model, books, par, w, before, struck)
 
 
 @kernel
-def _struck(lane, resting, par, new, live):
-    """1 where something at rest is gripped."""
+def _is_gripped_at_rest(lane, resting, par: Lanes, new: Lanes, live):
+    """Return 1 in live lanes that grip an object at rest: payload mass or inertia grows from par to new; else 0.
+
+    resting: a tag if gripped objects are at rest, or None (0 everywhere); new: mass (kg), inertia (kg m^2); live: 1 or
+    0.
+    """
     if resting is not None:
-        more = select_lt(load(lane, par, PAYLOAD_MASS), load(lane, new, 0), live, splat(lane, 0.0))
-        return select_lt(load(lane, par, PAYLOAD_INERTIA), load(lane, new, 1), live, more)
-    return splat(lane, 0.0)
+        more = select_lt(par[PAYLOAD_MASS], new[0], live, 0.0)
+        return select_lt(par[PAYLOAD_INERTIA], new[1], live, more)
+    return 0.0
 
 
 @kernel
-def _at_rest(lane, model, par, w, moving, weights):
-    """r of accelerations v0 (moving) or 0, of an arm at rest; S unless weights.mass = 0."""
+def _rest_residual(lane, model, par, w: Work, moving, weights):
+    """Compute the residual w.r at rest (v = 0) with accelerations w.v0 (moving True) or 0 (False).
+
+    Payload as in par. Sets w.v to 0 and w.a to those accelerations. weights: `Weights`; with weights.with_matrix it
+    also assembles w.S.
+    """
     for k in range(size(model.n)):
-        store(w.v, k, splat(lane, 0.0))
-        store(w.a, k, load(lane, w.v0, k) if moving else splat(lane, 0.0))
+        w.v[k] = 0.0
+        w.a[k] = w.v0[k] if moving else 0.0
     assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
 
 
 @kernel
-def _of_momentum(lane, model, par, new, w):
-    """r <- M+^-1 (M+ - M-) v-, by which velocities fall; q0 <- the forces at rest; par <- the new payload."""
+def _velocity_loss(lane, model, par: Lanes, new: Lanes, w: Work):
+    """Compute the velocity that an impact takes: w.r <- M+^-1 (M+ - M-) v-, with v- in w.v0 (m/s, rad/s).
+
+    M-, M+: mass matrix with the payload in par and with the new one, new: mass (kg) and inertia (kg m^2).
+
+    # out       w.r; w.q0 <- forces at rest with the new payload; par <- the new payload; w.S: factors of M+
+    # scratch   w.v, w.a, which are 0 on return
+    """
     n = size(model.n)
-    _at_rest(lane, model, par, w, True, RESIDUAL_ALONE)
+    # w.q0 <- M- v-: residual with v- in place of accelerations less that at rest
+    _rest_residual(lane, model, par, w, True, RESIDUAL_ALONE)
     copy_rows(lane, n, w.r, w.q0)
-    _at_rest(lane, model, par, w, False, RESIDUAL_ALONE)
+    _rest_residual(lane, model, par, w, False, RESIDUAL_ALONE)
     for k in range(n):
-        store(w.q0, k, load(lane, w.q0, k) - load(lane, w.r, k))
-    store(par, PAYLOAD_MASS, load(lane, new, 0))
-    store(par, PAYLOAD_INERTIA, load(lane, new, 1))
-    _at_rest(lane, model, par, w, True, MASS_ALONE)
+        w.q0[k] -= w.r[k]
+    # the same with the new payload: M+ v-
+    par[PAYLOAD_MASS] = new[0]
+    par[PAYLOAD_INERTIA] = new[1]
+    _rest_residual(lane, model, par, w, True, MASS_ALONE)
     for k in range(n):
-        store(w.q0, k, load(lane, w.r, k) - load(lane, w.q0, k))
-    _at_rest(lane, model, par, w, False, RESIDUAL_ALONE)
+        w.q0[k] = w.r[k] - w.q0[k]
+    _rest_residual(lane, model, par, w, False, RESIDUAL_ALONE)
     for k in range(n):
-        rest = load(lane, w.r, k)
-        store(w.r, k, load(lane, w.q0, k) - rest)
-        store(w.q0, k, rest)
+        # (M+ - M-) v- and the new forces at rest
+        rest = w.r[k]
+        w.r[k] = w.q0[k] - rest
+        w.q0[k] = rest
     move_multipliers(lane, model.algebraic, w.r, w.r, True)
-    solve_known(lane, model, None, w, True)
+    solve_unknown_rows(lane, model, None, w, True)
 
 
 @kernel
-def _accelerate(lane, model, par, w, h):
-    """Accelerations from those before, whose residual is in b0."""
+def _accelerate(lane, model, par, w: Work, h):
+    """Solve for accelerations w.a and multipliers after the payload's change; w.b0: the residual r- before it.
+
+    Three corrections -(r+ - r-) with one factorization of M+ + h/2 C + h^2/4 K (mass matrix with the new payload,
+    damping, stiffness); r+: residual at the current a; h: a step, s. Scratch: w.r, w.S.
+    """
     for i in range(3):
         first = i == 0
-        weights = Weights(1.0 if first else 0.0, 0.5 * h, 0.25 * h * h)
+        weights = Weights(1.0, 0.5 * h, 0.25 * h * h, with_matrix=first)
         assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
         for k in range(size(model.n)):
-            store(w.r, k, load(lane, w.r, k) - load(lane, w.b0, k))
-        constrain(lane, model, w.psi, state_of(w), 2, 1.0, w.r)
-        solve_known(lane, model, None, w, first)
+            w.r[k] -= w.b0[k]
+        # level 2: constraints of accelerations
+        constraint_residual(lane, model, w.psi, state_of(w), 2, 1.0, w.r)
+        solve_unknown_rows(lane, model, None, w, first)
         take_multipliers(lane, model.algebraic, w, None, 1.0)
         for k in range(size(model.n)):
-            store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
+            w.a[k] -= w.r[k]
 
 
 @kernel
-def _book(lane, model, books, par, w, before, struck):
-    """What the impact takes, and what the payload brings or takes along."""
+def _account_for_impact(lane, model, books, par, w: Work, before, struck):
+    """Add the impact's loss of kinetic energy to the dissipation and the payload's energy to the work in w.books (J).
+
+    before: (kinetic, strain, gravitational) energy before the change; struck: 1 in lanes where an object at rest was
+    gripped, else 0. books: a tag, or None (no account).
+    """
     if books is not None:
         after = energy(lane, model, par, w.q, w.v)
         gained, risen = after[0] - before[0], after[2] - before[2]
-        lost = select_lt(0.5, struck, -gained, splat(lane, 0.0))
-        store(w.books, DISSIPATED, load(lane, w.books, DISSIPATED) + lost)
-        store(w.books, WORK_DONE, load(lane, w.books, WORK_DONE) + (gained + lost + risen))
+        lost = select_lt(0.5, struck, -gained, 0.0)
+        w.books[DISSIPATED] += lost
+        w.books[WORK_DONE] += gained + lost + risen

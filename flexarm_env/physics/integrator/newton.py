@@ -1,4 +1,8 @@
-"""Newton-Raphson within a step, eqs. [69]-[82]: from a start to coordinates that the step's equations hold for."""
+"""Newton-Raphson iteration of one time step, eqs. [69]-[82]: from the prediction to the end of the step.
+
+The unknown is the displacement q+; v+, a+ and b+ follow from it linearly (`NewmarkSlopes`). In the iteration w.q, w.v,
+w.a, w.b hold the current iterate of the step's end and w.q0, w.v0, w.a0, w.b0 its start.
+"""
 
 from __future__ import annotations
 
@@ -7,180 +11,255 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...compiler import absolute, arms, change, inlined, kernel, largest, load, maximum, select_lt, size, splat, store
+from ...compiler import (
+    Lanes,
+    absolute,
+    inlined,
+    kernel,
+    lane_count,
+    max_over_lanes,
+    maximum,
+    select_lt,
+    size,
+    tangents_only,
+)
 from ..joints.friction import apply_friction
 from ..layout import ITERATIONS
-from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, keeps, lack, rotates, settle, solve, stride
+from ..protocol import (
+    RESIDUAL_ALONE,
+    Weights,
+    assemble,
+    constraint_residual,
+    correct_positions,
+    factor,
+    reuses_matrix,
+    solve,
+)
 from .period import correct_period
-from .work import move_on, solve_known, state_of, take_multipliers, take_out_known
+from .work import Work, apply_increment, remove_known_rows, solve_unknown_rows, state_of, take_multipliers
 
 LINEAR = 1e-3
-"""Least contraction to expect of a later iteration where a model keeps factors: what is off most falls by its square at
-first, and hides from the contraction seen what falls in proportion."""
+"""Smallest contraction assumed where a model reuses factors. The largest errors first fall quadratically, so that the
+measured contraction underestimates the linearly convergent part."""
 
 
-class Slopes(NamedTuple):
-    """What v, a and b of a step's end change by where its q changes by one; the step's length."""
+class NewmarkSlopes(NamedTuple):
+    """Derivatives of v+, a+ and b+ at the end of a step by q+, eq. (6.1), and the step's length h."""
 
-    v: float  # 1/s
-    a: float  # 1/s^2
-    b: float  # 1/s^2
-    h: float  # s
+    v: float  # dv+/dq+ = gamma / (beta h), 1/s
+    a: float  # da+/dq+ = (1 - alpha_m) / ((1 - alpha_f) beta h^2), 1/s^2; c_m of the theory
+    b: float  # db+/dq+ = 1 / (beta h^2), 1/s^2
+    h: float  # length of the step, s
 
 
 @kernel
-def slopes_of(scheme, h):
-    """Those of a step of h."""
+def newmark_slopes(scheme, h):
+    """Return the `NewmarkSlopes` of a step of h (s) of the scheme."""
     b = 1.0 / (scheme.beta * h * h)
-    return Slopes(scheme.gamma / (scheme.beta * h), b * (1.0 - scheme.alpha_m) / (1.0 - scheme.alpha_f), b, h)
+    return NewmarkSlopes(scheme.gamma / (scheme.beta * h), b * (1.0 - scheme.alpha_m) / (1.0 - scheme.alpha_f), b, h)
 
 
 @kernel
-def _trust(predictor):
-    """How many times its square the first increment leaves as error; 0: not known."""
-    if predictor is None:
-        return 10.0
-    if isinstance(predictor, tuple):
-        return predictor[1]
-    return 0.0
+def _first_contraction(lane, first_error, increment):
+    """Return the contraction theta assumed for the first iteration, which has no earlier increment to compare with.
+
+    increment: |d|, the largest weighted entry of the first increment. The error left is estimated as theta / (1 -
+    theta) |d|. With kappa = first_error (`NewtonPolicy`) and |d| < 0.05, theta = kappa |d|, a quadratic error;
+    otherwise, or with first_error None, theta = 1/2, so that the estimate is |d| itself.
+    """
+    if first_error is None:
+        return 0.5
+    return select_lt(increment, 0.05, increment * first_error, 0.5)
 
 
 @kernel
-def _first_contraction(lane, trust, increment):
-    """Contraction to expect of the first iteration, which has seen none: 1/2, so that its increment itself is the error
-    left, or `trust` times the increment where the error left is known to be quadratic."""
-    if trust > 0.0:
-        return select_lt(increment, 0.05, increment * trust, splat(lane, 0.5))
-    return splat(lane, 0.5)
+def follow_displacement(lane, w: Work, k, d, slopes):
+    """Update v, a and b of row k for a change d of its q (m or rad): v += d dv/dq, likewise a and b.
+
+    slopes: `NewmarkSlopes`, dv/dq (1/s), da/dq and db/dq (1/s^2) of the step's end.
+    """
+    w.v[k] += d * slopes.v
+    w.a[k] += d * slopes.a
+    w.b[k] += d * slopes.b
 
 
 @kernel
-def follow(lane, w, k, d, slopes):
-    """v, a, b of row k where its q is another by d."""
-    store(w.v, k, load(lane, w.v, k) + d * slopes.v)
-    store(w.a, k, load(lane, w.a, k) + d * slopes.a)
-    store(w.b, k, load(lane, w.b, k) + d * slopes.b)
+def move_prediction(lane, model, w: Work, q: Lanes, slopes):
+    """Move the predicted coordinates w.q to q (n rows); w.v, w.a, w.b follow by `slopes` (`NewmarkSlopes`).
+
+    With rotations only positions may change (m), so that rows can be subtracted; w.shift records the change.
+    """
+    for k in range(size(model.n)):
+        moved = q[k]
+        d = moved - w.q[k]
+        w.q[k] = moved
+        follow_displacement(lane, w, k, d, slopes)
+        if model.newton.rotations is not None:
+            w.shift[k] = d
 
 
 @kernel
-def _moved(lane, correction, shift, k, d):
-    """The increment d and, where the period is corrected, the shift of the displacement; and the larger of the two."""
+def _shifted_increment(lane, correction, shift: Lanes, k, d):
+    """Return (increment of q, its size for the convergence test) of row k for the Newton increment d (m or rad).
+
+    With period correction (correction not None) the shift of the displacement is added, and the size is the larger of
+    the two absolute values.
+    """
     if correction is None:
         return d, absolute(d)
-    moved = d + load(lane, shift, k)
+    moved = d + shift[k]
     return moved, maximum(absolute(moved), absolute(d))
 
 
 @kernel
-def _sharpen_multipliers(lane, algebraic, w, c_m):
-    """`take_multipliers` of tangents alone."""
+def _take_tangent_multipliers(lane, algebraic, w: Work, c_m):
+    """Update only the tangents of the multipliers (dual lanes): lambda <- lambda - c_m r; their values stay.
+
+    algebraic: rows of the multipliers, or None. c_m: da+/dq+ of the step. Their rows of w.r become 0.
+    """
     if algebraic is not None:
         for i in range(algebraic.shape[0]):
             k = algebraic[i]
-            store(w.q, k, load(lane, w.q, k) + change(-load(lane, w.r, k)) * c_m)
-            store(w.r, k, splat(lane, 0.0))
+            w.q[k] += tangents_only(-w.r[k]) * c_m
+            w.r[k] = 0.0
 
 
 @kernel
-def _bound(lane, model, longest, r):
-    """Scale r down to where its weighted size is at most `longest`, if that is not None."""
+def _limit_increment(lane, model, longest, r: Lanes):
+    """Scale the increment r (n rows; m, rad) down until its largest weighted entry |r_k| weight_k is <= `longest`.
+
+    longest: a share of the arm's length, or rad; None: no limit.
+    """
     if longest is not None:
-        size_of = splat(lane, longest)
+        # max(longest, max_k |r_k| weight_k), so that the factor is at most 1
+        size_of = longest
         for k in range(size(model.n)):
-            size_of = maximum(absolute(load(lane, r, k)) * model.weight[k], size_of)
+            size_of = maximum(absolute(r[k]) * model.weight[k], size_of)
         share = longest / size_of
         for k in range(size(model.n)):
-            store(r, k, load(lane, r, k) * share)
+            r[k] *= share
 
 
 @inlined
-def _move(lane, model, par, w, active, slopes, tolerance):
-    """Apply the increment -r where `active`, eqs. [80]-[82]; return its weighted size, NaN if not finite."""
-    _bound(lane, model, stride(model), w.r)
-    take_multipliers(lane, model.algebraic, w, active, slopes.a)  # forces, which do not count towards convergence
-    largest_of = splat(lane, 0.0)
-    nothing = splat(lane, -0.0)  # x + -0.0 is x to the last bit
+def _apply_newton_increment(lane, model, par, w: Work, active, slopes, tolerance):
+    """Apply the Newton increment -w.r, eqs. [80]-[82]: q <- q (+) d, v, a, b with `slopes`, lambda <- lambda - c_m r.
+
+    # model     model, par, tolerance of the scheme
+    # in        w.r = S^-1 r, w.shift; active: lanes > 1/2 that are updated, others keep their bits
+    # out       w.q, w.v, w.a, w.b; w.r: the increment applied to q
+
+    Returns the largest weighted increment, max_k |d_k| weight_k (rad, lengths over the arm's length); NaN if not
+    finite.
+    """
+    _limit_increment(lane, model, model.newton.max_increment, w.r)
+    # multipliers are forces: they do not count for convergence
+    take_multipliers(lane, model.algebraic, w, active, slopes.a)
+    largest_of = 0.0
+    nothing = -0.0  # x + -0.0 is x to the last bit
+    # increments of all rows, their largest weighted size, and v, a, b
     for k in range(size(model.n)):
-        d = -load(lane, w.r, k)
-        moved, increment = _moved(lane, model.correction, w.shift, k, d)
+        d = -w.r[k]
+        moved, increment = _shifted_increment(lane, model.newton.period_correction, w.shift, k, d)
         largest_of = maximum(increment * model.weight[k], largest_of)
-        largest_of = select_lt(increment, np.inf, largest_of, splat(lane, np.nan))
+        # a comparison with NaN is false: NaN and inf in any row make the result NaN
+        largest_of = select_lt(increment, np.inf, largest_of, np.nan)
         d = select_lt(0.5, active, d, nothing)
         if len(lane) > 1:
-            store(w.r, k, select_lt(0.5, active, moved, nothing))
-            follow(lane, w, k, d, slopes)
+            w.r[k] = select_lt(0.5, active, moved, nothing)
+            follow_displacement(lane, w, k, d, slopes)
         else:
-            store(w.r, k, d)
-    if len(lane) == 1:  # loops of their own, which vectorise
+            w.r[k] = d
+    # one arm: separate loops, which the compiler vectorizes
+    if len(lane) == 1:
         for k in range(size(model.n)):
-            follow(lane, w, k, load(lane, w.r, k), slopes)
-        if model.correction is not None:
+            follow_displacement(lane, w, k, w.r[k], slopes)
+        if model.newton.period_correction is not None:
             for k in range(size(model.n)):
-                store(w.r, k, select_lt(0.5, active, load(lane, w.r, k) + load(lane, w.shift, k), nothing))
-    move_on(lane, model, w, w.r)
-    if stride(model) is not None:  # of smaller increments the square is below the tolerance
-        active = select_lt(math.sqrt(tolerance), largest_of, active, splat(lane, 0.0))
-    settle(lane, model, par, None, w, active, slopes)
+                w.r[k] = select_lt(0.5, active, w.r[k] + w.shift[k], nothing)
+    apply_increment(lane, model, w, w.r)
+    # the correction is of order |d|^2: below the tolerance for increments under its square root
+    if model.newton.max_increment is not None:
+        active = select_lt(math.sqrt(tolerance), largest_of, active, 0.0)
+    correct_positions(lane, model, par, w, active, slopes, None)
     return largest_of
 
 
 @inlined
-def newton(lane, model, drive, par, w, slopes, scheme, plain):
-    """Solve the equations of a step; returns lanes that are 1 where that did not succeed, 0 elsewhere.
+def newton(lane, model, drive, par, w: Work, slopes, scheme, plain):
+    """Solve a step's equations for q+, v+, a+, b+ and lambda, eqs. [69]-[82]; return 1 in lanes that failed, else 0.
 
-    Arms that have converged, or failed before, are left as they are while the others go on. plain: without the
-    correction of the period.
+    Convergence: theta / (1 - theta) |d| < tolerance, with the weighted increment |d| and the contraction theta (theory,
+    section 6). Lanes that have converged, or failed before (w.flag), keep their bits while the others iterate.
+
+    # model     model, drive, par, scheme; slopes: `NewmarkSlopes` of the step
+    # state     w.q, w.v, w.a, w.b: in, prediction; out, end of the step. w.u, w.psi at its end; w.q0, w.a0 at its start
+    # scratch   w.r, w.S (out: factors of the Newton matrix), w.shift
+
+    plain: True skips the period correction (6.2).
     """
-    active = select_lt(load(lane, w.flag, 0), 0.5, splat(lane, 1.0), splat(lane, 0.0))
-    before, corrected = splat(lane, 1e300), splat(lane, 1.0 if plain else 0.0)
+    active = select_lt(w.flag[0], 0.5, 1.0, 0.0)
+    # before: the last increment, |d| of iteration - 1; corrected: 1 where (6.2) has been applied
+    before, corrected = 1e300, 1.0 if plain else 0.0
     for iteration in range(scheme.max_iterations):
         fresh = iteration == 0
         if scheme.modified is None:
-            fresh = not keeps(model, iteration)
-        weights = Weights(slopes.a, slopes.v, 1.0)
+            fresh = not reuses_matrix(model.newton, iteration)
+        # r and, unless factors are reused, S = c_m dr/da + c_v dr/dv + dr/dq, eqs. [72]-[78]
+        weights = Weights(slopes.a, slopes.v, 1.0, newton_share=1.0)
         assemble(lane, model, par, state_of(w), w.u, weights if fresh else RESIDUAL_ALONE, w.r, w.S)
-        constrain(lane, model, w.psi, state_of(w), 0, slopes.a, w.r)
-        solve_known(lane, model, drive, w, fresh)
+        constraint_residual(lane, model, w.psi, state_of(w), 0, slopes.a, w.r)
+        # w.r <- S^-1 r, then Coulomb friction (6.6) and the period correction (6.2)
+        solve_unknown_rows(lane, model, drive, w, fresh)
         apply_friction(lane, model, par, state_of(w), weights, slopes.v / slopes.a, w.S, w.r)
         corrected = correct_period(lane, model, drive, par, scheme.tolerance, w, corrected, active, slopes)
-        increment = _move(lane, model, par, w, active, slopes, scheme.tolerance)
+        increment = _apply_newton_increment(lane, model, par, w, active, slopes, scheme.tolerance)
         w.counts[ITERATIONS] += 1.0
-        # What is left after this update, from the contraction seen: increment * theta / (1 - theta).
-        theta = select_lt(increment, before * 0.9, increment / before, splat(lane, 0.9))
-        if keeps(model, 2):  # known when compiled
+        # contraction theta = |d| / |d of the iteration before|, at most 0.9; at least LINEAR where factors are reused
+        theta = select_lt(increment, before * 0.9, increment / before, 0.9)
+        if model.newton.reuse is not None:
             theta = maximum(theta, LINEAR)
         if iteration == 0:
-            theta = _first_contraction(lane, _trust(model.predictor), increment)
-            if lack(model) is not None:
-                theta = maximum(theta, lack(model)[0])
-        elif lack(model) is not None:
-            if not keeps(model, iteration):  # the contraction seen was the first increment's
-                least = maximum(increment * 10.0, lack(model)[1])
+            theta = _first_contraction(lane, model.newton.first_error, increment)
+            if model.newton.tangent_error is not None:
+                theta = maximum(theta, model.newton.tangent_error[0])
+        elif model.newton.tangent_error is not None:
+            # new matrix: the measured contraction belongs to the old one; theta is at most max(10 |d|, tangent error)
+            if not reuses_matrix(model.newton, iteration):
+                least = maximum(increment * 10.0, model.newton.tangent_error[1])
                 theta = select_lt(least, theta, least, theta)
-        active = select_lt(increment * theta / (1.0 - theta), scheme.tolerance, splat(lane, 0.0), active)
+        # error after this update: |d| theta / (1 - theta)
+        active = select_lt(increment * theta / (1.0 - theta), scheme.tolerance, 0.0, active)
         before = increment
-        if largest(active) < 0.5:
+        if max_over_lanes(active) < 0.5:
             break
-    if len(lane) > arms(lane):
-        for _ in range(3 if rotates(model) is None else 6):
-            _sharpen(lane, model, drive, par, w, slopes)
+    # dual lanes: tangents (derivatives along a direction) converge one iteration later than values
+    if len(lane) > lane_count(lane):
+        for _ in range(3 if model.newton.rotations is None else 6):
+            _solve_tangents_once_more(lane, model, drive, par, w, slopes)
     return active
 
 
 @kernel
-def _sharpen(lane, model, drive, par, w, slopes):
-    """Dual lanes: tangents as the equations have them at the values found. Those of the iterations are behind by one
-    where they end; S is the derivative, or nearly so, so that one more or a few make them exact; values stay."""
-    weights = Weights(slopes.a, slopes.v, 1.0)
+def _solve_tangents_once_more(lane, model, drive, par, w: Work, slopes):
+    """Repeat one Newton solve for the tangents of dual lanes at the converged values, which stay as they are.
+
+    The tangents of the iteration are one iteration behind its values. S is the derivative of r, or nearly so: one
+    further solve makes them exact, a few where rotations make S approximate.
+
+    # state     w.q, w.v, w.a, w.b and multipliers: only their tangents change
+    # scratch   w.r, w.S
+    """
+    weights = Weights(slopes.a, slopes.v, 1.0, newton_share=1.0)
     assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
-    constrain(lane, model, w.psi, state_of(w), 0, slopes.a, w.r)
-    take_out_known(lane, model, drive, w.r, w.S, True)
+    constraint_residual(lane, model, w.psi, state_of(w), 0, slopes.a, w.r)
+    remove_known_rows(lane, model, drive, w.r, w.S, True)
     factor(lane, model, w.S)
     solve(lane, model, w.S, w.r)
     apply_friction(lane, model, par, state_of(w), weights, slopes.v / slopes.a, w.S, w.r)
-    _sharpen_multipliers(lane, model.algebraic, w, slopes.a)
+    _take_tangent_multipliers(lane, model.algebraic, w, slopes.a)
     for k in range(size(model.n)):
-        d = change(-load(lane, w.r, k))
-        store(w.r, k, d)
-        follow(lane, w, k, d, slopes)
-    move_on(lane, model, w, w.r)
+        # tangents alone: zero value parts leave q, v, a, b unchanged
+        d = tangents_only(-w.r[k])
+        w.r[k] = d
+        follow_displacement(lane, w, k, d, slopes)
+    apply_increment(lane, model, w, w.r)

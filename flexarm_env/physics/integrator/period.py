@@ -1,72 +1,87 @@
-"""Correction of a step for the integrator's error of the period (docs: theory, eq. 6.2).
+"""Correction of a step for the integrator's error of the period (theory, eq. 6.2).
 
-Newmark's displacement with beta less 2 kappa would keep the period of a vibration to fourth order in omega h, but is
-stable only where the step resolves all of them. Hence
+Newmark's displacement with beta - 2 kappa in place of beta would keep the period of a vibration to fourth order in
+omega h, but is stable only where the step resolves all vibrations. Hence
 
     q+ = (Newmark's q+) - 2 kappa h^2 Y (a+ - a),   Y = S^-1 c_m M,
 
-where S, the iteration matrix at hand, is a low-pass filter: it keeps what the step resolves and stops the rest. a+ is
-that of the step without correction, from the first Newton increment whose square is below the tolerance, so that
-it leaves no larger an error; M is constant.
+where the Newton matrix S acts as a low-pass filter: Y is about 1 for motion that the step resolves and vanishes for
+faster motion. a+ is the acceleration of the step without correction, from the first Newton increment whose square is
+below the tolerance, so that it leaves no larger an error. M is constant.
 """
 
 from __future__ import annotations
 
 import math
 
-from ...compiler import absolute, kernel, largest, load, maximum, select_lt, size, splat, store
-from ..joints.friction import keep_sticking
+from ...compiler import Lanes, absolute, kernel, max_over_lanes, maximum, select_lt, size
+from ..joints.friction import hold_sticking_joints
 from ..model import TAU_D
-from ..protocol import inertia, rotate, solve
-from .work import take_out_known
+from ..protocol import inertia_forces, solve
+from .work import Work, remove_known_rows
 
 NEAR, FAR = 0.01, 0.03
-"""Largest weighted Newton increment from which to correct, and largest weighted correction: one that is larger belongs
-to motion that the step does not resolve (what a jump of the root's velocity leaves), and would bring energy."""
+"""Largest weighted Newton increment from which to correct, and largest weighted correction (rad, lengths over the arm's
+length). A larger correction belongs to motion that the step does not resolve, such as vibrations after a jump of the
+root's velocity, and would add energy."""
 
 
 @kernel
-def _filtered(lane, model, drive, par, w, c_m, x, y):
-    """y <- Y x; zero in coordinates that are known."""
-    inertia(lane, model, par, x, y)
+def _filtered(lane, model, drive, par, w, c_m, turn, x, y: Lanes):
+    """Apply the low-pass filter of eq. (6.2): y <- S^-1 c_m M x, accelerations (n,) lanes; 0 in known rows.
+
+    w.S: factors of the Newton matrix S; M: constant mass matrix; c_m = da/dq of the step, 1/s^2. turn: None, or (start,
+    q, share): the vectors in x first turn by `share` times their section's rotation from start to q. drive: `Drive`,
+    whose prescribed rows are known, or None. Joints held by Coulomb friction stay held.
+    """
+    inertia_forces(lane, model, par, turn, x, y)
     for k in range(size(model.n)):
-        store(y, k, load(lane, y, k) * c_m)
-    take_out_known(lane, model, drive, y, w.S, False)
+        y[k] *= c_m
+    remove_known_rows(lane, model, drive, y, w.S, False)
     solve(lane, model, w.S, y)
-    keep_sticking(lane, model, w.S, y)
+    hold_sticking_joints(lane, model, w.S, y)
 
 
 @kernel
-def correct_period(lane, model, drive, par, tolerance, w, corrected, active, slopes):
-    """Where Newton's increment -r of an `active` arm is small for the first time in a step, w.shift <- the correction d
-    and r <- what brings a and v to the step so corrected; elsewhere w.shift <- 0. Returns which arms are corrected."""
-    if model.correction is None:
+def correct_period(lane, model, drive, par: Lanes, tolerance, w: Work, corrected, active, slopes):
+    """Compute the period correction d, eq. (6.2), at the first small Newton increment -w.r; return the corrected lanes.
+
+    # model     slopes: `NewmarkSlopes`; tolerance of the scheme; without `NewtonPolicy.period_correction` a no-op
+    # in        w.q, w.a: Newton iterate; w.q0, w.a0: start of the step; w.S: factors. Lanes > 1/2: active, iterating;
+    #           corrected, the correction of this step has been applied
+    # out       w.shift <- d (m, rad), zero in lanes not corrected now; w.r: changed so that v and a fit the moved step
+    """
+    if model.newton.period_correction is None:
         return corrected
     n = size(model.n)
-    zero, increment = splat(lane, 0.0), splat(lane, 0.0)
+    zero, increment = 0.0, 0.0
     for k in range(n):
-        increment = maximum(absolute(load(lane, w.r, k)) * model.weight[k], increment)
-        store(w.shift, k, zero)
+        # weighted size of the increment: small enough, and not corrected in this step before?
+        increment = maximum(absolute(w.r[k]) * model.weight[k], increment)
+        w.shift[k] = zero
     now = select_lt(increment, min(NEAR, math.sqrt(tolerance)), select_lt(corrected, 0.5, active, zero), zero)
-    if largest(now) > 0.5:
-        d, y = w.shift[: n * len(lane)], w.shift[n * len(lane) :]
+    if max_over_lanes(now) > 0.5:
+        d, y = w.shift[:n], w.shift[n:]
         for k in range(n):
-            store(d, k, (load(lane, w.a, k) - load(lane, w.a0, k)) - load(lane, w.r, k) * slopes.a)
-        take_out_known(lane, model, drive, d, w.S, False)
-        rotate(lane, model, w.q0, w.q, 0.5, d)  # S belongs to the step's end, the difference to its middle
-        _filtered(lane, model, drive, par, w, slopes.a, d, y)
-        rotate(lane, model, w.q0, w.q, -0.5, y)
-        take_out_known(lane, model, drive, y, w.S, False)
+            # a+ - a, with a+ after this increment
+            d[k] = (w.a[k] - w.a0[k]) - w.r[k] * slopes.a
+        remove_known_rows(lane, model, drive, d, w.S, False)
+        # Y (a+ - a): S belongs to the step's end, the difference to its middle, so that vectors are turned half way
+        _filtered(lane, model, drive, par, w, slopes.a, (w.q0, w.q, 0.5), d, y)
+        inertia_forces(lane, model, par, (w.q0, w.q, -0.5), y, None)
+        remove_known_rows(lane, model, drive, y, w.S, False)
+        # d = -2 kappa h^2 Y (a+ - a); dropped where it is larger than FAR
         shift = zero
         for k in range(n):
-            moved = load(lane, y, k) * (-model.correction * slopes.h * slopes.h)
+            moved = y[k] * (-model.newton.period_correction * slopes.h * slopes.h)
             shift = maximum(absolute(moved) * model.weight[k], shift)
-            store(d, k, moved)
+            d[k] = moved
         small = select_lt(shift, FAR, now, zero)
         for k in range(n):
-            store(d, k, select_lt(0.5, small, load(lane, d, k), zero))
-        _filtered(lane, model, drive, par, w, slopes.a, d, y)
-        share = 1.0 / (1.0 + load(lane, par, TAU_D) * slopes.v)
-        for k in range(n):  # the shift as a residual is K d, and S - c_m M = (1 + tau_d c_v) K
-            store(w.r, k, load(lane, w.r, k) + (load(lane, d, k) - load(lane, y, k)) * share)
+            d[k] = select_lt(0.5, small, d[k], zero)
+        _filtered(lane, model, drive, par, w, slopes.a, None, d, y)
+        share = 1.0 / (1.0 + par[TAU_D] * slopes.v)
+        # moving q by d changes the residual by K d; with S - c_m M = (1 + tau_d c_v) K, S^-1 K d = share (d - Y d)
+        for k in range(n):
+            w.r[k] += (d[k] - y[k]) * share
     return maximum(now, corrected)

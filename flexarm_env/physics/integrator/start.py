@@ -1,272 +1,364 @@
-"""A consistent start at t+: velocities, accelerations and multipliers where a load or a motion may have jumped."""
+"""Consistent velocities, accelerations and multipliers at t+, where a load or a motion may have jumped at time t."""
 
 from __future__ import annotations
 
-from ...compiler import alone, apart, kernel, load, size, splat, store
-from ..joints.friction import apply_friction, note_friction, turn_round
+from ...compiler import Lanes, kernel, noinline, size, without_tangents
+from ..joints.friction import apply_friction, release_reversed_joints, store_friction
 from ..layout import DISSIPATED, OF_MOTION, WORK_DONE
-from ..protocol import MASS_ALONE, RESIDUAL_ALONE, Weights, assemble, constrain, damping_work
+from ..protocol import MASS_ALONE, RESIDUAL_ALONE, Weights, assemble, constraint_residual, damping_power
 from .drive import set_inputs, set_motions
-from .work import copy_rows, move_multipliers, note_reactions, set_known, solve_known, state_of, unpack
+from .work import (
+    Work,
+    copy_rows,
+    move_multipliers,
+    set_prescribed,
+    solve_unknown_rows,
+    state_of,
+    store_reactions,
+    unpack,
+)
 
 SMALL = 1e-3
-"""Share of a velocity at which the damping of all of it is asked for, so that forces of its square do not count."""
+"""Factor on a velocity for which damping forces are evaluated; the result is divided by it. Forces quadratic in the
+velocity then do not count."""
 
 
 @kernel
 def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):
-    """Consistent velocities, accelerations and multipliers at t+, where a load or motion may have jumped.
+    """Compute consistent velocities, accelerations and multipliers at t+, after loads or motions may have jumped.
 
-    First velocities: they jump by dv, M dv + Phi_q^T Lambda = 0, with the prescribed part known. The part of dv that
-    damping ends within much less than a step is taken out again (`_pass_layer`), and accelerations that are kept get
-    what its forces do to them. Work and loss of the impulses go to the books.
+    Velocities jump by dv, M dv + Phi_q^T Lambda = 0, with the prescribed part known (Phi = 0: constraints, Lambda:
+    their impulses). The part of dv that damping ends within much less than a step is removed (`_remove_damping_layer`),
+    and kept accelerations change by its forces. Work and loss of the impulses are accounted for in w.books.
 
-    Then accelerations. A fresh start solves M a + Phi_q^T lambda = Q - h(q, v), and b = a. At a kink within a run (not
-    fresh, with a drive) accelerations and multipliers are kept and corrected three times by the residual r at t+,
+    Accelerations: a fresh start solves M a + Phi_q^T lambda = Q - h(q, v), Q: generalized loads, and b = a. At a kink
+    within a run (not fresh, with a drive) accelerations and multipliers are kept and corrected three times by the
+    residual r at t+,
 
         (M + h/2 C + h^2/4 K) da + Phi_q^T dlambda = -r,
 
-    and b keeps its distance from a. Where the step resolves the motion that is M da = -r, to third order; solved with M
-    alone, the stress of strains and strain rates too stiff for the step would make accelerations large. h: a step.
+    and b keeps its distance from a. Where the step resolves the motion this is M da = -r to third order; with M alone,
+    the stress of strains and strain rates too stiff for the step would make accelerations large.
+
+    # model     model, drive (None: no loads or motions in time, velocities stay), par; h: a step, s
+    # state     flat: work array `Work` with n_motions prescribed coordinates; q stays, v, a, b and lambda change
     """
     restart_within(lane, model, drive, par, unpack(lane, model, flat, n_motions), t, h, fresh)
 
 
 @kernel
-def _keep(lane, n, algebraic, w):
-    """Accelerations and multipliers to q0, which is free between steps; to b its distance from a."""
+def _save_accelerations(lane, n, algebraic, w: Work):
+    """Save accelerations and multipliers in w.q0 (free between steps) and the distance b - a in w.b.
+
+    n: number of rows; algebraic: rows of multipliers, whose values stand in w.q, or None.
+    """
     for k in range(n):
-        a = load(lane, w.a, k)
-        store(w.q0, k, a)
-        store(w.b, k, load(lane, w.b, k) - a)
+        a = w.a[k]
+        w.q0[k] = a
+        w.b[k] -= a
     if algebraic is not None:
         for i in range(algebraic.shape[0]):
             k = algebraic[i]
-            store(w.q0, k, load(lane, w.q, k))
+            w.q0[k] = w.q[k]
 
 
 @kernel
-def _take_multipliers(lane, drive, algebraic, w, fresh):
-    """Multipliers from where the accelerations were solved for: the new ones, or what is added to those kept."""
+def _take_multipliers(lane, drive, algebraic, w: Work, fresh):
+    """Move the multipliers from their rows of w.a, where a solve for accelerations leaves them, to w.q.
+
+    At a kink (with a drive, not fresh) the solve gives their change, which is added to those kept in w.q. algebraic:
+    rows of multipliers, or None (nothing to do); drive: `Drive`, or None; fresh: True at a fresh start.
+    """
     if drive is not None and algebraic is not None and not fresh:
         for i in range(algebraic.shape[0]):
             k = algebraic[i]
-            store(w.a, k, load(lane, w.a, k) + load(lane, w.q, k))
+            w.a[k] += w.q[k]
     move_multipliers(lane, algebraic, w.q, w.a, False)
 
 
 @kernel
-def _set_b(lane, n, drive, w, fresh):
-    """b = a, or at the distance that was kept; prescribed coordinates have none."""
+def _restart_auxiliary_acceleration(lane, n, drive, w: Work, fresh):
+    """Set the auxiliary acceleration b = a, or at a kink (with a drive, not fresh) b = a + the distance saved in w.b.
+
+    n: number of rows; drive: `Drive`, or None; fresh: True at a fresh start. The distance is 0 in prescribed rows.
+    """
     if drive is not None and not fresh:
         for i in range(drive.known.shape[0]):
             k = drive.known[i]
             if k >= 0:
-                store(w.b, k, splat(lane, 0.0))
+                w.b[k] = 0.0
         for k in range(n):
-            store(w.b, k, load(lane, w.b, k) + load(lane, w.a, k))
+            w.b[k] += w.a[k]
     else:
         copy_rows(lane, n, w.a, w.b)
 
 
 @kernel
-def _less(lane, n, r, start, scale):
-    """r <- (r - start) scale."""
+def _scaled_difference(lane, n, r: Lanes, start: Lanes, scale):
+    """Compute r <- (r - start) scale in n rows."""
     for k in range(n):
-        store(r, k, (load(lane, r, k) - load(lane, start, k)) * scale)
+        r[k] = (r[k] - start[k]) * scale
 
 
 @kernel
-def _rates(lane, drive, w, i):
-    """Prescribed velocity i after the jump and before it."""
+def _prescribed_rates(lane, drive, w: Work, i):
+    """Return (velocity after, velocity before the jump) of prescribed motion i, m/s or rad/s.
+
+    Before: row k of w.v0, or, where a multiplier prescribes the motion (k < 0), the rate in w.psi0.
+    """
     k, at = drive.known[i], OF_MOTION.end * i + OF_MOTION.rate
     if k >= 0:
-        return load(lane, w.psi, at), load(lane, w.v0, k)
-    return load(lane, w.psi, at), load(lane, w.psi0, at)
+        return w.psi[at], w.v0[k]
+    return w.psi[at], w.psi0[at]
 
 
 @kernel
-def _book_impulse(lane, drive, w, share, scale):
-    """Book the work of the impulses in `reaction`, times `scale`: the velocity there is a share of that before the jump
-    and the rest of that after it."""
+def _account_for_impulse(lane, drive, w: Work, share, scale):
+    """Add the work of the impulses w.reaction (N s, N m s), times `scale`, to w.books (J).
+
+    It is impulse times velocity: `share` of the prescribed velocity before the jump plus 1 - share of that after it.
+    drive: `Drive`, which names the prescribed coordinates.
+    """
     for i in range(drive.known.shape[0]):
-        speed, before = _rates(lane, drive, w, i)
-        work = (speed + (before - speed) * share) * load(lane, w.reaction, i) * scale
-        store(w.books, WORK_DONE, load(lane, w.books, WORK_DONE) + work)
+        speed, before = _prescribed_rates(lane, drive, w, i)
+        work = (speed + (before - speed) * share) * w.reaction[i] * scale
+        w.books[WORK_DONE] += work
 
 
 @kernel
-def _jumps(lane, drive, w):
-    """Whether a prescribed velocity jumps, by more than round-off."""
+def _has_velocity_jump(lane, drive, w):
+    """Return whether a prescribed velocity jumps by more than round-off (1e-12 of its size); for one arm."""
     for i in range(drive.known.shape[0]):
-        after, before = _rates(lane, drive, w, i)
-        if abs(alone(after) - alone(before)) > 1e-12 * (abs(alone(after)) + abs(alone(before))):
+        after, before = _prescribed_rates(lane, drive, w, i)
+        v1, v0 = without_tangents(after), without_tangents(before)
+        if abs(v1 - v0) > 1e-12 * (abs(v1) + abs(v0)):
             return True
     return False
 
 
 @kernel
-def _forces(lane, model, par, w, weights):
-    """r of q, v, a, with the multipliers that stand in a's rows; S unless weights.mass = 0."""
+def _residual_with_multipliers(lane, model, par, w, weights):
+    """Compute the residual w.r (eq. [64]) of w.q, w.v, w.a with the multipliers that stand in their rows of w.a.
+
+    They are moved to w.q first. weights: `Weights`; with weights.with_matrix it also assembles w.S.
+    """
     move_multipliers(lane, model.algebraic, w.q, w.a, False)
     assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
 
 
 @kernel
-def _jump(lane, model, drive, par, w, h, fresh):
-    """v <- v + dv, a0: dv with the impulses in its rows of multipliers."""
+def _jump_velocities(lane, model, drive, par, w: Work, h, fresh):
+    """Let velocities jump with the prescribed motions: v <- v + dv, M dv + Phi_q^T Lambda = 0; h: a step, s.
+
+    Phi = 0: constraints, Lambda: their impulses. fresh: True at a fresh start, which keeps no accelerations.
+
+    # state     w.v: in and out
+    # out       w.v0: v before the jump; w.a0: dv, in rows of multipliers the impulses Lambda; w.reaction; w.books
+    # scratch   w.r, w.S, w.a, w.b0
+    """
     n = size(model.n)
     for k in range(n):
-        store(w.v0, k, load(lane, w.v, k))
-        store(w.v, k, splat(lane, 0.0))
-        store(w.a, k, splat(lane, 0.0))
-        store(w.a0, k, splat(lane, 0.0))
-    _forces(lane, model, par, w, RESIDUAL_ALONE)
-    copy_rows(lane, n, w.r, w.b0)  # the forces at rest: what a residual has beyond them is inertia
+        w.v0[k] = w.v[k]
+        w.v[k] = 0.0
+        w.a[k] = 0.0
+        w.a0[k] = 0.0
+    _residual_with_multipliers(lane, model, par, w, RESIDUAL_ALONE)
+    # b0: residual at rest (v = a = 0); what a residual has beyond it is inertia
+    copy_rows(lane, n, w.r, w.b0)
     _solve_jump(lane, model, drive, par, w)
-    _forces(lane, model, par, w, RESIDUAL_ALONE)  # of accelerations dv
-    _less(lane, n, w.r, w.b0, 1.0)
-    note_reactions(lane, drive.known, model.algebraic, w.r, w.a0, w.reaction)
-    _book_impulse(lane, drive, w, 0.5, 1.0)  # impulse times mean velocity is the kinetic energy it brings
-    if _jumps(lane, drive, w):
-        _pass_layer(lane, model, drive, par, w, h, fresh)
+    # M dv + Phi_q^T Lambda: its prescribed rows are the impulses of the motions
+    _residual_with_multipliers(lane, model, par, w, RESIDUAL_ALONE)
+    _scaled_difference(lane, n, w.r, w.b0, 1.0)
+    store_reactions(lane, drive.known, model.algebraic, w.r, w.a0, w.reaction)
+    # impulse times mean velocity is the kinetic energy that it brings
+    _account_for_impulse(lane, drive, w, 0.5, 1.0)
+    if _has_velocity_jump(lane, drive, w):
+        _remove_damping_layer(lane, model, drive, par, w, h, fresh)
     for k in range(n):
-        store(w.v, k, load(lane, w.v0, k) + load(lane, w.a0, k))
+        w.v[k] = w.v0[k] + w.a0[k]
     move_multipliers(lane, model.algebraic, w.v, w.v, True)
 
 
 @kernel
-def _solve_jump(lane, model, drive, par, w):
-    """a0, a <- dv of M dv + Phi_q^T Lambda = 0 with its prescribed part, Lambda in its rows of multipliers."""
+def _solve_jump(lane, model, drive, par, w: Work):
+    """Solve M dv + Phi_q^T Lambda = 0 for the velocity jump dv (m/s, rad/s), whose prescribed rows are known.
+
+    # in        w.v0: v before the jump; w.b0: residual at rest; w.psi, w.psi0: motions after and before
+    # out       w.a0 and w.a: dv, with Lambda in rows of multipliers; w.v = 0
+    # scratch   w.r, w.S
+    """
     n = size(model.n)
     for i in range(drive.known.shape[0]):
         k = drive.known[i]
         if k >= 0:
-            after, before = _rates(lane, drive, w, i)
-            store(w.a0, k, after - before)
+            after, before = _prescribed_rates(lane, drive, w, i)
+            w.a0[k] = after - before
+    # r <- M dv of the prescribed part, and S = M
     copy_rows(lane, n, w.a0, w.a)
     move_multipliers(lane, model.algebraic, w.a, w.a, True)
-    _forces(lane, model, par, w, MASS_ALONE)
-    _less(lane, n, w.r, w.b0, 1.0)
+    _residual_with_multipliers(lane, model, par, w, MASS_ALONE)
+    _scaled_difference(lane, n, w.r, w.b0, 1.0)
     for k in range(n):
-        store(w.v, k, load(lane, w.v0, k) + load(lane, w.a0, k))
-    constrain(lane, model, w.psi, state_of(w), 1, 1.0, w.r)
-    solve_known(lane, model, drive, w, True)
+        # constraints of the velocities (level 1) at v + the prescribed part
+        w.v[k] = w.v0[k] + w.a0[k]
+    constraint_residual(lane, model, w.psi, state_of(w), 1, 1.0, w.r)
+    solve_unknown_rows(lane, model, drive, w, True)
     for k in range(n):
-        dv = load(lane, w.a0, k) - load(lane, w.r, k)
-        store(w.v, k, splat(lane, 0.0))
-        store(w.a0, k, dv)
-        store(w.a, k, dv)
+        # known part less S^-1 r
+        dv = w.a0[k] - w.r[k]
+        w.v[k] = 0.0
+        w.a0[k] = dv
+        w.a[k] = dv
 
 
 @kernel
-def _pass_layer(lane, model, drive, par, w, h, fresh):
-    """Take out of dv what damping ends before a step of h could see it.
+def _remove_damping_layer(lane, model, drive, par, w: Work, h, fresh):
+    """Remove from the velocity jump dv the part e that damping ends before a step of h (s) could see it.
 
-    Damping does not let the velocity jump within the material: it spreads what M alone leaves next to a prescribed
-    coordinate, in a time that a step may be too long for. There the step would meet forces C dv that last for a small
-    part of it as if they lasted for half of it, and so would its books. With s = (M + h/2 C)^-1 M, where nothing
-    prescribed moves and Phi_q s = 0, dv loses
+    Damping does not let the velocity jump within the material: it spreads the jump that M alone leaves next to a
+    prescribed coordinate, in a time that may be far below a step. The step, and its energy account, would meet the
+    forces C dv as if they lasted for half of it. With s = (M + h/2 C)^-1 M, where nothing prescribed moves and Phi_q s
+    = 0, dv loses
 
         e = (1 - s)^3 (1 + 3 s) dv:    all that damping ends within the step, h^3 of what the step resolves, and nothing
                                        without damping. (1 - s) x solves (M + h/2 C) y + Phi_q^T mu = h/2 C x.
 
-    The impulse of damping is h/2 C (g - e), g having one factor (1 - s) less; it acts at the velocities after the jump
-    where they are prescribed. M^-1 C (dv - e), the jump of the accelerations (kept in q0) with that of the multipliers,
-    is a sum of the same solutions.
+    M, C: mass and damping matrix; mu: multipliers of the constraints Phi = 0. The impulse of damping is h/2 C (g - e),
+    g having one factor (1 - s) less; it acts at the prescribed velocities after the jump. Unless fresh, the
+    accelerations and multipliers saved in w.q0 change by -M^-1 C (dv - e), a sum of the same solutions.
+
+    # state     w.a0: in, dv; out, dv - e.   w.books: work and loss are added.   w.q0 (unless fresh): in and out
+    # out       w.reaction: impulses of the motions (N s, N m s), times SMALL.   # scratch  w.r, w.S, w.v, w.a
     """
     n, part = size(model.n), 0.5 * h * SMALL
     for k in range(n):
-        store(w.r, k, load(lane, w.a0, k))
-        store(w.a, k, splat(lane, 0.0))
+        w.r[k] = w.a0[k]
+        w.a[k] = 0.0
     move_multipliers(lane, model.algebraic, w.q, w.a, False)
-    layer_of(lane, model, drive, par, w, w.b0, h, fresh)
+    damping_layer(lane, model, drive, par, w, w.b0, h, fresh)
     for k in range(n):
-        e, dv = load(lane, w.r, k), load(lane, w.a0, k)
-        store(w.v, k, load(lane, w.v, k) - e * part)
-        store(w.a, k, e * -SMALL)
-        store(w.r, k, load(lane, w.v0, k) + dv - e * 0.5)  # mean of the velocities before and after the layer
-        store(w.a0, k, dv - e)
+        # v <- part (g - e); a <- -SMALL e: both small, so that forces of their squares vanish
+        e, dv = w.r[k], w.a0[k]
+        w.v[k] -= e * part
+        w.a[k] = e * -SMALL
+        # mean of the velocities before and after the layer: damping dissipates its impulse times this
+        w.r[k] = w.v0[k] + dv - e * 0.5
+        w.a0[k] = dv - e
     move_multipliers(lane, model.algebraic, w.v, w.v, True)
-    taken = damping_work(lane, model, par, w.q, w.v, w.r) / SMALL  # v is `part` times g - e
-    store(w.books, DISSIPATED, load(lane, w.books, DISSIPATED) + taken)
-    _forces(lane, model, par, w, RESIDUAL_ALONE)
-    _less(lane, n, w.r, w.b0, 1.0)
-    note_reactions(lane, drive.known, model.algebraic, w.r, w.q, w.reaction)
-    _book_impulse(lane, drive, w, 0.0, 1.0 / SMALL)
+    taken = damping_power(lane, model, par, w.q, w.v, w.r) / SMALL
+    w.books[DISSIPATED] += taken
+    # impulses of the motions: h/2 C (g - e) - M e, times SMALL
+    _residual_with_multipliers(lane, model, par, w, RESIDUAL_ALONE)
+    _scaled_difference(lane, n, w.r, w.b0, 1.0)
+    store_reactions(lane, drive.known, model.algebraic, w.r, w.q, w.reaction)
+    _account_for_impulse(lane, drive, w, 0.0, 1.0 / SMALL)
 
 
 @kernel
-def layer_of(lane, model, drive, par, w, rest, h, fresh):
-    """r <- e of the jump dv in r, v <- g times h/2 and SMALL (`_pass_layer`). rest: the forces at rest; a is 0."""
+def damping_layer(lane, model, drive, par, w: Work, rest, h, fresh):
+    """Compute the part of a velocity jump dv that damping ends within a step: w.r <- e = (1 - s)^3 (1 + 3 s) dv.
+
+    s = (M + h/2 C)^-1 M with mass and damping matrix M, C, see `_remove_damping_layer`; h: a step, s. Unless fresh,
+    w.q0 accumulates the jump of accelerations.
+
+    # in        w.r: dv; w.a = 0; rest: residual at rest (v = a = 0), n rows
+    # out       w.r: e; w.v: SMALL h/2 g, g = (1 - s)^2 (1 + 3 s) dv
+    # scratch   w.S
+    """
     n, part = size(model.n), 0.5 * h * SMALL
     for k in range(n):
-        store(w.v, k, load(lane, w.r, k) * part)
-    _damp(lane, model, drive, par, w, rest, h, True, fresh, 1.0)  # (1 - s) dv
+        w.v[k] = w.r[k] * part
+    # r <- (1 - s) dv
+    _damp_layer(lane, model, drive, par, w, rest, h, True, fresh, 1.0)
     for k in range(n):
-        store(w.v, k, load(lane, w.r, k) * part)
-    _damp(lane, model, drive, par, w, rest, h, False, fresh, -3.0)  # (1 - s)^2 dv
+        w.v[k] = w.r[k] * part
+    # r <- (1 - s)^2 dv
+    _damp_layer(lane, model, drive, par, w, rest, h, False, fresh, -3.0)
     for k in range(n):
-        store(w.v, k, load(lane, w.v, k) * 4.0 - load(lane, w.r, k) * (3.0 * part))  # (1 - s) (1 + 3 s) dv
-    _damp(lane, model, drive, par, w, rest, h, False, fresh, 1.0)  # g
+        # (1 - s) (1 + 3 s) dv = 4 (1 - s) dv - 3 (1 - s)^2 dv
+        w.v[k] = w.v[k] * 4.0 - w.r[k] * (3.0 * part)
+    # r <- g
+    _damp_layer(lane, model, drive, par, w, rest, h, False, fresh, 1.0)
     for k in range(n):
-        store(w.v, k, load(lane, w.r, k) * part)
-    _damp(lane, model, drive, par, w, rest, h, False, fresh, 1.0)  # e
+        w.v[k] = w.r[k] * part
+    # r <- e
+    _damp_layer(lane, model, drive, par, w, rest, h, False, fresh, 1.0)
 
 
 @kernel
-def _damp(lane, model, drive, par, w, rest, h, matrix, fresh, share):
-    """r <- (1 - s) x where v is x times h/2 and SMALL; `share` of it goes into the jump of the accelerations."""
+def _damp_layer(lane, model, drive, par, w: Work, rest, h, matrix, fresh, share):
+    """Compute w.r <- (1 - s) x by (M + h/2 C) y + Phi_q^T mu = h/2 C x, with SMALL h/2 x given in w.v (m/s, rad/s).
+
+    s = (M + h/2 C)^-1 M; M, C: mass and damping matrix; mu: multipliers of the constraints Phi = 0; h: a step, s.
+    matrix: True assembles and factors M + h/2 C in w.S first, False uses its factors. rest: residual at rest (v = a =
+    0). Unless fresh, the accelerations in w.q0 change by -share 2/h (1 - s) x, a part of M^-1 C (dv - e).
+    """
     move_multipliers(lane, model.algebraic, w.v, w.v, True)
-    assemble(lane, model, par, state_of(w), w.u, Weights(1.0 if matrix else 0.0, 0.5 * h, 0.0), w.r, w.S)
-    _less(lane, size(model.n), w.r, rest, 1.0 / SMALL)
+    assemble(lane, model, par, state_of(w), w.u, Weights(1.0, 0.5 * h, 0.0, with_matrix=matrix), w.r, w.S)
+    # h/2 C x: residual at the small velocity less that at rest, over SMALL
+    _scaled_difference(lane, size(model.n), w.r, rest, 1.0 / SMALL)
     move_multipliers(lane, model.algebraic, w.r, w.r, True)
-    solve_known(lane, model, drive, w, matrix)
+    solve_unknown_rows(lane, model, drive, w, matrix)
     if not fresh:
         for k in range(size(model.n)):
-            store(w.q0, k, load(lane, w.q0, k) - load(lane, w.r, k) * (2.0 * share / h))
+            w.q0[k] -= w.r[k] * (2.0 * share / h)
 
 
-@apart
-def restart_within(lane, model, drive, par, w, t, h, fresh):
-    """`restart` of a work array that has been unpacked."""
+@noinline
+def restart_within(lane, model, drive, par, w: Work, t, h, fresh):
+    """Compute consistent v, a, b and multipliers at t+ on the work array w (`Work`), after loads or motions jump.
+
+    Velocities jump with prescribed motions. A fresh start solves M a = Q - h(q, v) and sets b = a; at a kink (not
+    fresh, with a drive) a and multipliers are kept and corrected, and b keeps its distance from a (equations:
+    `restart`).
+
+    # model     model, drive (None: no loads or motions in time, velocities stay), par; h: a step, s
+    # state     w.v, w.a, w.b and multipliers in w.q: in and out; w.u, w.psi <- values at t+; w.u0, w.reaction, w.books
+    # scratch   w.r, w.S, w.q0, w.v0, w.a0, w.b0, w.psi0
+    """
     n = size(model.n)
     times, half = 1, 0.0
     if drive is not None and not fresh:
-        for i in range(drive.entries.shape[0]):  # others that have changed stand in u0 as they were
-            store(w.u0, drive.entries[i], load(lane, w.u, drive.entries[i]))
-    note_friction(lane, model, par, state_of(w), w.u0, w.r, w.S)
+        # u0 <- inputs before the jump; entries that are set from outside hold theirs already
+        for i in range(drive.entries.shape[0]):
+            w.u0[drive.entries[i]] = w.u[drive.entries[i]]
+    # friction torques before the jump, then inputs, motions and velocities after it
+    store_friction(lane, model, par, state_of(w), w.u0, w.r, w.S)
     if drive is not None:
         if not fresh:
-            _keep(lane, n, model.algebraic, w)
+            _save_accelerations(lane, n, model.algebraic, w)
             times, half = 3, 0.5 * h
         copy_rows(lane, OF_MOTION.end * drive.known.shape[0], w.psi, w.psi0)
         set_inputs(lane, drive, w.u, t, t + 1e-6 * h)
         set_motions(lane, drive, w.psi, t, t + 1e-6 * h)
-        _jump(lane, model, drive, par, w, h, fresh)
-        turn_round(lane, model, w.v, w.S)
+        _jump_velocities(lane, model, drive, par, w, h, fresh)
+        release_reversed_joints(lane, model, w.v, w.S)
     for k in range(n):
-        store(w.a, k, splat(lane, 0.0))
+        # a fresh start solves for the accelerations from 0; a kink corrects those saved in q0
+        w.a[k] = 0.0
     move_multipliers(lane, model.algebraic, w.q, w.a, False)
     if drive is not None:
         if not fresh:
             copy_rows(lane, n, w.q0, w.a)
             move_multipliers(lane, model.algebraic, w.q, w.q0, False)
             move_multipliers(lane, model.algebraic, w.a, w.a, True)
-        set_known(lane, drive.known, w.psi, w.q, w.v, w.a, w.b)
+        set_prescribed(lane, drive.known, w.psi, w.q, w.v, w.a, w.b)
     for i in range(times):
         matrix = i == 0
-        weights = Weights(1.0 if matrix else 0.0, half, half * half)
+        # S = M, or M + h/2 C + h^2/4 K at a kink; a <- a - S^-1 r
+        weights = Weights(1.0, half, half * half, with_matrix=matrix)
         assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
-        constrain(lane, model, w.psi, state_of(w), 2, 1.0, w.r)
-        solve_known(lane, model, drive, w, matrix)
+        constraint_residual(lane, model, w.psi, state_of(w), 2, 1.0, w.r)
+        solve_unknown_rows(lane, model, drive, w, matrix)
+        # Coulomb friction for the rates half a step ahead
         apply_friction(lane, model, par, state_of(w), MASS_ALONE, 0.5 * h, w.S, w.r)
         for k in range(n):
-            store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
+            w.a[k] -= w.r[k]
         _take_multipliers(lane, drive, model.algebraic, w, fresh)
         move_multipliers(lane, model.algebraic, w.a, w.a, True)
-    _set_b(lane, n, drive, w, fresh)
+    _restart_auxiliary_acceleration(lane, n, drive, w, fresh)
     if drive is not None:
+        # forces that enforce the motions at t+
         assemble(lane, model, par, state_of(w), w.u, RESIDUAL_ALONE, w.r, w.S)
-        note_reactions(lane, drive.known, model.algebraic, w.r, w.q, w.reaction)
+        store_reactions(lane, drive.known, model.algebraic, w.r, w.q, w.reaction)
         copy_rows(lane, size(model.n_inputs), w.u, w.u0)

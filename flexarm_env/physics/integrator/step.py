@@ -1,152 +1,174 @@
-"""Newmark and generalized-alpha with Newton-Raphson, eqs. [66]-[82], for every formulation and lane count.
+"""Newmark and generalized-alpha steps, eqs. [66]-[82] and (6.1), for every formulation and number of lanes.
 
     (1 - alpha_m) b+ + alpha_m b = (1 - alpha_f) a+ + alpha_f a          auxiliary acceleration b (Arnold & Bruels 2007)
     q+ = q + h v + h^2 ((1/2 - beta) b + beta b+),   v+ = v + h ((1 - gamma) b + gamma b+)
 
-With alpha_m = alpha_f = 0 (or rho = 1 and b = a at the start) this is the paper's Newmark. A step is a
-pure function of its start; the arms of a lane group that have converged are left untouched while the
-others go on, so a batch and a single arm give the same bits.
+With alpha_m = alpha_f = 0 (or rho = 1 and b = a at the start) this is the paper's Newmark method. A step is a
+pure function of its start. In lanes, arms that have converged keep their bits while the others iterate, so that a
+batch and a single arm give the same bits.
 """
 
 from __future__ import annotations
 
-from ...compiler import apart, arms, inlined, kernel, largest, load, select_lt, size, splat, store
+from ...compiler import inlined, kernel, lane_count, max_over_lanes, noinline, select_lt, size
 from ..layout import HALVINGS, STEPS
-from ..model import NEWTON_FAILED
+from ..model import NEWTON_FAILED, OK
 from ..protocol import (
     MASS_ALONE,
     RESIDUAL_ALONE,
     assemble,
-    conserve,
-    constrain,
-    difference,
+    conserve_momentum,
+    constraint_residual,
+    correct_positions,
+    local_difference,
     out_of_range,
-    predict,
-    rotates,
-    settle,
-    update,
+    retract,
 )
-from .books import keep_books, open_books
+from .balance import refuse_step
 from .drive import set_inputs, set_motions
-from .newton import follow, newton, slopes_of
-from .work import copy_rows, note_reactions, open_shift, set_known, solve_known, state_of, unpack
-
-
-@kernel
-def _share(predictor):
-    """Share of the last acceleration to start from."""
-    if predictor is None:
-        return 0.0
-    if isinstance(predictor, tuple):
-        return predictor[0]
-    return predictor
+from .energy_account import account_for_step, start_energy_account
+from .newton import follow_displacement, newmark_slopes, newton
+from .work import Work, copy_rows, reset_shift, set_prescribed, solve_unknown_rows, state_of, store_reactions, unpack
 
 
 @inlined
-def foresee(lane, model, w, h, scheme):
-    """Where Newton starts, eqs. [66]-[68]: q+, v+, b+ of an acceleration a+; q, v, a, b are kept in q0, v0, a0, b0."""
+def newmark_predict(lane, model, w: Work, h, scheme):
+    """Predict q, v, a and b at the end of a step of h (s), eqs. [66]-[68]: the start of the Newton iteration.
+
+    The acceleration is predicted as a+ = s a with s = `NewtonPolicy.acceleration_share` (1: constant, 0: zero). b:
+    auxiliary acceleration, (1 - alpha_m) b+ + alpha_m b = (1 - alpha_f) a+ + alpha_f a.
+
+    # model     model, scheme (`Scheme`)
+    # state     w.q, w.v, w.a, w.b: in, start of the step; out, prediction at its end
+    # scratch   w.r
+    # out       w.q0, w.v0, w.a0, w.b0: values at the start of the step, from which a failed step restarts
+    """
     am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
-    n, share = size(model.n), _share(model.predictor)
+    n, share = size(model.n), model.newton.acceleration_share
     for k in range(n):
-        v, a, b = load(lane, w.v, k), load(lane, w.a, k), load(lane, w.b, k)
-        store(w.q0, k, load(lane, w.q, k))
-        store(w.v0, k, v)
-        store(w.a0, k, a)
-        store(w.b0, k, b)
+        v, a, b = w.v[k], w.a[k], w.b[k]
+        w.q0[k] = w.q[k]
+        w.v0[k] = v
+        w.a0[k] = a
+        w.b0[k] = b
+        # auxiliary acceleration: (1 - alpha_m) b+ + alpha_m b = (1 - alpha_f) a+ + alpha_f a
         new_a = a * share
         new_b = (new_a * (1.0 - af) + a * af - b * am) * (1.0 / (1.0 - am))
-        store(w.v, k, v + (b * (1.0 - gamma) + new_b * gamma) * h)
-        store(w.a, k, new_a)
-        store(w.b, k, new_b)
-        store(w.r, k, (b * (0.5 - beta) + new_b * beta) * (h * h))
-    update(lane, model, w.q, h, w.v0, w.r)
+        # v+ = v + h ((1 - gamma) b + gamma b+); the h^2 term of q+ goes to w.r
+        w.v[k] = v + (b * (1.0 - gamma) + new_b * gamma) * h
+        w.a[k] = new_a
+        w.b[k] = new_b
+        w.r[k] = (b * (0.5 - beta) + new_b * beta) * (h * h)
+    # q+ = q (+) (h v + w.r): rotations are composed, not added
+    retract(lane, model, w.q, h, w.v0, w.r)
 
 
 @kernel
-def _stay(lane, model, w, slopes):
-    """Start Newton from where the step began, in place of the prediction: after a load has jumped, accelerations that
-    the step does not resolve may throw the prediction so far that Newton does not come back from there."""
-    difference(lane, model, w.q, w.q0, w.r)
+def _restart_from_step_start(lane, model, w: Work, slopes):
+    """Start the Newton iteration at the step's initial q instead of the prediction; v, a, b follow q by `slopes`.
+
+    After a load has jumped, accelerations that the step does not resolve may put the prediction so far off that the
+    iteration does not converge from there. slopes: `NewmarkSlopes`, derivatives of v+, a+, b+ by q+, eq. (6.1).
+
+    # state     w.q, w.v, w.a, w.b: in, prediction; out, the values that belong to q+ = w.q0
+    # scratch   w.r
+    """
+    local_difference(lane, model, w.q, w.q0, w.r)
     for k in range(size(model.n)):
-        store(w.q, k, load(lane, w.q0, k))
-        follow(lane, w, k, load(lane, w.r, k), slopes)
+        w.q[k] = w.q0[k]
+        follow_displacement(lane, w, k, w.r[k], slopes)
 
 
 @kernel
-def _guess(lane, model, par, predictor, w, slopes):
-    """Start of Newton where the formulation knows better (predictor None)."""
-    if predictor is None:
-        copy_rows(lane, size(model.n), w.q, w.r)
-        predict(lane, model, w.q0, w.r)
-        for k in range(size(model.n)):
-            q = load(lane, w.r, k)
-            d = q - load(lane, w.q, k)
-            store(w.q, k, q)
-            follow(lane, w, k, d, slopes)
-            if rotates(model) is not None:
-                store(w.shift, k, d)
-        settle(lane, model, par, (0,), w, splat(lane, 1.0), slopes)
+def _predict_configuration(lane, model, par, w: Work, slopes):
+    """Improve the predicted q by the formulation's own prediction, if its `NewtonPolicy.predicts` is a tag, not None.
+
+    slopes: `NewmarkSlopes`, derivatives by which v, a and b follow a change of q.
+
+    # state     w.q, w.v, w.a, w.b: in and out, prediction at the end of the step; w.q0: its start
+    # scratch   w.r
+    """
+    if model.newton.predicts is not None:
+        correct_positions(lane, model, par, w, 1.0, slopes, (0,))
 
 
 @kernel
 def _prescribe(lane, drive, w, t, h):
-    """Inputs and motions at the end t of a step of h; where they jump there, as they were before."""
+    """Set inputs w.u, motions w.psi and prescribed rows of q, v, a, b to their values at the end t (s) of a step.
+
+    Where a time function jumps at t, the value before the jump is taken: 1e-6 of the step's length h (s) earlier.
+    drive: `Drive`; None (no loads or motions in time): nothing changes.
+    """
     if drive is not None:
         before = t - 1e-6 * h
         set_inputs(lane, drive, w.u, t, before)
         set_motions(lane, drive, w.psi, t, before)
-        set_known(lane, drive.known, w.psi, w.q, w.v, w.a, w.b)
+        set_prescribed(lane, drive.known, w.psi, w.q, w.v, w.a, w.b)
 
 
 @inlined
-def _settle(lane, model, drive, par, algebraic, w):
-    """Take what a step left across the constraints out of velocities, then out of accelerations (theory, section 6).
+def _project_onto_constraints(lane, model, drive, par, algebraic, w: Work):
+    """Remove from velocities and accelerations the parts that violate the constraints' time derivatives, eq. (6.3).
 
-    Constraints hold for positions alone, so that the velocity across them is off by O(h^2) and the acceleration by
-    O(h); at rho_inf = 1 both would alternate and grow. M dv + Phi_q^T Lambda = 0 and M da + Phi_q^T dlambda = 0 set
-    them right; b keeps its distance from a. What dv changes in the other forces stays out of da: stiff damping of it,
-    which the step does not resolve, would be taken explicitly and blow up.
+        M dv + Phi_q^T Lambda = 0, Phi_q dv = -dPhi/dt;    M da + Phi_q^T dlambda = 0, Phi_q da = -d2Phi/dt2;    db = da
+
+    Phi = 0: the constraints; lambda: their multipliers (forces), Lambda impulses. The step meets constraints at the
+    level of positions, so that velocities violate them by O(h^2), accelerations by O(h); at rho_inf = 1 both would
+    alternate and grow. The change of the other forces by dv is kept out of da: stiff damping of it, which the step does
+    not resolve, would act explicitly and be unstable.
+
+    # state     w.v, w.a, w.b and the multipliers in w.q: in and out, at the end of the step
+    # scratch   w.r, w.S.   algebraic: rows of multipliers, or None (nothing to do)
     """
     if algebraic is not None:
         if algebraic.shape[0] == 0:
             return
+        # velocities: one factorization of [M, Phi_q^T; Phi_q, 0] for both solves; Lambda is not kept
         assemble(lane, model, par, state_of(w), w.u, MASS_ALONE, w.r, w.S)
-        _across(lane, model, drive, w, 1)
+        _constraint_rate_residual(lane, model, drive, w, 1)
         for i in range(algebraic.shape[0]):
-            store(w.r, algebraic[i], splat(lane, 0.0))
+            w.r[algebraic[i]] = 0.0
         for k in range(size(model.n)):
-            store(w.v, k, load(lane, w.v, k) - load(lane, w.r, k))
-        _across(lane, model, drive, w, 2)
+            w.v[k] -= w.r[k]
+        # accelerations, and multipliers lambda by dlambda
+        _constraint_rate_residual(lane, model, drive, w, 2)
         for i in range(algebraic.shape[0]):
             k = algebraic[i]
-            store(w.q, k, load(lane, w.q, k) - load(lane, w.r, k))
-            store(w.r, k, splat(lane, 0.0))
+            w.q[k] -= w.r[k]
+            w.r[k] = 0.0
         for k in range(size(model.n)):
-            store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
-            store(w.b, k, load(lane, w.b, k) - load(lane, w.r, k))
+            w.a[k] -= w.r[k]
+            w.b[k] -= w.r[k]
 
 
 @kernel
-def _across(lane, model, drive, w, level):
-    """r <- what constraint forces alone have to take away for the velocities (level 1) or accelerations (2) to keep to
-    the constraints; S: M and Phi_q, factored here for level 1."""
+def _constraint_rate_residual(lane, model, drive, w: Work, level):
+    """Solve for the part of the velocity (level 1) or acceleration (2) that violates the constraints; store it in w.r.
+
+    Rows of multipliers of w.r hold the impulses Lambda or forces -dlambda. w.S: in, the matrix of M and Phi_q, factored
+    here for level 1; its factors for level 2.
+    """
     for k in range(size(model.n)):
-        store(w.r, k, splat(lane, 0.0))
-    constrain(lane, model, w.psi, state_of(w), level, 1.0, w.r)
-    solve_known(lane, model, drive, w, level == 1)
+        w.r[k] = 0.0
+    constraint_residual(lane, model, w.psi, state_of(w), level, 1.0, w.r)
+    solve_unknown_rows(lane, model, drive, w, level == 1)
 
 
 @inlined
-def _react(lane, model, drive, par, w):
-    """Forces that hold the prescribed coordinates at the step's end, where there are any."""
+def _compute_reactions(lane, model, drive, par, w):
+    """Store in w.reaction the generalized forces (N, N m) that enforce the prescribed motions at the end of the step.
+
+    They are the rows of the residual r of eq. [64] at the prescribed coordinates, or their multipliers. No-op without
+    motions in the `Drive` drive, or if drive is None. Scratch: w.r, w.S. algebraic: rows of multipliers, or None.
+    """
     if drive is not None and drive.known.shape[0] > 0:
         assemble(lane, model, par, state_of(w), w.u, RESIDUAL_ALONE, w.r, w.S)
-        note_reactions(lane, drive.known, model.algebraic, w.r, w.q, w.reaction)
+        store_reactions(lane, drive.known, model.algebraic, w.r, w.q, w.reaction)
 
 
 @kernel
-def _go_back(lane, model, w):
-    """To where the step began."""
+def _restore_step_start(lane, model, w):
+    """Restore q, v, a and b to their values at the start of the step (w.q0, w.v0, w.a0, w.b0)."""
     n = size(model.n)
     copy_rows(lane, n, w.q0, w.q)
     copy_rows(lane, n, w.v0, w.v)
@@ -154,56 +176,84 @@ def _go_back(lane, model, w):
     copy_rows(lane, n, w.b0, w.b)
 
 
-@apart
+@noinline
 def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, books):
-    """n_steps steps of size h from t within a smooth stretch; returns the time reached (SINGLE) or meant (lanes).
+    """Integrate n_steps steps of h (s) from time t within a smooth stretch; return the time reached, s.
 
-    A single arm retries a step whose Newton fails, from another start and then in halves, and stops at the last good
-    state. In lanes a failed arm is flagged and its neighbours go on; the caller repeats it alone from where the stretch
-    began. `books`: a tag, (0,), where work and dissipation are kept account of; None: compiled out.
+    A single arm retries a step whose Newton iteration fails: from another start, then in halves; it stops at the last
+    good state, with w.flag set. A step refused for its energy (`balance`) is halved at once. In lanes a failed arm is
+    flagged while the others go on and the intended end time is returned; the caller repeats that arm alone from the
+    start of the stretch.
+
+    # model     model, drive (None: no loads or motions in time), par: the arm's own parameters, scheme: `Scheme`
+    # state     flat: the work array, `Work`; n_motions: number of prescribed coordinates
+
+    books: a tag, (0,), to account for work and dissipation in w.books; None compiles the account out.
     """
     w = unpack(lane, model, flat, n_motions)
     return advance_within(lane, model, drive, par, w, t, h, n_steps, scheme, books)
 
 
 @inlined
-def advance_within(lane, model, drive, par, w, t, h, n_steps, scheme, books):
-    """`advance` of a work array that has been unpacked."""
+def advance_within(lane, model, drive, par, w: Work, t, h, n_steps, scheme, books):
+    """Integrate n_steps steps of h (s) from time t on the unpacked work array w (`Work`); return the time reached, s.
+
+    A single arm retries a failed step from another start, then in halves, and stops at the last good state with w.flag
+    set. In lanes a failed arm is flagged while the others go on, and t + n_steps h is returned.
+
+    # model     model, drive (None: no loads or motions in time), par: the arm's own parameters, scheme: `Scheme`
+    # state     w.q, w.v, w.a, w.b and the other fields of w: in, at t; out, at the time reached
+
+    books: a tag, (0,), to account for work and dissipation in w.books; None compiles the account out.
+    """
     if books is not None:
-        open_books(lane, model, drive, par, w)
-    moving = conserve(lane, model, par, None, h, w.q, w.v, w.u, w.r, w.S)
-    done, left, part, again = 0, h, h, False  # of the step under way: what is left, the part tried now, once more
+        start_energy_account(lane, model, drive, par, w)
+    # momentum and force at the start, of arms that no support holds; None otherwise
+    moving = conserve_momentum(lane, model, par, None, h, w.q, w.v, w.u, w.r, w.S)
+    # of the current step: time left, length tried now, whether this is a second try of it
+    done, left, part, again = 0, h, h, False
     while done < n_steps:
         start = t + done * h + (h - left)
-        slopes = slopes_of(scheme, part)
-        foresee(lane, model, w, part, scheme)
-        if arms(lane) == 1 and again:
-            _stay(lane, model, w, slopes)
+        # predict the end of the step
+        slopes = newmark_slopes(scheme, part)
+        newmark_predict(lane, model, w, part, scheme)
+        if lane_count(lane) == 1 and again:
+            _restart_from_step_start(lane, model, w, slopes)
         _prescribe(lane, drive, w, start + part, part)
-        open_shift(lane, model, w)
-        _guess(lane, model, par, model.predictor, w, slopes)
+        reset_shift(lane, model, w)
+        _predict_configuration(lane, model, par, w, slopes)
+        # solve for it, and check it
         active = newton(lane, model, drive, par, w, slopes, scheme, again)
-        _settle(lane, model, drive, par, model.algebraic, w)
-        _react(lane, model, drive, par, w)
-        flag = select_lt(0.5, active, splat(lane, float(NEWTON_FAILED)), load(lane, w.flag, 0))
-        if arms(lane) == 1 and largest(flag) > 0.5:
-            _go_back(lane, model, w)
-            if again:
+        _project_onto_constraints(lane, model, drive, par, model.algebraic, w)
+        _compute_reactions(lane, model, drive, par, w)
+        refused = refuse_step(lane, model, drive, par, w, active, part)
+        flag = select_lt(0.5, active, float(NEWTON_FAILED), w.flag[0])
+        # one arm, failed: second try from another start, then halves down to h / 2^max_halvings
+        if lane_count(lane) == 1 and max_over_lanes(flag) > 0.5:
+            _restore_step_start(lane, model, w)
+            if again or refused:
                 part *= 0.5
                 w.counts[HALVINGS] += 1.0
-            again = True
-            if part < h * 0.5**scheme.max_halvings:
-                store(w.flag, 0, flag)
+            again = not refused
+            if refused:
+                w.flag[0] = float(OK)
+            least = h
+            for _ in range(scheme.max_halvings):
+                least *= 0.5
+            if part < least:
+                w.flag[0] = flag
                 return start
             continue
+        # accepted: account for energy, conserve momentum, check the model's range
         w.counts[STEPS] += 1.0
         if books is not None:
-            keep_books(lane, model, drive, par, w, part)
-        moving = conserve(lane, model, par, moving, part, w.q, w.v, w.u, w.r, w.S)
+            account_for_step(lane, model, drive, par, w, part)
+        moving = conserve_momentum(lane, model, par, moving, part, w.q, w.v, w.u, w.r, w.S)
         flag = select_lt(flag, 0.5, out_of_range(lane, model, par, w.q), flag)
-        store(w.flag, 0, flag)
-        if arms(lane) == 1 and largest(flag) > 0.5:
+        w.flag[0] = flag
+        if lane_count(lane) == 1 and max_over_lanes(flag) > 0.5:
             return start + part
+        # 1e-9: sums of halves may miss h by round-off
         left -= part
         if left <= 1e-9 * h:
             done += 1

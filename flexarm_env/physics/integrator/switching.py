@@ -1,50 +1,59 @@
-"""What happens at an instant where only inputs jump: the torques of a controller, held over a period or a step."""
+"""Jump of the accelerations where only inputs jump: torques of a controller, constant over a period or a step."""
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, select_lt, size, store
-from ..joints.friction import apply_friction, note_friction
+from ...compiler import kernel, select_lt, size
+from ..joints.friction import apply_friction, store_friction
 from ..layout import FACTORISATIONS
 from ..protocol import MASS_ALONE, RESIDUAL_ALONE, Weights, assemble, factor, solve
-from .work import state_of, take_multipliers, take_out_known, unpack
+from .work import Work, remove_known_rows, state_of, take_multipliers, unpack
 
 
 @kernel
-def light_weights(h):
-    """Shares in the matrix that accelerations of light joints jump by."""
+def light_joint_weights(h):
+    """Return the `Weights` of M + h/2 C + h^2/4 K, by which accelerations of light joints jump; h: a step, s."""
     return Weights(1.0, 0.5 * h, 0.25 * h * h)
 
 
 @kernel
-def switch(lane, model, par, flat, n_motions, h, first, kept=None):
-    """Let accelerations jump with the inputs, from w.u0 to w.u: M da + Phi_q^T dlambda = B (u - u0), for a and b alike.
+def jump_accelerations(lane, model, par, flat, n_motions, h, first, kept=None):
+    """Let a and b jump with the inputs from w.u0 to w.u at constant q, v: M da + Phi_q^T dlambda = B (u - u0).
 
     Unlike `restart` this keeps what the integrator has filtered: where stretch, shear and rotary modes are too fast for
     the step, accelerations solved afresh from round-off in the strains are large, and Newton would start far away.
-    h: a step. first: None, but for models that are `protocol.light`, whose da is that of M + h/2 C + h^2/4 K: 1 in
-    lanes that were not moved before, for which a = 0 and da follows from all forces. kept: a tag where accelerations
-    before are to be left in w.a0.
+
+    # model     model, par; h: a step, s; B: the inputs' generalized forces; lambda: multipliers of constraints Phi = 0
+    # state     flat: work array (n_motions prescribed coordinates); w.a, w.b and multipliers in w.q: in and out
+    # scratch   w.r, w.S, w.q0
+
+    first: None, or, for models with `NewtonPolicy.light_joints`, lanes > 1/2 that start from a = 0. The matrix is then
+    M + h/2 C + h^2/4 K, and in the lanes `first` da follows from all forces. kept: a tag to store the accelerations
+    before the jump in w.a0, or None.
     """
-    w, n = unpack(lane, model, flat, n_motions), size(model.n)  # q0 is scratch
+    w: Work = unpack(lane, model, flat, n_motions)
+    n = size(model.n)
+    # residual before the jump, with Coulomb friction; 0 in lanes `first`
     assemble(lane, model, par, state_of(w), w.u0, RESIDUAL_ALONE, w.r, w.S)
-    note_friction(lane, model, par, state_of(w), w.u0, w.r, w.S)
+    store_friction(lane, model, par, state_of(w), w.u0, w.r, w.S)
     for k in range(n):
-        before = load(lane, w.r, k)
+        before = w.r[k]
         if first is not None:
             before = select_lt(0.5, first, 0.0, before)
-        store(w.q0, k, before)
-    weights = MASS_ALONE if first is None else light_weights(h)
+        w.q0[k] = before
+    # right-hand side r(u) - r(u0) = -B (u - u0), and the matrix
+    weights = MASS_ALONE if first is None else light_joint_weights(h)
     assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
     for k in range(n):
-        store(w.r, k, load(lane, w.r, k) - load(lane, w.q0, k))
-    take_out_known(lane, model, None, w.r, w.S, True)
+        w.r[k] -= w.q0[k]
+    remove_known_rows(lane, model, None, w.r, w.S, True)
     factor(lane, model, w.S)
     w.counts[FACTORISATIONS] += 1.0
     solve(lane, model, w.S, w.r)
     apply_friction(lane, model, par, state_of(w), MASS_ALONE, 0.5 * h, w.S, w.r)
+    # w.r = -da, and in rows of multipliers -dlambda
     take_multipliers(lane, model.algebraic, w, None, 1.0)
     for k in range(n):
         if kept is not None:
-            store(w.a0, k, load(lane, w.a, k))
-        store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
-        store(w.b, k, load(lane, w.b, k) - load(lane, w.r, k))
+            w.a0[k] = w.a[k]
+        w.a[k] -= w.r[k]
+        w.b[k] -= w.r[k]

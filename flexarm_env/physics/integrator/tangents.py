@@ -1,38 +1,50 @@
 """Tangents of a step, a fresh start and a jump of torques, by the implicit function theorem at the values found.
 
-What a step solves is r(q, v, a) = 0 with v and a that follow from q and the step's start. Of a direction in which the
-start, the inputs or the arm's parameters change, all but q's own share of dr is one residual in dual lanes, with the
-tangents that v and a would have if q had none; then S dq = - dr, S being the matrix of plain lanes at the end of the
-step. `wide` is a dual tag, `x` its work array, whose values are brought up to date here; `w` holds the arm itself.
+A step solves r(q, v, a) = 0, with v and a functions of q and of the step's start. For a direction in which the start,
+the inputs or the parameters change, one residual in dual lanes, with the tangents that v and a have for dq = 0, gives
+dr without the part of q. Then S dq = -dr, S being the step's matrix at its end, in lanes without tangents.
 
-Exact where nothing but these equations decides what a step comes to: not with friction as a set, nor where the period
-is corrected.
+`wide` is a dual lane tag and `x` its work array, whose values are updated here; `w` is the arm's own work array.
+
+Exact where these equations alone decide the step: not with Coulomb friction, nor with period correction.
 """
 
 from __future__ import annotations
 
-from ...compiler import absolute, alone, change, kernel, largest, load, maximum, select_lt, size, splat, store
-from ..protocol import Weights, assemble, factor, multiply, residual, rotates, solve, update
-from .step import foresee
-from .switching import light_weights
-from .work import copy_rows, moved_by, open_shift, state_of, take_out_known
+from ...compiler import (
+    absolute,
+    kernel,
+    load,
+    max_over_lanes,
+    maximum,
+    select_lt,
+    size,
+    splat,
+    store,
+    tangents_only,
+    without_tangents,
+)
+from ..protocol import Weights, assemble, factor, multiply, residual, retract, solve
+from .step import newmark_predict
+from .switching import light_joint_weights
+from .work import accumulated_increment, copy_rows, remove_known_rows, reset_shift, state_of
 
 
 @kernel
 def copy_values(lane, wide, rows, values, both):
-    """The values of `rows` elements into dual lanes, whose tangents stay."""
+    """Copy the values of `rows` rows to dual lanes `both`, whose tangents stay as they are."""
     many = len(wide) // len(lane)
     for k in range(rows):
         store(both, k * many, load(lane, values, k))
 
 
 LEFT, LEAST = 1e-8, 1e-14
-"""Share of the first solution that may be left, over the steps' own tolerance; at least."""
+"""Share of the first solution by which tangents may be off: LEFT times the steps' tolerance, at least LEAST."""
 
 
 @kernel
 def largest_row(lane, model, r, many, first):
-    """The largest weighted row of r, whose rows have `many` elements each, those before `first` left out."""
+    """Return the largest |r_k| weight_k of r: n rows of `many` elements, of which those before `first` do not count."""
     found = splat(lane, 0.0)
     for k in range(size(model.n)):
         for j in range(first, many):
@@ -41,15 +53,18 @@ def largest_row(lane, model, r, many, first):
 
 
 @kernel
-def solved(lane, scheme, first, before, left):
-    """Whether of the first solution nothing counts beyond the last, `left` after one of `before`."""
+def tangents_have_converged(lane, scheme, first, before, left):
+    """Return whether the error left, left^2 / before, is below the allowed share of the first solution in all lanes.
+
+    first, before, left: largest weighted rows of the first, the last but one and the last correction.
+    """
     share = max(LEAST, LEFT * scheme.tolerance)
-    return largest(select_lt(first * before * share, left * left, 1.0, splat(lane, 0.0))) < 0.5
+    return max_over_lanes(select_lt(first * before * share, left * left, 1.0, splat(lane, 0.0))) < 0.5
 
 
 @kernel
 def copy_state(lane, wide, model, w, x):
-    """The values of q, v and a."""
+    """Copy the values of q, v and a from w to the dual work array x; tangents stay."""
     n = size(model.n)
     copy_values(lane, wide, n, w.q, x.q)
     copy_values(lane, wide, n, w.v, x.v)
@@ -57,22 +72,23 @@ def copy_state(lane, wide, model, w, x):
 
 
 @kernel
-def prepare(lane, model, par, w, slopes):
-    """w.S <- the factors of a step's matrix at its end."""
-    weights = Weights(slopes.a, slopes.v, 1.0)
+def factor_step_end(lane, model, par, w, slopes):
+    """Factor the Newton matrix at the end of a step into w.S; w.r <- the residual there."""
+    weights = Weights(slopes.a, slopes.v, 1.0, newton_share=1.0)
     assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
-    take_out_known(lane, model, None, w.r, w.S, True)
+    remove_known_rows(lane, model, None, w.r, w.S, True)
     factor(lane, model, w.S)
 
 
 @kernel
 def _solve(lane, wide, model, w, x):
-    """Tangents of x.r <- those of - S^-1 r."""
+    """Solve for tangents in dual lanes: tangents of x.r <- -S^-1 (tangents of x.r), w.S: factors; known rows are 0."""
     n, many = size(model.n), len(wide) // len(lane)
+    # one solve per direction
     for j in range(1, many):
         for k in range(n):
             store(w.r, k, -load(lane, x.r, k * many + j))
-        take_out_known(lane, model, None, w.r, w.S, False)
+        remove_known_rows(lane, model, None, w.r, w.S, False)
         solve(lane, model, w.S, w.r)
         for k in range(n):
             store(x.r, k * many + j, load(lane, w.r, k))
@@ -80,16 +96,21 @@ def _solve(lane, wide, model, w, x):
 
 @kernel
 def step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
-    """x: tangents of q, v, a, b from a step's start to its end, where w is; w.S from `prepare`.
+    """Compute the tangents of q, v, a, b at the end of a step from those at its start, both in x.
 
-    passes: 1 where S is the residual's derivative; where it is nearly so, what is left is solved for again.
+    # in        w: the arm at the step's end, w.S from `factor_step_end`; w.q0, w.v0, w.a0, w.b0: its start
+    # out       x.q, x.v, x.a, x.b; x.r, x.S: scratch
+
+    passes: 1 where S is the residual's derivative; more where S is approximate and the remaining error is solved for
+    again.
     """
-    if rotates(model) is None:
+    if model.newton.rotations is None:
         _step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes)
     else:
+        # with rotations: differentiate the prediction, then the increment that moves it
         for start, value in ((w.q0, x.q), (w.v0, x.v), (w.a0, x.a), (w.b0, x.b)):
             copy_values(lane, wide, size(model.n), start, value)
-        foresee(wide, model, x, slopes.h, scheme)
+        newmark_predict(wide, model, x, slopes.h, scheme)
         copy_rows(wide, size(model.n), x.b, x.b0)
         _shift_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes)
         for k in range(size(model.n)):
@@ -98,34 +119,38 @@ def step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
 
 @kernel
 def _shift_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
-    """x: tangents of q, v and a where increments of rotations move q from where it is, v and a following them, to where
-    the residual is 0; w.shift: what moves it there."""
-    n, moved, total = size(model.n), moved_by(w)[0], moved_by(x)[0]
-    open_shift(wide, model, x)
+    """Compute the tangents of q, v and a at the step's end, where the total increment d moves the predicted q: q (+) d.
+
+    v and a follow d by `slopes`. x: in, tangents of the prediction; w.shift: d at the step's end. passes: see
+    `step_tangents`.
+    """
+    n, moved, total = size(model.n), accumulated_increment(lane, w)[0], accumulated_increment(wide, x)[0]
+    reset_shift(wide, model, x)
     copy_rows(wide, n, x.v, x.v0)
     copy_rows(wide, n, x.a, x.a0)
     copy_values(lane, wide, n, moved, total)
     _follow_shift(wide, model, x, slopes)
     first, before = splat(lane, 0.0), splat(lane, 0.0)
     for k in range(passes):
+        # dr at the present tangents of d, then dd <- dd - S^-1 dr
         residual(wide, model, parx, state_of(x), x.u, x.r, x.S)
         _solve(lane, wide, model, w, x)
         for i in range(n):
-            store(total, i, load(wide, total, i) + change(load(wide, x.r, i)))
+            store(total, i, load(wide, total, i) + tangents_only(load(wide, x.r, i)))
         _follow_shift(wide, model, x, slopes)
         left = largest_row(lane, model, x.r, len(wide) // len(lane), 1)
         first = left if k == 0 else first
-        if k > 0 and solved(lane, scheme, first, before, left):
+        if k > 0 and tangents_have_converged(lane, scheme, first, before, left):
             break
         before = left
 
 
 @kernel
 def _follow_shift(wide, model, x, slopes):
-    """q, v and a of what q is moved by."""
-    total, start = moved_by(x)
+    """Set x.q, x.v and x.a to the prediction moved by its total increment d: q (+) d, v + dv/dq d, a + da/dq d."""
+    total, start = accumulated_increment(wide, x)
     copy_rows(wide, size(model.n), start, x.q)
-    update(wide, model, x.q, 1.0, total, None)
+    retract(wide, model, x.q, 1.0, total, None)
     for i in range(size(model.n)):
         store(x.v, i, load(wide, x.v0, i) + load(wide, total, i) * slopes.v)
         store(x.a, i, load(wide, x.a0, i) + load(wide, total, i) * slopes.a)
@@ -133,10 +158,11 @@ def _follow_shift(wide, model, x, slopes):
 
 @kernel
 def _step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
-    """`step_tangents` of coordinates that add up."""
+    """Compute the tangents of a step as `step_tangents` for coordinates that are added, by eq. (6.1)."""
     n, h, am, af = size(model.n), slopes.h, scheme.alpha_m, scheme.alpha_f
     for k in range(n):
         q, v, a, b = load(wide, x.q, k), load(wide, x.v, k), load(wide, x.a, k), load(wide, x.b, k)
+        # b+ = (q+ - ahead) db/dq, from which v+ and a+ follow; first with q+ = 0
         ahead = q + v * h + b * (h * h * (0.5 - scheme.beta))
         store(x.q0, k, ahead)
         store(x.q, k, splat(wide, 0.0))
@@ -144,6 +170,7 @@ def _step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
         store(x.a, k, (b * am - a * af) * (1.0 / (1.0 - af)) - ahead * slopes.a)
     for _ in range(passes):
         copy_state(lane, wide, model, w, x)
+        # dq+ = -S^-1 dr
         residual(wide, model, parx, state_of(x), x.u, x.r, x.S)
         _solve(lane, wide, model, w, x)
         for k in range(n):
@@ -157,7 +184,7 @@ def _step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
 
 @kernel
 def restart_tangents(lane, wide, model, parx, w, x):
-    """x.r: tangents of a from those of q and v, after a fresh start, whose matrix is in w.S still."""
+    """Compute in x.r the tangents of a after a fresh start from those of q and v in x; w.S: factors of its matrix M."""
     for k in range(size(model.n)):
         store(x.a, k, splat(wide, 0.0))
     copy_state(lane, wide, model, w, x)
@@ -167,7 +194,7 @@ def restart_tangents(lane, wide, model, parx, w, x):
 
 @kernel
 def before_switch(lane, wide, model, parx, w, x):
-    """x.q0 <- the residual before the torques jump from u0 to u."""
+    """Store in x.q0 the residual, with tangents, before the torques jump from x.u0 to x.u; w: the arm then."""
     copy_state(lane, wide, model, w, x)
     residual(wide, model, parx, state_of(x), x.u0, x.r, x.S)
     copy_rows(wide, size(model.n), x.r, x.q0)
@@ -175,16 +202,21 @@ def before_switch(lane, wide, model, parx, w, x):
 
 @kernel
 def light_tangents(lane, wide, model, parx, w, x, h):
-    """`switch_tangents` of models that are `protocol.light`, whose matrix changes too."""
+    """Compute tangents as `switch_tangents` for models with `NewtonPolicy.light_joints`, where S da = -(r(u) - r(u0)).
+
+    S = M + h/2 C + h^2/4 K changes along the direction too; h: a step, s. w: the arm after the jump.
+    """
     n = size(model.n)
     for k in range(n):
         store(x.b0, k, splat(wide, 0.0))
     copy_values(lane, wide, n, w.a, x.b0)
     for k in range(n):
-        store(x.b0, k, alone(load(wide, x.a, k)) - load(wide, x.b0, k))
-    assemble(wide, model, parx, state_of(x), x.u, light_weights(h), x.r, x.S)
+        # b0 <- -da, without tangents
+        store(x.b0, k, without_tangents(load(wide, x.a, k)) - load(wide, x.b0, k))
+    assemble(wide, model, parx, state_of(x), x.u, light_joint_weights(h), x.r, x.S)
     for k in range(n):
         store(x.r, k, load(wide, x.q0, k) - load(wide, x.r, k))
+    # r <- r(u) - r(u0) + S da, whose tangents must vanish
     multiply(wide, model, x.S, x.b0, x.r)
     for k in range(n):
         store(x.r, k, -load(wide, x.r, k))
@@ -194,6 +226,7 @@ def light_tangents(lane, wide, model, parx, w, x, h):
 
 @kernel
 def _add_jump(wide, n, x):
+    """Add x.r, the tangents of the jump da, to x.a and x.b."""
     for k in range(n):
         store(x.a, k, load(wide, x.a, k) + load(wide, x.r, k))
         store(x.b, k, load(wide, x.b, k) + load(wide, x.r, k))
@@ -201,7 +234,11 @@ def _add_jump(wide, n, x):
 
 @kernel
 def switch_tangents(lane, wide, model, parx, w, x):
-    """x: tangents of a and b after the jump, by which the residual has not changed; its matrix is in w.S still."""
+    """Compute the tangents of a and b after a jump of the torques, at which the residual is unchanged: r(u) = r(u0).
+
+    x: in, tangents before the jump and x.q0 from `before_switch`; out, x.a and x.b. w: the arm after it, w.S its
+    factors.
+    """
     copy_state(lane, wide, model, w, x)
     residual(wide, model, parx, state_of(x), x.u, x.r, x.S)
     for k in range(size(model.n)):

@@ -1,136 +1,160 @@
-"""An arm's work array: its views, and what is done to them before and after a system is solved."""
+"""The integrator's work array: its layout, its views, and operations on them before and after a linear solve.
+
+An arm, or a group of arms in lanes, has one flat float64 array. `unpack` returns its parts by name, the record `Work`.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
-from ...compiler import inlined, kernel, load, select_lt, size, splat, store
+from ...compiler import Lanes, inlined, kernel, select_lt, size
 from ...layout import Field, Layout
 from ..layout import BOOKS, COUNTS, FACTORISATIONS, MOTION, OF_MOTION
-from ..protocol import State, factor, pin, rotates, solve, update
+from ..protocol import State, add_stiffness, factor, retract, solve
 
 _ROWS = ("n", "lanes")
 _INPUTS = ("inputs", "lanes")
 _MOTIONS = ("motions", MOTION.length, "lanes")
 WORK = Layout(
     "Work", "lanes, n, shift, factor, inputs, motions",
-    Field("q", _ROWS, "m, rad", "coordinates; forces in rows of multipliers"),
-    Field("v", _ROWS, "1/s", "their rates"),
-    Field("a", _ROWS, "1/s^2", "their second rates"),
-    Field("b", _ROWS, "1/s^2", "the integrator's auxiliary accelerations"),
-    Field("q0", _ROWS, "m, rad", "the same at the step's start"),
-    Field("v0", _ROWS, "1/s", ""),
-    Field("a0", _ROWS, "1/s^2", ""),
-    Field("b0", _ROWS, "1/s^2", ""),
-    Field("r", _ROWS, "N, N m", "residual, and what it is solved for"),
-    Field("shift", ("shift", "lanes"), "m, rad", "2 n rows where the period is corrected, or rotations are moved"),
-    Field("S", ("factor", "lanes"), "", "iteration matrix and its factors"),
-    Field("u", _INPUTS, "N m, N", "inputs"),
-    Field("u0", _INPUTS, "N m, N", ""),
-    Field("y", _INPUTS, "rad, m", "ports: what the inputs work on"),
-    Field("y0", _INPUTS, "rad, m", ""),
-    Field("psi", _MOTIONS, "", "a `MOTION` for each prescribed coordinate"),
-    Field("psi0", _MOTIONS, "", ""),
-    Field("reaction", ("motions", "lanes"), "N, N m", "forces that hold the prescribed coordinates"),
-    Field("reaction0", ("motions", "lanes"), "N, N m", ""),
-    Field("flag", ("lanes",), "", "status of each lane"),
-    Field("books", (BOOKS.length, "lanes"), "J", "a `BOOKS`"),
-    Field("counts", (COUNTS.length,), "", "a `COUNTS` for all lanes together"),
+    Field("q", _ROWS, "m, rad", "coordinates; in rows of multipliers the constraint forces lambda (N, N m)"),
+    Field("v", _ROWS, "1/s", "velocities (m/s, rad/s)"),
+    Field("a", _ROWS, "1/s^2", "accelerations (m/s^2, rad/s^2)"),
+    Field("b", _ROWS, "1/s^2", "auxiliary accelerations of the generalized-alpha method, eq. (6.1)"),
+    Field("q0", _ROWS, "m, rad", "q at the start of the step; free between steps"),
+    Field("v0", _ROWS, "1/s", "v at the start of the step; free between steps"),
+    Field("a0", _ROWS, "1/s^2", "a at the start of the step; free between steps"),
+    Field("b0", _ROWS, "1/s^2", "b at the start of the step; free between steps"),
+    Field("r", _ROWS, "N, N m", "residual; after a solve S^-1 r (m, rad), the negative Newton increment"),
+    Field("shift", ("shift", "lanes"), "m, rad", "2 n rows or none, see `shift_size`"),
+    Field("S", ("factor", "lanes"), "", "Newton matrix or, in place, its factors"),
+    Field("u", _INPUTS, "N m, N", "inputs: joint torques (N m), then one `LOAD` per point load"),
+    Field("u0", _INPUTS, "N m, N", "u at the start of the step, or before a jump"),
+    Field("y", _INPUTS, "rad, m", "displacements conjugate to the inputs, for their work"),
+    Field("y0", _INPUTS, "rad, m", "y at the start of the step"),
+    Field("psi", _MOTIONS, "", "one `MOTION` per prescribed coordinate: value, rate, second rate"),
+    Field("psi0", _MOTIONS, "", "psi at the start of the step, or before a jump"),
+    Field("reaction", ("motions", "lanes"), "N, N m", "forces (in a jump: impulses) that enforce the motions"),
+    Field("reaction0", ("motions", "lanes"), "N, N m", "reaction at the start of the step"),
+    Field("flag", ("lanes",), "", "status code of each lane (`model.STATUS`); 0: ok"),
+    Field("books", (BOOKS.length, "lanes"), "J", "energy account, one `BOOKS` per lane"),
+    Field("counts", (COUNTS.length,), "", "one `COUNTS` for all lanes together"),
 )  # fmt: skip
-"""The integrator's memory of an arm, or of a group of lanes."""
+"""Work array of one arm, or of a group of arms in lanes."""
 
 Work = Any
-"""A named tuple of one-dimensional views: the fields of WORK."""
+"""Type of a work record `w`: a named tuple of one-dimensional views, one per field of WORK."""
 
 _work_at = kernel(WORK.offsets)
 _views = inlined(WORK.views)
 
 
 @kernel
-def rows_of_shift(model, n):
-    """What of `shift` there is."""
-    return 0 if model.correction is None and rotates(model) is None else 2 * n
+def shift_size(model, n):
+    """Return the number of rows of `Work.shift`: 2 n if the model has a period correction or rotations, otherwise 0.
+
+    Period correction: the shift of the displacement (n rows), then scratch. Rotations: `accumulated_increment`.
+    """
+    return 0 if model.newton.period_correction is None and model.newton.rotations is None else 2 * n
 
 
 @kernel
 def work_size(lanes, model, n_motions):
-    """Length of the flat array behind `Work`."""
-    n, shift = size(model.n), rows_of_shift(model, size(model.n))
+    """Return the length of the flat float64 array that `unpack` views; lanes: number of arms side by side."""
+    n, shift = size(model.n), shift_size(model, size(model.n))
     return _work_at(0, lanes, n, shift, size(model.n_factor), size(model.n_inputs), n_motions).end
 
 
 @inlined
 def unpack(lane, model, flat, n_motions):
-    """`Work` as views of `flat`."""
-    n, shift = size(model.n), rows_of_shift(model, size(model.n))
+    """Return `Work`, views of the flat array `flat`, one per field of WORK; n_motions: prescribed coordinates."""
+    n, shift = size(model.n), shift_size(model, size(model.n))
     return _views(flat, 0, len(lane), n, shift, size(model.n_factor), size(model.n_inputs), n_motions)
 
 
 @kernel
 def state_of(w):
-    """The arm's coordinates and their rates."""
+    """Return `State`(q, v, a) of the work record w: its own arrays, not copies."""
     return State(w.q, w.v, w.a)
 
 
 @kernel
-def copy_rows(lane, count, source, target):
-    """target <- source, so many elements."""
+def copy_rows(lane, count, source: Lanes, target: Lanes):
+    """Copy the first `count` rows of `source` to `target`."""
     for k in range(count):
-        store(target, k, load(lane, source, k))
+        target[k] = source[k]
 
 
 @kernel
-def moved_by(w):
-    """Where rotations are moved: (what q is its prediction moved by, as increments in body axes; that prediction)."""
+def accumulated_increment(lane, w: Work):
+    """Return (d, start), n rows each, of a model with rotations: the step's coordinates are q = start (+) d.
+
+    d: sum of the step's Newton increments, of rotations in body axes (rad); start: the predicted q.
+    """
     n = w.q.shape[0]
     return w.shift[:n], w.shift[n:]
 
 
 @kernel
-def open_shift(lane, model, w):
-    """q is where it is to be moved from."""
-    if rotates(model) is not None:
-        total, start = moved_by(w)
+def reset_shift(lane, model, w):
+    """Start accumulating increments at the current q, in models with rotations: start <- q, d <- 0."""
+    if model.newton.rotations is not None:
+        total, start = accumulated_increment(lane, w)
         copy_rows(lane, size(model.n), w.q, start)
         for k in range(size(model.n)):
-            store(total, k, splat(lane, 0.0))
+            total[k] = 0.0
 
 
 @kernel
-def move_on(lane, model, w, d):
-    """q moved by d. Rotations do not add up: increments do, and it is their sum that moves the prediction, so that
-    where a step ends does not depend on the way that Newton took there."""
-    if rotates(model) is None:
-        update(lane, model, w.q, 1.0, d, None)
+def apply_increment(lane, model, w, d: Lanes):
+    """Move the coordinates by an increment: q <- q (+) d.
+
+    Rotations do not add up, their increments do. With rotations the sum of all increments of the step is therefore
+    applied to the predicted q, so that the end of a step does not depend on the path of the Newton iteration.
+
+    # model     model
+    # out       w.q; with rotations also w.shift
+    """
+    if model.newton.rotations is None:
+        retract(lane, model, w.q, 1.0, d, None)
     else:
-        total, start = moved_by(w)
+        # total <- total + d,  q <- start (+) total
+        total, start = accumulated_increment(lane, w)
         for k in range(size(model.n)):
-            store(total, k, load(lane, total, k) + load(lane, d, k))
+            total[k] += d[k]
         copy_rows(lane, size(model.n), start, w.q)
-        update(lane, model, w.q, 1.0, total, None)
+        retract(lane, model, w.q, 1.0, total, None)
 
 
 @kernel
-def take_out_known(lane, model, drive, r, S, matrix):
-    """Take fixed and prescribed coordinates out of the residual and, where asked for, out of the matrix."""
+def remove_known_rows(lane, model, drive, r: Lanes, S, matrix):
+    """Remove fixed and prescribed coordinates from the linear system S x = r: r_k <- 0 in their rows k.
+
+    matrix: True also replaces row and column k of S by those of the identity; False: S holds factors. drive: the
+    scene's `Drive`, or None if nothing is prescribed.
+    """
     for i in range(model.fixed.shape[0]):
         k = model.fixed[i]
-        store(r, k, splat(lane, 0.0))
+        r[k] = 0.0
         if matrix:
-            pin(lane, model, S, k)
+            add_stiffness(lane, model, S, k, None)
     if drive is not None:
         for i in range(drive.known.shape[0]):
+            # k < 0: a multiplier prescribes the motion, all rows of q stay unknown
             k = drive.known[i]
             if k >= 0:
-                store(r, k, splat(lane, 0.0))
+                r[k] = 0.0
                 if matrix:
-                    pin(lane, model, S, k)
+                    add_stiffness(lane, model, S, k, None)
 
 
 @kernel
-def solve_known(lane, model, drive, w, matrix):
-    """r <- S^-1 r without the known rows; `matrix`: S is new, and is factored."""
-    take_out_known(lane, model, drive, w.r, w.S, matrix)
+def solve_unknown_rows(lane, model, drive, w, matrix):
+    """Solve for the unknown rows: w.r <- S^-1 w.r, where rows of fixed and prescribed coordinates are 0.
+
+    matrix: True if w.S holds a new matrix, which is factored first; False if it holds factors.
+    """
+    remove_known_rows(lane, model, drive, w.r, w.S, matrix)
     if matrix:
         factor(lane, model, w.S)
         w.counts[FACTORISATIONS] += 1.0
@@ -138,46 +162,62 @@ def solve_known(lane, model, drive, w, matrix):
 
 
 @kernel
-def note_reactions(lane, known, algebraic, r, multipliers, reaction):
-    """Generalised forces that hold the prescribed coordinates: rows of the residual, or multipliers."""
+def store_reactions(lane, known, algebraic, r: Lanes, multipliers: Lanes, reaction: Lanes):
+    """Store the generalized forces (N, N m) that enforce the prescribed motions, one per motion, in `reaction`.
+
+    For a coordinate row k >= 0 this is row k of the residual r. For known[i] = -1 - j it is multiplier j, read from
+    `multipliers` (an array of n rows) at row algebraic[j].
+    """
     for i in range(known.shape[0]):
         k = known[i]
         if k >= 0:
-            store(reaction, i, load(lane, r, k))
+            reaction[i] = r[k]
         elif algebraic is not None:
-            store(reaction, i, load(lane, multipliers, algebraic[-1 - k]))
+            reaction[i] = multipliers[algebraic[-1 - k]]
 
 
 @kernel
-def set_known(lane, known, psi, q, v, a, b):
-    """Give prescribed coordinates their position, velocity and acceleration."""
+def set_prescribed(lane, known, psi: Lanes, q: Lanes, v: Lanes, a: Lanes, b: Lanes):
+    """Set q, v, a and b of the prescribed coordinates to the motions' values: position, velocity, acceleration twice.
+
+    known: rows, negative where a multiplier prescribes (nothing is set); psi: one `MOTION` per entry of known: value,
+    rate, second rate (m, rad).
+    """
     for i in range(known.shape[0]):
         k = known[i]
         if k >= 0:
             at = OF_MOTION.end * i
-            second = load(lane, psi, at + OF_MOTION.second)
-            store(q, k, load(lane, psi, at + OF_MOTION.value))
-            store(v, k, load(lane, psi, at + OF_MOTION.rate))
-            store(a, k, second)
-            store(b, k, second)
+            second = psi[at + OF_MOTION.second]
+            q[k] = psi[at + OF_MOTION.value]
+            v[k] = psi[at + OF_MOTION.rate]
+            a[k] = second
+            b[k] = second
 
 
 @kernel
-def move_multipliers(lane, algebraic, target, values, clear):
-    """Multipliers live in q; solves for accelerations or velocity jumps leave them in those arrays."""
+def move_multipliers(lane, algebraic, target: Lanes, values: Lanes, clear):
+    """Copy the rows of multipliers from `values` to `target`, or set them to 0 (clear True).
+
+    algebraic: rows of multipliers, or None (nothing to do). They are stored in q, but solves for accelerations or
+    velocity jumps return them in the arrays of those.
+    """
     if algebraic is not None:
         for i in range(algebraic.shape[0]):
             k = algebraic[i]
-            store(target, k, splat(lane, 0.0) if clear else load(lane, values, k))
+            target[k] = 0.0 if clear else values[k]
 
 
 @kernel
-def take_multipliers(lane, algebraic, w, active, c_m):
-    """Take r times c_m from the multipliers, which live in q, where `active` or (None) everywhere; that r becomes 0."""
+def take_multipliers(lane, algebraic, w: Work, active, c_m):
+    """Update the multipliers in w.q: lambda <- lambda - c_m r, eq. (3.5), and set their rows of w.r to 0.
+
+    algebraic: rows of multipliers, or None (nothing to do). active: lanes in which to update (> 1/2), or None for all.
+    c_m = da+/dq+ of the step, 1 for accelerations, undoes the scaling of the multipliers' columns in the matrix.
+    """
     if algebraic is not None:
         for i in range(algebraic.shape[0]):
             k = algebraic[i]
-            force = load(lane, w.q, k)
-            less = force - load(lane, w.r, k) * c_m
-            store(w.q, k, less if active is None else select_lt(0.5, active, less, force))
-            store(w.r, k, splat(lane, 0.0))
+            force = w.q[k]
+            less = force - w.r[k] * c_m
+            w.q[k] = less if active is None else select_lt(0.5, active, less, force)
+            w.r[k] = 0.0

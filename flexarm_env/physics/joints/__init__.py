@@ -1,1 +1,1 @@
-"""What turns an arm's joints, for every formulation without multipliers: rotors, elastic gears, friction."""
+"""Joints of an arm, for every formulation without multipliers: rotors, elastic gears, backlash and friction."""

@@ -1,36 +1,45 @@
-"""An arm's System and what turns its joints: the System of both."""
+"""Assembly of joints: from the System of an arm with ideal joints to that with rotors, gears and friction."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexarm_env import validation as check
+from flexarm_env.compiler import size
+from flexarm_env.parameters import Arm
 from flexarm_env.physics.joints.layout import GEAR, LAW, LAWS, PLACE, PLACES
-from flexarm_env.physics.model import Floating, Jointed, System
-from flexarm_env.scene import Scene
+from flexarm_env.physics.joints.points import KINDS, AtPoint, Point, numbers_in_matrix
+from flexarm_env.physics.model import Floating, Gears, Honours, Jointed, System
+from flexarm_env.physics.protocol import NewtonPolicy
+from flexarm_env.scene import PointLoad, Scene
 from flexarm_env.settings import Settings
+from flexarm_env.time_functions import constant
 
 
-def jointed(
+def with_joints(
     scene: Scene, settings: Settings, system: System, places: Sequence[tuple[int, int]] | None = None
 ) -> System:
-    """The system with what turns the arm's joints; itself where they are ideal. places: see `places_of`, of an
-    arm on a base that floats.
+    """Return the System with the arm's contributions: gears, floating base, forces at points; itself without any.
+
+    places: pairs of rows that are positions (`places_of`), for an arm on a floating base; otherwise None.
 
     Raises:
-        ValueError: frames joined by multipliers, or a motor without inertia that nothing prescribes.
+        ValueError: frames joined by multipliers, or a motor without inertia that no motion prescribes.
     """
     arm = scene.arm
-    if not arm.jointed and places is None:
+    kinds, geared = points_of(arm), arm.jointed or places is not None
+    if not geared and not kinds:
         return system
-    joints = [k for k in range(arm.n_links) if arm.joint(k).moves]
+    joints = [k for k in range(arm.n_links) if arm.joint(k).moves and geared]
     if settings.multipliers:
         what = "must be False for an arm whose joints are not ideal; floating frames in a chain take them"
         raise check.InvalidValue("multipliers", True, what)
+    # new rows: one per motor behind an elastic gear, then the attitude of the base
     inner, first = system.model, len(system.q0)
     elastic = [k for k in joints if arm.joint(k).elastic]
     motors = {k: first + i for i, k in enumerate(elastic)}
@@ -39,31 +48,45 @@ def jointed(
     count = len(motors)
     base = None if places is None else _floating(scene, system, first + count, places)
     count += base is not None
+    # records of the joints
     rows = [system.coordinates[f"joint{k}"] for k in joints]
     laws = [_law(scene, k, row, motors.get(k, -1)) for k, row in zip(joints, rows, strict=True)]
     friction = any(joint.friction_coulomb > 0.0 for joint in arm.joints)
     play = any(joint.backlash > 0.0 for joint in arm.joints)
-    turning = getattr(inner, "rotors", None) is not None
+    rotors = getattr(inner, "rotors", None)
+    # numbers per joint in S: `GEAR`, with friction a column of S^-1 and a row of the torques' system
     more = GEAR.end + (first + count + len(joints) + 1 if friction else 0)
+    parts: list[Any] = []
+    if geared:
+        spin = None if rotors is None else np.array([1.0 / arm.joint(k).gear_ratio for k in joints])
+        parts.append(Gears((0,) if play else None, spin, None if rotors is None else np.abs(rotors[joints])))
+    if base is not None:
+        parts.append(base)
+    # points: the last loads of the arm, behind the joints' numbers in S
+    axes, n, room = (3 if scene.spatial else 2), first + count, more * len(joints)
+    for i, kind in enumerate(kinds):
+        entry = size(inner.n_inputs) - (len(kinds) - i) * (6 if scene.spatial else 3)
+        point = Point(entry, size(inner.n_factor) + room, (0,) * axes, (0,) * n)
+        parts.append(kind.make(arm, point))
+        room += numbers_in_matrix(n, axes)
     model = Jointed(
-        n=_longer(inner.n, count),
-        n_factor=_longer(inner.n_factor, more * len(joints) + (base is not None)),
+        n=_enlarged_size(inner.n, count),
+        n_factor=_enlarged_size(inner.n_factor, room + (base is not None)),
         n_inputs=inner.n_inputs,
         fixed=inner.fixed,
         algebraic=None,
         weight=np.concatenate([inner.weight, np.ones(count)]),
-        predictor=_cautious(inner.predictor) if play else inner.predictor,
-        correction=inner.correction,
+        newton=(_without_trust(inner.newton) if play else inner.newton)._replace(friction=(0,) if friction else None),
         bound=float(getattr(inner, "bound", 0.0)),
         arm=inner,
         table=np.array([place for place, _ in laws], np.int64).ravel(),
         data=np.concatenate([np.zeros(0), *(law for _, law in laws)]),
-        friction=(0,) if friction else None,
-        play=(0,) if play else None,
-        spin=np.array([1.0 / arm.joint(k).gear_ratio for k in joints]) if turning else None,
         own=None,
-        base=base,
+        contributions=tuple(parts),
+        points=(0,) * size(inner.n_inputs) if kinds else None,
+        derived=(0,) if kinds or rotors is not None else None,
     )
+    # start: motor angles of the scene, at their joints' rates; base at rest
     wound = [scene.initial_value(f"motor{k}") for k in elastic]
     names, still = tuple(f"motor{k}" for k in elastic), [0.0] * (base is not None)
     if base is not None:
@@ -80,11 +103,28 @@ def jointed(
 
 
 BASE = "base"
-"""Name of the row of a base's attitude."""
+"""Name of the row that holds a floating base's attitude."""
+
+
+def points_of(arm: Arm) -> list[AtPoint]:
+    """Return the kinds of contributions at points that the arm has."""
+    defaults = {field.name: field.default for field in dataclasses.fields(arm)}
+    return [kind for kind in KINDS if any(getattr(arm, name) != defaults[name] for name in kind.fields)]
+
+
+def with_points(scene: Scene) -> Scene:
+    """Return the scene with a point load of no force for each contribution at a point, behind its own loads."""
+    loads = [PointLoad(*kind.place(scene.arm), constant(0.0)) for kind in points_of(scene.arm)]
+    return dataclasses.replace(scene, loads=(*scene.loads, *loads)) if loads else scene
+
+
+def with_contributions(honours: Honours) -> Honours:
+    """Return a formulation's `HONOURS` with the arm's fields that describe contributions at points."""
+    return {**honours, Arm: (*honours[Arm], *(name for kind in KINDS for name in kind.fields))}
 
 
 def check_floating(scene: Scene, settings: Settings) -> None:
-    """ValueError, with its key path, for what an arm on a base that floats cannot have."""
+    """Raise ValueError, with the key path, for properties that an arm on a floating base cannot have."""
     link = scene.arm.links[0]
     if link.root_offset:
         what = "must be 0 on a base that floats, whose mass is at the hub"
@@ -96,8 +136,8 @@ def check_floating(scene: Scene, settings: Settings) -> None:
         raise check.InvalidValue("mass_damping", scene.arm.mass_damping, what)
 
 
-def carrying(scene: Scene) -> Scene:
-    """The scene with the base's mass at the root of link 0."""
+def with_base_mass(scene: Scene) -> Scene:
+    """Return the scene with the floating base's mass (kg) added at the root of link 0."""
     arm = scene.arm
     assert arm.base is not None
     first = dataclasses.replace(arm.links[0], root_mass=arm.links[0].root_mass + arm.base.mass)
@@ -105,12 +145,15 @@ def carrying(scene: Scene) -> Scene:
 
 
 def places_of(system: System, moved: System) -> list[tuple[int, int]]:
-    """Those of a System's pairs of rows that are places: all that a System of the same, moved elsewhere, has moved."""
+    """Return the System's pairs of rows (x, y) that are positions.
+
+    They are those that differ in `moved`, the System of the same scene elsewhere.
+    """
     return [pair for pair in system.vectors if moved.q0[pair[0]] != system.q0[pair[0]]]
 
 
 def _floating(scene: Scene, system: System, row: int, places: Sequence[tuple[int, int]]) -> Floating:
-    """What a `Jointed` model knows of the base, whose attitude is at `row`."""
+    """Return the `Floating` record of the scene's base, whose attitude is row `row`; places: pairs of position rows."""
     arm = scene.arm
     assert arm.base is not None
     return Floating(
@@ -121,20 +164,24 @@ def _floating(scene: Scene, system: System, row: int, places: Sequence[tuple[int
 
 
 NOTHING = 1e-12
-"""Of a hub: what stands for it where each arm has its own."""
+"""Share of the hub inertia that keeps its term in the model where each arm has its own."""
 
 
 def with_own_laws(system: System, hub: float) -> System:
-    """A system whose arms have joints' laws of their own, behind their other parameters; hub: that is drawn, kg m^2."""
+    """Return the System whose joint laws are entries of `par`, behind the others, so that arms may differ in them.
+
+    hub: inertia at the hub that is drawn for each arm, kg m^2; 0 if it is not drawn.
+    """
     model = system.model._replace(own=(0,) * len(system.par))
     if hub > 0.0 and model.table[PLACE.motor] >= 0:
+        # hub behind an elastic gear: its own field, placeholder until drawn
         model = model._replace(data=model.data.copy(), hub=(0,))
         model.data[LAWS.hub] = NOTHING * hub
     return dataclasses.replace(system, model=model, par=np.concatenate([system.par, model.data]))
 
 
 def _check_rotors(scene: Scene, elastic: list[int]) -> None:
-    """Behind an elastic gear there must be something that moves, or something that moves it."""
+    """Raise ValueError for an elastic gear whose motor has neither inertia nor a prescribed motion."""
     for k in elastic:
         joint = scene.arm.joint(k)
         if joint.rotor == 0.0 and scene.motion_of(f"motor{k}") is None:
@@ -143,7 +190,7 @@ def _check_rotors(scene: Scene, elastic: list[int]) -> None:
 
 
 def _law(scene: Scene, k: int, row: int, motor: int) -> tuple[list[int], NDArray[np.float64]]:
-    """The `PLACE` and the `LAW` of joint k, whose angle is at `row`, its motor's at `motor`."""
+    """Return the `PLACE` and the `LAW` record of joint k: angle in row `row`, motor angle in row `motor` or -1."""
     joint = scene.arm.joint(k)
     on_motor = motor >= 0 and joint.friction_side == "motor"
     known = scene.motion_of(f"{'motor' if on_motor else 'joint'}{k}") is not None
@@ -155,11 +202,14 @@ def _law(scene: Scene, k: int, row: int, motor: int) -> tuple[list[int], NDArray
     )  # fmt: skip
 
 
-def _cautious(predictor: float | tuple[float, float] | None) -> float:
-    """A Model's `predictor` that trusts no first increment: it may end on another flank than it began on."""
-    return predictor[0] if isinstance(predictor, tuple) else 0.0 if predictor is None else predictor
+def _without_trust(policy: NewtonPolicy) -> NewtonPolicy:
+    """Return a Model's policy that trusts neither a first increment nor a prediction, for gears with backlash.
+
+    An increment may cross from one flank of the gap to the other, so that its error is not quadratic.
+    """
+    return policy._replace(first_error=None, resolved=None, predicts=None)
 
 
-def _longer(size: int | tuple[int, ...], more: int) -> int | tuple[int, ...]:
-    """A size, or the tag of one, that is larger by so many."""
+def _enlarged_size(size: int | tuple[int, ...], more: int) -> int | tuple[int, ...]:
+    """Return a Model's size, an int or a tuple of zeros, enlarged by `more`."""
     return size + more if isinstance(size, int) else size + (0,) * more

@@ -1,72 +1,153 @@
-"""The momentum of an arm and the base that carries it and floats freely, and how steps keep it.
+"""A floating base that carries the arm, a contribution, and the conservation of their momentum (theory, section 6).
 
-The base's centre of mass is at the hub, so that its mass is a mass at the arm's root and its attitude is turned by the
-hub's torque alone, J psi'' = -u: a row that no other row is coupled with. u itself works on the angle between both.
+The base's center of mass is at the hub: its mass is a mass at the arm's root, and its attitude is turned by the hub's
+torque alone, J psi'' = -u. No other row is coupled with that of psi. u works on the angle between base and arm.
 """
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, size, splat, stack, store
+from ...compiler import Lanes, kernel, size, stack
 from .. import protocol
-from ..arithmetic import add
-from ..model import PAYLOAD_MASS
+from ..arithmetic import add_to
+from ..contributions import register
+from ..layout import BASE_POSE
+from ..model import PAYLOAD_MASS, Floating
 from ..protocol import RESIDUAL_ALONE, State
 
 _X, _Y, _TURN, _MOTIONS = range(4)
-"""Rigid motions of the whole: 1 m/s along x, along y, 1 rad/s about the origin."""
+"""Rigid motions of base and arm: 1 m/s along inertial x, along y, 1 rad/s about the origin."""
 
 _REST, _MOVING, _TURNED, _CASES = range(4)
-"""What is summed up by them: forces at rest; these with the momentum; these with the momentum of a turn of 1 rad/s."""
+"""Residuals that are projected on them: at rest (v = a = 0); with a = v; with a = the rates of a turn at 1 rad/s."""
 
+# size of the stack array of projections: case by motion
 _SUMS = (0,) * (_CASES * _MOTIONS)
 
 
 @kernel
-def conserve(lane, model, par, before, h, q, v, u, r, S):
-    """See `protocol`: linear momentum and angular momentum about the origin, as M v takes part in rigid motions.
+def assemble(lane, part, model, par, state: State, u: Lanes, weights, r: Lanes, S: Lanes):
+    """Write the base's row of r, J psi'' + u_0 (N m), and, with weights.with_matrix, its diagonal entry of S.
 
-    Trapezoidal steps would leave the angular momentum a ripple of second order in the step, so that a base at rest
-    would begin to turn. What is moved is the whole, as one rigid body: nothing else sees it.
+    J: inertia of the base (kg m^2); psi: its attitude; u_0: torque at the hub, which acts on the arm. Entry:
+    weights.mass J.
     """
-    n, base, sums = size(model.n), model.base, stack(lane, _SUMS)
+    r[part.row] = state.a[part.row] * part.inertia + u[0]
+    if weights.with_matrix:
+        S[size(model.n_factor) - 1] = part.inertia * weights.mass
+
+
+@kernel
+def after_solve(lane, part, model, S: Lanes, x: Lanes, transposed):
+    """Divide the base's row of x by its diagonal entry of S: it is coupled with no other row.
+
+    transposed: True for S^T x = b, with the same result.
+    """
+    x[part.row] /= S[size(model.n_factor) - 1]
+
+
+@kernel
+def inertia_forces(lane, part, model, par, a: Lanes, r: Lanes):
+    """Write the base's row of r, J psi'' (N m), from its row of a: inertia J (kg m^2) times angular acceleration."""
+    r[part.row] = a[part.row] * part.inertia
+
+
+@kernel
+def input_displacements(lane, part, model, q: Lanes, y: Lanes):
+    """Subtract the base's attitude (rad) from y_0: the hub's torque works on the angle between base and arm."""
+    y[0] -= q[part.row]
+
+
+@kernel
+def energy(lane, part, model, par, q, v: Lanes, sums):
+    """Return sums, (kinetic, strain, gravitational; J), with the base's kinetic energy of rotation added."""
+    kinetic, strain, gravity = sums
+    rate = v[part.row]
+    return kinetic + rate * rate * (part.inertia * 0.5), strain, gravity
+
+
+@kernel
+def poses(lane, part, model, q: Lanes, v: Lanes, out: Lanes):
+    """Write the base's attitude (rad) and rate (rad/s) to the last entries of out (BASE_POSE)."""
+    at = out.shape[0] - BASE_POSE.end
+    out[at + BASE_POSE.angle] = q[part.row]
+    out[at + BASE_POSE.rate] = v[part.row]
+
+
+@kernel
+def vjp_residual(lane, part, model, par, state, bar, u_bar: Lanes, r_bar: Lanes):
+    """Add to bar.a and u_bar the cotangents that the base's row of r_bar causes; that row of r_bar <- 0.
+
+    r_bar: derivative of a scalar by the residual, whose row is J psi'' + u_0. bar: cotangents of q, v, a; u_bar: of
+    inputs.
+    """
+    add_to(lane, bar.a, part.row, r_bar[part.row] * part.inertia)
+    u_bar[0] += r_bar[part.row]
+    r_bar[part.row] = 0.0
+
+
+@kernel
+def multiply(lane, part, model, S: Lanes, x: Lanes, y: Lanes):
+    """Add S x to y in the base's row: its diagonal entry of S times its row of x."""
+    y[part.row] += S[size(model.n_factor) - 1] * x[part.row]
+
+
+@kernel
+def conserve_momentum(lane, part, model, par: Lanes, before, h, q, v: Lanes, u, r, S):
+    """Return (momentum, force), each x, y and moment about the origin; with `before` first correct v to conserve it.
+
+    momentum: t^T M v (N s, N m s) with the rates t of rigid motions; force: external (N, N m), inertial axes. before:
+    that pair at the start of the step of h (s), or None. Trapezoidal steps leave the angular momentum a ripple of
+    second order in h, so that a base at rest would begin to turn. v is therefore changed by one rigid motion of base
+    and arm, which no strain sees, such that the momentum changes by h times the mean force.
+
+    # state     q; v: in and out, (n,) lanes.   # scratch   r, S
+    """
+    n, base, sums = size(model.n), part, stack(lane, _SUMS)
     a, still = stack(lane, base.room), stack(lane, base.room)
     for k in range(_MOTIONS):
-        store(sums, k, splat(lane, 0.0))
+        sums[k] = 0.0
+    # residuals with a = 0, a = v, a = rates of a turn; M times these is their difference from that at rest
     for k in range(_first(model), _TURNED if before is None else _CASES):
         for j in range(n):
-            store(still, j, splat(lane, 0.0))
-            store(a, j, splat(lane, 0.0) if k != _MOVING else load(lane, v, j))
+            still[j] = 0.0
+            a[j] = 0.0 if k != _MOVING else v[j]
         if k == _TURNED:
-            _turn(lane, base, q, splat(lane, 1.0), a)
+            _turn(lane, base, q, 1.0, a)
         protocol.assemble(lane, model, par, State(q, still, a), u, RESIDUAL_ALONE, r, S)
-        _take_part(lane, base, q, r, sums[_MOTIONS * k * len(lane) :])
+        _take_part(lane, base, q, r, sums[_MOTIONS * k :])
+    # a residual at rest is minus the external force
     x, y, turn = _sums(lane, sums, _REST)
     moving = _sums(lane, sums, _MOVING)
     now, push = (moving[0] - x, moving[1] - y, moving[2] - turn), (-x, -y, -turn)
     if before is None:
         return now, push
     was, pushed = before
+    # momentum that the step must end with: before + h/2 (F_0 + F_1)
     wanted = (
         was[0] + (pushed[0] + push[0]) * (0.5 * h), was[1] + (pushed[1] + push[1]) * (0.5 * h),
         was[2] + (pushed[2] + push[2]) * (0.5 * h),
     )  # fmt: skip
-    # of a turn of 1 rad/s: momentum (-m y, m x) of the centre, and the inertia about the origin
+    # momentum of a turn at 1 rad/s: first moments (mx, my) of mass about the origin, and the inertia about it
     turned = _sums(lane, sums, _TURNED)
     mx, my, inertia = turned[1] - y, x - turned[0], turned[2] - turn
-    mass = load(lane, par, PAYLOAD_MASS) + base.mass
+    mass = par[PAYLOAD_MASS] + base.mass
     dx, dy = wanted[0] - now[0], wanted[1] - now[1]
+    # rigid motion (dx, dy, rate): 3 x 3 system, translation eliminated
     rate = (wanted[2] - now[2] - (mx * dy - my * dx) / mass) / (inertia - (mx * mx + my * my) / mass)
     _turn(lane, base, q, rate, v)
     dx, dy = (dx + my * rate) / mass, (dy - mx * rate) / mass
     for j in range(0, base.places.shape[0], 2):
-        add(lane, v, base.places[j], dx)
-        add(lane, v, base.places[j + 1], dy)
+        v[base.places[j]] += dx
+        v[base.places[j + 1]] += dy
     return wanted, push
 
 
 @kernel
 def _first(model):
-    """The first case to sum up: where nothing acts from outside, forces at rest (torques, strains) come to nothing."""
+    """Return the first of the cases _REST, _MOVING to project.
+
+    Without loads and gravity the residual at rest projects to 0, and _REST is left out.
+    """
     if model.arm.loads is not None:
         return _REST
     if model.arm.gravity is not None:
@@ -75,34 +156,50 @@ def _first(model):
 
 
 @kernel
-def _sums(lane, sums, case):
-    """Those of a case, by the three rigid motions."""
+def _sums(lane, sums: Lanes, case):
+    """Return the projections (x, y, turn) of a residual on the rigid motions: translations, turn about the origin.
+
+    case: _REST, _MOVING or _TURNED: the residual with v = a = 0, with a = v, with a = rates of a turn at 1 rad/s.
+    """
     at = _MOTIONS * case
-    return load(lane, sums, at + _X), load(lane, sums, at + _Y), load(lane, sums, at + _TURN)
+    return sums[at + _X], sums[at + _Y], sums[at + _TURN]
 
 
 @kernel
-def _turn(lane, base, q, rate, v):
-    """v <- v and a turn of the whole about the origin."""
+def _turn(lane, base, q: Lanes, rate, v: Lanes):
+    """Add a rigid turn of base and arm about the origin at `rate` (rad/s) to v.
+
+    Rows of angles += rate, of vectors (x, y; m, inertial axes) += rate (-y, x). base: the `Floating` record.
+    """
     for j in range(base.angles.shape[0]):
-        add(lane, v, base.angles[j], rate)
+        v[base.angles[j]] += rate
     for j in range(0, base.vectors.shape[0], 2):
         x, y = base.vectors[j], base.vectors[j + 1]
-        add(lane, v, x, -(load(lane, q, y) * rate))
-        add(lane, v, y, load(lane, q, x) * rate)
+        v[x] -= q[y] * rate
+        v[y] += q[x] * rate
 
 
 @kernel
-def _take_part(lane, base, q, r, sums):
-    """sums <- what r, forces on the coordinates, comes to in each rigid motion."""
-    x, y, turn = splat(lane, 0.0), splat(lane, 0.0), splat(lane, 0.0)
+def _take_part(lane, base, q: Lanes, r: Lanes, sums: Lanes):
+    """Project generalized forces r (n,) on the rigid motions: sums <- force (N) along x, y, moment (N m) at the origin.
+
+    base: the `Floating` record. Positions take part in translations; angles, and the vectors (x, y) by x r_y - y r_x,
+    in the turn.
+    """
+    x, y, turn = 0.0, 0.0, 0.0
     for j in range(0, base.places.shape[0], 2):
-        x, y = x + load(lane, r, base.places[j]), y + load(lane, r, base.places[j + 1])
+        x, y = x + r[base.places[j]], y + r[base.places[j + 1]]
     for j in range(base.angles.shape[0]):
-        turn = turn + load(lane, r, base.angles[j])
+        turn = turn + r[base.angles[j]]
     for j in range(0, base.vectors.shape[0], 2):
         at_x, at_y = base.vectors[j], base.vectors[j + 1]
-        turn = turn + (load(lane, q, at_x) * load(lane, r, at_y) - load(lane, q, at_y) * load(lane, r, at_x))
-    store(sums, _X, x)
-    store(sums, _Y, y)
-    store(sums, _TURN, turn)
+        turn = turn + (q[at_x] * r[at_y] - q[at_y] * r[at_x])
+    sums[_X] = x
+    sums[_Y] = y
+    sums[_TURN] = turn
+
+
+register(
+    Floating, assemble, after_solve, inertia_forces, input_displacements, energy, poses, vjp_residual, multiply,
+    conserve_momentum,
+)  # fmt: skip

@@ -1,60 +1,60 @@
-"""Coulomb friction as a set: what of it corrects a solution, so that its law holds.
+"""Coulomb friction as a set-valued law, eq. (6.6): a correction of a linear solution, so that the law holds.
 
-|T| <= T_C at rest, T_C against the rate otherwise. No residual has it in it. What is solved
-for, x = S^-1 r, is linear in the torques T of all joints, x + W T with the columns W of S^-1, and so is what it leaves
-of a joint's rate: of every joint either T = +-T_C is known or the rate that is left, 0. There is nothing to be
-resolved, hence no limit on the step.
+|T| <= T_C at rest, T = T_C against the rate otherwise. The residual that is solved does not contain T. The solution
+x = S^-1 r is linear in the torques T of all joints, x + W T with the columns W of S^-1, and so is the rate that it
+leaves to a joint. For each joint either T = +-T_C is known, or the rate, 0. Nothing is regularized, so that friction
+does not limit the step.
 
-The rate that counts is v + ahead a, half a step ahead, so that what is stopped by friction is at rest two steps later:
-with v = 0 alone trapezoidal steps would leave it an acceleration that alternates for ever.
+The rate that counts is w = v + ahead a, half a step ahead, so that a joint stopped by friction is at rest two steps
+later. With v alone, trapezoidal steps would leave it an acceleration that alternates for ever.
 
-The integrator calls these functions for any Model; where joints have no Coulomb friction they are nothing at all.
+The integrator calls these functions for any Model; without Coulomb friction they compile to nothing.
 """
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ...compiler import absolute, kernel, load, select_lt, size, splat, store
+from ...compiler import Lanes, absolute, kernel, select_lt, size
 from .. import protocol
-from ..arithmetic import add, clip
+from ..arithmetic import clip
 from ..layout import DISSIPATED
-from ..protocol import RESIDUAL_ALONE
+from ..protocol import RESIDUAL_ALONE, State
 from .layout import GEAR, LAWS, PLACE, PLACES
 
 _SLIDES, _TURNS = 0.99, 1e-12
-"""A joint slides where the other forces leave over this share of T_C, which stands for what the solver leaves of T_C,
-and where it turns, rad/s: a rate below that is round-off."""
+"""A joint slides where the other forces exceed this share of T_C (less than 1: the solver's error) and its rate exceeds
+_TURNS, rad/s, which is round-off."""
 
 
 class Law(NamedTuple):
-    """A `layout.LAW` but for the hub: numbers, or lanes of them where they are each arm's own."""
+    """The numbers of `layout.LAW` without the hub: the same for all arms, or lanes of each arm's own."""
 
-    stiffness: Any
-    damping: Any
-    rotor: Any
-    viscous: Any
-    coulomb: Any
-    play: Any
+    stiffness: Any  # N m/rad, of the gear
+    damping: Any  # N m s/rad, of the gear
+    rotor: Any  # kg m^2, after the ratio
+    viscous: Any  # N m s/rad, friction
+    coulomb: Any  # N m, friction torque T_C
+    play: Any  # rad, half of the backlash
 
 
 @kernel
 def count(model):
-    """How many joints there are with a law."""
+    """Return the number of joints in the model's table, those that are not ideal."""
     return model.table.shape[0] // PLACES
 
 
 @kernel
-def _number(lane, model, par, k):
-    """Number k of the laws: one for all arms, or each arm's."""
+def _number(lane, model, par: Lanes, k):
+    """Return number k of the joints' laws: model.data[k], or this arm's own in `par` where `model.own` is not None."""
     if model.own is None:
         return model.data[k]
-    return load(lane, par, size(model.own) + k)
+    return par[size(model.own) + k]
 
 
 @kernel
-def law(lane, model, par, i):
-    """The `LAW` of joint i."""
+def joint_law(lane, model, par, i):
+    """Return the `Law` of joint i of the table (SI; see `layout.LAW`)."""
     o = LAWS.end * i
     return Law(
         _number(lane, model, par, o + LAWS.stiffness),
@@ -68,281 +68,347 @@ def law(lane, model, par, i):
 
 @kernel
 def hub_of(lane, model, par):
-    """The hub of law 0, where a model has one."""
+    """Return the additional inertia at joint 0, kg m^2, of a model with `hub`."""
     return _number(lane, model, par, LAWS.hub)
 
 
 @kernel
 def gear_at(model, i):
-    """Where the `GEAR` of law i is in S."""
+    """Return the offset in S of the `GEAR` record of joint i."""
     return size(model.arm.n_factor) + GEAR.end * i
 
 
 @kernel
 def column_at(model, i):
-    """Where its column of S^-1 is."""
+    """Return the offset in S of joint i's column W_i of S^-1, n numbers (with friction only)."""
     return gear_at(model, count(model)) + size(model.n) * i
 
 
 @kernel
 def _row_at(model, i):
-    """Where its row of the torques' own equations is."""
+    """Return the offset in S of joint i's row of the linear system of the torques, `count` + 1 numbers."""
     return column_at(model, count(model)) + (count(model) + 1) * i
 
 
 @kernel
-def view(lane, S, at, n):
-    """n places of S."""
-    return S[at * len(lane) : (at + n) * len(lane)]
+def array_slice(lane, S: Lanes, at, n):
+    """Return a view of n numbers (lanes each) of S from offset `at`."""
+    return S[at : at + n]
 
 
 @kernel
 def direction(lane, rate):
-    """1, -1 or 0: which way a joint turns."""
-    zero, one = splat(lane, 0.0), splat(lane, 1.0)
+    """Return the sign of a rate: 1, -1, or 0 at rest."""
+    zero, one = 0.0, 1.0
     return select_lt(zero, rate, one, select_lt(rate, zero, -one, zero))
 
 
 @kernel
-def note_columns(lane, model, S):
-    """The columns of S^-1 of the rows that friction acts on; zero where that angle is prescribed."""
-    if model.friction is not None:
+def store_columns(lane, model, S):
+    """Store in S the columns W_i = S^-1 e_i of the rows that friction acts on; 0 where the angle is prescribed.
+
+    S: in, factors of the matrix.
+    """
+    if model.newton.friction is not None:
         for i in range(count(model)):
-            column = view(lane, S, column_at(model, i), size(model.n))
+            column = array_slice(lane, S, column_at(model, i), size(model.n))
             for k in range(size(model.n)):
-                store(column, k, splat(lane, 0.0))
+                column[k] = 0.0
             if model.table[PLACES * i + PLACE.known] == 0:
-                store(column, model.table[PLACES * i + PLACE.friction], splat(lane, 1.0))
+                column[model.table[PLACES * i + PLACE.friction]] = 1.0
                 protocol.solve(lane, model, S, column)
 
 
 @kernel
-def note_friction(lane, model, par, state, u, r, S):
-    """Remember in S friction as it is, and which joints slide; r <- the residual with it.
+def store_friction(lane, model, par, state: State, u, r: Lanes, S: Lanes):
+    """Store in S the friction torques of the present state and which joints slide; r <- residual with friction (N m).
 
-    That of a joint that slides is T_C against its rate, and does not change with what the other forces of its row leave
-    over: they have a small margin, so that it slides still where the state is a little different. What sticks takes
-    what they leave over.
+    A sliding joint has T_C against its rate, independent of small changes of the other forces in its row: _SLIDES
+    leaves a margin. A sticking joint has the torque that balances the other forces, at most T_C, the Coulomb friction
+    torque.
+
+    # in        state, u: q, v, a and inputs
+    # out       r (n,); `GEAR` fields before: the torque (N m), slides: 1 or 0, free: 1 if the joint does not slide and
+    #           friction balances the other forces of its row, within T_C, otherwise 0
     """
-    if protocol.friction(model) is not None:
+    if model.newton.friction is not None:
         protocol.assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
         for i in range(count(model)):
             g, row = gear_at(model, i), model.table[PLACES * i + PLACE.friction]
-            coulomb, rate, rest = law(lane, model, par, i).coulomb, load(lane, state.v, row), load(lane, r, row)
-            zero, one, torque = splat(lane, 0.0), splat(lane, 1.0), clip(-rest, coulomb)
+            coulomb, rate, rest = joint_law(lane, model, par, i).coulomb, state.v[row], r[row]
+            # torque that balances the row's other forces `rest`, within +-T_C
+            zero, one, torque = 0.0, 1.0, clip(-rest, coulomb)
             way = direction(lane, rate)
+            # sliding: turning, and balanced by (nearly) T_C against the rate
             moves = select_lt(_TURNS, absolute(rate), torque * way, zero)
             slides = select_lt(_SLIDES * coulomb, moves, one, zero)
             torque = select_lt(0.5, slides, coulomb * way, torque)
             free = select_lt(coulomb, absolute(rest), zero, one - slides)
+            # prescribed angle: T_C against the rate is already in the residual
             if model.table[PLACES * i + PLACE.known] != 0:
                 torque, slides, free = coulomb * way, zero, zero
             else:
-                store(r, row, rest + torque)
-            store(S, g + GEAR.before, torque)
-            store(S, g + GEAR.free, free)
-            store(S, g + GEAR.slides, slides)
+                r[row] = rest + torque
+            S[g + GEAR.before] = torque
+            S[g + GEAR.free] = free
+            S[g + GEAR.slides] = slides
 
 
 @kernel
-def turn_round(lane, model, v, S):
-    """Joints that slid when last noted and that impulses have turned round since no longer slide as they did."""
-    if protocol.friction(model) is not None:
+def release_reversed_joints(lane, model, v: Lanes, S: Lanes):
+    """Clear the flag `slides` in S of joints whose rate v impulses have reversed since `store_friction`.
+
+    They do not continue to slide in the direction that was stored. v: rates of all rows after the impulses.
+    """
+    if model.newton.friction is not None:
         for i in range(count(model)):
             g, row = gear_at(model, i), model.table[PLACES * i + PLACE.friction]
-            slides, with_it = load(lane, S, g + GEAR.slides), load(lane, S, g + GEAR.before) * load(lane, v, row)
-            store(S, g + GEAR.slides, select_lt(with_it, 0.0, splat(lane, 0.0), slides))
+            slides, with_it = S[g + GEAR.slides], S[g + GEAR.before] * v[row]
+            S[g + GEAR.slides] = select_lt(with_it, 0.0, 0.0, slides)
 
 
 @kernel
-def book_friction(lane, model, par, state, u, r, S, start, books):
-    """Add what friction has taken since the coordinates were `start`, by the mean of what it was when last noted and is
-    now, and note it; r is free."""
-    if protocol.friction(model) is not None:
-        _book_half(lane, model, state, S, start, books)
-        note_friction(lane, model, par, state, u, r, S)
-        _book_half(lane, model, state, S, start, books)
+def account_for_friction(lane, model, par, state, u, r, S, start, books):
+    """Add the energy (J) that friction dissipates in a step from coordinates `start` to books: mean torque by angle.
+
+    The mean is that of the torques stored at the step's start and of those of the present state, which are stored in S
+    for the next step. Scratch: r.
+    """
+    if model.newton.friction is not None:
+        _account_for_half(lane, model, state, S, start, books)
+        store_friction(lane, model, par, state, u, r, S)
+        _account_for_half(lane, model, state, S, start, books)
 
 
 @kernel
-def _book_half(lane, model, state, S, start, books):
-    total = load(lane, books, DISSIPATED)
+def _account_for_half(lane, model, state: State, S: Lanes, start: Lanes, books: Lanes):
+    """Add half of the stored friction torques times the rotations since `start` to the dissipation in books, J."""
+    total = books[DISSIPATED]
     for i in range(count(model)):
         k = model.table[PLACES * i + PLACE.friction]
-        moved = load(lane, state.q, k) - load(lane, start, k)
-        total = total + load(lane, S, gear_at(model, i) + GEAR.before) * moved * 0.5
-    store(books, DISSIPATED, total)
+        moved = state.q[k] - start[k]
+        total = total + S[gear_at(model, i) + GEAR.before] * moved * 0.5
+    books[DISSIPATED] = total
 
 
 @kernel
-def apply_friction(lane, model, par, state, weights, ahead, S, x):
-    """Correct x = S^-1 r, to be taken from the state by `weights` (of a by mass, of v by damping), so that friction's
-    law holds for the rates v + ahead a after that. Where v stays (damping 0), joints that slid when last noted go on.
+def apply_friction(lane, model, par, state, weights, ahead, S: Lanes, x):
+    """Correct x = S^-1 r by Coulomb friction torques T, x <- x + W T, so that the law holds for the new rates, (6.6).
 
-    Which joints stick is guessed, the torques are solved for, and the guess is mended: right at once for one joint;
-    what is wrong of several after these passes is mended by Newton's next iteration."""
-    if protocol.friction(model) is not None:
+    W: columns of S^-1 of the rows that friction acts on. The state changes by a -= weights.mass x, v -= weights.damping
+    x; the rate that counts is v + ahead a (ahead in s). With damping 0, where v stays, joints that slid at the last
+    `store_friction` go on sliding.
+
+    Which joints stick is guessed, the torques are solved for, and the guess is corrected: exact at once for one joint;
+    errors that 2 joints - 1 passes leave for several are corrected by Newton's next iteration.
+
+    # out       x (n,); `GEAR` fields gap, sticks, bound, torque in S
+    """
+    if model.newton.friction is not None:
         joints = count(model)
         _find_gaps(lane, model, state, weights, ahead, S, x)
         for i in range(joints):
-            store(S, gear_at(model, i) + GEAR.torque, splat(lane, 0.0))
+            S[gear_at(model, i) + GEAR.torque] = 0.0
         for _ in range(2 * joints - 1):
             for i in range(joints):
-                _choose(lane, model, par, weights, i, S)
+                _choose_branch(lane, model, par, weights, i, S)
             _solve_torques(lane, model, S, False)
         _add_torques(lane, model, S, x)
 
 
 @kernel
-def _find_gaps(lane, model, state, weights, ahead, S, x):
-    """What would have to be taken from x to leave each joint at rest."""
+def _find_gaps(lane, model, state: State, weights, ahead, S: Lanes, x: Lanes):
+    """Compute each joint's gap w/c - x_i: the change of its increment x_i that would leave its rate w at 0.
+
+    w = v + ahead a before the increment, c = weights.damping + ahead weights.mass.
+    """
     share = 1.0 / (weights.damping + ahead * weights.mass)
     for i in range(count(model)):
         row = model.table[PLACES * i + PLACE.friction]
-        rate = load(lane, state.v, row) + load(lane, state.a, row) * ahead
-        store(S, gear_at(model, i) + GEAR.gap, rate * share - load(lane, x, row))
+        rate = state.v[row] + state.a[row] * ahead
+        S[gear_at(model, i) + GEAR.gap] = rate * share - x[row]
 
 
 @kernel
-def _choose(lane, model, par, weights, i, S):
-    """Whether joint i sticks, and the torque if it does not."""
+def _choose_branch(lane, model, par, weights, i, S: Lanes):
+    """Decide from the present torques T whether joint i sticks; store its torque for the case that it slides, (6.6).
+
+    With weights.damping 0 (v stays) a joint that slid at the last `store_friction` slides on with the same torque.
+
+    # out       `GEAR` fields sticks (1 or 0) and bound (N m) of joint i
+    """
     g, row = gear_at(model, i), model.table[PLACES * i + PLACE.friction]
-    coulomb, zero, one = law(lane, model, par, i).coulomb, splat(lane, 0.0), splat(lane, 1.0)
-    left = load(lane, S, g + GEAR.gap)
+    coulomb, zero, one = joint_law(lane, model, par, i).coulomb, 0.0, 1.0
+    # gap that the present torques leave: gap_i - (W T)_i
+    left = S[g + GEAR.gap]
     for j in range(count(model)):
-        left = left - load(lane, S, column_at(model, j) + row) * load(lane, S, gear_at(model, j) + GEAR.torque)
+        left = left - S[column_at(model, j) + row] * S[gear_at(model, j) + GEAR.torque]
     sticks, bound = zero, zero
     if model.table[PLACES * i + PLACE.known] == 0:
-        wanted = load(lane, S, g + GEAR.torque) + left / load(lane, S, column_at(model, i) + row)
+        # torque that closes the gap; within T_C the joint sticks, otherwise T = +-T_C
+        wanted = S[g + GEAR.torque] + left / S[column_at(model, i) + row]
         sticks, bound = select_lt(absolute(wanted), coulomb, one, zero), clip(wanted, coulomb)
+        # v stays: joints that slid keep sliding with the same torque
         if weights.damping == 0.0:
-            slides = load(lane, S, g + GEAR.slides)
+            slides = S[g + GEAR.slides]
             sticks = select_lt(0.5, slides, zero, sticks)
-            bound = select_lt(0.5, slides, load(lane, S, g + GEAR.before), bound)
-    store(S, g + GEAR.sticks, sticks)
-    store(S, g + GEAR.bound, bound)
+            bound = select_lt(0.5, slides, S[g + GEAR.before], bound)
+    S[g + GEAR.sticks] = sticks
+    S[g + GEAR.bound] = bound
 
 
 @kernel
-def _solve_torques(lane, model, S, transposed):
-    """The torques with which the rates that stick have no gap left; `bound` elsewhere. transposed: of the transposed
-    system, where all bounds are 0."""
-    joints, one, zero = count(model), splat(lane, 1.0), splat(lane, 0.0)
+def _solve_torques(lane, model, S: Lanes, transposed):
+    """Solve for the torques T (N m) that close the gaps of sticking joints; T = bound for sliding ones.
+
+        sticks: sum_j W_ij T_j = gap_i,    slides: T_i = bound_i
+
+    gap, bound: `GEAR` fields; W_ij: entry of S^-1 in the friction rows of joints i and j. transposed: True uses W^T,
+    for cotangents, where all bounds are 0. Gaussian elimination without pivoting.
+    """
+    joints, one, zero = count(model), 1.0, 0.0
     for i in range(joints):
-        g, row = gear_at(model, i), view(lane, S, _row_at(model, i), joints + 1)
-        sticks, own = load(lane, S, g + GEAR.sticks), model.table[PLACES * i + PLACE.friction]
+        g, row = gear_at(model, i), array_slice(lane, S, _row_at(model, i), joints + 1)
+        sticks, own = S[g + GEAR.sticks], model.table[PLACES * i + PLACE.friction]
+        # row i: W_ij or the identity, and the right-hand side
         for j in range(joints):
             at = column_at(model, j) + own
             if transposed:
                 at = column_at(model, i) + model.table[PLACES * j + PLACE.friction]
-            store(row, j, select_lt(0.5, sticks, load(lane, S, at), one if i == j else zero))
-        store(row, joints, select_lt(0.5, sticks, load(lane, S, g + GEAR.gap), load(lane, S, g + GEAR.bound)))
-        for j in range(i):  # the minors that stick are those of S^-1: no pivot is zero
-            above = view(lane, S, _row_at(model, j), joints + 1)
-            factor_of = load(lane, row, j) / load(lane, above, j)
+            row[j] = select_lt(0.5, sticks, S[at], one if i == j else zero)
+        row[joints] = select_lt(0.5, sticks, S[g + GEAR.gap], S[g + GEAR.bound])
+        # eliminate with the rows above; the pivots belong to minors of S^-1 and are not zero
+        for j in range(i):
+            above = array_slice(lane, S, _row_at(model, j), joints + 1)
+            factor_of = row[j] / above[j]
             for k in range(j + 1, joints + 1):
-                store(row, k, load(lane, row, k) - load(lane, above, k) * factor_of)
+                row[k] -= above[k] * factor_of
+    # back substitution
     for i in range(joints - 1, -1, -1):
-        row = view(lane, S, _row_at(model, i), joints + 1)
-        total = load(lane, row, joints)
+        row = array_slice(lane, S, _row_at(model, i), joints + 1)
+        total = row[joints]
         for j in range(i + 1, joints):
-            total = total - load(lane, row, j) * load(lane, S, gear_at(model, j) + GEAR.torque)
-        store(S, gear_at(model, i) + GEAR.torque, total / load(lane, row, i))
+            total = total - row[j] * S[gear_at(model, j) + GEAR.torque]
+        S[gear_at(model, i) + GEAR.torque] = total / row[i]
 
 
 @kernel
-def _add_torques(lane, model, S, x):
-    """x <- x + W T; what sticks to the last bit as it must."""
+def _add_torques(lane, model, S: Lanes, x: Lanes):
+    """Add the friction torques T (N m) to the solution, x <- x + W T; sticking joints get their exact value.
+
+    W: columns of S^-1. The exact value is the increment gap + x_i that brings the joint to rest.
+    """
     n = size(model.n)
+    # gap + x_i = w/c, before x changes
     for i in range(count(model)):
         g = gear_at(model, i)
-        store(S, g + GEAR.gap, load(lane, x, model.table[PLACES * i + PLACE.friction]) + load(lane, S, g + GEAR.gap))
+        S[g + GEAR.gap] = x[model.table[PLACES * i + PLACE.friction]] + S[g + GEAR.gap]
     for i in range(count(model)):
-        torque, column = load(lane, S, gear_at(model, i) + GEAR.torque), column_at(model, i)
+        torque, column = S[gear_at(model, i) + GEAR.torque], column_at(model, i)
         for k in range(n):
-            store(x, k, load(lane, x, k) + load(lane, S, column + k) * torque)
+            x[k] += S[column + k] * torque
+    # rounding in x + W T would leave a sticking joint a small rate
     for i in range(count(model)):
         g, row = gear_at(model, i), model.table[PLACES * i + PLACE.friction]
-        store(x, row, select_lt(0.5, load(lane, S, g + GEAR.sticks), load(lane, S, g + GEAR.gap), load(lane, x, row)))
+        x[row] = select_lt(0.5, S[g + GEAR.sticks], S[g + GEAR.gap], x[row])
 
 
 @kernel
-def keep_sticking(lane, model, S, x):
-    """x <- S^-1 y from S^-1 y without friction: joints that stuck when it was last applied stay where they are."""
-    if protocol.friction(model) is not None:
+def hold_sticking_joints(lane, model, S: Lanes, x: Lanes):
+    """Hold the joints that stuck in the last `apply_friction` at rest: x <- x + W T, their rows of x become 0.
+
+    x: in, a solution S^-1 y without friction, (n,). W: columns of S^-1; T: torques. S: its factors and the `GEAR`
+    records.
+    """
+    if model.newton.friction is not None:
         for i in range(count(model)):
             g = gear_at(model, i)
-            store(S, g + GEAR.gap, -load(lane, x, model.table[PLACES * i + PLACE.friction]))
-            store(S, g + GEAR.bound, splat(lane, 0.0))
+            S[g + GEAR.gap] = -x[model.table[PLACES * i + PLACE.friction]]
+            S[g + GEAR.bound] = 0.0
         _solve_torques(lane, model, S, False)
         _add_torques(lane, model, S, x)
 
 
 # --- derivatives, of joints that stick or slide as they did -------------------------------------------
 @kernel
-def note_branch(lane, model, par, state, weights, ahead, r, S):
-    """Note which joints stick and which slide, and which way, at a step's end: as friction's law has it there, S being
-    its matrix, factored, and r the residual, which is lost."""
-    if protocol.friction(model) is not None:
+def store_branch(lane, model, par, state, weights, ahead, r, S: Lanes):
+    """Store in S which joints stick and in which direction the others slide (slides = +-1) at the end of a step.
+
+    S: factors of the step's matrix; r: residual at the step's end, overwritten. weights, ahead: as in `apply_friction`.
+    """
+    if model.newton.friction is not None:
         protocol.solve(lane, model, S, r)
         apply_friction(lane, model, par, state, weights, ahead, S, r)
         for i in range(count(model)):
-            g, zero = gear_at(model, i), splat(lane, 0.0)
-            slides = direction(lane, load(lane, S, g + GEAR.bound))
-            store(S, g + GEAR.slides, select_lt(0.5, load(lane, S, g + GEAR.sticks), zero, slides))
-            store(S, g + GEAR.bound, zero)
+            g, zero = gear_at(model, i), 0.0
+            slides = direction(lane, S[g + GEAR.bound])
+            S[g + GEAR.slides] = select_lt(0.5, S[g + GEAR.sticks], zero, slides)
+            S[g + GEAR.bound] = zero
 
 
 @kernel
-def change_friction(lane, model, par, weight, S):
-    """The friction of joints that slide changes by `weight` times this model's own."""
-    if protocol.friction(model) is not None:
+def change_friction(lane, model, par, weight, S: Lanes):
+    """Add weight times this model's T_C, in the sliding direction, to `bound` (N m) in S of joints that slide.
+
+    It is the change of the Coulomb friction torques along a direction of the parameters.
+    """
+    if model.newton.friction is not None:
         for i in range(count(model)):
             g = gear_at(model, i)
-            more = load(lane, S, g + GEAR.slides) * (law(lane, model, par, i).coulomb * weight)
-            store(S, g + GEAR.bound, load(lane, S, g + GEAR.bound) + more)
+            more = S[g + GEAR.slides] * (joint_law(lane, model, par, i).coulomb * weight)
+            S[g + GEAR.bound] += more
 
 
 @kernel
-def friction_tangents(lane, model, change, weights, ahead, S, x):
-    """`apply_friction` of tangents x, `change` being those of the state."""
-    if protocol.friction(model) is not None:
+def friction_tangents(lane, model, change, weights, ahead, S: Lanes, x):
+    """Apply friction to tangents x (n,) of the solved increment: `apply_friction` linearized, with the stored branches.
+
+    change: `State` of tangents of q, v, a; weights, ahead: as in `apply_friction` (rate v + ahead a). `bound` in S
+    holds tangents of the torques of sliding joints and is cleared.
+    """
+    if model.newton.friction is not None:
         _find_gaps(lane, model, change, weights, ahead, S, x)
         _solve_torques(lane, model, S, False)
         _add_torques(lane, model, S, x)
         for i in range(count(model)):
-            store(S, gear_at(model, i) + GEAR.bound, splat(lane, 0.0))
+            S[gear_at(model, i) + GEAR.bound] = 0.0
 
 
 @kernel
-def friction_cotangents(lane, model, weights, ahead, S, x, v_bar, a_bar):
-    """`friction_tangents` backwards: of cotangents x of what is solved for, those before friction is applied; to v_bar
-    and a_bar is added what the rates v + ahead a come to.
+def friction_cotangents(lane, model, weights, ahead, S: Lanes, x: Lanes, v_bar: Lanes, a_bar: Lanes):
+    """Compute the reverse derivative of `friction_tangents`: x, cotangents after friction is applied, <- those before.
 
-    The torques' own cotangents W' x are made to vanish for joints that stick by what their rates are given, a system
-    with the transposed minors of W; the torques of the others are constant."""
-    if protocol.friction(model) is not None:
+    Adds the cotangents of the rates w = v + ahead a to v_bar and a_bar. The cotangents W^T x of the torques (W: columns
+    of S^-1) must vanish for sticking joints, a system with the transposed minors of W; torques of sliding joints are
+    constant.
+    """
+    if model.newton.friction is not None:
         for i in range(count(model)):
-            g, column, total = gear_at(model, i), column_at(model, i), splat(lane, 0.0)
+            # cotangent of torque i: W_i^T x
+            g, column, total = gear_at(model, i), column_at(model, i), 0.0
             for k in range(size(model.n)):
-                total = total + load(lane, S, column + k) * load(lane, x, k)
-            store(S, g + GEAR.gap, total)
-            store(S, g + GEAR.bound, splat(lane, 0.0))
+                total = total + S[column + k] * x[k]
+            S[g + GEAR.gap] = total
+            S[g + GEAR.bound] = 0.0
         _solve_torques(lane, model, S, True)
+        # the gap is w/c - x_i: its cotangent goes to x_i and to v, a
         share = 1.0 / (weights.damping + ahead * weights.mass)
         for i in range(count(model)):
-            row, given = model.table[PLACES * i + PLACE.friction], load(lane, S, gear_at(model, i) + GEAR.torque)
-            add(lane, x, row, -given)
-            add(lane, v_bar, row, given * -share)
-            add(lane, a_bar, row, given * (-share * ahead))
+            row, given = model.table[PLACES * i + PLACE.friction], S[gear_at(model, i) + GEAR.torque]
+            x[row] -= given
+            v_bar[row] += given * -share
+            a_bar[row] += given * (-share * ahead)
 
 
 @kernel
-def note_cotangents(lane, model, S, r_bar):
-    """`note_friction` backwards: from cotangents of the residual with friction to those of that without. Where friction
-    is what the other forces leave over, the residual is 0 whatever they are."""
-    if protocol.friction(model) is not None:
+def friction_residual_cotangents(lane, model, S: Lanes, r_bar: Lanes):
+    """Compute the reverse derivative of `store_friction`: r_bar <- cotangents of the residual without friction.
+
+    A joint that sticks with a torque within T_C (GEAR.free = 1) has residual 0 whatever the other forces are, so that
+    its cotangent vanishes. Elsewhere friction is +-T_C, a constant, and the cotangent stays.
+    """
+    if model.newton.friction is not None:
         for i in range(count(model)):
             row = model.table[PLACES * i + PLACE.friction]
-            given = load(lane, r_bar, row)
-            store(r_bar, row, given - load(lane, S, gear_at(model, i) + GEAR.free) * given)
+            given = r_bar[row]
+            r_bar[row] = given - S[gear_at(model, i) + GEAR.free] * given

@@ -1,4 +1,4 @@
-"""Where things are in a `Jointed` model's arrays and in its part of S."""
+"""Layouts of a `Jointed` model's arrays and of the records that its joints add to the matrix array S."""
 
 from __future__ import annotations
 
@@ -6,40 +6,42 @@ from ...layout import Field, Layout
 
 PLACE = Layout(
     "Place", "",
-    Field("joint", (), "", "its number, and that of its torque among the inputs"),
-    Field("row", (), "", "of the joint's angle"),
-    Field("motor", (), "", "row of the motor's angle; -1: the gear does not give"),
-    Field("friction", (), "", "row of the angle that friction acts on: one of these two"),
-    Field("known", (), "", "1: that angle is prescribed"),
+    Field("joint", (), "", "number k of the joint, also of its torque in the inputs u"),
+    Field("row", (), "", "row of the joint's angle q (rad)"),
+    Field("motor", (), "", "row of the motor's angle psi behind an elastic gear; -1: the gear is rigid"),
+    Field("friction", (), "", "row of the angle that friction acts on: `row` or `motor`"),
+    Field("known", (), "", "1: a motion prescribes that angle; 0: unknown"),
 ).places  # fmt: skip
+# numbers per joint in `Jointed.table`
 PLACES = PLACE.end
 
 LAW = Layout(
     "Law", "",
-    Field("stiffness", (), "N m/rad", "of the gear"),
-    Field("damping", (), "N m s/rad", "of the gear"),
-    Field("rotor", (), "kg m^2", "the rotor's inertia after the ratio"),
-    Field("viscous", (), "N m s/rad", "friction"),
-    Field("coulomb", (), "N m", "friction"),
+    Field("stiffness", (), "N m/rad", "k of the gear, 0 if it is rigid"),
+    Field("damping", (), "N m s/rad", "d of the gear"),
+    Field("rotor", (), "kg m^2", "rotor's inertia after the ratio, J r^2"),
+    Field("viscous", (), "N m s/rad", "coefficient of viscous friction"),
+    Field("coulomb", (), "N m", "Coulomb friction torque T_C"),
     Field("play", (), "rad", "half of the gear's backlash"),
-    Field("hub", (), "kg m^2", "behind the gear beside what the arm has, where that is each arm's own"),
+    Field("hub", (), "kg m^2", "additional inertia at the joint, where each arm of a batch has its own"),
 )  # fmt: skip
 LAWS = LAW.places
 
 GEAR = Layout(
     "Gear", "",
-    Field("pinned", (), "", "1: the motor's angle does not move"),
-    Field("held", (), "", "1: nor does the joint's"),
-    Field("pivot", (), "", "of the motor's row; factored: its inverse, 0 where it is pinned"),
-    Field("slope", (), "", "of the gear's torque"),
-    Field("own", (), "", "what is added to the joint's row in its own column"),
-    Field("sway", (), "N m s", "share of `protocol.sway` in the column of what turns the rotor, in space"),
-    Field("gap", (), "", "of the unknown that is solved for, what would leave the joint at rest without friction"),
-    Field("bound", (), "N m", "Coulomb friction where it slides"),
-    Field("sticks", (), "", "1: friction holds the joint"),
-    Field("torque", (), "N m", "Coulomb friction"),
+    Field("pinned", (), "", "1: the motor's angle is fixed or prescribed"),
+    Field("held", (), "", "1: the joint's angle is fixed or prescribed"),
+    Field("pivot", (), "", "diagonal entry of the motor's row; after `factor` its inverse, 0 if it is fixed"),
+    Field("slope", (), "", "derivative of the gear's torque, k c_k + d c_v with the matrix weights"),
+    Field("own", (), "", "diagonal entry added to the joint's row, of rotor and friction at the joint"),
+    Field("sway", (), "N m s", "in space: J r c_v, factor of `ROTOR.column` in the column of q or psi"),
+    Field("gap", (), "", "increment that brings the joint to rest less the frictionless one; see `friction`"),
+    Field("bound", (), "N m", "Coulomb friction torque if the joint slides"),
+    Field("sticks", (), "", "1: friction holds the joint at rest"),
+    Field("torque", (), "N m", "Coulomb friction torque T in the present solve"),
     Field("before", (), "N m", "Coulomb friction at the step's start, or before inputs jump"),
-    Field("slides", (), "", "1: it slides there; at a step's end, for derivatives, 1 or -1: and which way"),
-    Field("free", (), "", "1: `before` is what the other forces there leave over"),
+    Field("slides", (), "", "1: the joint slides at that instant; for derivatives its direction, +1 or -1"),
+    Field("free", (), "", "1: `before` balances the other forces of its row at that instant (not sliding)"),
 ).places  # fmt: skip
-"""One a joint, behind the arm's own part of S; with friction, a column of S^-1 and `count` + 1 places each follow."""
+"""One record per joint, stored in S after the arm's own numbers. With friction, a column of S^-1 per joint (n numbers)
+and a row of the torques' linear system per joint (`count` + 1 numbers) follow."""

@@ -1,4 +1,8 @@
-"""Chains in space: their Model, and where a section is and how it moves, from the base on."""
+"""Chains of links in space: their Model, the kinematics from the base outward, and wrenches of bodies and loads.
+
+Wrenches have the residual's sign: inertia forces positive, applied loads negative; force (N) along inertial axes,
+moment (N m) in the axes of the section it acts on. Accelerations are taken less gravity (equivalence principle).
+"""
 
 from __future__ import annotations
 
@@ -6,61 +10,56 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...compiler import kernel, load, sincos, splat, store
-from ..arithmetic import add, put_vector, vector
+from ...compiler import Lanes, kernel, sincos
+from ..arithmetic import store_vector
+from ..layout import ROTOR
 from ..model import EI_Y_FACTOR, GJ_FACTOR, STIFFNESS_FACTOR, TAU_D
-from ..protocol import of_step
+from ..protocol import NewtonPolicy, State
 from .element import Place, Section, add_block, scale
 from .layout import E, H, J, L, P, hinge_at, joint_row, rows_before
 from .rotations import (
+    Matrix,
+    Vector,
     about_identity,
     add_vector,
-    back,
-    composed,
+    compose,
     cross,
-    difference,
     dot,
+    load_vector,
     matrix,
-    minus,
     outer,
-    plus,
     plus_identity,
-    product,
     quaternion,
-    scaled,
+    rotating_acceleration,
     skew,
     skewed,
-    sum_of,
-    swirl,
-    times,
-    transposed,
-    turned,
 )
 from .strained_layout import noted_at
 
 
 class Chain(NamedTuple):
-    """N links in space, each rigid, or of elements of two vertices, or with its strains as coordinates (`strained`).
-    What is None is compiled out.
+    """Model of N links in space, each rigid, or of elements with two vertices, or with its strains as coordinates.
 
-    places    int64: a `PLACE` for each link, and another for where one more would be
+    places    int64: a `PLACE` for each link, and one more behind the last
     joints    float64: a `JOINT` for each link, at its root
-    end       float64 `BODY`, the last link's rigid end; payload  another
-    mounts    int64: of each joint 1 where its `mount` turns; None: no joint's does
-    levers    int64: of each joint 1 where it has `before` or `beyond`; None: no joint has
-    gravity   float64 (3,) m/s^2, or None
-    loads     float64: a `LOAD` each, whose inputs are a force and a moment along inertial axes; or None
+    end       float64 `BODY`: the last link's rigid end; payload: the payload, likewise from the last section
+    mounts    int64 (links,): 1 where the joint's `mount` rotates; None: no joint's does
+    levers    int64 (links,): 1 where the joint has `before` or `beyond`; None: no joint has
+    gravity   float64 (3,): m/s^2, inertial axes; or None
+    loads     float64: a `LOAD` each, whose inputs are a force (N) and a moment (N m) along inertial axes; or None
     damped    (0,) with Kelvin-Voigt damping, otherwise None
-    rotors    int64: of each joint 1 where it has a rotor, which `physics.joints` turns; None: no joint has
-    free      kg, of all but the payload, where nothing holds the arm, otherwise None
+    rotors    int64 (links,): offset in S of the joint's `physics.layout.ROTOR`, negative without one; None: no rotors
+    free      kg: mass of all but the payload where nothing holds the arm, otherwise None
     sections  float64: an `ELEMENT` for each element, from root to tip; None: coordinates are strains
-    frames    float64: a `FRAME` for each, where elements are segments with floating frames; otherwise None
-    inner     (0,) * n of segments with n inner modes, whose rows follow all others; otherwise None
+    frames    float64: a `FRAME` for each element if elements are segments with floating frames, otherwise None
+    inner     (0,) * n for segments with n inner modes, whose rows follow all others; otherwise None
     uneven    (0,) where a section or a curvature varies along an element, otherwise None
-    strains   float64: a `STRAINED` a link (zeros of rigid ones); None, and so are the next: links have elements
-    polynomials, points  tuples of as many zeros: of each strain, and Gauss's points along a link
-    scratch   three zeros a point: room on the stack
+    strains   float64: a `STRAINED` for each link (zeros for rigid ones); None, as are the next: links have elements
+    polynomials, points  tuples of zeros, one for each polynomial of a strain and each Gauss point along a link
+    scratch   tuple of zeros, three for each point: size of stack arrays
     curved    (0,) where a link is curved without stress, otherwise None
+
+    What a None or a tag switches off is left out of the machine code.
     """
 
     n: int
@@ -69,8 +68,7 @@ class Chain(NamedTuple):
     fixed: np.ndarray
     algebraic: None
     weight: np.ndarray
-    predictor: tuple[float, float] | None
-    correction: None
+    newton: NewtonPolicy
     links: int
     places: np.ndarray
     joints: np.ndarray
@@ -95,25 +93,30 @@ class Chain(NamedTuple):
 
 
 class SpatialBeam(Chain):
-    """Of elements: exact beams, or segments with floating frames."""
+    """Chain of elements: geometrically exact beams, or segments with floating frames."""
 
 
 class SpatialElastica(Chain):
-    """By strains."""
+    """Chain whose links have their strains as coordinates, without stretch and shear."""
 
 
 class Vertex(NamedTuple):
-    """A section: where it is, and the accelerations of it."""
+    """A section's kinematic state: `Place`, and accelerations."""
 
     place: Place
-    a: Any  # less gravity, inertial axes
-    alpha: Any  # in its own
-    own: Any  # rate of the joint before it, in a step's matrix: w x it is in alpha; otherwise, and by strains, 0
+    a: Any  # m/s^2: acceleration less gravity, inertial axes
+    alpha: Any  # rad/s^2: angular acceleration, section axes
+    # rad/s, section axes: rate of the joint before it, whose w x own is in alpha; 0 but for a Newton matrix of elements
+    own: Any
 
 
 class Hinge(NamedTuple):
-    """A joint: rotation of the link's root against the section before; from that section to where the link begins to
-    bend, in its axes, or None where no joint has a lever; the link's section there."""
+    """Kinematics of a joint.
+
+    turn   rotation matrix E: axes of the link's root to axes of the section before
+    lever  m: from the section before to the link's first section, axes of the section before; None: no joint has one
+    root   `Vertex` of the link's first section
+    """
 
     turn: Any
     lever: Any
@@ -122,65 +125,75 @@ class Hinge(NamedTuple):
 
 @kernel
 def three_of(lane, array, k):
-    """Three numbers of a model, in all lanes."""
-    return splat(lane, array[k]), splat(lane, array[k + 1]), splat(lane, array[k + 2])
+    """Return entries k, k + 1, k + 2 of a model array as a `Vector`, the same in all lanes."""
+    return Vector(array[k], array[k + 1], array[k + 2])
 
 
 @kernel
 def nine_of(lane, array, k):
-    """A matrix of a model, in all lanes."""
-    return three_of(lane, array, k), three_of(lane, array, k + 3), three_of(lane, array, k + 6)
+    """Return nine entries of a model array from k on as a `Matrix`, stored row by row, the same in all lanes."""
+    return Matrix(three_of(lane, array, k), three_of(lane, array, k + 3), three_of(lane, array, k + 6))
 
 
 @kernel
 def uneven_of(lane, model, i):
-    """What is uneven of element i: see `element.Section`."""
+    """Return (chord, a_y, a_z) of element i without unit (see `bow_of`); None if all elements are even (constant)."""
     if model.uneven is None:
         return None
     o = E.end * i
-    tilt = splat(lane, model.sections[o + E.tilt]), splat(lane, model.sections[o + E.tilt + 1])
+    tilt = model.sections[o + E.tilt], model.sections[o + E.tilt + 1]
     return three_of(lane, model.sections, o + E.chord), tilt[0], tilt[1]
 
 
 @kernel
-def factors_of(lane, par):
-    """The arm's own factors on GJ, EI_y, EI."""
-    return load(lane, par, GJ_FACTOR), load(lane, par, EI_Y_FACTOR), load(lane, par, STIFFNESS_FACTOR)
+def factors_of(lane, par: Lanes):
+    """Return the arm's own factors on the stiffnesses GJ, EI_y, EI, from its parameters par: a `Vector`, no unit."""
+    return Vector(par[GJ_FACTOR], par[EI_Y_FACTOR], par[STIFFNESS_FACTOR])
 
 
 @kernel
-def section_at(lane, model, par, i):
-    """Constants of element i of the chain."""
+def section_at(lane, model, par: Lanes, i):
+    """Return the constants (`Section`) of element i of the arm, with the stiffness factors and tau_d of par."""
     o, of, factors = E.end * i, model.sections, factors_of(lane, par)
-    tau = None if model.damped is None else load(lane, par, TAU_D) * of[o + E.damping]
+    tau = None if model.damped is None else par[TAU_D] * of[o + E.damping]
     _, about_y, about_z = factors
+    # C* = 1 / (1/C + bow / factor): shear along y in series with residual bending about z, and vice versa
     along_y = about_z / (about_z * of[o + E.shear] + of[o + E.bow])
     along_z = about_y / (about_y * of[o + E.shear + 1] + of[o + E.bow + 1])
-    stretch = splat(lane, of[o + E.EA]), along_y, along_z
+    stretch = Vector(of[o + E.EA], along_y, along_z)
     bend, rest = scale(three_of(lane, of, o + E.bend), factors), three_of(lane, of, o + E.rest)
-    return Section(splat(lane, of[o + E.length]), stretch, bend, rest, uneven_of(lane, model, i), tau)
+    return Section(of[o + E.length], stretch, bend, rest, uneven_of(lane, model, i), tau)
 
 
 @kernel
 def place_at(lane, q, v, i):
-    """The vertex whose rows begin at i."""
-    return Place(vector(lane, q, i), vector(lane, v, i), quaternion(vector(lane, q, i + 3)), vector(lane, v, i + 3))
+    """Return the `Place` of the vertex in rows i ... i + 5: position (m, inertial axes), rotation vector (rad).
+
+    v: rates of these rows: velocity (m/s, inertial axes), angular velocity (rad/s, section axes). Pass q for v where
+    rates do not matter.
+    """
+    return Place(
+        load_vector(lane, q, i),
+        load_vector(lane, v, i),
+        quaternion(load_vector(lane, q, i + 3)),
+        load_vector(lane, v, i + 3),
+    )
 
 
 @kernel
 def vertex_at(lane, model, state, i):
-    """The same, and its accelerations."""
+    """Return the `Vertex` of rows i ... i + 5 of state (q, v, a): `Place`, accelerations less gravity; `own` = 0."""
     q, v, a = state
-    found = vector(lane, a, i)
+    found = load_vector(lane, a, i)
     if model.gravity is not None:
-        found = minus(found, three_of(lane, model.gravity, 0))
-    zero = splat(lane, 0.0)
-    return Vertex(place_at(lane, q, v, i), found, vector(lane, a, i + 3), (zero, zero, zero))
+        found = found - three_of(lane, model.gravity, 0)
+    zero = 0.0
+    return Vertex(place_at(lane, q, v, i), found, load_vector(lane, a, i + 3), Vector(zero, zero, zero))
 
 
 @kernel
 def has_mount(model, k):
-    """Whether the mount of joint k turns; None, known when compiled, where no joint's does."""
+    """Tell whether the axes of joint k are rotated at angle 0; None, known at compile time, if no joint's are."""
     if model.mounts is None:
         return None
     return model.mounts[k] != 0
@@ -188,171 +201,218 @@ def has_mount(model, k):
 
 @kernel
 def has_lever(model, k):
-    """Whether joint k has one; None, known when compiled, where no joint has."""
+    """Tell whether joint k is off the origins of its two sections; None, known at compile time, if no joint is."""
     if model.levers is None:
         return None
     return model.levers[k] != 0
 
 
 @kernel
-def planted(lane, model, q, v, k, tip):
-    """The turn of joint k, the lever from the `Place` tip of the section before to where its link begins to bend (None
-    where no joint has one), the `Place` there, and the joint's rate."""
+def joint_placement(lane, model, q: Lanes, v: Lanes, k, tip):
+    """Compute where the root of link k is and how it moves, from the `Place` tip of the section before (theory, 9).
+
+        E = mount exp(theta axis),  r_L = r + A (t + E o),  A_L = A E,  w_L = E^T w + axis theta'
+
+    theta: joint angle; t, o: `JOINT.before`, `beyond`; r, A, w: of tip. Returns E (root axes to section before), t + E
+    o (m, axes of the section before; None if no joint has a lever), the `Place` of the link's first section (r_L, A_L,
+    w_L), and axis theta' (rad/s, root axes).
+    """
     o, row = J.end * k, joint_row(model, k)
     axis, held = three_of(lane, model.joints, o + J.axis), tip.p
-    half_sine, half_cosine = sincos(load(lane, q, row) * 0.5)
+    # Rodrigues: 1 + sin(theta) axis^ + (1 - cos(theta)) axis^ axis^, from half the angle
+    half_sine, half_cosine = sincos(q[row] * 0.5)
     sine, less = half_sine * half_cosine * 2.0, half_sine * half_sine * 2.0  # less: 1 - cos
-    turn = about_identity(1.0 - less, times(axis, sine), less, axis)
+    turn = about_identity(1.0 - less, sine * axis, less, axis)
     if has_mount(model, k):
-        turn, at = product(nine_of(lane, model.joints, o + J.mount), turn), o + J.quaternion
+        turn, at = nine_of(lane, model.joints, o + J.mount) @ turn, o + J.quaternion
         x, y, z = three_of(lane, model.joints, at + 1)
-        held = composed(held, (splat(lane, model.joints[at]), x, y, z))
+        held = compose(held, (model.joints[at], x, y, z))
+    # quaternion and spin of the link's root
     own = half_cosine, axis[0] * half_sine, axis[1] * half_sine, axis[2] * half_sine
-    p = composed(held, own)
-    rate = times(axis, load(lane, v, row))
-    spin = plus(back(turn, tip.spin), rate)
+    p = compose(held, own)
+    rate = v[row] * axis
+    spin = turn.T @ tip.spin + rate
     if model.levers is None:
         return turn, None, Place(tip.r, tip.v, p, spin), rate
-    zero = splat(lane, 0.0)
-    lever, place, moved = (zero, zero, zero), tip.r, tip.v
+    zero = 0.0
+    # levers: t before the joint (near), o behind it (far)
+    lever, place, moved = Vector(zero, zero, zero), tip.r, tip.v
     if has_lever(model, k):
         near, far = three_of(lane, model.joints, o + J.before), three_of(lane, model.joints, o + J.beyond)
         A, B = matrix(tip.p), matrix(p)
-        lever = plus(near, turned(turn, far))
-        moved = plus(tip.v, plus(turned(A, cross(tip.spin, near)), turned(B, cross(spin, far))))
-        place = plus(tip.r, turned(A, lever))
+        lever = near + turn @ far
+        moved = tip.v + (A @ cross(tip.spin, near) + B @ cross(spin, far))
+        place = tip.r + A @ lever
     return turn, lever, Place(place, moved, p, spin), rate
 
 
 @kernel
-def hinged(lane, model, state, k, tip, weights):
-    """The `Hinge` of link k on the section before."""
+def joint_kinematics(lane, model, state: State, k, tip, weights):
+    """Return the `Hinge` of joint k: motion of its link's first section, from the `Vertex` tip of the section before.
+
+    alpha_L = E^T alpha + axis theta'' + w_L x axis theta' (root axes; alpha: of tip; rest: `joint_placement`). weights:
+    `Weights`; newton_share times the joint's rate goes into the root's `Vertex.own` (0 where strains are coordinates).
+    """
     q, v, a = state
     o = J.end * k
-    turn, lever, root, rate = planted(lane, model, q, v, k, tip.place)
-    own = times(three_of(lane, model.joints, o + J.axis), load(lane, a, joint_row(model, k)))
-    alpha = plus(plus(back(turn, tip.alpha), own), cross(root.spin, rate))
-    rate = times(rate, 0.0 if model.strains is not None else of_step(weights))
+    turn, lever, root, rate = joint_placement(lane, model, q, v, k, tip.place)
+    own = a[joint_row(model, k)] * three_of(lane, model.joints, o + J.axis)
+    alpha = turn.T @ tip.alpha + own + cross(root.spin, rate)
+    rate = (0.0 if model.strains is not None else weights.newton_share) * rate
+    # levers accelerate: alpha x t + w x (w x t) of the section before, the same of o at the root
     second = tip.a
     if has_lever(model, k):
         near, far = three_of(lane, model.joints, o + J.before), three_of(lane, model.joints, o + J.beyond)
         A, B, w, spin = matrix(tip.place.p), matrix(root.p), tip.place.spin, root.spin
-        second = plus(tip.a, plus(turned(A, swirl(w, tip.alpha, near)), turned(B, swirl(spin, alpha, far))))
+        second = tip.a + (A @ rotating_acceleration(w, tip.alpha, near) + B @ rotating_acceleration(spin, alpha, far))
     return Hinge(turn, lever, Vertex(root, second, alpha, rate))
 
 
 @kernel
-def turning(I, spin, alpha):
-    """I alpha + w x I w."""
-    return plus(turned(I, alpha), cross(spin, turned(I, spin)))
+def rotational_inertia_moment(I, spin, alpha):
+    """Return the moment I alpha + w x I w (N m); tensor I (kg m^2), w and alpha in the same body axes."""
+    return I @ alpha + cross(spin, I @ spin)
 
 
 @kernel
-def lump(lane, mass, I, at, weights, S, o):
-    """(force, moment) of a mass with its centre in a section and inertia I about its axes, and its part of the matrix
-    at o."""
+def add_lumped_mass(lane, mass, I, at, weights, S: Lanes, o):
+    """Return the (force, moment) of a mass (kg) at a section's origin; add their derivative to the block at o of S.
+
+    I: principal moments about the section's axes (kg m^2); at: `Vertex`. force = m a (inertial axes), moment = I alpha
+    + w x I w (section axes), N and N m. weights: `Weights` of the 6 x 6 block; without with_matrix S stays unchanged.
+    """
     w, alpha = at.place.spin, at.alpha
     x, y, z = I[2] - I[1], I[0] - I[2], I[1] - I[0]
-    if weights.mass != 0.0:  # I cm + (w^ I - (I w)^) cd
+    if weights.with_matrix:
+        # m cm on the diagonal; I cm + (w^ I - (I w)^) cd on the rotations
         cm, a, b, c = weights.mass, w[0] * weights.damping, w[1] * weights.damping, w[2] * weights.damping
         for k in range(3):
-            add(lane, S, o + 7 * k, mass * cm)
-            add(lane, S, o + 21 + 7 * k, I[k] * cm)
-        add(lane, S, o + 22, c * x)
-        add(lane, S, o + 23, b * x)
-        add(lane, S, o + 27, c * y)
-        add(lane, S, o + 29, a * y)
-        add(lane, S, o + 33, b * z)
-        add(lane, S, o + 34, a * z)
-    moment = I[0] * alpha[0] + w[1] * w[2] * x, I[1] * alpha[1] + w[0] * w[2] * y, I[2] * alpha[2] + w[0] * w[1] * z
-    return times(at.a, mass), moment
+            S[o + 7 * k] += mass * cm
+            S[o + 21 + 7 * k] += I[k] * cm
+        S[o + 22] += c * x
+        S[o + 23] += b * x
+        S[o + 27] += c * y
+        S[o + 29] += a * y
+        S[o + 33] += b * z
+        S[o + 34] += a * z
+    moment = Vector(
+        I[0] * alpha[0] + w[1] * w[2] * x,
+        I[1] * alpha[1] + w[0] * w[2] * y,
+        I[2] * alpha[2] + w[0] * w[1] * z,
+    )
+    return mass * at.a, moment
 
 
 @kernel
 def mass_of(lane, array, o, mass):
-    """Mass of the `BODY` at o of `array`, its own where None is given."""
+    """Return the argument `mass` (kg), or, if it is None, the mass of the `BODY` at offset o of `array`."""
     if mass is None:
-        return splat(lane, array[o + P.mass])
+        return array[o + P.mass]
     return mass
 
 
 @kernel
 def inertia_of(lane, array, o, share):
-    """The tensor of the `BODY` at o of `array`, as it is or times a share."""
+    """Return the inertia tensor (kg m^2, section axes) of the `BODY` at o of `array`, times `share` unless None."""
     I = nine_of(lane, array, o + P.inertia)
     if share is None:
         return I
-    return scaled(I, share)
+    return share * I
 
 
 @kernel
-def body(lane, array, o, mass, share, at, weights, S, to):
-    """(force, moment) of the `BODY` at o of `array`, of `mass_of` and `inertia_of`, on a section, and its part of the
-    matrix at `to`."""
-    zero = splat(lane, 0.0)
-    force, moment = (zero, zero, zero), (zero, zero, zero)
+def add_rigid_body(lane, array, o, mass, share, at, weights, S: Lanes, to):
+    """Return the (force, moment) of a `BODY` fixed to a section; add its derivatives to the 6 x 6 matrix at `to` of S.
+
+        force = m (a + A (alpha x c + w x (w x c))),   moment = I alpha + w x I w + c x A^T force
+
+    array, o: where the `BODY` is; m, I: `mass_of`, `inertia_of` with mass, share; c: its center of mass, section axes.
+    at: `Vertex` (a, A, w, alpha). Force inertial, moment in section axes. Without weights.with_matrix S stays
+    unchanged.
+    """
+    zero = 0.0
+    force, moment = Vector(zero, zero, zero), Vector(zero, zero, zero)
     if array[o + P.there] != 0.0:
+        # force per axis of the section: m A^T a and the acceleration of c relative to the section
         c, mass = three_of(lane, array, o + P.centre), mass_of(lane, array, o, mass)
         I = inertia_of(lane, array, o, share)
-        A, w, arm = matrix(at.place.p), at.place.spin, times(c, mass)
-        own, swing = times(back(A, at.a), mass), swirl(w, at.alpha, arm)  # of the force, in its axes
-        force, moment = turned(A, plus(own, swing)), plus(turning(I, w, at.alpha), cross(c, plus(own, swing)))
-        if weights.mass != 0.0:
+        A, w, arm = matrix(at.place.p), at.place.spin, mass * c
+        own, swing = mass * (A.T @ at.a), rotating_acceleration(w, at.alpha, arm)
+        force, moment = (A @ (own + swing), rotational_inertia_moment(I, w, at.alpha) + cross(c, own + swing))
+        if weights.with_matrix:
             cm, cd, ck = weights.mass, weights.damping, weights.stiffness
-            # of alpha x c + w x (w x c) by the rotation: -c^ (cm - own^ cd) - cd ((w x c)^ + w^ c^)
-            less = minus(w, at.own)
-            turn = skew(plus(times(arm, cm), times(cross(w, arm), cd)))
-            by_turn = sum_of(turn, plus_identity(scaled(outer(arm, w), cd), dot(less, arm) * -cd))
-            by_turn = scaled(difference(by_turn, scaled(outer(at.own, arm), cd)), -1.0)
-            inner = skewed(c, sum_of(by_turn, skew(times(own, ck))))
-            slope = difference(skewed(w, I), sum_of(skew(turned(I, w)), product(I, skew(at.own))))
-            slope = sum_of(scaled(I, cm), scaled(slope, cd))
+            # d(alpha x c + w x (w x c)) by the rotation: -c^ (cm - own^ cd) - cd ((w x c)^ + w^ c^)
+            less = w - at.own
+            turn = skew(cm * arm + cd * cross(w, arm))
+            by_turn = turn + plus_identity(cd * outer(arm, w), dot(less, arm) * -cd)
+            by_turn = -(by_turn - cd * outer(at.own, arm))
+            # moment by the rotation: c x d(A^T force), and the tensor's I cm + (w^ I - (I w)^ - I own^) cd
+            inner = skewed(c, by_turn + skew(ck * own))
+            slope = skewed(w, I) - (skew(I @ w) + I @ skew(at.own))
+            slope = cm * I + cd * slope
             for a in range(3):
-                add(lane, S, to + 7 * a, mass * cm)
-            add_block(lane, S, to, 0, 1, product(A, difference(by_turn, skew(times(swing, ck)))))
-            add_block(lane, S, to, 1, 0, skewed(times(arm, cm), transposed(A)))
-            add_block(lane, S, to, 1, 1, sum_of(inner, slope))
+                S[to + 7 * a] += mass * cm
+            add_block(lane, S, to, 0, 1, A @ (by_turn - skew(ck * swing)))
+            add_block(lane, S, to, 1, 0, skewed(cm * arm, A.T))
+            add_block(lane, S, to, 1, 1, inner + slope)
     return force, moment
 
 
 @kernel
-def rotor_moment(lane, model, S, k, at, weights, o):
-    """(force, moment) of joint k's rotor on the section before: its momentum along an axis e that turns, h w x e; and
-    its part of the matrix. e is fixed in that section."""
-    zero, h = splat(lane, 0.0), hinge_at(k)
-    axis = turned(nine_of(lane, model.joints, J.end * k + J.mount), three_of(lane, model.joints, J.end * k + J.axis))
-    sway, spin = cross(at.place.spin, axis), load(lane, S, h + H.now_spin)
-    if weights.mass != 0.0:
-        put_vector(S, h + H.sway, sway)
-        add_block(lane, S, o, 1, 1, scaled(skew(axis), -(spin * weights.damping)))
-    return (zero, zero, zero), times(sway, spin)
+def rotor_moment(lane, model, S: Lanes, k, at, weights, o):
+    """Return (0, h w x e), the gyroscopic moment of joint k's rotor on the section before, in its axes (N m).
+
+    h: the rotor's angular momentum (N m s), in S; e: the joint's axis; w: spin of the section's `Vertex` at; section
+    axes (theory, 6). With weights.with_matrix stores w x e for `factor` and adds -h e^ cd to the 6 x 6 matrix at o of
+    S.
+    """
+    zero, h = 0.0, hinge_at(k)
+    axis = nine_of(lane, model.joints, J.end * k + J.mount) @ three_of(lane, model.joints, J.end * k + J.axis)
+    sway, spin = cross(at.place.spin, axis), S[h + H.rotor + ROTOR.momentum]
+    if weights.with_matrix:
+        store_vector(lane, S, h + H.sway, sway)
+        # where strains are coordinates the section before has no rows
+        store_vector(lane, S, h + H.rotor + ROTOR.column, sway if model.strains is None else Vector(zero, zero, zero))
+        add_block(lane, S, o, 1, 1, -(spin * weights.damping) * skew(axis))
+    return Vector(zero, zero, zero), spin * sway
 
 
 @kernel
-def loaded(lane, model, u, k, at_tip, at, weights, S, o):
-    """(force, moment) of the point loads on the root or tip of link k, as part of the residual, and of the matrix."""
-    zero = splat(lane, 0.0)
-    force, moment = (zero, zero, zero), (zero, zero, zero)
+def point_load_wrench(lane, model, u, k, at_tip, at, weights, S, o):
+    """Return the (force, moment) in the residual of the point loads on the root or tip of link k; add their tangent.
+
+    Inputs u hold force F and moment M of each load along inertial axes, behind the joint torques. force = -F (inertial
+    axes), moment = -(A^T M + c x A^T F) (section axes) with the load's lever c; at: `Vertex`; at_tip: True for loads on
+    the tip. With weights.with_matrix the moment's derivative by the section's rotation goes to the 6 x 6 matrix at o of
+    S.
+    """
+    zero = 0.0
+    force, moment = Vector(zero, zero, zero), Vector(zero, zero, zero)
     if model.loads is not None:
         for f in range(model.loads.shape[0] // L.end):
             first = L.end * f
             if int(model.loads[first + L.link]) == k:
                 if (model.loads[first + L.at_tip] != 0.0) == at_tip:
                     j, A = model.links + 6 * f, matrix(at.place.p)
-                    c, push = three_of(lane, model.loads, first + L.lever), vector(lane, u, j)
-                    own, twist = back(A, push), back(A, vector(lane, u, j + 3))
-                    force = minus(force, push)
-                    moment = minus(moment, plus(twist, cross(c, own)))
-                    if weights.mass != 0.0:
-                        slope = sum_of(skew(twist), product(skew(c), skew(own)))
-                        add_block(lane, S, o, 1, 1, scaled(slope, -weights.stiffness))
+                    c, push = three_of(lane, model.loads, first + L.lever), load_vector(lane, u, j)
+                    # force and moment in section axes
+                    own, twist = A.T @ push, A.T @ load_vector(lane, u, j + 3)
+                    force = force - push
+                    moment = moment - (twist + cross(c, own))
+                    if weights.with_matrix:
+                        # d(A^T x) = (A^T x)^ dth
+                        slope = skew(twist) + skew(c) @ skew(own)
+                        add_block(lane, S, o, 1, 1, -weights.stiffness * slope)
     return force, moment
 
 
 @kernel
-def onto(lane, model, r, S, k, of):
-    """(force, moment) to what is on the section before joint k: to its rows in r, or, where strains are coordinates and
-    it has none, to what is noted of it in S."""
+def transmit_wrench(lane, model, r, S, k, of):
+    """Add a wrench `of` = (force, N, inertial axes; moment, N m, section axes) to the section before joint k.
+
+    It is added to the section's rows of r. Where strains are coordinates only the base has rows (k = 0); for k > 0 it
+    is added to `NOTED.on` of link k - 1 in S.
+    """
     if model.strains is not None:
         if k > 0:
             to = noted_at(model, k - 1).on
@@ -364,20 +424,24 @@ def onto(lane, model, r, S, k, of):
 
 
 @kernel
-def clear(lane, S, o, n):
-    """n zeros from o on."""
-    zero = splat(lane, 0.0)
+def fill_zeros(lane, S: Lanes, o, n):
+    """Store n zeros in S (or any array) from entry o on."""
+    zero = 0.0
     for i in range(n):
-        store(S, o + i, zero)
+        S[o + i] = zero
 
 
 @kernel
-def sums_of(lane, model, array, o, mass, share, at):
-    """((kinetic, strain, gravity) energy, J; momentum along inertial axes) of the `BODY` at o of `array` on a place."""
+def body_sums(lane, model, array, o, mass, share, at):
+    """Return ((kinetic, strain = 0, gravitational) energy in J, momentum in kg m/s, inertial axes) of a rigid `BODY`.
+
+    array, o: where the `BODY` is; at: `Place` of the section it is fixed to; mass, share: `mass_of`, `inertia_of`.
+    """
     c, I, A = three_of(lane, array, o + P.centre), inertia_of(lane, array, o, share), matrix(at.p)
-    r, rate = plus(at.r, turned(A, c)), plus(at.v, turned(A, cross(at.spin, c)))
-    mass, zero = mass_of(lane, array, o, mass), splat(lane, 0.0)
-    kinetic, gravity = (dot(rate, rate) * mass + dot(at.spin, turned(I, at.spin))) * 0.5, zero
+    # center of mass and its velocity, inertial axes
+    r, rate = at.r + A @ c, at.v + A @ cross(at.spin, c)
+    mass, zero = mass_of(lane, array, o, mass), 0.0
+    kinetic, gravity = (dot(rate, rate) * mass + dot(at.spin, I @ at.spin)) * 0.5, zero
     if model.gravity is not None:
         gravity = -(dot(three_of(lane, model.gravity, 0), r) * mass)
-    return (kinetic, zero, gravity), times(rate, mass)
+    return (kinetic, zero, gravity), mass * rate

@@ -1,4 +1,4 @@
-"""A scene in space to its `SpatialElastica`: links by their strains, without stretch and shear."""
+"""Build the `SpatialElastica` of a scene in space: links with strains as coordinates, without stretch and shear."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from ...settings import Settings
 from ..elastica.build import HEAVIER
 from ..elastica.slenderness import _largest
 from ..model import System
+from ..protocol import NewtonPolicy
 from . import build as chains
 from .build import polynomials
 from .chain import SpatialElastica
@@ -26,29 +27,35 @@ from .strained_layout import NOTED, STRAINED
 Array = NDArray[np.float64]
 
 LEAST_POLAR = 1e-8
-"""Rotary inertia about its axis, over m l^2 of a link, that none falls below: torsion is a motion of its own."""
+"""Lower bound of a section's rotary inertia about its axis, over m l^2 of the link: torsion needs some inertia."""
 
 
 class Grid(NamedTuple):
-    """Of a link of length 1: Gauss's points and weights, the ends of the intervals (points + 2), what points and the
-    end are ahead by of each tangent (points + 1, points), and s and d by each polynomial (points + 1, polynomials)."""
+    """Quadrature of a link of length 1 with n polynomials per strain and n + 2 points.
 
-    at: Array
+    ends   (points + 2,): 0, the Gauss points, 1: ends of the intervals
+    ways   (points + 1, points): position of each point, and of the end, is ways times the tangents at the points
+    sums, slants  (points + 1, polynomials): s and d of each interval by each polynomial
+    """
+
+    at: Array  # Gauss points, and their weights
     weights: Array
     ends: Array
     ways: Array
-    inner: Array  # (points + 1, 12): where intervals look at the strain
+    inner: Array  # (points + 1, 12): places at which each interval integrates the strain
     sums: Array
     slants: Array
 
 
 @lru_cache(32)
 def grid(n: int) -> Grid:
-    """That of n polynomials; kept."""
+    """Return the `Grid` of n polynomials; cached."""
     legendre, points = np.polynomial.legendre, n + 2
     x, w = legendre.leggauss(points)
+    # integrals of the Lagrange polynomials through the points, up to each point and to the end
     lagrange = np.linalg.inv(legendre.legvander(x, points - 1))
     ways = 0.5 * np.array([legendre.legval([*x, 1.0], legendre.legint(c, lbnd=-1)) for c in lagrange.T]).T
+    # quadrature of the polynomials within each interval
     ends = np.concatenate([[0.0], 0.5 * (1.0 + x), [1.0]])
     inner = ends[:-1, None] + np.diff(ends)[:, None] * (0.5 + 0.5 * INNER[0])
     sums, slants = _interval(np.diff(ends), np.asarray(legendre.legvander(2.0 * inner - 1.0, n - 1), np.float64))
@@ -56,27 +63,34 @@ def grid(n: int) -> Grid:
 
 
 INNER = np.polynomial.legendre.leggauss(12)
-"""Of an interval, over which strains are integrated."""
+"""Nodes and weights of the Gauss rule with which strains are integrated over an interval."""
 
 
 def _interval(h: Array, strain: Array) -> tuple[Array, Array]:
-    """s and d, (intervals, ...), of intervals h and a strain at the points of `INNER` in each, (intervals, 12, ...):
-    its integral, and its first moment about the middle over h."""
+    """Return s and d, (intervals, ...), of a strain at the points of `INNER`, (intervals, 12, ...).
+
+    s: integral over the interval of length h; d: first moment about its middle, divided by h.
+    """
     x, w = INNER
     share = 0.5 * h.reshape(-1, *np.ones(strain.ndim - 2, int))
     return share * np.tensordot(strain, w, (1, 0)), share * np.tensordot(strain, 0.5 * w * x, (1, 0))
 
 
 def _link(link: Link, n: int, damping: float) -> Array:
-    """Its `STRAINED`."""
+    """Pack the `STRAINED` of a link with n polynomials per strain; zeros for a rigid link.
+
+    damping: the link's share of the arm's largest Kelvin-Voigt time constant. The correction is left at zero.
+    """
     own, sizes, L = grid(n), {"polynomials": n, "points": n + 2}, link.length
     if link.rigid:
         return np.zeros(STRAINED.offsets(0, **sizes).end)
     s = L * own.at
     plane, across = link.along(s), link.across(s)
+    # stiffness (3, n, n): int P_i diag(GJ, EI_y, EI) P_j ds / L^2
     P = np.polynomial.legendre.legvander(2.0 * own.at - 1.0, n - 1)
     D = np.array([across["GJ"], across["EI_y"], plane.EI])
     stiffness = np.einsum("ap,pi,pj->aij", D * own.weights / L, P, P)
+    # rotary inertia about x, y, z of each point, and s, d without stress
     J, J_y = plane.J, across["J_y"]
     inertia = np.stack([np.maximum(J + J_y, LEAST_POLAR * plane.m * L**2), J_y, J], axis=1)
     natural = _interval(L * np.diff(own.ends), curves.along(link.curvature, L * own.inner))
@@ -88,7 +102,11 @@ def _link(link: Link, n: int, damping: float) -> Array:
 
 
 def _inertia(packed: dict[str, Array]) -> Array:
-    """(3, n, n) kg m^2, of the strains of a straight link whose root turns as it likes: torsion, bending about y, z."""
+    """Return (3, n, n) kg m^2: inertia of the strains of a straight link whose root rotates freely.
+
+    First index: torsion, bending about y, about z. packed: fields of the `STRAINED`.
+    """
+    # rotation of each interval's end by each polynomial; lateral displacement of points by root rotation and strains
     angles = np.cumsum(packed["sums"], axis=0)
     along, aside = packed["ways"].sum(axis=1), packed["ways"] @ angles[:-1]
     found = []
@@ -98,24 +116,29 @@ def _inertia(packed: dict[str, Array]) -> Array:
         if axis > 0:
             moved = np.hstack([along[:-1, None], aside[:-1]])
             M += np.einsum("p,pi,pj->ij", packed["mass"], moved, moved)
+        # condense the rotation of the root
         found.append(M[1:, 1:] - np.outer(M[1:, 0], M[0, 1:]) / M[0, 0])
     return np.array(found)
 
 
 def _correction(packed: dict[str, Array], settings: Settings) -> Array:
-    """(3, n, n) kg m^2, what to take from the inertia of the strains for steps of h (see `elastica.build`). Lighter it
-    makes bending about the softer axis alone, or about both where they are alike: in a bent link torsion and the
-    stiffer bending move the same mass, and what is taken from one of them would leave less than nothing of motions that
-    have hardly any inertia."""
+    """Return (3, n, n) kg m^2: what steps of h take from the inertia of the strains (theory 5.3, 9; `elastica.build`).
+
+    Only bending about the softer axis becomes lighter, or both where they are alike: in a bent link torsion and the
+    stiffer bending move the same mass, and taking inertia from one of them would leave negative inertia to motions with
+    hardly any.
+    """
     from scipy.linalg import eigh
 
     assert settings.dt is not None
     lengthening, share = 2.0 * settings.period_error * settings.dt**2, HEAVIER * settings.dt**4
+    # M - M* of (5.3), symmetrized
     M, K = _inertia(packed), packed["stiffness"]
     C = (lengthening * K - share * K @ np.linalg.solve(M, K)) @ np.linalg.solve(M + lengthening * K, M)
     C = np.asarray(0.5 * (C + C.transpose(0, 2, 1)))
     softest = ALIKE * min(K[1, 0, 0], K[2, 0, 0])
     for axis in range(3):
+        # torsion and stiffer bending: mode by mode only the part that makes them heavier
         if axis == 0 or K[axis, 0, 0] > softest:
             squares, modes = eigh(K[axis], M[axis])
             taken = (lengthening * squares - share * squares**2) / (1.0 + lengthening * squares)
@@ -125,46 +148,64 @@ def _correction(packed: dict[str, Array], settings: Settings) -> Array:
 
 
 def physical(model: SpatialElastica) -> SpatialElastica:
-    """The model with the inertia that the links have, for all that is not a step."""
+    """Return the model with the links' physical inertia, without the steps' correction, for everything but steps."""
     assert model.strains is not None
     strains, n = model.strains.copy(), len(model.polynomials)
     STRAINED.unpack(strains.reshape(model.links, -1), polynomials=n, points=n + 2)["correction"][:] = 0.0
     return model._replace(strains=strains)
 
 
+NEWTON = NewtonPolicy(acceleration_share=1.0, resolved=(0,), reuse=((0,) * 1, (0,) * 2))
+"""Rules of the Newton iteration. The first matrix serves two more iterations, because it costs four residuals and more;
+what then has not converged gets a new matrix each time."""
+
 ALIKE = 1.01
-"""Bending stiffnesses whose ratio is at most this are alike."""
+"""Largest ratio of bending stiffnesses that count as alike."""
+
+ALONG = 4.0
+"""Shear over bending of a link that swings about a pin under its own inertia, over that of a clamped one under a force
+at its tip: 12 EI / (C L^2) over 3."""
 
 BENT = 0.3
-"""By what share of its length a link is taken to be bent where nothing is known yet."""
+"""Deflection, as a fraction of its length, assumed for a link before anything is known."""
 
 
 class Notes(dict[str, float]):
-    """ "stretch_and_shear", a fraction of the arm's length: what leaving them out costs under the force that bends a
-    link by `BENT`, or that is known to act if that is more, and where links are stretched as joints turn as prescribed,
-    with all mass at the tip; a longer link is softer, too."""
+    """Estimate "stretch_and_shear": the error, as a fraction of the arm's length, of leaving out stretch and shear.
+
+    Under the force that bends a link by `BENT`, or a larger one that is known to act, and with the stretch of links
+    that rotate with prescribed joints, all mass at the tip; a longer link is softer, too.
+    """
 
     def __init__(self, scene: Scene) -> None:
         arm = scene.arm
         links = [link for link in arm.links if not link.rigid]
+        # centrifugal stretch: prescribed rates (rad/s), all mass at the tip
         rate = sum(_largest(m.function, scene.duration, 1) for m in scene.motions if m.joint is not None)
         mass = arm.payload.mass + sum(elbow.mass for elbow in arm.elbows) + sum(0.5 * link.mass for link in arm.links)
         stretch = rate**2 * arm.total_length * mass / min((link.series("EA") for link in links), default=math.inf)
         shares = [_soft(link) for link in links]
         self.share = max((sheared / bent for sheared, bent in shares), default=0.0) + 3.0 * stretch
-        known = 2.0 * max((_force(scene, mass) * sheared for sheared, _ in shares), default=0.0)  # swung to, and back
+        # known forces count twice: a link swings to twice its static deflection and back
+        known = 2.0 * max((_force(scene, mass) * sheared for sheared, _ in shares), default=0.0)
         super().__init__(stretch_and_shear=min(1.0, max(BENT * self.share, known) + stretch))
 
     @property
     def softer(self) -> float:
-        """Factor on EI that makes links as soft as stretch and shear make the one that they soften most: what a run
-        with it comes out apart is the estimate (`accuracy.followed`)."""
-        return 1.0 / (1.0 + self.share)
+        """Factor on EI that makes links as soft as stretch and shear make the most affected one, under any load.
+
+        The distance of a run with it is the estimate for slender links (`accuracy.followed`).
+        """
+        return 1.0 / (1.0 + ALONG * self.share)
 
 
 def _soft(link: Link) -> tuple[float, float]:
-    """What shear, or stretch, gives way to a force at the tip of a clamped link, and what bending does, 1/N of the
-    length, each in the direction in which it is softest: 1/C, L^2/(3 EI)."""
+    """Return (1/C, L^2/(3 EI)) in 1/N: tip deflection over length of a clamped link per tip force, by shear and by
+    bending.
+
+    Each in the direction in which the link is softest; stretch counts like shear. Along the link the largest
+    flexibility to shear and the smallest to bending count, which overestimates their ratio.
+    """
     s = np.linspace(0.0, link.length, 33)
     plane, across = link.along(s), link.across(s)
     sheared = max(float((1.0 / x).max()) for x in (plane.C, across["C_y"], plane.EA))
@@ -173,7 +214,7 @@ def _soft(link: Link) -> tuple[float, float]:
 
 
 def _force(scene: Scene, mass: float) -> float:
-    """N: weight, and the largest that loads push with, wherever these are."""
+    """Return the largest known force (N): weight plus the largest values of all point loads, wherever they act."""
     pushes = [
         _largest(f, scene.duration)
         for load in scene.loads
@@ -185,7 +226,7 @@ def _force(scene: Scene, mass: float) -> float:
 
 
 def build(scene: Scene, settings: Settings) -> System:
-    """The scene's chain, each link's strains of `nodes` - 1 polynomials."""
+    """Build the `System` of a scene for the elastica in space: each strain of a link has `nodes` - 1 polynomials."""
     arm, n = scene.arm, polynomials(settings)
     for k, link in enumerate(arm.links):
         if not link.rigid and len(link.jumps):
@@ -193,6 +234,7 @@ def build(scene: Scene, settings: Settings) -> System:
             raise check.InvalidValue(f"links[{k}].section", f"{len(link.jumps)} jumps", what)
     _, shares = arm.damping
     strains = [_link(link, n, 1.0 if shares is None else shares[k]) for k, link in enumerate(arm.links)]
+    # inertia that steps leave out (theory 5.3)
     for link, packed in zip(arm.links, strains, strict=True):
         if not link.rigid:
             fields = STRAINED.unpack(packed, polynomials=n, points=n + 2)
@@ -200,7 +242,7 @@ def build(scene: Scene, settings: Settings) -> System:
     mass, room = STRAINED.offsets(0, n, n + 2), F.end + NOTED.offsets(0, n, n + 2).end
     return chains.system(
         scene, settings, SpatialElastica, float(sum(packed[mass.mass : mass.inertia].sum() for packed in strains)),
-        [*[room] * arm.n_links, 0], Notes(scene), predictor=(1.0, 0.0), strains=np.concatenate(strains),
+        [*[room] * arm.n_links, 0], Notes(scene), newton=NEWTON, strains=np.concatenate(strains),
         polynomials=(0,) * n, points=(0,) * (n + 2), scratch=(0,) * (3 * n + 6),
         curved=(0,) if any(link.curved for link in arm.links if not link.rigid) else None,
     )  # fmt: skip

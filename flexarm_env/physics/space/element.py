@@ -1,71 +1,65 @@
-"""An element of two vertices in space: strains at its middle, forces of its ends, their tangent, its inertia.
+"""An element with two vertices in space: strains at its middle, end forces, their tangent, and its inertia (theory, 9).
 
 With q_rel = q_left^-1 q_right the vertices' relative rotation and psi its rotation vector, the section turns about one
-axis along the element, the middle is turned by half of psi from the left, and
+axis along the element, the middle is turned by psi/2 from the left, R is its rotation matrix, and
 
     Gamma = R^T (r_right - r_left) / l - e_x - psi x (psi x e_x) / 24,      kappa = psi / l
                                                                                 (Simo & Vu-Quoc 1986, one point)
 
-which is objective and does not depend on the path (Crisfield & Jelenic 1999). The last term of Gamma is what the chord
-of a helix of that curvature departs from its tangent at the middle. A moment that grows along the element bends it by
-what one point does not see; the stiffness to shear is that of both in series, 1/C* = 1/C + l^2 / (12 EI) (residual
-bending flexibility, MacNeal 1978), with which vertices are where the beam's are under loads at vertices. By rotation
-increments in body axes dth,
+which is objective and independent of the path (Crisfield & Jelenic 1999). The last term of Gamma is the difference
+between the chord of a helix and its tangent at the middle. A moment that grows along the element bends it in a way that
+one point does not see; shear takes that flexibility: 1/C* = 1/C + l^2 / (12 EI) (residual bending flexibility, MacNeal
+1978), so that vertices are where the beam's are under loads at vertices. With rotation increments dth in body axes,
 
     R^T dR = (P dth_l + Q dth_r)^,  P, Q = 1/2 -+ g^/2,  g = tan(|psi|/4) psi/|psi|;   dpsi = T^-1 dth_r - T^-T dth_l.
 
-Where sections vary, the element bends about the centre of its flexibility, a l from the middle, and moments are those
-there: the chord is that of the part beyond, which turns by (1/2 - a) psi, and so Gamma_y + a_z psi_z, Gamma_z - a_y
-psi_y. Shear has the flexibility's second moment about there in place of l^2 / (12 EI). Where a curvature varies, the
+Where sections vary, the element bends about its center of flexibility, a l from the middle: Gamma_y + a_z psi_z and
+Gamma_z - a_y psi_y, and the second moment of flexibility about it replaces l^2 / (12 EI). Where a curvature varies, the
 chord without stress is the curve's own (`layout.ELEMENT`).
 
-Mass is where a cubic of the vertices' places and tangents t = A e_x has it, by Simpson's rule: a sixth at each vertex,
-four at r_m = (r_l + r_r)/2 + (t_l - t_r) l/8. With these an element's error is of fourth order in l where it bends.
+The mass moves as a cubic through the vertices' positions and tangents t = A e_x, integrated by Simpson's rule: a sixth
+at each vertex, four at r_m = (r_l + r_r)/2 + (t_l - t_r) l/8. Errors are of fourth order in l where an element bends.
 
-Rows: forces along inertial axes, moments in the section's own.
+Rows: forces (N) along inertial axes, moments (N m) in section axes, derivatives of the energy as in the residual.
 """
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ...compiler import kernel, store
-from ..arithmetic import add
-from ..protocol import of_step
-from .frame import across, lifted
+from ...compiler import Lanes, kernel
+from .frame import cross_with_ex, ex_cross
 from .layout import F
 from .rotations import (
+    Matrix,
+    Vector,
     about_identity,
-    back,
-    composed,
+    compose,
     cross,
-    difference,
     dot,
-    inverse,
+    inverse_rotation,
     matrix,
-    minus,
     outer,
-    plus,
     plus_identity,
-    product,
-    put_matrix,
-    scaled,
-    shorter,
+    shortest_rotation,
     skew,
     skewed,
-    sum_of,
-    times,
-    transposed,
+    store_matrix,
     turn_of,
-    turned,
 )
 
 BOW = 1.0 / 24.0
-"""Of the square of its angle: an arc is longer by that share than its chord."""
+"""1 - chord/arc of a circular arc, divided by the square of its angle (rad)."""
 
 
 class Section(NamedTuple):
-    """An element's constants, with the arm's own factors (`layout.ELEMENT`)."""
+    """Constants of one element, including the arm's own factors (`layout.ELEMENT`).
+
+    length   m: reference length l
+    stretch  N: EA, and shear stiffness C* along y and z with the residual bending flexibility
+    bend     N m^2: GJ, EI_y, EI about x, y, z
+    rest     rad: psi without stress
+    """
 
     length: Any
     stretch: Any
@@ -76,305 +70,378 @@ class Section(NamedTuple):
 
 
 class Place(NamedTuple):
-    """A vertex: its place and rate along inertial axes, quaternion, angular velocity in its own."""
+    """Kinematic state of a section."""
 
-    r: Any
-    v: Any
-    p: Any
-    spin: Any
+    r: Any  # m: position, inertial axes
+    v: Any  # m/s: velocity, inertial axes
+    p: Any  # quaternion: section axes to inertial axes
+    spin: Any  # rad/s: angular velocity, section axes
 
 
 class Middle(NamedTuple):
-    """What the tangent needs of the middle."""
+    """Kinematics and stress resultants at an element's middle that its forces and tangent need (axes of the middle).
+
+    psi  rad: relative rotation vector of the ends     R  axes of the middle to inertial axes
+    g    tan(|psi|/4) psi/|psi|                        m  N m: moment conjugate to psi, with the helix term's part
+    """
 
     psi: Any
     R: Any
-    e: Any  # Gamma + e_x
+    # without unit: chord / l = Gamma + e_x + bow
+    e: Any
     g: Any
     T: Any  # T^-1(psi)
-    n: Any  # force over the section, its axes
-    m: Any  # moment
-    spin: Any  # that it turns by, 1/s, and so are the next two; None without damping
-    slip: Any  # of the right end against the left, over the length
-    both: Any  # sum of the ends' spins
-    apart: Any  # the right end's less the left's
-    bend: Any  # rate of psi
+    n: Any  # N: force over the section
+    m: Any
+    # only with damping, otherwise None
+    spin: Any  # rad/s: angular velocity of the middle
+    slip: Any  # 1/s: velocity of the right end relative to the left, over l
+    both: Any  # rad/s: sum of the ends' spins, each in its section's axes
+    apart: Any  # rad/s: the right end's spin less the left's
+    bend: Any  # rad/s: rate of psi
 
 
 @kernel
 def scale(a, d):
-    """Vector a, entry by entry times d."""
-    return a[0] * d[0], a[1] * d[1], a[2] * d[2]
+    """Multiply the vectors a and d entry by entry."""
+    return Vector(a[0] * d[0], a[1] * d[1], a[2] * d[2])
 
 
 @kernel
 def middle(section, left, right):
-    """Strains, and stress resultants of the middle: (Gamma, l kappa less its rest), Middle; the strains' rates, or None
-    without damping."""
+    """Compute strains and stress resultants at an element's middle, all in the axes of the middle section (theory, 9).
+
+    section: `Section`; left, right: `Place`s of the ends. Returns (Gamma (-), psi - psi_0 (rad)), `Middle`, and the
+    rates of these strains (1/s, rad/s; None undamped). Gamma: stretch and shear; psi: rotation vector from left to
+    right end, psi_0 without stress. n = D (Gamma + tau Gamma'), m = K (psi - psi_0 + tau psi') / l + l arc^T n, with D:
+    stretch, K: bend of `Section`; arc: `arc_of`.
+    """
     share = 1.0 / section.length
-    relative = shorter(composed(inverse(left.p), right.p))
+    # relative rotation psi, rotation R of the middle, chord e = R^T (r_r - r_l) / l
+    relative = shortest_rotation(compose(inverse_rotation(left.p), right.p))
     psi, half, g, T = turn_of(relative)
-    R = matrix(composed(left.p, half))
-    e = times(back(R, minus(right.r, left.r)), share)
+    R = matrix(compose(left.p, half))
+    e = share * (R.T @ (right.r - left.r))
+    # strains; Gamma depends on psi through the helix term
     arc, bow = arc_of(section.uneven, psi), bow_of(section.uneven, psi)
-    gamma = e[0] - 1.0 - bow[0], e[1] - bow[1], e[2] - bow[2]
-    bent = minus(psi, section.rest)
+    gamma = Vector(e[0] - 1.0 - bow[0], e[1] - bow[1], e[2] - bow[2])
+    bent = psi - section.rest
     n, m = gamma, bent
     spin, slip, both, apart, bend, rates = None, None, None, None, None, None
+    # Kelvin-Voigt: Gamma' = R^T (v_r - v_l) / l + e x w + arc psi', psi' = T^-1 w_r - T^-T w_l
     if section.tau is not None:
-        spin, both = mean(g, left.spin, right.spin), plus(left.spin, right.spin)
-        apart = minus(right.spin, left.spin)
-        slip = times(back(R, minus(right.v, left.v)), share)
-        bend = minus(turned(T, right.spin), back(T, left.spin))
-        rates = plus(plus(slip, cross(e, spin)), turned(arc, bend)), bend
-        n, m = plus(n, times(rates[0], section.tau)), plus(m, times(bend, section.tau))
+        spin, both = mean(g, left.spin, right.spin), left.spin + right.spin
+        apart = right.spin - left.spin
+        slip = share * (R.T @ (right.v - left.v))
+        bend = T @ right.spin - T.T @ left.spin
+        rates = slip + cross(e, spin) + arc @ bend, bend
+        n, m = n + section.tau * rates[0], m + section.tau * bend
+    # stress resultants; by virtual work n contributes to the moment with arc = dGamma/dpsi
     n = scale(n, section.stretch)
-    m = plus(times(scale(m, section.bend), share), times(back(arc, n), section.length))
+    m = share * scale(m, section.bend) + section.length * (arc.T @ n)
     return (gamma, bent), Middle(psi, R, e, g, T, n, m, spin, slip, both, apart, bend), rates
 
 
 @kernel
+def element_damping(section, before, after, share):
+    """Return the damping power of an element over a step, divided by tau_d, and its unresolved part, W/s.
+
+    before, after: (left, right) `Place`s at the step's start and end; share: 1 / step (1/s). The first value is D times
+    the square of the mean strain rates, difference of strains / step. The second is the power of that mean damping
+    force at the mean of both ends' strain rates less the mean strain rates.
+    """
+    (stretch_0, bend_0), _, (stretch_rate_0, bend_rate_0) = middle(section, before[0], before[1])
+    (stretch_1, bend_1), _, (stretch_rate_1, bend_rate_1) = middle(section, after[0], after[1])
+    # mean rates of strain over the step and the resultants that they cause
+    stretch, bend = share * (stretch_1 - stretch_0), share * (bend_1 - bend_0)
+    pull = scale(section.length * stretch, section.stretch)
+    moment = scale(1.0 / section.length * bend, section.bend)
+    more = 0.5 * (stretch_rate_0 + stretch_rate_1) - stretch
+    turn = 0.5 * (bend_rate_0 + bend_rate_1) - bend
+    return dot(pull, stretch) + dot(moment, bend), dot(pull, more) + dot(moment, turn)
+
+
+@kernel
 def bow_of(uneven, psi):
-    """What a chord has beside e_x and Gamma, an arc bent by psi: psi x (psi x e_x) / 24, and what is uneven."""
-    arc = times(cross(psi, across(psi)), BOW)
+    """Return psi x (psi x e_x)/24 + uneven part: chord / l less (e_x + Gamma), without unit, axes of the middle.
+
+    psi: rotation vector from left to right end, rad. uneven: (chord, a_y, a_z) without unit, or None where section and
+    curvature are constant. chord: stress-free chord / l less that of an arc; a_y, a_z: center of flexibility for
+    bending about y, z, from the middle, over l.
+    """
+    arc = BOW * cross(psi, cross_with_ex(psi))
     if uneven is None:
         return arc
     chord, y, z = uneven
-    return arc[0] + chord[0], arc[1] + chord[1] - z * psi[2], arc[2] + chord[2] + y * psi[1]
+    return Vector(arc[0] + chord[0], arc[1] + chord[1] - z * psi[2], arc[2] + chord[2] + y * psi[1])
 
 
 @kernel
 def arc_of(uneven, psi):
-    """Derivative of Gamma by psi: of - `bow_of`."""
-    x, y, z = times(psi, BOW)
+    """Return dGamma/dpsi = -d(`bow_of`)/dpsi, a 3 x 3 matrix in the axes of the middle; psi: rad; uneven: see `bow_of`.
+
+    Gamma: stretch and shear at the middle; psi: rotation vector from the left to the right end.
+    """
+    x, y, z = BOW * psi
     zero = x * 0.0
     if uneven is None:
-        return (zero, y * 2.0, z * 2.0), (-y, -x, zero), (-z, zero, -x)
-    return (zero, y * 2.0, z * 2.0), (-y, -x, uneven[2]), (-z, -uneven[1], -x)
+        return Matrix(Vector(zero, y * 2.0, z * 2.0), Vector(-y, -x, zero), Vector(-z, zero, -x))
+    return Matrix(Vector(zero, y * 2.0, z * 2.0), Vector(-y, -x, uneven[2]), Vector(-z, -uneven[1], -x))
 
 
 @kernel
 def mean(g, a, b):
-    """P a + Q b: what the middle turns by."""
-    return times(plus(plus(a, b), cross(g, minus(b, a))), 0.5)
+    """Return (a + b + g x (b - a))/2: the spin of an element's middle, axes of the middle, from its ends' spins a, b.
+
+    a, b: rad/s, each in its section's axes; g = tan(|psi|/4) psi/|psi| of the ends' relative rotation vector psi. Also
+    written P a + Q b, with P, Q = 1/2 -+ g^/2.
+    """
+    return 0.5 * (a + b + cross(g, b - a))
 
 
 @kernel
 def forces(section, at):
-    """((force, moment) of the left end, of the right end)."""
-    push = turned(at.R, at.n)
-    turn = times(cross(at.n, at.e), section.length)
-    half, more = times(turn, 0.5), times(cross(at.g, turn), 0.5)
-    left = minus(plus(half, more), turned(at.T, at.m))
-    return (times(push, -1.0), left), (push, plus(minus(half, more), back(at.T, at.m)))
+    """Return ((force, moment) on the left end, on the right end) from the stress resultants n, m of a `Middle` at.
+
+    Forces -+ R n (N, inertial axes). Moments (N m, each in its section's axes): P^T l (n x e) - T^-1 m and Q^T l (n x
+    e) + T^-T m, with P, Q = 1/2 -+ g^/2 and R, e, g, T of the `Middle`; l: length in section (`Section`).
+    """
+    push = at.R @ at.n
+    turn = section.length * cross(at.n, at.e)
+    # P^T and Q^T applied to l n x e
+    half, more = 0.5 * turn, 0.5 * cross(at.g, turn)
+    left = half + more - at.T @ at.m
+    return (-push, left), (push, half - more + at.T.T @ at.m)
 
 
 @kernel
-def _put(S, o, i, j, A):
-    """Block (i, j) of three rows and columns of the 6 x 6 matrix at o."""
+def _put(lane, S: Lanes, o, i, j, A):
+    """Store A as block (i, j), i, j = 0, 1, of the 6 x 6 matrix at offset o of S: rows 3 i, columns 3 j."""
     for a in range(3):
         for b in range(3):
-            store(S, o + 18 * i + 6 * a + 3 * j + b, A[a][b])
+            S[o + 18 * i + 6 * a + 3 * j + b] = A[a][b]
 
 
 @kernel
-def fill(S, o, xx, xt, tx, tt):
-    """The 6 x 6 matrix at o from its blocks: of places (x) and rotations (t)."""
-    _put(S, o, 0, 0, xx)
-    _put(S, o, 0, 1, xt)
-    _put(S, o, 1, 0, tx)
-    _put(S, o, 1, 1, tt)
+def fill(lane, S, o, xx, xt, tx, tt):
+    """Store a 6 x 6 matrix at offset o of S from its 3 x 3 blocks (row, column); x: positions, t: rotations."""
+    _put(lane, S, o, 0, 0, xx)
+    _put(lane, S, o, 0, 1, xt)
+    _put(lane, S, o, 1, 0, tx)
+    _put(lane, S, o, 1, 1, tt)
 
 
 @kernel
-def tangent(section, at, weights, S, o):
-    """Derivative of `forces` by positions and by rates to the `FACTOR` at o of S.
+def tangent(lane, section, at, weights, S, o):
+    """Store the derivative of `forces` by positions and rates in the `FACTOR` at offset o of S (theory, 9).
 
-    What moments change by at third order in the element's own psi is left out: Newton's iteration has no need of it.
+    section: `Section`; at: `Middle`; weights: `Weights` of dr/dq (stiffness) and dr/dv (damping). Rows: forces along
+    inertial axes, moments in section axes; columns: positions (inertial), rotations in body axes. Also stores dn by the
+    ends (by_place, by_left, by_right). Left out: changes of moments of third order in psi, which Newton does not need.
     """
     R, g, T, e, psi, l = at.R, at.g, at.T, at.e, at.psi, section.length
-    Tt, rate, c = transposed(T), weights.stiffness, weights.stiffness
+    Tt, rate, c = T.T, weights.stiffness, weights.stiffness
     if section.tau is not None:
         rate = section.tau * weights.damping + c
+    # material stiffness of n and m, springs and dampers: D (c_k + tau c_v), K (c_k + tau c_v) / l
     share = 1.0 / l
-    D, b = times(section.stretch, rate), times(section.bend, share * rate)
+    D, b = rate * section.stretch, share * rate * section.bend
     arc, zero = arc_of(section.uneven, psi), l * 0.0
-    n, own = times(at.n, c), at.m
-    x, y, z = times(n, l * BOW)
-    # of Gamma by the rotations of the ends: e^ P - arc T^T, e^ Q + arc T; P, Q = 1/2 -+ g^/2
+    n, own = c * at.n, at.m
+    x, y, z = l * BOW * n
+    # dGamma by the ends' rotations: e^ P - arc T^-T, e^ Q + arc T^-1; P, Q = 1/2 -+ g^/2 (T in the code is T^-1)
     swing, straight = _half_of_both(e, g)
-    left_w, right_w = (
-        difference(difference(straight, swing), product(arc, Tt)),
-        sum_of(sum_of(straight, swing), product(arc, T)),
-    )
-    left_D, right_D, x_D = rows_of(D, left_w), rows_of(D, right_w), scaled(rows_of(D, transposed(R)), share)
-    bend = (b[0], -y, -z), (-y, x * 2.0 + b[1], zero), (-z, zero, x * 2.0 + b[2])
-    if section.tau is not None:  # what rates change by positions: e, slip and psi seen from axes that turn
-        late, w, u = times(section.stretch, section.tau * c), at.spin, at.slip
-        x_D = difference(x_D, scaled(rows_of(late, skewed(w, transposed(R))), share))
-        swing = sum_of(skew(u), plus_identity(scaled(outer(e, w), -1.0), dot(w, e)))
-        straight = cross(swing[0], g), cross(swing[1], g), cross(swing[2], g)
-        d, more = times(at.apart, 0.125), times(late, of_step(weights))
+    left_w, right_w = (straight - swing - arc @ Tt, straight + swing + arc @ T)
+    # dn by the rotations of both ends and by r_r - r_l
+    left_D, right_D, x_D = rows_of(D, left_w), rows_of(D, right_w), share * rows_of(D, R.T)
+    # dm by psi: bending stiffness and the second derivative of the helix term times n
+    bend = Matrix(Vector(b[0], -y, -z), Vector(-y, x * 2.0 + b[1], zero), Vector(-z, zero, x * 2.0 + b[2]))
+    if section.tau is not None:
+        # damper forces change with positions, too: e, slip and psi' are seen from axes that turn
+        late, w, u = section.tau * c * section.stretch, at.spin, at.slip
+        x_D = x_D - share * rows_of(late, skewed(w, R.T))
+        swing = skew(u) + plus_identity(-outer(e, w), dot(w, e))
+        straight = Matrix(cross(swing[0], g), cross(swing[1], g), cross(swing[2], g))
+        d, more = 0.125 * at.apart, weights.newton_share * late
         # by psi, e x (dg x apart) / 2 with g = psi / 4, and what the arc has of its rate
-        unlike = rows_of(more, sum_of(plus_identity(outer(d, times(e, -1.0)), dot(d, e)), arc_of(None, at.bend)))
-        left_D, right_D, late = difference(left_D, unlike), sum_of(right_D, unlike), times(late, 0.5)
-        left_D = sum_of(left_D, rows_of(late, difference(swing, straight)))
-        right_D = sum_of(right_D, rows_of(late, sum_of(swing, straight)))
-        bend = difference(bend, rows_of(times(section.bend, share * section.tau * c * 0.5), skew(at.both)))
-    put_matrix(S, o + F.by_place, x_D)
-    put_matrix(S, o + F.by_left, left_D)
-    put_matrix(S, o + F.by_right, right_D)
+        unlike = rows_of(more, plus_identity(outer(d, -e), dot(d, e)) + arc_of(None, at.bend))
+        left_D, right_D, late = left_D - unlike, right_D + unlike, 0.5 * late
+        left_D = left_D + rows_of(late, swing - straight)
+        right_D = right_D + rows_of(late, swing + straight)
+        bend = bend - rows_of(share * section.tau * c * 0.5 * section.bend, skew(at.both))
+    # dn for the correction of positions (`settled`)
+    store_matrix(lane, S, o + F.by_place, x_D)
+    store_matrix(lane, S, o + F.by_left, left_D)
+    store_matrix(lane, S, o + F.by_right, right_D)
+    # how the force R n turns with the ends; xx, xl, xr: force on the right end by places and rotations
     swing, straight = _half_of_both(n, g)
-    own_l, own_r = product(R, difference(swing, straight)), product(R, sum_of(swing, straight))
-    xx, xl, xr = product(R, x_D), sum_of(product(R, left_D), own_l), difference(product(R, right_D), own_r)
-    left_w, right_w = scaled(transposed(left_w), l), scaled(transposed(right_w), l)
-    lx, rx = sum_of(product(left_w, x_D), transposed(own_l)), difference(product(right_w, x_D), transposed(own_r))
+    own_l, own_r = R @ (swing - straight), R @ (swing + straight)
+    xx, xl, xr = R @ x_D, R @ left_D + own_l, R @ right_D - own_r
+    # moments by places; the geometric part is the transpose of the force's
+    left_w, right_w = l * left_w.T, l * right_w.T
+    lx, rx = left_w @ x_D + own_l.T, right_w @ x_D - own_r.T
     # l n^ e^ between P or Q and P or Q
-    Qe, Pe, Qn, Pn = _half(g, e), _half(times(g, -1.0), e), _half(g, times(n, l)), _half(times(g, -1.0), times(n, l))
+    Qe, Pe, Qn, Pn = _half(g, e), _half(-g, e), _half(g, l * n), _half(-g, l * n)
     along, square = dot(n, e) * l, dot(g, g)
-    gg = scaled(outer(g, g), 0.25 * along)
+    gg = 0.25 * along * outer(g, g)
     crossing, turning = (
         plus_identity(gg, along * (square + 1.0) * -0.25),
-        plus_identity(scaled(gg, -1.0), along * (square - 1.0) * 0.25),
+        plus_identity(-gg, along * (square - 1.0) * 0.25),
     )
-    spin = skew(times(g, 0.5 * along))
-    f, m = times(cross(n, e), l * 0.125), times(own, 0.5 * c)
-    swing = _second(psi, times(own, c * (1.0 / 12.0)))  # of psi x (psi x m) / 12 in T m
-    left = difference(difference(skew(minus(m, f)), swing), product(T, bend))
-    right = sum_of(sum_of(skew(plus(m, f)), swing), product(Tt, bend))
-    ll = sum_of(product(left_w, left_D), difference(sum_of(outer(Qe, Qn), crossing), product(left, Tt)))
-    lr = sum_of(product(left_w, right_D), sum_of(difference(sum_of(outer(Qe, Pn), turning), spin), product(left, T)))
-    rl = sum_of(product(right_w, left_D), difference(sum_of(sum_of(outer(Pe, Qn), turning), spin), product(right, Tt)))
-    rr = sum_of(product(right_w, right_D), sum_of(sum_of(outer(Pe, Pn), crossing), product(right, T)))
-    minus_xx = scaled(xx, -1.0)
-    fill(S, o + F.LL, xx, scaled(xl, -1.0), scaled(lx, -1.0), ll)
-    fill(S, o + F.LR, minus_xx, scaled(xr, -1.0), lx, lr)
-    fill(S, o + F.RL, minus_xx, xl, scaled(rx, -1.0), rl)
-    fill(S, o + F.RR, xx, xr, rx, rr)
+    # end moments by psi: through T^-1 m and T^-T m, and through g = psi/4 + ... in P^T, Q^T (l n x e)
+    spin = skew(0.5 * along * g)
+    f, m = l * 0.125 * cross(n, e), 0.5 * c * own
+    swing = _second(psi, c * (1.0 / 12.0) * own)  # of psi x (psi x m) / 12 in T m
+    left = skew(m - f) - swing - T @ bend
+    right = skew(m + f) + swing + Tt @ bend
+    # moments by rotations: material, geometric, and bending through dpsi = T^-1 dth_r - T^-T dth_l
+    ll = left_w @ left_D + (outer(Qe, Qn) + crossing - left @ Tt)
+    lr = left_w @ right_D + (outer(Qe, Pn) + turning - spin + left @ T)
+    rl = right_w @ left_D + (outer(Pe, Qn) + turning + spin - right @ Tt)
+    rr = right_w @ right_D + (outer(Pe, Pn) + crossing + right @ T)
+    minus_xx = -xx
+    fill(lane, S, o + F.LL, xx, -xl, -lx, ll)
+    fill(lane, S, o + F.LR, minus_xx, -xr, lx, lr)
+    fill(lane, S, o + F.RL, minus_xx, xl, -rx, rl)
+    fill(lane, S, o + F.RR, xx, xr, rx, rr)
 
 
 @kernel
 def rows_of(d, A):
-    """diag(d) A."""
-    return times(A[0], d[0]), times(A[1], d[1]), times(A[2], d[2])
+    """Return diag(d) A: row i of the matrix A times d[i]."""
+    return Matrix(d[0] * A[0], d[1] * A[1], d[2] * A[2])
 
 
 @kernel
 def _half_of_both(a, g):
-    """a^ g^ / 2 and a^ / 2: a^ P is the second less the first, a^ Q their sum."""
-    half = times(a, 0.5)
+    """Return a^ g^ / 2 and a^ / 2: a^ P is the second less the first, a^ Q their sum (P, Q = 1/2 -+ g^/2)."""
+    half = 0.5 * a
     return plus_identity(outer(g, half), -dot(half, g)), skew(half)
 
 
 @kernel
 def _half(g, a):
-    """(a + g x a) / 2."""
-    return times(plus(a, cross(g, a)), 0.5)
+    """Return (a + g x a) / 2 = P^T a; with -g for g it is Q^T a (P, Q = 1/2 -+ g^/2)."""
+    return 0.5 * (a + cross(g, a))
 
 
 @kernel
 def _second(a, m):
-    """Derivative of a x (a x m) by a: a m^T + (a . m) 1 - 2 m a^T."""
-    x, y = dot(a, m), times(m, -2.0)
-    rows = (
-        plus(times(m, a[0]), times(a, y[0])),
-        plus(times(m, a[1]), times(a, y[1])),
-        plus(times(m, a[2]), times(a, y[2])),
-    )
-    return sum_of(rows, about_identity(x, times(a, 0.0), 0.0, a))
+    """Return the derivative of a x (a x m) by a, the matrix a m^T + (a . m) 1 - 2 m a^T."""
+    x, y = dot(a, m), -2.0 * m
+    rows = Matrix(a[0] * m + y[0] * a, a[1] * m + y[1] * a, a[2] * m + y[2] * a)
+    return rows + about_identity(x, 0.0 * a, 0.0, a)
 
 
 class Tangent(NamedTuple):
-    """The tangent t = A e_x of a vertex: axes A, and the second rate of t in them."""
+    """The tangent t = A e_x of a vertex: A (section to inertial axes), spin w (rad/s), t'' (1/s^2), in section axes."""
 
     A: Any
     w: Any
     second: Any
-    own: Any  # see `chain.Vertex`
+    own: Any  # rad/s: rate of the joint before, see `chain.Vertex`
 
 
 @kernel
 def tangent_of(at):
-    """Of a `Vertex`."""
+    """Return the `Tangent` of a `Vertex`; t'' = alpha x e_x + w x (w x e_x), in section axes."""
     w, alpha = at.place.spin, at.alpha
-    second = -(w[1] * w[1] + w[2] * w[2]), w[0] * w[1] + alpha[2], w[0] * w[2] - alpha[1]
+    second = Vector(-(w[1] * w[1] + w[2] * w[2]), w[0] * w[1] + alpha[2], w[0] * w[2] - alpha[1])
     return Tangent(matrix(at.place.p), w, second, at.own)
 
 
 @kernel
 def _by_turn(t, weights):
-    """Derivative, over A, of the second rate of t by rotation increments of its vertex."""
+    """Return B = A^T d(t'')/d(rotation increment of its vertex), 3 x 3 in section axes, for the `Tangent` t.
+
+    t'': second rate of the vertex' tangent A e_x. Rates and accelerations follow the increment with the `Weights`
+    weights: B sums the derivatives times mass, damping, stiffness.
+    """
     w, zero = t.w, t.w[0] * 0.0
     ck, cd, cm = weights.stiffness, weights.damping, weights.mass
-    # -(e^ (cm - own^ cd) + second^ ck + ((w x e)^ + w^ e^) cd)
-    u, o = times(t.second, ck), times(t.own, cd)
+    # -(e^ (cm - own^ cd) + t''^ ck + ((w x e)^ + w^ e^) cd), e = e_x
+    u, o = ck * t.second, cd * t.own
     x, y, z = w[0] * cd - o[0], w[1] * cd, w[2] * cd
-    return (
-        (zero, u[2] - y * 2.0, -(u[1] + z * 2.0)),
-        (y + o[1] - u[2], x, u[0] + cm),
-        (z + o[2] + u[1], -(u[0] + cm), x),
+    return Matrix(
+        Vector(zero, u[2] - y * 2.0, -(u[1] + z * 2.0)),
+        Vector(y + o[1] - u[2], x, u[0] + cm),
+        Vector(z + o[2] + u[1], -(u[0] + cm), x),
     )
 
 
 @kernel
-def inertia(lane, mass, length, left, right, weights, S, o):
-    """((force, moment) of the left end, of the right) of the mass at the middle, and its part of the `FACTOR` at o."""
+def inertia_wrenches(lane, mass, length, left, right, weights, S, o):
+    """Compute the inertia forces of the mass at an element's middle; add their derivative to the `FACTOR` at o of S.
+
+    f = m ((a_l + a_r)/2 + l/8 (t''_l - t''_r)), a: acceleration less gravity, t: tangent A e_x of each end; left,
+    right: `Vertex`; mass m (kg), length l (m). Returns (force, moment) on the left and the right end: f/2 (N, inertial
+    axes), +- l/8 e_x x A^T f (N m, section axes). Without weights.with_matrix the `FACTOR` stays unchanged.
+    """
     arm = length * 0.125
     tl, tr = tangent_of(left), tangent_of(right)
-    bent = minus(turned(tl.A, tl.second), turned(tr.A, tr.second))
-    f = times(plus(times(plus(left.a, right.a), 0.5), times(bent, arm)), mass)
-    half, own_l, own_r = times(f, 0.5), back(tl.A, f), back(tr.A, f)
-    if weights.mass != 0.0:
+    bent = tl.A @ tl.second - tr.A @ tr.second
+    # inertia force f, inertial axes; own_l, own_r: the same in the axes of either end
+    f = mass * (0.5 * (left.a + right.a) + arm * bent)
+    half, own_l, own_r = 0.5 * f, tl.A.T @ f, tr.A.T @ f
+    if weights.with_matrix:
         share = mass * arm
-        Bl, Br = scaled(_by_turn(tl, weights), share), scaled(_by_turn(tr, weights), -share)
-        xl, xr = product(tl.A, Bl), product(tr.A, Br)
+        # df by the ends' rotations: A B on the left, with the opposite sign on the right
+        Bl, Br = share * _by_turn(tl, weights), -share * _by_turn(tr, weights)
+        xl, xr = tl.A @ Bl, tr.A @ Br
         quarter, own, turn = 0.25 * weights.mass * mass, 0.5 * weights.mass * share, arm * weights.stiffness
         _add(lane, S, o + F.LL, quarter, xl, tl.A, own, Bl, arm)
-        _add(lane, S, o + F.LR, quarter, xr, tl.A, own, product(transposed(tl.A), xr), arm)
-        _add(lane, S, o + F.RL, quarter, xl, tr.A, -own, product(transposed(tr.A), xl), -arm)
+        _add(lane, S, o + F.LR, quarter, xr, tl.A, own, tl.A.T @ xr, arm)
+        _add(lane, S, o + F.RL, quarter, xl, tr.A, -own, tr.A.T @ xl, -arm)
         _add(lane, S, o + F.RR, quarter, xr, tr.A, -own, Br, -arm)
-        _add_turn(lane, S, o + F.LL, times(own_l, turn))
-        _add_turn(lane, S, o + F.RR, times(own_r, -turn))
-    return (half, times(lifted(own_l), arm)), (half, times(lifted(own_r), -arm))
+        # the lever l/8 e_x turns with the section against f
+        _add_turn(lane, S, o + F.LL, turn * own_l)
+        _add_turn(lane, S, o + F.RR, -turn * own_r)
+    return (half, arm * ex_cross(own_l)), (half, -arm * ex_cross(own_r))
 
 
 @kernel
-def _add(lane, S, o, x, xt, A, tx, tt, arm):
-    """To a matrix of an element: x along each axis; half of xt; e_x^ A^T tx; e_x^ tt arm."""
+def _add(lane, S: Lanes, o, x, xt, A, tx, tt, arm):
+    """Add to the 6 x 6 block at o of S (rows: force, moment; columns: position, rotation) the inertia of a middle mass.
+
+    Force rows: x 1 and xt/2. Moment rows: tx e_x^ A^T and arm e_x^ tt. x, tx, arm: numbers; xt, A, tt: 3 x 3.
+    """
     for a in range(3):
-        add(lane, S, o + 7 * a, x)
+        S[o + 7 * a] += x
         for b in range(3):
-            add(lane, S, o + 6 * a + 3 + b, xt[a][b] * 0.5)
-        add(lane, S, o + 24 + a, A[a][2] * -tx)
-        add(lane, S, o + 30 + a, A[a][1] * tx)
-        add(lane, S, o + 27 + a, tt[2][a] * -arm)
-        add(lane, S, o + 33 + a, tt[1][a] * arm)
+            S[o + 6 * a + 3 + b] += xt[a][b] * 0.5
+        S[o + 24 + a] += A[a][2] * -tx
+        S[o + 30 + a] += A[a][1] * tx
+        S[o + 27 + a] += tt[2][a] * -arm
+        S[o + 33 + a] += tt[1][a] * arm
 
 
 @kernel
-def _add_turn(lane, S, o, f):
-    """e_x^ f^ to the rotations' block: f e_x^T - f_x."""
-    add(lane, S, o + 27, f[1])
-    add(lane, S, o + 28, -f[0])
-    add(lane, S, o + 33, f[2])
-    add(lane, S, o + 35, -f[0])
+def _add_turn(lane, S: Lanes, o, f):
+    """Add e_x^ f^ = f e_x^T - f_x 1 (rows y, z) to the block of rotations of the 6 x 6 matrix at o of S; f: vector."""
+    S[o + 27] += f[1]
+    S[o + 28] -= f[0]
+    S[o + 33] += f[2]
+    S[o + 35] -= f[0]
 
 
 @kernel
-def add_block(lane, S, o, i, j, A):
-    """Block (i, j) of three rows and columns of the 6 x 6 matrix at o, += A."""
+def add_block(lane, S: Lanes, o, i, j, A):
+    """Add A to block (i, j), i, j = 0, 1, of the 6 x 6 matrix at offset o of S: rows 3 i, columns 3 j."""
     for a in range(3):
         for b in range(3):
-            add(lane, S, o + 18 * i + 6 * a + 3 * j + b, A[a][b])
+            S[o + 18 * i + 6 * a + 3 * j + b] += A[a][b]
 
 
 @kernel
 def middle_of(length, left, right):
-    """(place, velocity) of the mass at the middle, of two `Place`s."""
+    """Return position r_m and velocity of an element's middle mass between two `Place`s (m, m/s; inertial axes).
+
+    r_m = (r_l + r_r)/2 + l/8 (t_l - t_r), with the tangents t = A e_x and t' = A (w x e_x).
+    """
     A, B, arm = matrix(left.p), matrix(right.p), length * 0.125
-    bent = minus((A[0][0], A[1][0], A[2][0]), (B[0][0], B[1][0], B[2][0]))
+    bent = A.T[0] - B.T[0]
     a, b = left.spin, right.spin
     zero = a[0] * 0.0
-    turning = minus(turned(A, (zero, a[2], -a[1])), turned(B, (zero, b[2], -b[1])))
-    r, v = times(plus(left.r, right.r), 0.5), times(plus(left.v, right.v), 0.5)
-    return plus(r, times(bent, arm)), plus(v, times(turning, arm))
+    turning = A @ Vector(zero, a[2], -a[1]) - B @ Vector(zero, b[2], -b[1])
+    r, v = 0.5 * (left.r + right.r), 0.5 * (left.v + right.v)
+    return r + arm * bent, v + arm * turning

@@ -1,37 +1,38 @@
-"""Newton's equations of a chain in space: along the links from the tip to the base and back.
+"""Solve Newton's equations of a chain in space: forward elimination from tip to base, back substitution outward.
 
-Of a link of elements its vertices are eliminated one by one; of one with strains what is on its last section is taken
-to its root and its strains, and these are eliminated.
+The vertices of a link of elements are eliminated one by one. Of a link with strains the block on its last section is
+transformed to its root and its strains, and the strains are eliminated. Vectors x: forces (inertial) and moments
+(section axes) before, position increments (inertial) and rotation increments (body axes) after `solve`.
 """
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, splat, store, superword
-from ..arithmetic import add, put_vector, vector
+from ...compiler import Lanes, kernel, load_lane, superword
+from ..arithmetic import store_vector
 from . import inner
-from .chain import clear, has_lever, onto, three_of
+from .chain import fill_zeros, has_lever, three_of, transmit_wrench
 from .inner import elements_before, factors, solution
 from .layout import AXES, F, H, J, count_of, factor_at, hinge_at, inner_at, inner_row, joint_row, rows_before
 from .matrix import (
     block_times,
-    carried,
     eliminate,
     eliminate_joint,
     factor_base,
+    joint_motion_of_root,
     matrix_in,
     part_of,
     solve_base,
     solve_six,
     transposed_times,
 )
-from .rotations import add_vector, back, dot, minus, plus, times, turned
+from .rotations import Vector, add_vector, dot, load_vector
 from .strained import strain_row
 from .strained_layout import noted_at
 
 
 @kernel
 def factor(lane, model, S):
-    """See `protocol`."""
+    """Factor the Newton matrix in S in place, link by link from the tip to the base (`protocol.factor`)."""
     for back_k in range(model.links):
         k = model.links - 1 - back_k
         if model.strains is None:
@@ -44,7 +45,11 @@ def factor(lane, model, S):
 
 @kernel
 def solve(lane, model, S, x):
-    """See `protocol`."""
+    """Replace x by S^-1 x with the factors that `factor` has left in S (`protocol.solve`).
+
+    x: forces (inertial axes) and moments (section axes), then increments of positions (inertial) and rotations (body
+    axes).
+    """
     for back_k in range(model.links):
         k = model.links - 1 - back_k
         _joint_down(lane, model, S, k, x, _down(lane, model, S, k, x))
@@ -54,133 +59,176 @@ def solve(lane, model, S, x):
 
 
 @superword
-def _condense_elements(lane, model, S, k):
-    """What is on link k to its root, vertex by vertex."""
+def _condense_elements(lane, model, S: Lanes, k):
+    """Condense the blocks of link k onto its root, vertex by vertex from the tip; the result is the link's first LL.
+
+    LL, LR, RL, RR: the 6 x 6 blocks (left, right vertex) of each `FACTOR` in S; RR <- its factors, RL <- RR^-1 RL.
+    """
     for back_e in range(count_of(model, k)):
         o = factor_at(model, k, count_of(model, k) - 1 - back_e)
         left, right = part_of(lane, S, o + F.LL, 36), part_of(lane, S, o + F.RR, 36)
         eliminate(lane, left, part_of(lane, S, o + F.LR, 36), part_of(lane, S, o + F.RL, 36), right)
+        # LL is a part of the diagonal block of the vertex before
         if back_e < count_of(model, k) - 1:
             for i in range(36):
-                add(lane, S, o - F.end + F.RR + i, load(lane, S, o + F.LL + i))
+                S[o - F.end + F.RR + i] += S[o + F.LL + i]
 
 
 @kernel
 def _rows(model):
-    """Rows of a link's strains."""
+    """Return the number of rows of a link's strains: three for each polynomial."""
     return 3 * len(model.polynomials)
 
 
 @kernel
 def _to_last(lane, S, to, a, b):
-    """What a link's last section moves by where its root moves by (a, b)."""
-    return plus(a, turned(matrix_in(lane, S, to.shift), b)), back(matrix_in(lane, S, to.last_turn), b)
+    """Return the motion of a link's last section that follows its root's motion (a, b) at constant strains.
+
+    a: displacement (inertial axes), b: rotation (root axes); result: displacement (inertial), rotation (last section's
+    axes). to: `noted_at` of the link.
+    """
+    return a + matrix_in(lane, S, to.shift) @ b, matrix_in(lane, S, to.last_turn).T @ b
 
 
 @kernel
 def _to_root(lane, S, to, a, b):
-    """What (a, b) on the last section is on the root."""
-    return a, plus(turned(matrix_in(lane, S, to.last_turn), b), back(matrix_in(lane, S, to.shift), a))
+    """Return the (force, moment) on a link's root equivalent to the (force, moment) = (a, b) on its last section.
+
+    This is the transpose of `_to_last`. Forces along inertial axes, moments in the axes of the last section and of the
+    root. to: `noted_at` of the link.
+    """
+    return a, matrix_in(lane, S, to.last_turn) @ b + matrix_in(lane, S, to.shift).T @ a
 
 
 @kernel
-def _condense_strains(lane, model, S, k):
-    """What is on the last section of link k to its root, without the strains."""
+def _condense_strains(lane, model, S: Lanes, k):
+    """Condense block RR on the last section of link k onto its root (LL) and eliminate the link's strains.
+
+    Rows: force along inertial, moment along section axes; columns: position along inertial, rotation along section
+    axes.
+    # in, out   `matrix`, `on_root`, `by_root` of `NOTED` hold the strains' own parts, to which those of RR are added
+    # out       `matrix` <- its factors, `over` <- matrix^-1 by_root;  LL <- LL + T^T RR T - on_root over (`FACTOR`)
+    T: `_to_last`.
+    """
     n, to, f = _rows(model), noted_at(model, k), factor_at(model, k, 0)
-    zero = splat(lane, 0.0)
+    zero = 0.0
     one = zero + 1.0
+    # the last section moves with strain c by column c of `last`: add last^T RR last, and the coupling with the root
     for c in range(n):
         i = to.last + 6 * c
-        on = block_times(lane, S, f + F.RR, vector(lane, S, i), vector(lane, S, i + 3))
+        on = block_times(lane, S, f + F.RR, load_vector(lane, S, i), load_vector(lane, S, i + 3))
         for row in range(n):
             o = to.last + 6 * row
-            add(lane, S, to.matrix + n * row + c, dot(vector(lane, S, o), on[0]) + dot(vector(lane, S, o + 3), on[1]))
+            S[to.matrix + n * row + c] += dot(load_vector(lane, S, o), on[0]) + dot(load_vector(lane, S, o + 3), on[1])
         on = _to_root(lane, S, to, on[0], on[1])
         add_vector(lane, S, to.on_root + 6 * c, on[0])
         add_vector(lane, S, to.on_root + 6 * c + 3, on[1])
-        on = transposed_times(lane, S, f + F.RR, vector(lane, S, i), vector(lane, S, i + 3))
+        on = transposed_times(lane, S, f + F.RR, load_vector(lane, S, i), load_vector(lane, S, i + 3))
         on = _to_root(lane, S, to, on[0], on[1])
         add_vector(lane, S, to.by_root + 6 * c, on[0])
         add_vector(lane, S, to.by_root + 6 * c + 3, on[1])
+    # columns of the root's six motions: LL += T^T RR T, T = `_to_last`
     c = 0
-    for axis in ((one, zero, zero), (zero, one, zero), (zero, zero, one)):
-        for place, turn in ((axis, (zero, zero, zero)), ((zero, zero, zero), axis)):
+    for axis in (Vector(one, zero, zero), Vector(zero, one, zero), Vector(zero, zero, one)):
+        for place, turn in ((axis, Vector(zero, zero, zero)), (Vector(zero, zero, zero), axis)):
             moved = _to_last(lane, S, to, place, turn)
             on = block_times(lane, S, f + F.RR, moved[0], moved[1])
             on = _to_root(lane, S, to, on[0], on[1])
             for i in range(3):
-                add(lane, S, f + F.LL + 6 * i + c, on[0][i])
-                add(lane, S, f + F.LL + 6 * i + 18 + c, on[1][i])
+                S[f + F.LL + 6 * i + c] += on[0][i]
+                S[f + F.LL + 6 * i + 18 + c] += on[1][i]
             c += 3
         c -= 5
+    # over = matrix^-1 by_root
     factors(lane, n, S, to.matrix)
     for i in range(6 * n):
-        store(S, to.over + i, load(lane, S, to.by_root + i))
+        S[to.over + i] = S[to.by_root + i]
     for c in range(6):
         solution(lane, n, S, to.matrix, S, to.over + c, 6)
+    # Schur complement LL - on_root over
     for i in range(6):
         for j in range(6):
-            total = load(lane, S, f + F.LL + 6 * i + j)
+            total = S[f + F.LL + 6 * i + j]
             for c in range(n):
-                total = total - load(lane, S, to.on_root + 6 * c + i) * load(lane, S, to.over + 6 * c + j)
-            store(S, f + F.LL + 6 * i + j, total)
+                total = total - S[to.on_root + 6 * c + i] * S[to.over + 6 * c + j]
+            S[f + F.LL + 6 * i + j] = total
 
 
 @kernel
-def _joint_down(lane, model, S, k, x, of):
-    """Forward elimination of joint k, of (force, moment) on the root of its link, to the section before."""
+def _joint_down(lane, model, S: Lanes, k, x: Lanes, of):
+    """Forward elimination of joint k: transmit `of` = (force, moment) on its link's root to the section before, in x.
+
+    Force inertial, moment in root axes. x of the joint's row becomes (x + axis . moment + c . force) / pivot, and that
+    times the joint's column is subtracted from the section before; a fixed joint keeps its row of x. c: `HINGE.swing`,
+    motion of the link's first section per angle; column: `HINGE.column`, wrench on the section before per angle.
+    """
     h, row, (a, b) = hinge_at(k), joint_row(model, k), of
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
-    on_section, on_joint = turned(turn, b), dot(axis, b)
+    on_section, on_joint = turn @ b, dot(axis, b)
+    # moment + X^T force
     if has_lever(model, k):
-        on_section = plus(on_section, back(matrix_in(lane, S, h + H.shift), a))
-        on_joint = on_joint + dot(vector(lane, S, h + H.swing), a)
-    onto(lane, model, x, S, k, (a, on_section))
-    if S[(h + H.pinned) * len(lane)] == 0.0:
-        own = (load(lane, x, row) + on_joint) * load(lane, S, h + H.pivot)
-        column = vector(lane, S, h + H.column), vector(lane, S, h + H.column + 3)
-        onto(lane, model, x, S, k, (times(column[0], -own), times(column[1], -own)))
-        store(x, row, own)
+        on_section = on_section + matrix_in(lane, S, h + H.shift).T @ a
+        on_joint = on_joint + dot(load_vector(lane, S, h + H.swing), a)
+    transmit_wrench(lane, model, x, S, k, (a, on_section))
+    if load_lane(lane, S, h + H.pinned, 0) == 0.0:
+        own = (x[row] + on_joint) * S[h + H.pivot]
+        column = load_vector(lane, S, h + H.column), load_vector(lane, S, h + H.column + 3)
+        transmit_wrench(lane, model, x, S, k, (-own * column[0], -own * column[1]))
+        x[row] = own
 
 
 @kernel
-def _joint_up(lane, model, S, k, x):
-    """Back substitution of joint k: (place, rotation) that the root of its link moves by."""
+def _joint_up(lane, model, S: Lanes, k, x: Lanes):
+    """Back substitution of joint k: x of its row <- the angle; return its link's root motion (position, rotation).
+
+    Position along inertial axes, rotation in root axes. x <- x - row . (motion of the section before), row:
+    `HINGE.row`.
+    """
     h, row, (a, turned_by) = hinge_at(k), joint_row(model, k), _moved_before(lane, model, x, S, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
-    own = load(lane, x, row)
+    own = x[row]
     for j in range(3):
-        own = own - load(lane, S, h + H.row + j) * a[j]
+        own = own - S[h + H.row + j] * a[j]
     for j in range(3):
-        own = own - load(lane, S, h + H.row + 3 + j) * turned_by[j]
-    store(x, row, own)
-    b = plus(back(turn, turned_by), times(carried(lane, model, S, k, axis), own))
+        own = own - S[h + H.row + 3 + j] * turned_by[j]
+    x[row] = own
+    # rotation E^T b + way angle; position a + X b + drift angle
+    b = turn.T @ turned_by + own * joint_motion_of_root(lane, model, S, k, axis)
     if has_lever(model, k):
-        shift = turned(matrix_in(lane, S, h + H.shift), turned_by)
-        a = plus(a, plus(shift, times(vector(lane, S, h + H.drift), own)))
+        shift = matrix_in(lane, S, h + H.shift) @ turned_by
+        a = a + (shift + own * load_vector(lane, S, h + H.drift))
     return a, b
 
 
 @kernel
 def _moved_before(lane, model, x, S, k):
-    """(place, rotation) that the section before joint k moves by; see `chain.onto`."""
+    """Return (position, rotation) by which the section before joint k moves: from x, or from `NOTED.on` of link k - 1.
+
+    The latter where strains are coordinates. Position along inertial axes, rotation in section axes.
+    """
     if model.strains is not None:
         if k > 0:
             on = noted_at(model, k - 1).on
-            return vector(lane, S, on), vector(lane, S, on + 3)
-    return vector(lane, x, rows_before(model, k)), vector(lane, x, rows_before(model, k) + 3)
+            return load_vector(lane, S, on), load_vector(lane, S, on + 3)
+    return load_vector(lane, x, rows_before(model, k)), load_vector(lane, x, rows_before(model, k) + 3)
 
 
 @kernel
 def _down(lane, model, S, k, x):
-    """Forward elimination of link k: what is left, (force, moment) on its root."""
+    """Forward elimination of link k in x: return the (force, moment) that remains on its root (inertial; root axes).
+
+    Vertex by vertex from the tip: x of the vertex <- RR^-1 x, then LR times it is subtracted from the vertex before.
+    RR, LR: 6 x 6 blocks of each element's `FACTOR`, the former factored.
+    """
     if model.strains is not None:
         return _strains_down(lane, model, S, k, x)
+    # a rigid link's rows are those of its root
     row, count = joint_row(model, k), count_of(model, k)
-    a, b = vector(lane, x, row + 1), vector(lane, x, row + 4)  # of a rigid link
+    a, b = load_vector(lane, x, row + 1), load_vector(lane, x, row + 4)
     for back_e in range(count):
         e = count - 1 - back_e
         o, i = factor_at(model, k, e), row + 1 + AXES * e
+        # inner modes of a segment go first
         if model.inner is not None:
             n = elements_before(model, k) + e
             on_left = inner.down(lane, model, S, inner_at(model, n), x, inner_row(model, n), i)
@@ -191,56 +239,69 @@ def _down(lane, model, S, k, x):
                 a, b = on_left
         solve_six(lane, part_of(lane, S, o + F.RR, 36), part_of(lane, x, i, 6))
         if e > 0:
-            push, turn_by = block_times(lane, S, o + F.LR, vector(lane, x, i), vector(lane, x, i + 3))
-            add_vector(lane, x, i - 6, times(push, -1.0))
-            add_vector(lane, x, i - 3, times(turn_by, -1.0))
+            push, turn_by = block_times(lane, S, o + F.LR, load_vector(lane, x, i), load_vector(lane, x, i + 3))
+            add_vector(lane, x, i - 6, -push)
+            add_vector(lane, x, i - 3, -turn_by)
+    # the first element's left end is the root
     if count > 0:
-        push, turn_by = vector(lane, x, row + 1), vector(lane, x, row + 4)
+        push, turn_by = load_vector(lane, x, row + 1), load_vector(lane, x, row + 4)
         push, turn_by = block_times(lane, S, factor_at(model, k, 0) + F.LR, push, turn_by)
         if model.inner is None:
-            a, b = times(push, -1.0), times(turn_by, -1.0)
+            a, b = -push, -turn_by
         else:
-            a, b = minus(a, push), minus(b, turn_by)
+            a, b = a - push, b - turn_by
     return a, b
 
 
 @kernel
-def _strains_down(lane, model, S, k, x):
-    """`_down` of a link's strains."""
-    to, n, i, zero = noted_at(model, k), _rows(model), strain_row(model, k), splat(lane, 0.0)
-    a, b = vector(lane, S, to.on), vector(lane, S, to.on + 3)
+def _strains_down(lane, model, S, k, x: Lanes):
+    """Forward elimination of link k with strains: return the (force, moment) that remains on its root.
+
+    Force inertial, moment in root axes. `NOTED.on` of link k is the wrench on its last section (0 at the tip); that of
+    link k - 1 is set to zero here, for `_joint_down` to add to. The strains' rows of x become matrix^-1 x, with
+    `NOTED.matrix`.
+    """
+    to, n, i, zero = noted_at(model, k), _rows(model), strain_row(model, k), 0.0
+    a, b = load_vector(lane, S, to.on), load_vector(lane, S, to.on + 3)
     if k == model.links - 1:
-        a, b = (zero, zero, zero), (zero, zero, zero)
+        a, b = Vector(zero, zero, zero), Vector(zero, zero, zero)
     if k > 0:
-        clear(lane, S, noted_at(model, k - 1).on, 6)
+        fill_zeros(lane, S, noted_at(model, k - 1).on, 6)
     if count_of(model, k) > 0:
+        # rows of the strains get last^T (a, b)
         for c in range(n):
             last = to.last + 6 * c
-            add(lane, x, i + c, dot(vector(lane, S, last), a) + dot(vector(lane, S, last + 3), b))
+            x[i + c] += dot(load_vector(lane, S, last), a) + dot(load_vector(lane, S, last + 3), b)
         a, b = _to_root(lane, S, to, a, b)
+        # eliminate the strains
         solution(lane, n, S, to.matrix, x, i, 1)
         for c in range(n):
-            own, on = load(lane, x, i + c), to.on_root + 6 * c
-            a, b = minus(a, times(vector(lane, S, on), own)), minus(b, times(vector(lane, S, on + 3), own))
+            own, on = x[i + c], to.on_root + 6 * c
+            a, b = a - own * load_vector(lane, S, on), b - own * load_vector(lane, S, on + 3)
     return a, b
 
 
 @kernel
 def _up(lane, model, S, k, x, moved):
-    """Back substitution of link k, the root being moved so."""
+    """Back substitution of link k in x, from the motion `moved` = (position, rotation) of its root outward.
+
+    Position along inertial axes, rotation in root axes. x of each vertex <- x - RR^-1 RL (motion of the vertex before);
+    `FACTOR.RL` holds RR^-1 RL.
+    """
     if model.strains is not None:
         _strains_up(lane, model, S, k, x, moved)
         return
     i, (a, b) = joint_row(model, k) + 1, moved
+    # a rigid link's rows are those of its root
     if count_of(model, k) == 0:
-        put_vector(x, i, a)
-        put_vector(x, i + 3, b)
+        store_vector(lane, x, i, a)
+        store_vector(lane, x, i + 3, b)
     for e in range(count_of(model, k)):
         up, low = block_times(lane, S, factor_at(model, k, e) + F.RL, a, b)
         left = a, b
-        a, b = minus(vector(lane, x, i), up), minus(vector(lane, x, i + 3), low)
-        put_vector(x, i, a)
-        put_vector(x, i + 3, b)
+        a, b = load_vector(lane, x, i) - up, load_vector(lane, x, i + 3) - low
+        store_vector(lane, x, i, a)
+        store_vector(lane, x, i + 3, b)
         if model.inner is not None:
             n = elements_before(model, k) + e
             inner.up(lane, model, S, inner_at(model, n), x, inner_row(model, n), left, (a, b))
@@ -248,16 +309,20 @@ def _up(lane, model, S, k, x, moved):
 
 
 @kernel
-def _strains_up(lane, model, S, k, x, moved):
-    """`_up` of a link's strains."""
+def _strains_up(lane, model, S, k, x: Lanes, moved):
+    """Back substitution of the strains of link k; `NOTED.on` <- (position, rotation) by which its last section moves.
+
+    moved: motion of the root (inertial; root axes). Strains: x <- x - over moved; the last section adds `last` x
+    (`NOTED`).
+    """
     to, n, i, (a, b) = noted_at(model, k), _rows(model), strain_row(model, k), moved
     if count_of(model, k) > 0:
         last = _to_last(lane, S, to, a, b)
         for c in range(n):
             over, o = to.over + 6 * c, to.last + 6 * c
-            found = load(lane, x, i + c) - dot(vector(lane, S, over), a) - dot(vector(lane, S, over + 3), b)
-            store(x, i + c, found)
-            last = plus(last[0], times(vector(lane, S, o), found)), plus(last[1], times(vector(lane, S, o + 3), found))
+            found = x[i + c] - dot(load_vector(lane, S, over), a) - dot(load_vector(lane, S, over + 3), b)
+            x[i + c] = found
+            last = (last[0] + found * load_vector(lane, S, o), last[1] + found * load_vector(lane, S, o + 3))
         a, b = last
-    put_vector(S, to.on, a)
-    put_vector(S, to.on + 3, b)
+    store_vector(lane, S, to.on, a)
+    store_vector(lane, S, to.on + 3, b)

@@ -1,121 +1,138 @@
-"""Chains in space: the residual and its tangent (models: `chain`).
+"""Residual and tangent of chains in space (models: `chain`), and the registration of their kernels.
 
-Where all that is in coordinates and in S is told in `layout`. Of exact beams half of an element's rotary inertia is at
-each of its ends; a vertex's moment is J dw/dt + w x J w in its own axes.
+Rows of coordinates and the layout of S: `layout`. Each end of an exact element carries half of its rotary inertia; a
+vertex's moment is J alpha + w x J w in its own axes. Wrenches: force along inertial axes, moment in section axes.
 """
 
 from __future__ import annotations
 
-from ...compiler import apart, kernel, load, splat, store
-from ..arithmetic import put_vector, vector
+from ...compiler import Lanes, kernel, noinline
+from ..arithmetic import store_vector
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from ..protocol import register
 from .chain import (
     SpatialBeam,
     SpatialElastica,
-    body,
-    clear,
+    add_lumped_mass,
+    add_rigid_body,
+    fill_zeros,
     has_lever,
-    hinged,
-    loaded,
-    lump,
-    onto,
+    joint_kinematics,
+    point_load_wrench,
     rotor_moment,
     section_at,
     three_of,
+    transmit_wrench,
     vertex_at,
 )
-from .element import forces, inertia, middle, tangent
+from .element import forces, inertia_wrenches, middle, tangent
 from .elimination import factor, solve
 from .framed import framed
 from .inner import elements_before
 from .layout import AXES, B, E, F, H, J, L, before, count_of, factor_at, hinge_at, joint_row
-from .matrix import gyrate, lean, matrix_in, note_lag, pin, stiffen, sway
-from .moving import difference, note_inverse, noted_inverse, rotates, tangent_map, update, vertices_of
+from .matrix import add_stiffness, matrix_in, store_spin_lag
+from .moving import local_difference, note_inverse, noted_inverse, retract, tangent_map, vertices_of
 from .output import (
-    both,
-    damping_over,
-    damping_work,
+    add_vector_pairs,
+    centerline,
+    damping_power,
     energy,
-    gauge,
-    light,
+    input_displacements,
     link_poses,
     momentum,
-    ports,
-    ports_after,
-    predict,
-    shape,
-    stand,
-    task_poses,
+    set_joint_configuration,
+    strain_gauge,
 )
-from .rotations import add_vector, back, cross, dot, matrix, minus, plus, put_matrix, times, turned
-from .settled import lack, settle, stride
-from .strained import elastic, pull, strained_difference, strained_update, walk
+from .rotations import Vector, add_vector, cross, dot, load_vector, matrix, store_matrix
+from .settled import correct_positions
+from .strained import elastic, strained_difference, strained_update, sweep_inward, sweep_outward
 from .strained_layout import noted_at
 from .strained_tangent import strained_tangent
 
 
-@apart
+@noinline
 def _add(lane, r, i, of):
-    """(force, moment) to the rows from i on; apart: in a loop without a call LLVM compares all that is read or
-    written, pair by pair, of an element hundreds."""
+    """Add the wrench `of` = (force, moment) to the six rows of r from i on.
+
+    Not inlined: in a loop without a call LLVM compares all reads and writes pair by pair, hundreds for an element.
+    """
     add_vector(lane, r, i, of[0])
     add_vector(lane, r, i + 3, of[1])
 
 
 @kernel
-def assemble(lane, model, par, state, u, weights, r, S):
-    """See `protocol`."""
-    clear(lane, r, 0, model.n)
-    if weights.mass != 0.0:
-        clear(lane, S, 0, B.end)
+def assemble(lane, model, par: Lanes, state, u, weights, r, S):
+    """Compute the residual r of eq. [64] and, with weights.with_matrix, the matrix in S (`protocol.assemble`).
+
+    An outward sweep computes each section's motion and the wrenches of elements, bodies and loads on it; an inward
+    sweep transmits the links' root wrenches across their joints. r: forces (N, inertial axes) and moments (N m, section
+    axes) of vertices, torques (N m) of joints. The matrix is stored in blocks (`FACTOR`, `HINGE`, `BASE`), never as a
+    whole.
+    """
+    fill_zeros(lane, r, 0, model.n)
+    if weights.with_matrix:
+        fill_zeros(lane, S, 0, B.end)
+    # outward sweep; tip: `Vertex` of the section before joint k
     tip = vertex_at(lane, model, state, 0)
     for k in range(model.links):
         at, first, o = J.end * k, factor_at(model, k, 0) + F.LL, before(model, k)
+        # bodies, loads and rotor on the section before the joint
         if k > 0:
-            onto(lane, model, r, S, k, body(lane, model.joints, at + J.near, None, None, tip, weights, S, o))
-            onto(lane, model, r, S, k, loaded(lane, model, u, k - 1, True, tip, weights, S, o))
+            transmit_wrench(
+                lane, model, r, S, k, add_rigid_body(lane, model.joints, at + J.near, None, None, tip, weights, S, o)
+            )
+            transmit_wrench(lane, model, r, S, k, point_load_wrench(lane, model, u, k - 1, True, tip, weights, S, o))
         if model.rotors is not None:
-            if model.rotors[k] != 0:
-                onto(lane, model, r, S, k, rotor_moment(lane, model, S, k, tip, weights, o))
-        hinge = hinged(lane, model, state, k, tip, weights)
+            if model.rotors[k] > 0:
+                transmit_wrench(lane, model, r, S, k, rotor_moment(lane, model, S, k, tip, weights, o))
+        # the link: motion of its root, wrenches of its elements, bodies and loads on its root
+        hinge = joint_kinematics(lane, model, state, k, tip, weights)
         last, on_root = _along(lane, model, par, k, state, hinge.root, weights, r, S)
-        on_root = both(on_root, body(lane, model.joints, at + J.far, None, None, hinge.root, weights, S, first))
-        on_root = both(on_root, loaded(lane, model, u, k, False, hinge.root, weights, S, first))
+        on_root = add_vector_pairs(
+            on_root, add_rigid_body(lane, model.joints, at + J.far, None, None, hinge.root, weights, S, first)
+        )
+        on_root = add_vector_pairs(on_root, point_load_wrench(lane, model, u, k, False, hinge.root, weights, S, first))
         _note(lane, model, S, k, hinge, tip, on_root)
-        if weights.mass != 0.0:
-            note_lag(lane, model, par, S, k, hinge.root.place.spin, weights)
+        if weights.with_matrix:
+            store_spin_lag(lane, model, par, S, k, hinge.root.place.spin, weights)
         tip = last
+    # rigid end, payload and loads on the last section
     n, o = model.links, before(model, model.links)
-    onto(lane, model, r, S, n, body(lane, model.end, 0, None, None, tip, weights, S, o))
-    mass, share = load(lane, par, PAYLOAD_MASS), load(lane, par, PAYLOAD_INERTIA)
-    onto(lane, model, r, S, n, body(lane, model.payload, 0, mass, share, tip, weights, S, o))
-    onto(lane, model, r, S, n, loaded(lane, model, u, n - 1, True, tip, weights, S, o))
+    transmit_wrench(lane, model, r, S, n, add_rigid_body(lane, model.end, 0, None, None, tip, weights, S, o))
+    mass, share = par[PAYLOAD_MASS], par[PAYLOAD_INERTIA]
+    transmit_wrench(lane, model, r, S, n, add_rigid_body(lane, model.payload, 0, mass, share, tip, weights, S, o))
+    transmit_wrench(lane, model, r, S, n, point_load_wrench(lane, model, u, n - 1, True, tip, weights, S, o))
+    # inward sweep: the wrench on each link's root goes to its joint's row and to the section before
     for back_k in range(model.links):
         k = model.links - 1 - back_k
         h = hinge_at(k)
-        on_root = vector(lane, S, h + H.now_force), vector(lane, S, h + H.now_moment)
+        on_root = load_vector(lane, S, h + H.now_force), load_vector(lane, S, h + H.now_moment)
         on_root = _gathered(lane, model, par, k, state, weights, r, S, on_root)
-        onto(lane, model, r, S, k, _handed(lane, model, u, weights, r, S, k, on_root[0], on_root[1]))
+        transmit_wrench(lane, model, r, S, k, _handed(lane, model, u, weights, r, S, k, on_root[0], on_root[1]))
 
 
 @kernel
 def _along(lane, model, par, k, state, root, weights, r, S):
-    """The last `Vertex` of link k behind that of its root, and (force, moment) on the root as far as they are known (of
-    strains: `_gathered`, from what is on the last section); the link's part of the matrix."""
-    zero, first = splat(lane, 0.0), factor_at(model, k, 0)
-    on_root = (zero, zero, zero), (zero, zero, zero)
+    """Compute the wrenches of link k on its sections, outward from its root `Vertex`; add them to r, the tangent to S.
+
+    Returns the `Vertex` of the link's last section and (force, moment) on its root (N, inertial; N m, root axes). Where
+    strains are coordinates the latter is 0 here: `_gathered` computes it from the wrench on the last section.
+    """
+    zero, first = 0.0, factor_at(model, k, 0)
+    on_root = Vector(zero, zero, zero), Vector(zero, zero, zero)
+    # coordinates are strains: only the motion of the points is computed here
     if model.strains is not None:
-        clear(lane, S, noted_at(model, k).on, 6)
-        if weights.mass != 0.0:
-            clear(lane, S, first, F.end)
+        fill_zeros(lane, S, noted_at(model, k).on, 6)
+        if weights.with_matrix:
+            fill_zeros(lane, S, first, F.end)
         if count_of(model, k) == 0:
             return root, on_root
-        return walk(lane, model, k, state, root, S), on_root
+        return sweep_outward(lane, model, k, state, root, S), on_root
     left, j, element = root, joint_row(model, k) + 1, elements_before(model, k)
-    if weights.mass != 0.0:
+    # a rigid link has no element: its block starts from zero
+    if weights.with_matrix:
         if count_of(model, k) == 0:
-            clear(lane, S, first + F.LL, 36)
+            fill_zeros(lane, S, first + F.LL, 36)
     for e in range(count_of(model, k)):
         section, right = section_at(lane, model, par, element), vertex_at(lane, model, state, j)
         f = first + F.end * e
@@ -123,6 +140,7 @@ def _along(lane, model, par, k, state, root, weights, r, S):
             on_left, on_right = _exact(lane, model, section, left, right, element, weights, S, f)
         else:
             on_left, on_right = framed(lane, model, par, section, state, left, right, element, weights, r, S, f)
+        # left end of the first element: the link's root, which has no rows of its own
         if e == 0:
             on_root = on_left
         else:
@@ -137,58 +155,81 @@ def _along(lane, model, par, k, state, root, weights, r, S):
 
 @kernel
 def _gathered(lane, model, par, k, state, weights, r, S, of):
-    """All (force, moment) on the root of link k: `of`, and what lies behind."""
+    """Return the total (force, moment) on the root of link k: `of` plus what the link beyond its root transmits.
+
+    Where strains are coordinates the points' wrenches are summed inward, and the strains' rows of r and S are written.
+    For a rigid link the wrench in its rows of r moves to its root. Force inertial (N), moment in root axes (N m).
+    """
     i = joint_row(model, k) + 1
     if model.strains is not None:
         on = noted_at(model, k).on
-        more = vector(lane, S, on), vector(lane, S, on + 3)
+        # strains: wrench on the last section, swept inward over the link's points
+        more = load_vector(lane, S, on), load_vector(lane, S, on + 3)
         if count_of(model, k) > 0:
-            more = pull(lane, model, k, r, S)
+            more = sweep_inward(lane, model, k, r, S)
             elastic(lane, model, par, k, state, r)
-            if weights.mass != 0.0:
+            if weights.with_matrix:
                 strained_tangent(lane, model, par, k, weights, S, factor_at(model, k, 0))
-        return both(of, more)
-    if count_of(model, k) == 0:  # what is on the rows of a rigid link is on its root
-        of = both(of, (vector(lane, r, i), vector(lane, r, i + 3)))
-        clear(lane, r, i, AXES)
+        return add_vector_pairs(of, more)
+    if count_of(model, k) == 0:
+        # a rigid link's last section is its root
+        of = add_vector_pairs(of, (load_vector(lane, r, i), load_vector(lane, r, i + 3)))
+        fill_zeros(lane, r, i, AXES)
     return of
 
 
 @kernel
 def _exact(lane, model, section, left, right, element, weights, S, f):
-    """((force, moment) of the left end, of the right) of an element of the exact beam; its `FACTOR` at f of S."""
+    """Return (force, moment) on the left and on the right end of an exact element: elastic, damping and inertia parts.
+
+    left, right: `Vertex`; element: its index over all links. Forces inertial (N), moments in section axes (N m). Stores
+    the section force n and, with weights.with_matrix, the tangent in the `FACTOR` at offset f of S.
+    """
     inner = middle(section, left.place, right.place)[1]
-    put_vector(S, f + F.force, inner.n)
+    store_vector(lane, S, f + F.force, inner.n)
     on_left, on_right = forces(section, inner)
     masses = three_of(lane, model.sections, E.end * element + E.mass)
-    if weights.mass != 0.0:
-        tangent(section, inner, weights, S, f)
-    at_left, at_right = inertia(lane, masses[1], section.length, left, right, weights, S, f)
+    if weights.with_matrix:
+        tangent(lane, section, inner, weights, S, f)
+    # inertia by Simpson's rule: the middle's mass, then mass and rotary inertia of the ends
+    at_left, at_right = inertia_wrenches(lane, masses[1], section.length, left, right, weights, S, f)
     I = three_of(lane, model.sections, E.end * element + E.inertia)
-    on_left = both(both(on_left, at_left), lump(lane, masses[0], I, left, weights, S, f + F.LL))
-    return on_left, both(both(on_right, at_right), lump(lane, masses[2], I, right, weights, S, f + F.RR))
+    on_left = add_vector_pairs(
+        add_vector_pairs(on_left, at_left), add_lumped_mass(lane, masses[0], I, left, weights, S, f + F.LL)
+    )
+    return on_left, add_vector_pairs(
+        add_vector_pairs(on_right, at_right), add_lumped_mass(lane, masses[2], I, right, weights, S, f + F.RR)
+    )
 
 
 @kernel
-def conserve(lane, model, par, before, h, q, v, u, r, S):
-    """See `protocol`: sections turn, and places of centres and middles are no linear function of what the integrator
-    moves; no other equation sees a rigid translation."""
+def conserve_momentum(lane, model, par: Lanes, before, h, q, v, u, r, S):
+    """Correct velocities so that momentum changes by the impulse of weight and loads (theory, 9).
+
+    The velocities of all sections get (P_0 + h/2 (F_0 + F_1) - P) / M, a rigid translation that no other equation sees;
+    positions of middles and offset centers of mass are no linear function of what the integrator moves. P: momentum (kg
+    m/s), F: force of weight and loads (N), 0 at the start and 1 at the end of the step h (s), inertial axes; M: mass.
+    Returns (P, F) at the end, or None where a support holds the arm. before: (P_0, F_0); None: no correction.
+    """
     if model.free is None:
         return None
-    mass, nothing = load(lane, par, PAYLOAD_MASS) + model.free, splat(lane, 0.0)
-    push = nothing, nothing, nothing
+    mass, nothing = par[PAYLOAD_MASS] + model.free, 0.0
+    # F: weight and the loads' forces
+    push = Vector(nothing, nothing, nothing)
     if model.gravity is not None:
-        push = times(three_of(lane, model.gravity, 0), mass)
+        push = mass * three_of(lane, model.gravity, 0)
     if model.loads is not None:
         for f in range(model.loads.shape[0] // L.end):
-            push = plus(push, vector(lane, u, model.links + AXES * f))
+            push = push + load_vector(lane, u, model.links + AXES * f)
     now = momentum(lane, model, par, q, v)
     if before is None:
         return now, push
-    wanted = plus(before[0], times(plus(before[1], push), 0.5 * h))
-    shift = times(minus(wanted, now), 1.0 / mass)
+    # shift of all velocities, inertial axes
+    wanted = before[0] + 0.5 * h * (before[1] + push)
+    shift = 1.0 / mass * (wanted - now)
     add_vector(lane, v, 0, shift)
-    if model.strains is None:  # by strains all else is relative
+    # only the base has a velocity of its own where strains are coordinates
+    if model.strains is None:
         for k in range(model.links):
             for e in range(vertices_of(model, k)):
                 add_vector(lane, v, joint_row(model, k) + 1 + AXES * e, shift)
@@ -196,58 +237,60 @@ def conserve(lane, model, par, before, h, q, v, u, r, S):
 
 
 @kernel
-def keeps(model, iteration):
-    """See `protocol`: the factors of the second iteration will do for the third and the fourth. By strains the matrix
-    costs four residuals and more; what does not converge with one has all of its own."""
-    if model.strains is not None:
-        return iteration == 1 or iteration == 2
-    return iteration == 2 or iteration == 3
-
-
-@kernel
 def _note(lane, model, S, k, hinge, tip, on_root):
-    """What `_handed` needs of joint k."""
+    """Store rotation, lever, axes of the section before and the root's wrench in the `HINGE` of joint k, for `_handed`.
+
+    hinge: `Hinge`; tip: `Vertex` of the section before; on_root: (force, N, inertial axes; moment, N m, root axes).
+    """
     h = hinge_at(k)
-    put_matrix(S, h + H.now_turn, hinge.turn)
-    put_vector(S, h + H.now_force, on_root[0])
-    put_vector(S, h + H.now_moment, on_root[1])
+    store_matrix(lane, S, h + H.now_turn, hinge.turn)
+    store_vector(lane, S, h + H.now_force, on_root[0])
+    store_vector(lane, S, h + H.now_moment, on_root[1])
     if has_lever(model, k):
-        put_vector(S, h + H.now_lever, hinge.lever)
-        put_matrix(S, h + H.now_frame, matrix(tip.place.p))
+        store_vector(lane, S, h + H.now_lever, hinge.lever)
+        store_matrix(lane, S, h + H.now_frame, matrix(tip.place.p))
 
 
 @kernel
-def _handed(lane, model, u, weights, r, S, k, force, moment):
-    """(force, moment) on the section before joint k of those on the root of its link; to the joint's row what is on
-    that; and what the matrix needs of it."""
+def _handed(lane, model, u: Lanes, weights, r: Lanes, S: Lanes, k, force, moment):
+    """Transmit a wrench across joint k: return (force, moment) on the section before, write the joint's row of r.
+
+    force (N, inertial) and moment m (N m, root axes) act on the link's first section. The force stays; the moment
+    becomes E m + s x A^T force (axes of the section before); row = axis . m + (axis x o) . E^T A^T force - u_k (N m),
+    u_k: joint torque. E: axes of the root to those of the section before; A: those to inertial axes; s: lever from that
+    section to the link's first, o its part beyond the joint. With weights.with_matrix the `HINGE` gets what
+    `elimination` needs.
+    """
     h, axis = hinge_at(k), three_of(lane, model.joints, J.end * k + J.axis)
     turn = matrix_in(lane, S, h + H.now_turn)
-    own, on_section = dot(axis, moment), turned(turn, moment)
+    own, on_section = dot(axis, moment), turn @ moment
     if has_lever(model, k):
-        frame, lever = matrix_in(lane, S, h + H.now_frame), vector(lane, S, h + H.now_lever)
-        pull = back(frame, force)
-        on_section = plus(on_section, cross(lever, pull))
+        frame, lever = matrix_in(lane, S, h + H.now_frame), load_vector(lane, S, h + H.now_lever)
+        # levers: force in the axes of the section before
+        pull = frame.T @ force
+        on_section = on_section + cross(lever, pull)
         far = three_of(lane, model.joints, J.end * k + J.beyond)
-        own = own + dot(cross(axis, far), back(turn, pull))
-        if weights.mass != 0.0:
-            put_vector(S, h + H.force, times(pull, weights.stiffness))
-            put_vector(S, h + H.lever, lever)
-            put_matrix(S, h + H.frame, frame)
-    store(r, joint_row(model, k), own - load(lane, u, k))
-    if weights.mass != 0.0:
-        put_matrix(S, h + H.turn, turn)
-        put_vector(S, h + H.moment, times(moment, weights.stiffness))
-        store(S, h + H.own, splat(lane, 0.0))
-        store(S, h + H.pinned, splat(lane, 0.0))
+        own = own + dot(cross(axis, far), turn.T @ pull)
+        if weights.with_matrix:
+            store_vector(lane, S, h + H.force, weights.stiffness * pull)
+            store_vector(lane, S, h + H.lever, lever)
+            store_matrix(lane, S, h + H.frame, frame)
+    r[joint_row(model, k)] = own - u[k]
+    if weights.with_matrix:
+        # copies for `factor` and `solve`, which a later residual must not change
+        store_matrix(lane, S, h + H.turn, turn)
+        store_vector(lane, S, h + H.moment, weights.stiffness * moment)
+        S[h + H.own] = 0.0
+        S[h + H.pinned] = 0.0
     return force, on_section
 
 
 COMMON = (
-    assemble, pin, stiffen, factor, solve, energy, ports, ports_after, damping_work, link_poses, shape, task_poses,
-    stand, conserve, gyrate, lean, sway, keeps,
+    assemble, add_stiffness, factor, solve, energy, input_displacements, damping_power, link_poses, centerline,
+    set_joint_configuration, conserve_momentum,
 )  # fmt: skip
-register(SpatialElastica, *COMMON, update=strained_update, difference=strained_difference)
+register(SpatialElastica, *COMMON, retract=strained_update, local_difference=strained_difference)
 register(
-    SpatialBeam, *COMMON, update, difference, predict, light, rotates, tangent_map, gauge, settle, stride, lack,
-    damping_over, note_inverse, noted_inverse,
+    SpatialBeam, *COMMON, retract, local_difference, tangent_map, strain_gauge, correct_positions, note_inverse,
+    noted_inverse,
 )  # fmt: skip

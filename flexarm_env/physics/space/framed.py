@@ -1,7 +1,7 @@
-"""Forces of a segment with a floating frame in space, its energy, and its damping (see `frame`).
+"""Forces of a segment with a floating frame in space, its energy and its damping (kinematics: `frame`; theory, 9).
 
-Where segments are reduced to modes, the inner ones have rows of their own, behind all others: of each mode an amplitude
-about x, y, z, by which the sections turn in the frame beside what the ends turn them by.
+Where segments are reduced to modes, inner modes have rows of their own, behind all others: for each mode an amplitude
+(rad) about x, y, z of the frame, by which sections rotate in the frame in addition to the ends' shape functions.
 """
 
 from __future__ import annotations
@@ -10,39 +10,49 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...compiler import inlined, kernel, load, select_lt, splat
-from ..arithmetic import clip, smaller, vector
+from ...compiler import Lanes, inlined, kernel, select_lt
+from ..arithmetic import clip, minimum
 from ..model import STIFFNESS_FACTOR
 from .chain import factors_of, three_of
 from .element import scale
-from .frame import across, frame_of, lifted, phi_second, rates_of, seconds
+from .frame import cross_with_ex, ex_cross, frame_of, frame_second_rates, phi_second, rates_of
 from .framed_tangent import tangent
 from .inner import HELIX, constant, ends_by, inner_by, product
 from .layout import W, frame_at, inner_of, inner_row, points_of, weight_end
-from .rotations import add_vector, back, cross, dot, minus, plus, swirl, times, turned
+from .rotations import (
+    Vector,
+    add_vector,
+    cross,
+    dot,
+    load_vector,
+    rotating_acceleration,
+)
 
 MOST, HEAVY = 0.5, 40.0
-"""Largest force of its own in a segment's tangent, over EI / l^2 (its buckling force is pi^2 of that), and moment, over
-EI / l, where inertia in steps is more than `HEAVY` times as stiff: as Newton begins, strains are off by second order of
-a step's turn. Times EA, or the stiffer EI, that is what no tangent should have in it, and what is real is little beside
-such inertia."""
+"""Bounds of the forces in a segment's tangent: force over EI / l^2 (the buckling force is pi^2 of that), moment over
+EI / l, where inertia in steps is more than `HEAVY` times as stiff as bending. When Newton begins, strains are off by
+second order of a step's rotation; times EA, or the stiffer EI, such forces would spoil the tangent, and real ones are
+small compared with such inertia."""
 
 
 class Stiff(NamedTuple):
-    """Forces of the elastic coordinates: along the chord, on phi_l and phi_r; what e and these have in common."""
+    """Forces conjugate to a segment's elastic coordinates, with intermediate results (frame axes)."""
 
-    pull: Any
-    left: Any
+    pull: Any  # N: force along the chord
+    left: Any  # N m: moments on phi_l and phi_r
     right: Any
-    slope_l: Any  # H phi
+    slope_l: Any  # m: H phi of the left and of the right end
     slope_r: Any
-    apart: Any  # of what bends and twists without the stretch, a quarter of left less right
-    both: Any  # `HELIX` times their sum
+    apart: Any  # N m: (left - right) / 4 of the bending and torsion moments, without the stretch's part
+    both: Any  # N m: `HELIX` times the sum of these moments
 
 
 @kernel
 def _bent(lane, model, par, table, a, b):
-    """K (a, b), with the arm's own factors."""
+    """Return the moments K (a, b) (N m) on both ends of a segment whose ends rotate by a, b (rad); frame axes.
+
+    table: offset of the stiffness K in model.frames; the arm's own factors (par) on GJ, EI_y and EI are applied.
+    """
     factors = factors_of(lane, par)
     l, r = product(lane, model, table, a, b)
     return scale(l, factors), scale(r, factors)
@@ -50,35 +60,46 @@ def _bent(lane, model, par, table, a, b):
 
 @kernel
 def _strained(a, b):
-    """The ends' rotations phi_l, phi_r as K takes them, to second order. The sections turn against each other by
-    b - a - a x b / 2, log(exp(-a) exp(b)), of which a share stays where sections shear, on however short a segment;
-    and both are turned against the chord of a helix, which is not bent by that."""
-    d = minus(b, a)
-    c, helix = times(cross(a, b), 0.25), times(across(d), d[0] * HELIX)
-    return minus(plus(a, c), helix), minus(minus(b, c), helix)
+    """Return the rotations of both ends as K takes them, from a = phi_l, b = phi_r (rad, frame axes), to second order.
+
+    phi_l,r +- phi_l x phi_r / 4 - d_x (d x e_x) / 24, d = phi_r - phi_l (theory, 9). Relative to each other the
+    sections rotate by log(exp(-a) exp(b)) = b - a - a x b / 2, of which a share remains, on however short a segment,
+    where sections shear; and the sections of a helix are rotated against its chord without shear.
+    """
+    d = b - a
+    c, helix = 0.25 * cross(a, b), d[0] * HELIX * cross_with_ex(d)
+    return a + c - helix, b - c - helix
 
 
 @kernel
 def _strained_rate(a, b, x, y):
-    """Its rate at rates x, y of a, b."""
-    d, e = minus(b, a), minus(y, x)
-    c = times(plus(cross(x, b), cross(a, y)), 0.25)
-    helix = times(plus(times(across(d), e[0]), times(across(e), d[0])), HELIX)
-    return minus(plus(x, c), helix), minus(minus(y, c), helix)
+    """Return the rates (rad/s) of both results of `_strained`; x, y: rates of the rotations a, b; frame axes."""
+    d, e = b - a, y - x
+    c = 0.25 * (cross(x, b) + cross(a, y))
+    helix = HELIX * (e[0] * cross_with_ex(d) + d[0] * cross_with_ex(e))
+    return x + c - helix, y - c - helix
 
 
 @kernel
 def _unstrained(a, b, l, r, apart, both):
-    """Forces on a, b of forces l, r on what `_strained` makes of them; apart, both: see `Stiff`."""
-    d = minus(b, a)
-    more = times(lifted(both), d[0])
-    more = more[0] + dot(both, across(d)), more[1], more[2]
-    return plus(plus(l, cross(b, apart)), more), minus(plus(r, cross(apart, a)), more)
+    """Return the moments (N m) on phi_l, phi_r that are equivalent to moments l, r on the `_strained` rotations.
+
+    This is the transpose of the derivative of `_strained`. a, b: phi_l, phi_r (rad); apart = (l - r) / 4, both = (l +
+    r) / 24; frame axes.
+    """
+    d = b - a
+    more = d[0] * ex_cross(both)
+    more = Vector(more[0] + dot(both, cross_with_ex(d)), more[1], more[2])
+    return l + cross(b, apart) + more, r + cross(apart, a) - more
 
 
 @kernel
 def _stretch(lane, model, frame, at, q, row):
-    """(e + phi' H phi / 2, H phi of the left, of the right)."""
+    """Return (e + phi' H phi / 2, H phi of the left end, of the right end) in m: stretch with foreshortening.
+
+    e: length of the chord less the segment's; H: `FRAME.coupling`; phi: rotations of both ends and, where there are
+    inner modes, their amplitudes in q from `row` on; at: `frame_at` of the segment. Vectors in frame axes.
+    """
     a, b = frame.left.phi, frame.right.phi
     l, r = product(lane, model, at.coupling, a, b)
     e = frame.length - model.frames[at.length]
@@ -86,120 +107,156 @@ def _stretch(lane, model, frame, at, q, row):
         l, r = ends_by(lane, model, at.inner_coupling, 2, q, row, l, r)
         for i in range(inner_of(model)):
             slope = inner_by(lane, model, at.inner_coupling, 2, i, a, b, q, row)
-            e = e + dot(slope, vector(lane, q, row + 3 * i)) * 0.5
-    return e + (dot(l, a) + dot(r, b)) * 0.5, l, r
+            e = e + dot(slope, load_vector(lane, q, row + 3 * i)) * 0.5
+    return Vector(e + (dot(l, a) + dot(r, b)) * 0.5, l, r)
 
 
 @kernel
 def _stretch_rate(lane, model, frame, rates, slopes, at, q, v, row):
-    """Its rate, at rates v; slopes: H phi of both ends."""
+    """Return the rate (m/s) of the stretch e + phi' H phi / 2; slopes: H phi of both ends (m), from `_stretch`.
+
+    rates: `Rates` of the frame; q, v: coordinates and rates, with the segment's inner modes from `row` on; at:
+    `frame_at`.
+    """
     e = rates.d[0] + dot(slopes[0], rates.left) + dot(slopes[1], rates.right)
     if model.inner is not None:
         for i in range(inner_of(model)):
             slope = inner_by(lane, model, at.inner_coupling, 2, i, frame.left.phi, frame.right.phi, q, row)
-            e = e + dot(slope, vector(lane, v, row + 3 * i))
+            e = e + dot(slope, load_vector(lane, v, row + 3 * i))
     return e
 
 
 @kernel
-def _elastic(lane, model, par, frame, rates, tau, at, state, row):
-    """`Stiff`."""
+def _elastic(lane, model, par: Lanes, frame, rates, tau, at, state, row):
+    """Return the `Stiff` of a segment: force along the chord (N), moments on phi_l and phi_r (N m), in frame axes.
+
+    Elastic forces, with Kelvin-Voigt damping (theory, eq. 1.3) unless tau is None. tau: time constant (s); rates:
+    `Rates`, only read with damping; at: `frame_at` of the segment; row: first row of its inner modes in state."""
     q, v, _ = state
     e, hl, hr = _stretch(lane, model, frame, at, q, row)
     a, b = frame.left.phi, frame.right.phi
+    # bending and torsion: K of the strained rotations less the moments without stress
     near, far = _strained(a, b)
     l, r = _bent(lane, model, par, at.bend, near, far)
-    factor = load(lane, par, STIFFNESS_FACTOR)
-    l = minus(l, times(constant(lane, model, at.moment, 0), factor))
-    r = minus(r, times(constant(lane, model, at.moment, 1), factor))
+    factor = par[STIFFNESS_FACTOR]
+    l = l - factor * constant(lane, model, at.moment, 0)
+    r = r - factor * constant(lane, model, at.moment, 1)
+    # damping: strain plus tau times its rate
     if tau is not None:
         e = e + _stretch_rate(lane, model, frame, rates, (hl, hr), at, q, v, row) * tau
         near, far = _strained_rate(a, b, rates.left, rates.right)
         dl, dr = _bent(lane, model, par, at.bend, near, far)
-        l, r = plus(l, times(dl, tau)), plus(r, times(dr, tau))
-    apart, both = times(minus(l, r), 0.25), times(plus(l, r), HELIX)
+        l, r = l + tau * dl, r + tau * dr
+    # back to phi, and the stretch's moments pull H phi
+    apart, both = 0.25 * (l - r), HELIX * (l + r)
     l, r = _unstrained(a, b, l, r, apart, both)
     pull = e * model.frames[at.pull]
-    return Stiff(pull, plus(l, times(hl, pull)), plus(r, times(hr, pull)), hl, hr, apart, both)
+    return Stiff(pull, l + pull * hl, r + pull * hr, hl, hr, apart, both)
 
 
 @kernel
 def _inner_bent(lane, model, par, at, i, x, row):
-    """K x of inner mode i."""
-    zero = splat(lane, 0.0)
-    total = zero, zero, zero
+    """Return row i of K x: moment (N m) on inner mode i of the inner amplitudes in x from `row` on, frame axes."""
+    zero = 0.0
+    total = Vector(zero, zero, zero)
     for j in range(inner_of(model)):
         one = constant(lane, model, at.inner_bend, inner_of(model) * i + j)
-        total = plus(total, scale(vector(lane, x, row + 3 * j), one))
+        total = total + scale(load_vector(lane, x, row + 3 * j), one)
     return scale(total, factors_of(lane, par))
 
 
 @kernel
-def _inner_forces(lane, model, par, frame, tau, pull, second, at, state, row, r):
-    """What resists the inner modes, but for their mass, to their rows. second: of the sections and the frame."""
+def _inner_forces(lane, model, par: Lanes, frame, tau, pull, second, at, state, row, r):
+    """Add elastic, damping and rotary inertia forces of a segment's inner modes to their rows of r (N m, frame axes).
+
+    The translational inertia is added in `framed`. tau: time constant (s) or None; pull: force along the chord (N);
+    second: angular accelerations of the left section, the right section (section axes) and the frame (frame axes),
+    rad/s^2. at: `frame_at`; row: first row of the modes in state and r.
+    """
     q, v, a = state
-    width, factor = inner_of(model) + 3, load(lane, par, STIFFNESS_FACTOR)
+    width, factor = inner_of(model) + 3, par[STIFFNESS_FACTOR]
     for i in range(inner_of(model)):
-        natural = times(constant(lane, model, at.inner_moment, i), factor)
-        found = minus(_inner_bent(lane, model, par, at, i, q, row), natural)
+        natural = factor * constant(lane, model, at.inner_moment, i)
+        found = _inner_bent(lane, model, par, at, i, q, row) - natural
         if tau is not None:
-            found = plus(found, times(_inner_bent(lane, model, par, at, i, v, row), tau))
+            found = found + tau * _inner_bent(lane, model, par, at, i, v, row)
+        # stretch: pull H phi
         slope = inner_by(lane, model, at.inner_coupling, 2, i, frame.left.phi, frame.right.phi, q, row)
-        found = plus(found, times(slope, pull))
+        found = found + pull * slope
+        # rotary inertia
         turn = inner_by(lane, model, at.inner_rotary, 3, i, second[0], second[1], a, row)
-        turn = plus(turn, scale(second[2], constant(lane, model, at.inner_rotary, width * i + 2)))
-        add_vector(lane, r, row + 3 * i, plus(found, turn))
+        turn = turn + scale(second[2], constant(lane, model, at.inner_rotary, width * i + 2))
+        add_vector(lane, r, row + 3 * i, found + turn)
 
 
 @kernel
 def _off(lane, model, to, a, b, x, row):
-    """By what the `WEIGHT` at `to` is off the chord, for rotations a, b of the ends and inner modes x."""
+    """Return the offset n (m, frame axes) from the chord of the mass point `to`, for end rotations a, b and modes x.
+
+    n = h_l (a x e_x) + h_r (b x e_x) + sum h_i (x_i x e_x); with rates or second rates of the rotations, those of n.
+    to: offset of a `WEIGHT` in model.frames; row: first row of the inner modes in x.
+    """
     hl, hr = three_of(lane, model.frames, to + W.left), three_of(lane, model.frames, to + W.right)
-    n = plus(scale(across(a), hl), scale(across(b), hr))
+    n = scale(cross_with_ex(a), hl) + scale(cross_with_ex(b), hr)
     for i in range(inner_of(model)):
-        n = plus(n, scale(across(vector(lane, x, row + 3 * i)), three_of(lane, model.frames, to + W.inner + 3 * i)))
+        share = three_of(lane, model.frames, to + W.inner + 3 * i)
+        n = n + scale(cross_with_ex(load_vector(lane, x, row + 3 * i)), share)
     return n
 
 
 @kernel
 def _rate(lane, model, frame, rates, left, right, to, v, row, n):
-    """Velocity of the `WEIGHT` at `to`, n off the chord, inertial axes."""
+    """Return the velocity (m/s, inertial axes) of a mass point at the offset n (m, frame axes) from the chord.
+
+    left, right: `Place`s of the ends; rates: `Rates`; v: rates, with those of the inner modes from `row` on; to: offset
+    of the point's `WEIGHT` in model.frames.
+    """
     xi, slip = model.frames[to + W.xi], _off(lane, model, to, rates.left, rates.right, v, row)
-    slip = turned(frame.A, plus(slip, cross(rates.spin, n)))
-    return plus(plus(times(left.v, 1.0 - xi), times(right.v, xi)), slip)
+    slip = frame.A @ (slip + cross(rates.spin, n))
+    return (1.0 - xi) * left.v + xi * right.v + slip
 
 
 @kernel
 def _most_force(section, sixth, mass):
-    """See `MOST`; sixth: of the segment's mass, mass: that weight of the matrix."""
+    """Return the largest force (N) of its own that the segment's tangent may contain, or infinity (see `MOST`).
+
+    section: `Section`; sixth: a sixth of the segment's mass (kg); mass: weight of the mass in the matrix (1/s^2).
+    """
     x, y, z = section.bend
     square = section.length * section.length
-    own = smaller(smaller(x, y), z) / square
+    own = minimum(minimum(x, y), z) / square
     return select_lt(own * HEAVY, sixth * section.length * (6.0 * mass), own * MOST, np.inf)
 
 
 @kernel
 def _clipped(a, most):
-    """Vector a, each entry within +-most."""
-    return clip(a[0], most), clip(a[1], most), clip(a[2], most)
+    """Return the vector a with each entry clipped to [-most, most]."""
+    return Vector(clip(a[0], most), clip(a[1], most), clip(a[2], most))
 
 
 @kernel
 def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
-    """((force, moment) of the left end, of the right) of segment i, between two `Vertex`; its `FACTOR` at f of S, the
-    rows of its inner modes in r."""
+    """Return (force, moment) on the left and on the right end of segment i, from elasticity, damping and inertia.
+
+    left, right: `Vertex`; i: index over all links. Forces along inertial axes (N), moments in section axes (N m). Adds
+    the rows of the segment's inner modes to r and, with weights.with_matrix, stores the tangent in the `FACTOR` at
+    offset f of S.
+    """
+    # frame, its rates, and second rates of frame and phi
     at, row = frame_at(model, i), inner_row(model, i)
     frame = frame_of(left.place, right.place)
     rates = rates_of(frame, left.place, right.place)
     spin, a, b = rates.spin, frame.left, frame.right
-    alpha = seconds(frame, rates, left, right)
+    alpha = frame_second_rates(frame, rates, left, right)
     second_l = phi_second(a, rates.left, left.place.spin, left.alpha, spin, alpha)
     second_r = phi_second(b, rates.right, right.place.spin, right.alpha, spin, alpha)
+    # elastic coordinates; accelerations of the ends in frame axes
     stiff = _elastic(lane, model, par, frame, rates, section.tau, at, state, row)
-    al, ar = back(frame.A, left.a), back(frame.A, right.a)
-    zero = splat(lane, 0.0)
-    push_l, push_r, couple = (zero, zero, zero), (zero, zero, zero), (zero, zero, zero)
+    al, ar = frame.A.T @ left.a, frame.A.T @ right.a
+    zero = 0.0
+    push_l, push_r, couple = Vector(zero, zero, zero), Vector(zero, zero, zero), Vector(zero, zero, zero)
     ml, mr = stiff.left, stiff.right
+    # Gauss points: inertia forces in the rotating frame, on the ends, on phi and as moment n x f on the frame
     for p in range(points_of(model)):
         to = at.points + weight_end(model) * p
         xi, mass = model.frames[to + W.xi], model.frames[to + W.mass]
@@ -207,21 +264,24 @@ def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
         n = _off(lane, model, to, a.phi, b.phi, state.q, row)
         rate = _off(lane, model, to, rates.left, rates.right, state.v, row)
         second = _off(lane, model, to, second_l, second_r, state.a, row)
-        found = plus(plus(times(al, 1.0 - xi), times(ar, xi)), plus(second, times(cross(spin, rate), 2.0)))
-        force = times(plus(found, swirl(spin, alpha, n)), mass)
-        push_l, push_r = plus(push_l, times(force, 1.0 - xi)), plus(push_r, times(force, xi))
-        couple = plus(couple, cross(n, force))
-        ml, mr = plus(ml, lifted(scale(force, hl))), plus(mr, lifted(scale(force, hr)))
+        found = (1.0 - xi) * al + xi * ar + (second + 2.0 * cross(spin, rate))
+        force = mass * (found + rotating_acceleration(spin, alpha, n))
+        push_l, push_r = push_l + (1.0 - xi) * force, push_r + xi * force
+        couple = couple + cross(n, force)
+        ml, mr = ml + ex_cross(scale(force, hl)), mr + ex_cross(scale(force, hr))
         for j in range(inner_of(model)):
             share = three_of(lane, model.frames, to + W.inner + 3 * j)
-            add_vector(lane, r, row + 3 * j, lifted(scale(force, share)))
+            add_vector(lane, r, row + 3 * j, ex_cross(scale(force, share)))
+    # inner modes: elastic, damping and rotary inertia
     if model.inner is not None:
         turns = left.alpha, right.alpha, alpha
         _inner_forces(lane, model, par, frame, section.tau, stiff.pull, turns, at, state, row, r)
+    # moment on the frame: n x f and rotary inertia less T^-1 m of both ends; forces across the chord that carry it
     turn_l, turn_r, turn = _rotary(lane, model, at, left, right, (spin, alpha), state, row)
-    couple = minus(plus(couple, turn), plus(turned(a.T, ml), turned(b.T, mr)))
-    aside = stiff.pull, couple[2] * frame.over, (couple[1] + couple[0] * frame.k) * -frame.over
-    if weights.mass != 0.0:
+    couple = couple + turn - (a.T @ ml + b.T @ mr)
+    aside = Vector(stiff.pull, couple[2] * frame.over, (couple[1] + couple[0] * frame.k) * -frame.over)
+    # tangent, with its own forces bounded (`MOST`)
+    if weights.with_matrix:
         most = _most_force(section, model.frames[at.mass] * 0.5, weights.mass)
         moment = most * section.length
         now = _clipped(aside, most), _clipped(ml, moment), _clipped(mr, moment)
@@ -229,75 +289,94 @@ def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
         tangent(
             lane, model, par, section.tau, frame, rates, spins, left.own, stiff, pull, now, i, state.q, weights, S, f
         )
-    on_l = plus(plus(back(a.T, ml), times(a.g, couple[0])), turn_l)
-    on_r = plus(plus(back(b.T, mr), times(b.g, couple[0])), turn_r)
-    return (turned(frame.A, minus(push_l, aside)), on_l), (turned(frame.A, plus(push_r, aside)), on_r)
+    # on the sections: T^-T m, their share g of the roll moment, rotary inertia
+    on_l = a.T.T @ ml + couple[0] * a.g + turn_l
+    on_r = b.T.T @ mr + couple[0] * b.g + turn_r
+    return (frame.A @ (push_l - aside), on_l), (frame.A @ (push_r + aside), on_r)
 
 
 @kernel
 def _momenta(lane, model, at, a, b, c, x, row):
-    """Angular momenta that go with the rates a, b of the ends' rotations, c of the frame's and x of inner modes."""
+    """Return the angular momenta of rotary inertia (kg m^2/s) of left section, right section, frame, in own axes.
+
+    a, b, c: angular velocities of these three (rad/s, own axes); x: rates, with those of the inner modes from `row` on;
+    at: `frame_at`. With accelerations for a, b, c, x it returns the linear part of the inertia moments (N m).
+    """
     l, r = product(lane, model, at.rotary, a, b)
     lc, rc = constant(lane, model, at.rotary, 3), constant(lane, model, at.rotary, 4)
-    own = plus(plus(scale(a, lc), scale(b, rc)), scale(c, constant(lane, model, at.rotary, 5)))
-    l, r = plus(l, scale(c, lc)), plus(r, scale(c, rc))
+    own = scale(a, lc) + scale(b, rc) + scale(c, constant(lane, model, at.rotary, 5))
+    l, r = l + scale(c, lc), r + scale(c, rc)
     if model.inner is not None:
         l, r = ends_by(lane, model, at.inner_rotary, 3, x, row, l, r)
         for i in range(inner_of(model)):
             share = constant(lane, model, at.inner_rotary, (inner_of(model) + 3) * i + 2)
-            own = plus(own, scale(vector(lane, x, row + 3 * i), share))
+            own = own + scale(load_vector(lane, x, row + 3 * i), share)
     return l, r, own
 
 
 @kernel
 def _rotary(lane, model, at, left, right, frame, state, row):
-    """Moments of rotary inertia: on the left section, the right one, the frame, each in its axes. frame: its rates."""
+    """Return the rotary inertia moments (N m) on left section, right section and frame, each in its own axes.
+
+    d(momentum)/dt + w x momentum. at: offsets of the `FRAME`; left, right: `Vertex`; frame: (angular velocity, angular
+    acceleration) of the frame. state, row: its inner modes' rates and accelerations begin at row `row`.
+    """
     wl, wr, (spin, alpha) = left.place.spin, right.place.spin, frame
     l, r, c = _momenta(lane, model, at, wl, wr, spin, state.v, row)
     more_l, more_r, more = _momenta(lane, model, at, left.alpha, right.alpha, alpha, state.a, row)
-    return plus(more_l, cross(wl, l)), plus(more_r, cross(wr, r)), plus(more, cross(spin, c))
+    return more_l + cross(wl, l), more_r + cross(wr, r), more + cross(spin, c)
 
 
 @inlined
-def frame_sums(lane, model, par, q, v, left, right, i):
-    """`chain.sums_of` segment i between two `Place`s."""
+def frame_sums(lane, model, par: Lanes, q, v, left, right, i):
+    """Return ((kinetic, strain, gravitational) energy in J, momentum in kg m/s, inertial axes) of segment i.
+
+    left, right: `Place`s of its ends; q, v: coordinates and rates of the inner modes.
+    """
     at, row = frame_at(model, i), inner_row(model, i)
     frame = frame_of(left, right)
     rates = rates_of(frame, left, right)
     a, b, spin = frame.left, frame.right, rates.spin
+    # strain energy (1.2), less the work of the moments without stress
     e, _, _ = _stretch(lane, model, frame, at, q, row)
     near, far = _strained(a.phi, b.phi)
     l, r = _bent(lane, model, par, at.bend, near, far)
     strain = (e * e * model.frames[at.pull] + dot(l, near) + dot(r, far)) * 0.5
     natural = dot(constant(lane, model, at.moment, 0), near) + dot(constant(lane, model, at.moment, 1), far)
+    # rotary inertia
     tl, tr, tc = _momenta(lane, model, at, left.spin, right.spin, spin, v, row)
     kinetic = dot(tl, left.spin) + dot(tr, right.spin) + dot(tc, spin)
+    # inner modes: strain energy and rotary inertia
     for j in range(inner_of(model)):
-        own, rate = vector(lane, q, row + 3 * j), vector(lane, v, row + 3 * j)
+        own, rate = load_vector(lane, q, row + 3 * j), load_vector(lane, v, row + 3 * j)
         strain = strain + dot(_inner_bent(lane, model, par, at, j, q, row), own) * 0.5
         natural = natural + dot(constant(lane, model, at.inner_moment, j), own)
         turn = inner_by(lane, model, at.inner_rotary, 3, j, left.spin, right.spin, v, row)
-        turn = plus(turn, scale(spin, constant(lane, model, at.inner_rotary, (inner_of(model) + 3) * j + 2)))
+        turn = turn + scale(spin, constant(lane, model, at.inner_rotary, (inner_of(model) + 3) * j + 2))
         kinetic = kinetic + dot(turn, rate)
-    strain = strain + (model.frames[at.spent] - natural) * load(lane, par, STIFFNESS_FACTOR)
-    gravity = splat(lane, 0.0)
-    push = gravity, gravity, gravity
+    strain = strain + (model.frames[at.spent] - natural) * par[STIFFNESS_FACTOR]
+    gravity = 0.0
+    push = Vector(gravity, gravity, gravity)
+    # Gauss points: translational kinetic energy, momentum and weight
     for p in range(points_of(model)):
         to = at.points + weight_end(model) * p
         mass, xi = model.frames[to + W.mass], model.frames[to + W.xi]
         n = _off(lane, model, to, a.phi, b.phi, q, row)
         rate = _rate(lane, model, frame, rates, left, right, to, v, row, n)
-        kinetic, push = kinetic + dot(rate, rate) * mass, plus(push, times(rate, mass))
+        kinetic, push = kinetic + dot(rate, rate) * mass, push + mass * rate
         if model.gravity is not None:
-            place = plus(plus(times(left.r, 1.0 - xi), times(right.r, xi)), turned(frame.A, n))
+            place = (1.0 - xi) * left.r + xi * right.r + frame.A @ n
             gravity = gravity - dot(three_of(lane, model.gravity, 0), place) * mass
     return (kinetic * 0.5, strain, gravity), push
 
 
 @kernel
 def frame_damping(lane, model, par, state, left, right, other_l, other_r, i):
-    """Power over tau_d of segment i's damping at the rates of left and right over those of the others, W s; of inner
-    modes at the rates v of the state over its a."""
+    """Return the power over tau_d (W/s) of segment i's damping forces, caused by one set of rates, at another set.
+
+    left, right: `Place`s of the ends with the first rates; other_l, other_r: with the second rates, at the same
+    positions. Inner modes: state.v has the first, state.a the second rates. i: index over all links.
+    """
     at, row = frame_at(model, i), inner_row(model, i)
     q, v, x = state
     frame = frame_of(left, right)
@@ -310,5 +389,56 @@ def frame_damping(lane, model, par, state, left, right, other_l, other_r, i):
     other = _stretch_rate(lane, model, frame, two, (hl, hr), at, q, x, row)
     power = stretch * other * model.frames[at.pull] + dot(l, near) + dot(r, far)
     for j in range(inner_of(model)):
-        power = power + dot(_inner_bent(lane, model, par, at, j, v, row), vector(lane, x, row + 3 * j))
+        power = power + dot(_inner_bent(lane, model, par, at, j, v, row), load_vector(lane, x, row + 3 * j))
     return power
+
+
+@kernel
+def _strains(lane, model, state, left, right, at, row):
+    """Return (stretch, near, far) of a segment (m, rad, rad) and their rates, without inner bending.
+
+    state: (q, v); left, right: `Place`s; near, far: `_strained` rotations of both ends.
+    """
+    q, v = state
+    frame = frame_of(left, right)
+    rates, a, b = rates_of(frame, left, right), frame.left.phi, frame.right.phi
+    e, hl, hr = _stretch(lane, model, frame, at, q, row)
+    rate = _stretch_rate(lane, model, frame, rates, (hl, hr), at, q, v, row)
+    near, far = _strained(a, b)
+    near_rate, far_rate = _strained_rate(a, b, rates.left, rates.right)
+    return (e, near, far), (rate, near_rate, far_rate)
+
+
+@kernel
+def frame_damping_over(lane, model, par, before, after, share, i):
+    """Return the damping power of segment i over a step, divided by tau_d, and its unresolved part, W/s.
+
+    before, after: (q, v, left `Place`, right `Place`) at the step's start and end; share: 1 / step (1/s). The first
+    value takes mean strain rates, difference / step; the second is the power of the mean damping force beyond it, as in
+    `element.element_damping`.
+    """
+    at, row = frame_at(model, i), inner_row(model, i)
+    (q0, v0, left_0, right_0), (q, v, left, right) = before, after
+    (e_0, near_0, far_0), (e_rate_0, near_rate_0, far_rate_0) = _strains(
+        lane, model, (q0, v0), left_0, right_0, at, row
+    )
+    (e, near, far), (e_rate, near_rate, far_rate) = _strains(lane, model, (q, v), left, right, at, row)
+    # mean rates of strain over the step and the forces that they cause
+    e, near, far = (e - e_0) * share, share * (near - near_0), share * (far - far_0)
+    l, r = _bent(lane, model, par, at.bend, near, far)
+    pull = e * model.frames[at.pull]
+    power = pull * e + dot(l, near) + dot(r, far)
+    # mean of the end rates less the mean rate
+    near, far = (0.5 * (near_rate_0 + near_rate) - near, 0.5 * (far_rate_0 + far_rate) - far)
+    beyond = pull * ((e_rate_0 + e_rate) * 0.5 - e) + dot(l, near) + dot(r, far)
+    # the same of the inner modes
+    factors = factors_of(lane, par)
+    for j in range(inner_of(model)):
+        o = row + 3 * j
+        rate = share * (load_vector(lane, q, o) - load_vector(lane, q0, o))
+        more = 0.5 * (load_vector(lane, v0, o) + load_vector(lane, v, o)) - rate
+        for k in range(inner_of(model)):
+            stiff = scale(constant(lane, model, at.inner_bend, inner_of(model) * j + k), factors)
+            moment = scale(share * (load_vector(lane, q, row + 3 * k) - load_vector(lane, q0, row + 3 * k)), stiff)
+            power, beyond = power + dot(moment, rate), beyond + dot(moment, more)
+    return power, beyond

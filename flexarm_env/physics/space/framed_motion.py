@@ -1,7 +1,8 @@
-"""What the motion has of Newton's matrix of a segment with a floating frame in space, to first order of phi.
+"""Velocity-dependent part of a floating segment's Newton matrix in space, to first order of phi (theory, 9).
 
-Sections keep their rates in axes of their own, which turn with them, and places keep theirs in inertial ones: with
-positions, rates of strains change by more than with rates, and so do second rates of the tangents that inertia has.
+Sections keep their angular velocities in their own axes, which rotate with them, and positions keep velocities in
+inertial axes. Strain rates therefore change with positions beyond c_v times the strains, and so do the second rates of
+the ends' tangents in the inertia forces. Blocks act on rotations phi_l, phi_r in frame axes.
 """
 
 from __future__ import annotations
@@ -12,97 +13,129 @@ from ...compiler import kernel
 from .chain import factors_of
 from .element import rows_of
 from .inner import HELIX, constant, product
-from .rotations import cross, difference, minus, outer, plus, scaled, skew, skewed, sum_of, times
+from .rotations import Matrix, Vector, cross, outer, skew, skewed
 
 
 @kernel
 def _both_rows(lane, model, table, A, B):
-    """`inner.product` of matrices."""
+    """Return (ll A + lr B, lr A + rr B) for 3 x 3 matrices A, B and diagonal matrices ll, lr, rr of a `FRAME` table.
+
+    table: offset of the table in model.frames. For K: both ends' moments as the ends' rotations change by A and B.
+    """
     ll, lr, rr = constant(lane, model, table, 0), constant(lane, model, table, 1), constant(lane, model, table, 2)
-    return sum_of(rows_of(ll, A), rows_of(lr, B)), sum_of(rows_of(lr, A), rows_of(rr, B))
+    return rows_of(ll, A) + rows_of(lr, B), rows_of(lr, A) + rows_of(rr, B)
 
 
 @kernel
 def bent_rows(lane, model, par, a, b, near, far, at):
-    """Rows of the moments on phi_l, phi_r of K by what the `framed._strained` of a, b changes by, near and far."""
-    d, factors = times(minus(b, a), HELIX), factors_of(lane, par)
+    """Return (dm_l, dm_r), 3 x 3: changes of the moments on phi_l, phi_r as strained rotations change by near, far.
+
+    near, far: derivatives of both results of `framed._strained` by any three variables, 3 x 3; a, b: phi_l, phi_r
+    (rad); at: `frame_at`; frame axes. Applies the stiffness K, then the transpose of the derivative of
+    `framed._strained`: N m for derivatives by angles.
+    """
+    d, factors = HELIX * (b - a), factors_of(lane, par)
     l, r = _both_rows(lane, model, at.bend, near, far)
     l, r = rows_of(factors, l), rows_of(factors, r)
-    apart, both = scaled(difference(l, r), 0.25), sum_of(l, r)
-    more = minus(times(both[1], d[2]), times(both[2], d[1])), times(both[2], -d[0]), times(both[1], d[0])
-    return sum_of(sum_of(l, skewed(b, apart)), more), difference(difference(r, skewed(a, apart)), more)
+    # transposed derivative of the terms phi_l x phi_r / 4 and d_x (d x e_x) / 24
+    apart, both = 0.25 * (l - r), l + r
+    more = Matrix(d[2] * both[1] - d[1] * both[2], -d[0] * both[2], d[0] * both[1])
+    return l + skewed(b, apart) + more, r - skewed(a, apart) - more
 
 
 class Late(NamedTuple):
-    """What damps rates of strains that change with positions, beside what they change by with rates."""
+    """Derivatives by rotations of damping forces, beyond what strain rates change by with rates.
 
-    left: Any  # moments on phi_l, phi_r by the left section's rotation
+    left, right, frame  N m: (moments on phi_l, on phi_r) by the rotation of the left section, the right one, the frame
+    e_l, e_r, e_b       N: force along the chord by these rotations, a row vector each
+    """
+
+    left: Any
     right: Any
     frame: Any
-    e_l: Any  # the force along the chord likewise
+    e_l: Any
     e_r: Any
     e_b: Any
 
 
 @kernel
 def late_of(lane, model, par, frame, rates, spins, stiff, late, at):
-    """`Late`: d phi' has (phi' / 2) x (dth + dbeta) - w x dth - X dbeta, X dbeta = w_x (0, dbeta_z, -dbeta_y) of the
-    frame's spin, and what `framed._strained_rate` makes of that. late: tau_d times the weight of positions."""
-    x, y, spin = times(rates.left, 0.25 * late), times(rates.right, 0.25 * late), times(rates.spin, late)
-    l, r, b = (
-        minus(plus(x, minus(x, y)), times(spins[0], late)),
-        minus(plus(y, minus(y, x)), times(spins[1], late)),
-        plus(x, y),
-    )
+    """Return the `Late` of a segment: damping forces by rotations at constant rates.
+
+    d phi' = (phi' / 2) x (dth + dbeta) - w x dth - X dbeta, X dbeta = w_x (0, dbeta_z, -dbeta_y) with the frame's spin
+    w_x; strain rates follow by `framed._strained_rate`. spins: of both sections (rad/s, section axes); late: tau_d
+    times the weight of positions (s); stiff: `Stiff`.
+    """
+    x, y, spin = 0.25 * late * rates.left, 0.25 * late * rates.right, late * rates.spin
+    # d phi' by the rotations of the left section, the right section, and the frame
+    l, r, b = (x + (x - y) - late * spins[0], y + (y - x) - late * spins[1], x + y)
     zero = x[0] * 0.0
-    X = (zero, zero, zero), (zero, zero, spin[0]), (zero, -spin[0], zero)
-    by_b, a, c = difference(skew(b), X), frame.left.phi, frame.right.phi
+    X = Matrix(Vector(zero, zero, zero), Vector(zero, zero, spin[0]), Vector(zero, -spin[0], zero))
+    by_b, a, c = skew(b) - X, frame.left.phi, frame.right.phi
     hl, hr, strong = stiff.slope_l, stiff.slope_r, model.frames[at.pull]
-    dl, dr = product(lane, model, at.coupling, times(x, 4.0), times(y, 4.0))
-    both = plus(hl, hr)
-    e_l = plus(plus(cross(hl, l), cross(hr, y)), dl)
-    e_r = plus(plus(cross(hr, r), cross(hl, x)), dr)
-    turn = times(spin, frame.length)
-    e_b = minus(plus((zero, turn[1], turn[2]), cross(both, b)), plus(dl, dr))
-    e_b = e_b[0], e_b[1] + both[2] * spin[0], e_b[2] - both[1] * spin[0]
-    e_l, e_r, e_b = times(e_l, strong), times(e_r, strong), times(e_b, strong)
+    # rate of the stretch by these rotations, then the chord's force with EA / l
+    dl, dr = product(lane, model, at.coupling, 4.0 * x, 4.0 * y)
+    both = hl + hr
+    e_l = cross(hl, l) + cross(hr, y) + dl
+    e_r = cross(hr, r) + cross(hl, x) + dr
+    turn = frame.length * spin
+    e_b = Vector(zero, turn[1], turn[2]) + cross(both, b) - (dl + dr)
+    e_b = Vector(e_b[0], e_b[1] + both[2] * spin[0], e_b[2] - both[1] * spin[0])
+    e_l, e_r, e_b = strong * e_l, strong * e_r, strong * e_b
+    # moments of bending and torsion
     on_l = bent_rows(lane, model, par, a, c, skew(l), skew(y), at)
     on_r = bent_rows(lane, model, par, a, c, skew(x), skew(r), at)
     on_b = bent_rows(lane, model, par, a, c, by_b, by_b, at)
     return Late(
-        (sum_of(on_l[0], outer(hl, e_l)), sum_of(on_l[1], outer(hr, e_l))),
-        (sum_of(on_r[0], outer(hl, e_r)), sum_of(on_r[1], outer(hr, e_r))),
-        (sum_of(on_b[0], outer(hl, e_b)), sum_of(on_b[1], outer(hr, e_b))),
-        e_l, e_r, e_b,
+        (on_l[0] + outer(hl, e_l), on_l[1] + outer(hr, e_l)),
+        (on_r[0] + outer(hl, e_r), on_r[1] + outer(hr, e_r)),
+        (on_b[0] + outer(hl, e_b), on_b[1] + outer(hr, e_b)),
+        e_l,
+        e_r,
+        e_b,
     )  # fmt: skip
 
 
 @kernel
 def late_pull(frame, late):
-    """What the force along the chord has of `Late`: by both sections' rotations, and by the right place across it."""
+    """Return the chord's force in `Late` by both sections' rotations (N) and by places across (N/m).
+
+    The last: a pair (y, z) by the right end's position in frame axes. late: `Late`, or None: zeros. The frame rotates
+    with the ends' positions (beta_y, beta_z) and rolls with the sections (g).
+    """
     if late is None:
         zero = frame.length * 0.0
-        return (zero, zero, zero), (zero, zero, zero), (zero, zero)
+        return Vector(zero, zero, zero), Vector(zero, zero, zero), (zero, zero)
     roll, (x, y, z), share = late.e_b[0], late.e_b, frame.over
     across_chord = z * share, (y + x * frame.k) * -share
-    return plus(late.e_l, times(frame.left.g, roll)), plus(late.e_r, times(frame.right.g, roll)), across_chord
+    return late.e_l + roll * frame.left.g, late.e_r + roll * frame.right.g, across_chord
 
 
 @kernel
 def swung(w, own, cd):
-    """Rows y and z of the second rate of a section's tangent by its rotation, of what rates make: see
-    `element.Tangent`."""
+    """Return the part of d(t'')/d(rotation) of a section that its rates cause, times cd: rows y and z, section axes.
+
+    t'': second rate of the section's tangent; w: its angular velocity; own: rate of the joint before it (rad/s); cd:
+    weight of dr/dv (1/s). Rows are `Vector`s over the rotation's components. They are the rate terms of
+    `element._by_turn`.
+    """
     x, zero = (w[0] - own[0]) * cd, w[0] * 0.0
-    return ((w[1] + own[1]) * cd, x, zero), ((w[2] + own[2]) * cd, zero, x)
+    return Vector((w[1] + own[1]) * cd, x, zero), Vector((w[2] + own[2]) * cd, zero, x)
 
 
 @kernel
 def with_swung(rows, h, turned):
-    """A pair of rows, and `swung` times h along y and z."""
-    return plus(rows[0], times(turned[0], h[1])), plus(rows[1], times(turned[1], h[2]))
+    """Return the rows y, z of an end's force by a section's rotation, plus h_y, h_z times the rows of `swung` (turned).
+
+    rows: pair of `Vector`s, frame axes; h: first moments of the mass that moves with the section's tangent (kg m).
+    """
+    return rows[0] + h[1] * turned[0], rows[1] + h[2] * turned[1]
 
 
 @kernel
 def plus_lifted(A, h, turned):
-    """A, and moments of forces across: `swung` times h about z and y."""
-    return A[0], minus(A[1], times(turned[1], h[1])), plus(A[2], times(turned[0], h[2]))
+    """Return A with the moments that the rows of `swung` (turned) cause: row y - h_y turned_z, row z + h_z turned_y.
+
+    A: moment on a section by a section's rotation, 3 x 3 (N m); h: int m h h about x, y, z (kg m^2, `FRAME.lateral`).
+    """
+    return Matrix(A[0], A[1] - h[1] * turned[1], A[2] + h[2] * turned[0])

@@ -1,7 +1,7 @@
-"""Strain gauges in space: what they read of the elements beside a station.
+"""Strain gauges in space: weights with which a gauge reads the rotations of the elements beside its station.
 
-Bending moments and torque run straight from the middle of an element of the exact beam to the next, which is what
-loads at vertices make of them; the strain is the moment there over the stiffness there. A segment with a floating frame
+Bending moments and torque are interpolated linearly between the middles of an exact beam's elements, which is exact for
+loads at vertices; the reading is the moment at the station over the stiffness there. A segment with a floating frame
 has its own shape functions.
 """
 
@@ -26,11 +26,14 @@ from .segments import ENDS, frames, turned_over
 Array = NDArray[np.float64]
 
 AXIS = {"xy": (2, 1.0), "xz": (1, -1.0), "torsion": (0, 1.0)}
-"""About which of a section's axes, and which way."""
+"""Component of the rotation vector (0, 1, 2: x, y, z) and sign of each measure."""
 
 
 def gauges(scene: Scene, settings: Settings, spots: Sequence[Any]) -> Array:
-    """(G, GAUGE.length): a `GAUGE` for each (link, place, measures)."""
+    """Return (G, GAUGE.length): the packed `GAUGE` of each spot (link, place, optional measure).
+
+    place: fraction of the link's length; measure: a key of `AXIS`, "xy" by default.
+    """
     found = []
     if settings.modes is not None and len(spots):
         what = "must be left out where strain gauges are read in space: these know segments of one element"
@@ -46,10 +49,14 @@ def gauges(scene: Scene, settings: Settings, spots: Sequence[Any]) -> Array:
 
 
 def strained_rows(scene: Scene, settings: Settings, system: Any, spots: Sequence[Any]) -> Array:
-    """(G, n): of links whose coordinates are their strains, what a gauge reads is a row times these."""
+    """Return (G, n) rows whose products with q are the gauges' readings, for links with strains.
+
+    spots: as in `gauges`. 1/m: the strain at the station relative to the link without stress.
+    """
     n, names, found = polynomials(settings), list(system.names), np.zeros((len(spots), len(system.q0)))
     for row, (k, place, *more) in zip(found, spots, strict=True):
         axis, sign = AXIS[more[0] if more else "xy"]
+        # Legendre polynomials at the station
         first = names.index(f"link{k}.{AXES_OF_STRAINS[axis]}1")
         values = np.polynomial.legendre.legvander(2.0 * place - 1.0, n - 1).ravel() / scene.arm.links[k].length
         row[first : first + 3 * n : 3] = sign * values
@@ -57,20 +64,27 @@ def strained_rows(scene: Scene, settings: Settings, system: Any, spots: Sequence
 
 
 def _stiffness(link: Link, s: Array, axis: int) -> Array:
-    """GJ, EI_y or EI."""
+    """Return GJ, EI_y or EI (N m^2) of a link at s (m), for axis 0, 1 or 2."""
     return np.asarray(link.along(s).EI if axis == 2 else link.across(s)["GJ" if axis == 0 else "EI_y"])
 
 
 def _elements(link: Link, n: int, s: float, axis: int) -> tuple[int, Array, Array, float]:
-    """The first of two elements, weights of the rotations of their ends, what is there without stress."""
+    """Return (first, weights of its ends, weights of the next element's ends, reading without stress) of a gauge.
+
+    The reading, 1/m, is the sum of weights (1/m) times rotations (rad) of the ends of elements `first` and first + 1,
+    less the reading without stress. Weights (2,): left and right end; 0 if there is no next element. n: number of
+    elements; s: place of the gauge on the link, m; axis: 0 torsion, 1 and 2 bending about y and z.
+    """
     ends = link.mesh(n, "elements")
     own = [ELEMENT.unpack(packed) for packed in _packed(link, n, 1.0)]
+    # the moment of an element acts at its middle, or at its center of flexibility
     lengths, stiff = np.diff(ends), np.array([one["bend"][axis] for one in own])
-    middles = 0.5 * (ends[1:] + ends[:-1])  # or rather where an element's bending is that of the moment
+    middles = 0.5 * (ends[1:] + ends[:-1])
     if axis > 0:
         middles = middles + lengths * [one["tilt"][axis - 1] for one in own]
     first = int(np.clip(np.searchsorted(middles, s, side="right") - 1, 0, max(0, n - 2)))
     pair = [first] if n == 1 else [first, first + 1]
+    # linear interpolation of moments between two elements, over the stiffness at the station
     share = 0.0 if n == 1 else (s - middles[first]) / (middles[first + 1] - middles[first])
     here = float(_stiffness(link, np.array(s), axis))
     weights = np.array([1.0 - share, share])[: len(pair)] * stiff[pair] / here / lengths[pair]
@@ -81,9 +95,10 @@ def _elements(link: Link, n: int, s: float, axis: int) -> tuple[int, Array, Arra
 
 
 def _segment(link: Link, n: int, s: float, axis: int) -> tuple[int, Array, Array, float]:
-    """The same of the one segment that a station is on."""
+    """Return the same as `_elements` for the one segment with a floating frame at s (m): its shapes' curvatures."""
     ends = link.mesh(n, "segments")
     e = int(np.clip(np.searchsorted(ends, s, side="right") - 1, 0, n - 1))
+    # torsion: difference of the rotations; bending: second derivative of the shapes
     weights = np.array([-1.0, 1.0]) / (ends[e + 1] - ends[e])
     if axis > 0:
         part = mesh(link if axis == 2 else turned_over(link), n, "segments")[e]

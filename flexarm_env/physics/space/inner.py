@@ -1,58 +1,70 @@
-"""Inner modes of segments with floating frames in space: sums over them, and their part of the matrix.
+"""Inner modes of segments with floating frames in space: sums over modes, and their part of the Newton matrix.
 
-A segment has `inner_of` of them, each with an amplitude about x, y and z in rows of its own behind those of the chain.
-Newton's matrix eliminates them within their segment before it goes along the chain.
+A segment has `inner_of` modes, each with an amplitude (rad) about x, y and z of the frame, in rows of its own behind
+those of the chain. The Newton matrix eliminates them within their segment before it is condensed along the chain. A
+table of a `FRAME` holds three numbers, for x, y, z, per pair of coordinates: inner mode i by left, right (and frame, in
+`inner_rotary`), then by the inner modes.
 """
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, splat, store
-from ..arithmetic import add, vector
+from ...compiler import Lanes, kernel
 from .chain import three_of
 from .element import scale
 from .layout import F, count_of, inner_of
-from .rotations import dot, minus, plus, times
+from .rotations import Vector, dot, load_vector
 
 HELIX = 1.0 / 24.0
-"""Of twist times bending, rad: by what the sections of a helix are turned against its chord."""
+"""Rotation (rad) of the sections of a helix against its chord, over twist times bending (rad^2)."""
 
 
 @kernel
 def constant(lane, model, table, i):
-    """Three numbers of a `FRAME`: entry i of a table of such."""
+    """Return entry i of a table of a `FRAME`: a `Vector` for the axes x, y, z; table: offset in model.frames."""
     return three_of(lane, model.frames, table + 3 * i)
 
 
 @kernel
 def product(lane, model, table, a, b):
-    """The matrix of three vectors (ll, lr, rr) on (a, b)."""
+    """Return (ll a + lr b, lr a + rr b): a symmetric table (ll, lr, rr) of a `FRAME` times vectors a, b of both ends.
+
+    Each of ll, lr, rr is a diagonal matrix for x, y, z; table: offset in model.frames.
+    """
     ll, lr, rr = constant(lane, model, table, 0), constant(lane, model, table, 1), constant(lane, model, table, 2)
-    return plus(scale(a, ll), scale(b, lr)), plus(scale(a, lr), scale(b, rr))
+    return scale(a, ll) + scale(b, lr), scale(a, lr) + scale(b, rr)
 
 
 @kernel
 def ends_by(lane, model, table, others, x, row, l, r):
-    """l, r of the ends with what the inner modes x make there by a table with `others` columns before their own."""
+    """Return l, r, vectors of the left and right end, plus the table times the inner amplitudes x.
+
+    table: offset in model.frames of a table that has, for each inner mode, `others` columns (the first two: left and
+    right end), then those of the inner modes; row: first row of the segment's inner modes in x.
+    """
     for i in range(inner_of(model)):
-        own, at = vector(lane, x, row + 3 * i), (inner_of(model) + others) * i
-        l = plus(l, scale(own, constant(lane, model, table, at)))
-        r = plus(r, scale(own, constant(lane, model, table, at + 1)))
+        own, at = load_vector(lane, x, row + 3 * i), (inner_of(model) + others) * i
+        l = l + scale(own, constant(lane, model, table, at))
+        r = r + scale(own, constant(lane, model, table, at + 1))
     return l, r
 
 
 @kernel
 def inner_by(lane, model, table, others, i, a, b, x, row):
-    """What (a, b) of the ends and the inner modes x make by such a table on mode i."""
+    """Return row i of a table times (a, b, x): the sum for inner mode i over both ends and the inner amplitudes.
+
+    a, b: vectors of the left and right end; table: offset in model.frames of a table that has `others` columns (the
+    first two: left and right end) before those of the inner modes; row: first row of the segment's inner modes in x.
+    """
     at = (inner_of(model) + others) * i
-    total = plus(scale(a, constant(lane, model, table, at)), scale(b, constant(lane, model, table, at + 1)))
+    total = scale(a, constant(lane, model, table, at)) + scale(b, constant(lane, model, table, at + 1))
     for j in range(inner_of(model)):
-        total = plus(total, scale(vector(lane, x, row + 3 * j), constant(lane, model, table, at + others + j)))
+        total = total + scale(load_vector(lane, x, row + 3 * j), constant(lane, model, table, at + others + j))
     return total
 
 
 @kernel
 def elements_before(model, k):
-    """Elements of the links before k."""
+    """Return the number of elements of all links before link k."""
     total = 0
     for j in range(k):
         total += count_of(model, j)
@@ -60,99 +72,124 @@ def elements_before(model, k):
 
 
 @kernel
-def factors(lane, n, S, o):
-    """The n x n matrix at o of S <- its L and U, pivots inverted; no rows exchanged: mass outweighs the rest."""
+def factors(lane, n, S: Lanes, o):
+    """Replace the n x n matrix at offset o of S by its L (unit diagonal) and U, with reciprocal pivots.
+
+    No row exchanges: mass dominates the diagonal.
+    """
     for k in range(n):
-        inverse = 1.0 / load(lane, S, o + (n + 1) * k)
-        store(S, o + (n + 1) * k, inverse)
+        inverse = 1.0 / S[o + (n + 1) * k]
+        S[o + (n + 1) * k] = inverse
         for i in range(k + 1, n):
-            factor = load(lane, S, o + n * i + k) * inverse
-            store(S, o + n * i + k, factor)
+            # eliminate column k from row i
+            factor = S[o + n * i + k] * inverse
+            S[o + n * i + k] = factor
             for j in range(k + 1, n):
-                add(lane, S, o + n * i + j, -(factor * load(lane, S, o + n * k + j)))
+                S[o + n * i + j] -= factor * S[o + n * k + j]
 
 
 @kernel
-def solution(lane, n, S, o, x, i, stride):
-    """n elements of x from i on, `stride` apart, by the factors at o."""
+def solution(lane, n, S: Lanes, o, x: Lanes, i, stride):
+    """Solve A y = x in place for n entries of x, i + `stride` k, by the `factors` at offset o of S."""
+    # L y = x
     for k in range(1, n):
-        total = load(lane, x, i + stride * k)
+        total = x[i + stride * k]
         for j in range(k):
-            total = total - load(lane, S, o + n * k + j) * load(lane, x, i + stride * j)
-        store(x, i + stride * k, total)
+            total = total - S[o + n * k + j] * x[i + stride * j]
+        x[i + stride * k] = total
+    # U x = y
     for back_k in range(n):
         k = n - 1 - back_k
-        total = load(lane, x, i + stride * k)
+        total = x[i + stride * k]
         for j in range(k + 1, n):
-            total = total - load(lane, S, o + n * k + j) * load(lane, x, i + stride * j)
-        store(x, i + stride * k, total * load(lane, S, o + (n + 1) * k))
+            total = total - S[o + n * k + j] * x[i + stride * j]
+        x[i + stride * k] = total * S[o + (n + 1) * k]
 
 
 @kernel
-def condense(lane, model, S, f, inner):
-    """Factor the `INNER` of S and take it out of the `FACTOR` at f; `over` is what it has of the ends."""
+def condense(lane, model, S: Lanes, f, inner):
+    """Factor the `INNER` of a segment and condense its inner modes out of the `FACTOR` at offset f of S.
+
+    Blocks LL, LR, RL, RR <- block - ends^T over, with over <- matrix^-1 over. inner: offsets of the `INNER`
+    (`inner_at`).
+    """
     n, o = 3 * inner_of(model), inner.matrix
     factors(lane, n, S, o)
+    # over <- matrix^-1 over, column by column
     for j in range(12):
         solution(lane, n, S, o, S, inner.over + j, 12)
+    # Schur complement: rows and columns 0 to 5 are the left end's, 6 to 11 the right end's
     for a in range(12):
         for b in range(12):
-            total = load(lane, S, inner.ends + a) * load(lane, S, inner.over + b)
+            total = S[inner.ends + a] * S[inner.over + b]
             for k in range(1, n):
-                total = total + load(lane, S, inner.ends + 12 * k + a) * load(lane, S, inner.over + 12 * k + b)
-            add(lane, S, f + F.LL + 72 * (a // 6) + 36 * (b // 6) + 6 * (a % 6) + b % 6, -total)
+                total = total + S[inner.ends + 12 * k + a] * S[inner.over + 12 * k + b]
+            S[f + F.LL + 72 * (a // 6) + 36 * (b // 6) + 6 * (a % 6) + b % 6] -= total
 
 
 @kernel
-def down(lane, model, S, inner, x, row, right):
-    """Forward elimination of a segment's inner modes: off x of its right end; the same of its left end is returned."""
+def down(lane, model, S: Lanes, inner, x: Lanes, row, right):
+    """Forward elimination of a segment's inner modes: x of their rows <- matrix^-1 x; subtract ends^T x from both ends.
+
+    inner: `inner_at` of the segment; row, right: first rows of the inner modes and of the right end in x. The left
+    end's part is returned as (force, inertial; moment, section axes) to add.
+    """
     n = 3 * inner_of(model)
     solution(lane, n, S, inner.matrix, x, row, 1)
     for j in range(6):
         for k in range(n):
-            add(lane, x, right + j, -(load(lane, S, inner.ends + 12 * k + 6 + j) * load(lane, x, row + k)))
-    zero = splat(lane, 0.0)
-    a, b = (zero, zero, zero), (zero, zero, zero)
+            x[right + j] -= S[inner.ends + 12 * k + 6 + j] * x[row + k]
+    zero = 0.0
+    a, b = Vector(zero, zero, zero), Vector(zero, zero, zero)
     for k in range(n):
-        own, at = load(lane, x, row + k), inner.ends + 12 * k
-        a, b = minus(a, times(vector(lane, S, at), own)), minus(b, times(vector(lane, S, at + 3), own))
+        own, at = x[row + k], inner.ends + 12 * k
+        a, b = a - own * load_vector(lane, S, at), b - own * load_vector(lane, S, at + 3)
     return a, b
 
 
 @kernel
-def up(lane, model, S, inner, x, row, left, right):
-    """Back substitution of a segment's inner modes; left, right: (place, rotation) that its ends move by."""
+def up(lane, model, S: Lanes, inner, x: Lanes, row, left, right):
+    """Back substitution of a segment's inner modes: x of their rows <- x - over (motions of both ends).
+
+    inner: `inner_at` of the segment, whose `over` is read; row: first row of the modes in x. left, right: (position,
+    inertial axes; rotation, section axes) by which the ends move.
+    """
     for k in range(3 * inner_of(model)):
         for part, side in ((left, 0), (right, 6)):
             for j in range(3):
-                add(lane, x, row + k, -(load(lane, S, inner.over + 12 * k + side + j) * part[0][j]))
-                add(lane, x, row + k, -(load(lane, S, inner.over + 12 * k + side + 3 + j) * part[1][j]))
+                x[row + k] -= S[inner.over + 12 * k + side + j] * part[0][j]
+                x[row + k] -= S[inner.over + 12 * k + side + 3 + j] * part[1][j]
 
 
 @kernel
-def _entry(lane, n, S, o, i, j):
-    """That of the matrix whose `factors` are at o."""
-    total = splat(lane, 0.0)
+def _entry(lane, n, S: Lanes, o, i, j):
+    """Return entry (i, j) of the n x n matrix whose `factors` are at offset o of S: the product of L and U."""
+    total = 0.0
     for k in range(min(i, j) + 1):
-        upper = 1.0 / load(lane, S, o + (n + 1) * k) if k == j else load(lane, S, o + n * k + j)
-        total = total + (upper if k == i else load(lane, S, o + n * i + k) * upper)
+        upper = 1.0 / S[o + (n + 1) * k] if k == j else S[o + n * k + j]
+        total = total + (upper if k == i else S[o + n * i + k] * upper)
     return total
 
 
 @kernel
-def multiplied(lane, model, S, inner, x, y, row, left, right):
-    """What `condense` has taken out, times x and what the ends move by, (place, rotation) each: to y that of the inner
-    modes; ((force, moment) on the left end, on the right)."""
-    n, zero = 3 * inner_of(model), splat(lane, 0.0)
-    nothing = zero, zero, zero
+def multiplied(lane, model, S, inner, x: Lanes, y: Lanes, row, left, right):
+    """Multiply the part of the matrix that `condense` has eliminated by x and the ends' motions, and add it to y.
+
+    inner: `inner_at` of the segment; x, y: amplitudes and forces, the inner modes' from `row` on; left, right:
+    (position, rotation) of the ends. Adds the inner rows of the product to y and returns the (force, moment) on the
+    left end and on the right end that the condensed blocks lack.
+    """
+    n, zero = 3 * inner_of(model), 0.0
+    nothing = Vector(zero, zero, zero)
     a, b, c, d = nothing, nothing, nothing, nothing
     for k in range(n):
         over, at = inner.over + 12 * k, inner.ends + 12 * k
-        moved = dot(vector(lane, S, over), left[0]) + dot(vector(lane, S, over + 3), left[1])
-        moved = moved + dot(vector(lane, S, over + 6), right[0]) + dot(vector(lane, S, over + 9), right[1])
-        moved = moved + load(lane, x, row + k)
-        a, b = plus(a, times(vector(lane, S, at), moved)), plus(b, times(vector(lane, S, at + 3), moved))
-        c, d = plus(c, times(vector(lane, S, at + 6), moved)), plus(d, times(vector(lane, S, at + 9), moved))
+        # x + over (motions of the ends): what the factored matrix acts on
+        moved = dot(load_vector(lane, S, over), left[0]) + dot(load_vector(lane, S, over + 3), left[1])
+        moved = moved + dot(load_vector(lane, S, over + 6), right[0]) + dot(load_vector(lane, S, over + 9), right[1])
+        moved = moved + x[row + k]
+        a, b = a + moved * load_vector(lane, S, at), b + moved * load_vector(lane, S, at + 3)
+        c, d = c + moved * load_vector(lane, S, at + 6), d + moved * load_vector(lane, S, at + 9)
         for i in range(n):
-            add(lane, y, row + i, _entry(lane, n, S, inner.matrix, i, k) * moved)
+            y[row + i] += _entry(lane, n, S, inner.matrix, i, k) * moved
     return (a, b), (c, d)

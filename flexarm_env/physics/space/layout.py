@@ -1,161 +1,176 @@
-"""Where things are in the flat arrays of a chain in space: coordinates, constants, the iteration matrix.
+"""Rows of the coordinates, and offsets of all constants and matrices in the flat arrays of a chain in space.
 
-Rows: the base's place (x, y, z) and its rotation vector; of each link the angle of the joint at its root, then place
-and rotation vector of its vertices, the right end of each element, from root to tip. A link's root is where the vertex
-before it is; it is turned by the joint's mount and angle against that. Last come the amplitudes, about x, y and z, of
-the inner modes of each segment with a floating frame.
+Rows of q: the base's position (x, y, z; m, inertial axes) and rotation vector (rad, section axes to inertial axes);
+for each link the angle of the joint at its root, then position and rotation vector of its vertices, the right ends of
+its elements, from root to tip. Last come the amplitudes (rad), about x, y and z of the frame, of the inner modes of
+each segment with a floating frame. Rows of v and a are the same with velocities along inertial axes and angular
+velocities in the section's own axes. Rows of a residual are forces along inertial axes and moments in section axes.
+
+A link's root coincides with the vertex before it (levers of rigid ends aside); the joint's mount and angle rotate it
+against that vertex. In the descriptions "section before" is the last section of the link before the joint.
 """
 
 from __future__ import annotations
 
 from ...compiler import kernel
 from ...layout import Field, Layout
+from ..layout import ROTOR
 
 AXES = 6
-"""Rows of a vertex: place, then rotation."""
+"""Rows of a vertex: position x, y, z, then rotation x, y, z."""
 
 ELEMENT = Layout(
     "Element", "",
-    Field("length", (), "m", "of the element"),
-    Field("mass", (3,), "kg", "of its left end, its middle and its right end (Simpson's rule)"),
-    Field("inertia", (3,), "kg m^2", "of sections, half of it at each end, about their axes"),
-    Field("EA", (), "N", ""),
-    Field("shear", (2,), "1/N", "how it gives to shear along y and z"),
-    Field("bow", (2,), "1/N", "and to that by bending within the element, of EI, of EI_y"),
-    Field("bend", (3,), "N m^2", "GJ, EI_y about y, EI about z"),
-    Field("rest", (3,), "", "curvatures times length without stress, about x, y, z"),
-    Field("chord", (3,), "", "Gamma without stress; where sections or curvatures vary, and so are the next two"),
-    Field("tilt", (2,), "", "of the centre of flexibility about y, about z: distance from the middle over the length"),
-    Field("damping", (), "", "its time constant over the arm's largest"),
+    Field("length", (), "m", "reference length l"),
+    Field("mass", (3,), "kg", "lumped at the left end, the middle and the right end (Simpson's rule)"),
+    Field("inertia", (3,), "kg m^2", "rotary inertia about the section's x, y, z at each end: half of the element's"),
+    Field("EA", (), "N", "axial stiffness"),
+    Field("shear", (2,), "1/N", "shear flexibility 1/C along y, 1/C_y along z"),
+    Field("bow", (2,), "1/N", "residual bending flexibility along y (of EI) and z (of EI_y); l^2/(12 EI) if constant"),
+    Field("bend", (3,), "N m^2", "GJ, EI_y, EI: torsion and bending stiffness about x, y, z"),
+    Field("rest", (3,), "", "l kappa_0 in rad: rotation vector from left to right end without stress"),
+    Field("chord", (3,), "", "stress-free chord / l less that of an arc (`element.bow_of`), middle's axes"),
+    Field("tilt", (2,), "", "a_y, a_z: center of flexibility for bending about y, z, from the middle, over l"),
+    Field("damping", (), "", "Kelvin-Voigt time constant over the arm's largest"),
 )  # fmt: skip
 
 POINTS = 4
-"""Gauss points of a segment's mass, without inner modes."""
+"""Number of Gauss points of a segment's mass, without inner modes."""
 
 WEIGHT = Layout(
     "Weight", "inner",
-    Field("xi", (), "", "where on the segment, from 0 to 1"),
-    Field("mass", (), "kg", "of the point"),
-    Field("left", (3,), "m", "by what it is off the chord along y, z for rotations phi of the left end: h (phi x e_x)"),
-    Field("right", (3,), "m", "likewise, of the right end"),
-    Field("inner", ("inner", 3), "m", "of each inner mode"),
+    Field("xi", (), "", "position along the chord, from 0 (left) to 1 (right)"),
+    Field("mass", (), "kg", "mass of the Gauss point"),
+    Field("left", (3,), "m", "h along y, z: the point is h (phi x e_x) off the chord, phi: left end's rotation"),
+    Field("right", (3,), "m", "h along y, z for the rotation of the right end"),
+    Field("inner", ("inner", 3), "m", "h along y, z for the amplitudes of each inner mode"),
 )  # fmt: skip
 
 FRAME = Layout(
     "SpatialFrame", "inner, points",
-    Field("length", (), "m", "of a segment"),
-    Field("pull", (), "N/m", "EA / l"),
-    Field("bend", (3, 3), "N m", "K about x, y, z of the rotations (left, left), (left, right), (right, right)"),
-    Field("coupling", (3, 3), "m", "likewise H of stretch with bending"),
-    Field("moment", (2, 3), "N m", "K phi of the rotations without stress, left and right"),
-    Field("spent", (), "J", "half that times these"),
-    Field("rotary", (6, 3), "kg m^2", "of sections: (l, l), (l, r), (r, r), (l, frame), (r, frame), (frame, frame)"),
-    Field("mass", (3,), "kg", "of the ends' places: (l, l), (l, r), (r, r)"),
-    Field("near", (2, 3), "kg m", "of the left place and the rotations left and right, h of `WEIGHT`"),
-    Field("far", (2, 3), "kg m", "of the right place"),
-    Field("lateral", (3, 3), "kg m^2", "of the rotations, about x, y, z: (l, l), (l, r), (r, r)"),
-    Field("points", ("points", WEIGHT.length), "", "a `WEIGHT` each"),
-    Field("inner_bend", ("inner", "inner", 3), "N m", "K of the inner modes, which these share with no rotation"),
-    Field("inner_coupling", ("inner", "inner + 2", 3), "m", "H by left, right, and the inner modes"),
-    Field("inner_lateral", ("inner", "inner + 2", 3), "kg m^2", "likewise"),
-    Field("inner_rotary", ("inner", "inner + 3", 3), "kg m^2", "by left, right, frame, and the inner modes"),
-    Field("inner_near", ("inner", 3), "kg m", ""),
-    Field("inner_far", ("inner", 3), "kg m", ""),
-    Field("inner_moment", ("inner", 3), "N m", ""),
-    Field("roll", ("inner + 2", "inner + 2", 3), "kg m^2", "of left, right, inner: about y by these about z, ..."),
+    Field("length", (), "m", "reference length l of the segment"),
+    Field("pull", (), "N/m", "EA / l, stiffness against stretch of the chord"),
+    Field("bend", (3, 3), "N m",
+          "K about x, y, z of the rotations phi: blocks (left, left), (left, right), (right, right)"),
+    Field("coupling", (3, 3), "m", "H of stretch with bending (theory 1.2), blocks as in K"),
+    Field("moment", (2, 3), "N m", "K phi_0 of the stress-free rotations, about x, y, z, left and right"),
+    Field("spent", (), "J", "phi_0^T K phi_0 / 2 of the stress-free rotations"),
+    Field("rotary", (6, 3), "kg m^2",
+          "rotary inertia about x, y, z: (l, l), (l, r), (r, r), (l, frame), (r, frame), (frame, frame)"),
+    Field("mass", (3,), "kg", "mass matrix of the ends' positions: (l, l), (l, r), (r, r)"),
+    Field("near", (2, 3), "kg m",
+          "int m (1 - xi) h: left position with the left and the right rotation, h of `WEIGHT`"),
+    Field("far", (2, 3), "kg m", "int m xi h: right position with the left and the right rotation"),
+    Field("lateral", (3, 3), "kg m^2", "int m h h of the rotations about x, y, z: (l, l), (l, r), (r, r)"),
+    Field("points", ("points", WEIGHT.length), "", "Gauss points of the mass, a `WEIGHT` each"),
+    Field("inner_bend", ("inner", "inner", 3), "N m",
+          "K of the inner modes about x, y, z; they do not couple with the ends' rotations"),
+    Field("inner_coupling", ("inner", "inner + 2", 3), "m", "H of each inner mode with left, right, inner modes"),
+    Field("inner_lateral", ("inner", "inner + 2", 3), "kg m^2", "int m h h of each inner mode with left, right, inner"),
+    Field("inner_rotary", ("inner", "inner + 3", 3), "kg m^2", "rotary inertia with left, right, frame, inner modes"),
+    Field("inner_near", ("inner", 3), "kg m", "int m (1 - xi) h of each inner mode"),
+    Field("inner_far", ("inner", 3), "kg m", "int m xi h of each inner mode"),
+    Field("inner_moment", ("inner", 3), "N m", "K times stress-free amplitudes, about x, y, z"),
+    Field("roll", ("inner + 2", "inner + 2", 3), "kg m^2",
+          "int m h_i h_j across planes (left, right, inner): [1] h_i on y, h_j on z; [2] reverse"),
 )  # fmt: skip
 
 BODY = Layout(
     "Body", "",
-    Field("mass", (), "kg", "the payload's is the arm's own parameter"),
-    Field("there", (), "", "0 where there is none; the payload always is"),
-    Field("centre", (3,), "m", "from the place of a section, in its axes"),
-    Field("inertia", (3, 3), "kg m^2", "about there"),
+    Field("mass", (), "kg", "mass; of the payload the arm's own parameter counts instead"),
+    Field("there", (), "", "1: the body exists; 0: it does not; the payload always exists"),
+    Field("centre", (3,), "m", "center of mass, from the origin of its section, section axes"),
+    Field("inertia", (3, 3), "kg m^2", "inertia tensor about the center of mass, section axes"),
 )  # fmt: skip
 
 JOINT = Layout(
     "Joint", "",
-    Field("axis", (3,), "", "unit vector in the axes of the link's root"),
-    Field("mount", (3, 3), "", "axes of the link's root at angle 0 in those of the section before"),
-    Field("quaternion", (4,), "", "of the same rotation"),
-    Field("before", (3,), "m", "from the place of the section before to the joint, in its axes"),
-    Field("beyond", (3,), "m", "from the joint to where the link begins to bend, in the axes of its root"),
-    Field("near", (BODY.length,), "", "a `BODY` on the section before"),
-    Field("far", (BODY.length,), "", "a `BODY` on the link's root, from where it begins to bend"),
+    Field("axis", (3,), "", "unit vector of the joint's axis, axes of the link's root"),
+    Field("mount", (3, 3), "", "rotation at angle 0: axes of the link's root to axes of the section before"),
+    Field("quaternion", (4,), "", "quaternion of `mount`"),
+    Field("before", (3,), "m", "lever from the origin of the section before to the joint, axes of that section"),
+    Field("beyond", (3,), "m", "lever from the joint to the link's first section, axes of the link's root"),
+    Field("near", (BODY.length,), "", "`BODY` fixed to the section before (elbow, rigid end)"),
+    Field("far", (BODY.length,), "", "`BODY` fixed to the link's root, center measured from its first section"),
 )  # fmt: skip
 
 FACTOR = Layout(
     "Factor", "",
-    Field("LL", (6, 6), "", "of an element's tangent, row by row; after `factor` with what lies behind"),
-    Field("LR", (6, 6), "", ""),
-    Field("RL", (6, 6), "", "after `factor` RR^-1 RL"),
-    Field("RR", (6, 6), "", "after `factor` its L and U, pivots inverted"),
-    Field("force", (3,), "N", "of an exact element over the section, its middle's axes; of the residual made last"),
-    Field("by_place", (3, 3), "N/m", "what that changes by with the right end's place; of the matrix made last"),
-    Field("by_left", (3, 3), "N", "with the rotation of the left end"),
-    Field("by_right", (3, 3), "N", "with that of the right end"),
+    Field("LL", (6, 6), "",
+          "6 x 6 block (left rows, left columns), row by row; `factor` condenses what lies behind into it"),
+    Field("LR", (6, 6), "", "block (left rows, right columns)"),
+    Field("RL", (6, 6), "", "block (right rows, left columns); after `factor` RR^-1 RL"),
+    Field("RR", (6, 6), "", "block (right, right); after `factor` its L and U, reciprocal pivots"),
+    Field("force", (3,), "N", "exact element: force n over the section of the last residual, axes of the middle"),
+    Field("by_place", (3, 3), "N/m", "exact element: dn by the right end's position (inertial axes), last matrix"),
+    Field("by_left", (3, 3), "N", "dn by the rotation of the left end (its axes)"),
+    Field("by_right", (3, 3), "N", "dn by the rotation of the right end (its axes)"),
 )  # fmt: skip
 
 INNER = Layout(
     "Inner", "inner",
-    Field("matrix", ("3 * inner", "3 * inner"), "", "of a segment's inner modes, its L and U, pivots inverted"),
-    Field("ends", ("3 * inner", 12), "", "of the left and the right end by these, transposed"),
-    Field("over", ("3 * inner", 12), "", "of these by the ends, matrix^-1 times that"),
+    Field("matrix", ("3 * inner", "3 * inner"), "",
+          "block of a segment's inner modes; after `factor` L and U, reciprocal pivots"),
+    Field("ends", ("3 * inner", 12), "", "d(force on the ends' 6 + 6 rows)/d(inner amplitudes), transposed"),
+    Field("over", ("3 * inner", 12), "",
+          "d(inner rows)/d(the ends' 6 + 6 coordinates); after `factor` matrix^-1 times it"),
 )  # fmt: skip
-"""Behind the `FACTOR`s, of each segment."""
+"""One record per segment, behind all `FACTOR`s of S."""
 
 HINGE = Layout(
     "Hinge", "",
-    Field("turn", (3, 3), "", "axes of the link's root in those of the section before"),
-    Field("moment", (3,), "N m", "that the link's root takes, in its axes"),
-    Field("force", (3,), "N", "likewise, in the axes of the section before; where there are levers"),
-    Field("lever", (3,), "m", "from the section before to the link's beginning, in the axes of that section"),
-    Field("frame", (3, 3), "", "axes of the section before"),
-    Field("own", (), "N m/rad", "what `stiffen` adds"),
-    Field("column", (6,), "", "of the joint's row and column: by the vertex before"),
-    Field("row", (6,), "", "over the pivot"),
-    Field("pivot", (), "", "inverse"),
-    Field("pinned", (), "", "1 where it does not move"),
-    Field("shift", (3, 3), "m", "what the beginning moves by when the section before turns, in its axes"),
-    Field("swing", (3,), "m", "what it moves by when the joint turns"),
-    Field("lag", (3,), "rad", "of damping, by which the link's root turns: see `matrix.carried`"),
-    Field("drift", (3,), "m", "`swing`, carried by it"),
-    Field("sway", (3,), "rad/s", "w x e of the section before and the joint's axis e; where there are rotors"),
-    Field("lean", (), "N m s", "times it: what the joint's column has of it, for `lean`"),
-    Field("now_turn", (3, 3), "", "the first of these of the residual made last, which `solve` does not read"),
-    Field("now_lever", (3,), "m", ""),
-    Field("now_frame", (3, 3), "", ""),
-    Field("now_force", (3,), "N", "on the link's beginning, inertial axes"),
-    Field("now_moment", (3,), "N m", ""),
-    Field("now_spin", (), "N m s", "angular momentum of the joint's rotor along its axis, against the section before"),
+    Field("turn", (3, 3), "", "rotation, axes of the link's root to axes of the section before, of the last matrix"),
+    Field("moment", (3,), "N m", "moment on the link's root times weights.stiffness, root axes"),
+    Field("force", (3,), "N",
+          "force on the root times weights.stiffness, axes of the section before; only with levers"),
+    Field("lever", (3,), "m", "s: from the section before to the link's first section, axes of the section before"),
+    Field("frame", (3, 3), "", "A: axes of the section before to inertial axes"),
+    Field("own", (), "N m/rad", "stiffness that `add_stiffness` adds to the pivot"),
+    Field("column", (6,), "", "d(force inertial, moment section axes, on the section before)/d(joint angle)"),
+    Field("row", (6,), "", "d(joint row)/d(increment of the section before), divided by the pivot"),
+    Field("pivot", (), "", "reciprocal pivot of the joint's row"),
+    Field("pinned", (), "", "1: the joint is fixed (row and column of the identity); otherwise 0"),
+    Field("shift", (3, 3), "m",
+          "X: d(position of the link's first section, inertial)/d(rotation of the section before)"),
+    Field("swing", (3,), "m", "c: d(position of the link's first section, inertial)/d(joint angle)"),
+    Field("lag", (3,), "rad",
+          "rotation by which Kelvin-Voigt damping lets the root lag, see `matrix.joint_motion_of_root`"),
+    Field("drift", (3,), "m", "`swing` with the rotation that `lag` adds, inertial axes"),
+    Field("sway", (3,), "rad/s", "w x e, joint axis e, spin w and axes of the section before; only with rotors"),
+    Field("rotor", (ROTOR.end,), "", "`physics.layout.ROTOR` of the joint's rotor"),
+    Field("now_turn", (3, 3), "", "`turn` of the last residual; `solve` reads the fields above, not these"),
+    Field("now_lever", (3,), "m", "`lever` of the last residual"),
+    Field("now_frame", (3, 3), "", "`frame` of the last residual"),
+    Field("now_force", (3,), "N", "force on the link's first section, inertial axes, of the last residual"),
+    Field("now_moment", (3,), "N m", "moment on the link's first section, root axes, of the last residual"),
 )  # fmt: skip
 
-BASE = Layout("Base", "", Field("matrix", (6, 6), "", "of the base"), Field("pinned", (6,), "", "1 where it is held"))
+BASE = Layout("Base", "", Field("matrix", (6, 6), "", "block of the base"), Field("pinned", (6,), "", "1: row fixed"))
 
 PLACE = Layout(
     "Place", "",
-    Field("row", (), "", "of the joint's angle"),
-    Field("elements", (), "", "of the link; none where it is rigid: its six rows are its root's increments then"),
-    Field("factor", (), "", "where its first `FACTOR` is in S"),
+    Field("row", (), "", "row of the joint's angle"),
+    Field("elements", (), "", "number of elements; 0: a rigid link, whose six rows hold the increment of its root"),
+    Field("factor", (), "", "offset of the link's first `FACTOR` in S"),
 )  # fmt: skip
 
 LOAD = Layout(
     "SpatialLoad", "",
-    Field("link", (), "", "that it works on"),
-    Field("at_tip", (), "", "1: on its tip; 0: on its root"),
-    Field("lever", (3,), "m", "from there to where it works, in the axes there"),
+    Field("link", (), "", "index of the loaded link"),
+    Field("at_tip", (), "", "1: on the link's last section; 0: on its first section"),
+    Field("lever", (3,), "m", "from that section's origin to the loaded point, section axes"),
 )  # fmt: skip
 
 GAUGE = Layout(
     "Gauge", "",
-    Field("link", (), "", "that it is on"),
-    Field("element", (), "", "of that, the first of two whose ends it looks at"),
-    Field("axis", (), "", "0, 1 or 2: x, y or z of the rotations"),
-    Field("near", (2,), "1/m", "share of the rotations of that element's ends, left and right"),
-    Field("far", (2,), "1/m", "of the next one's, or 0"),
-    Field("rest", (), "1/m", "what this is without stress"),
+    Field("link", (), "", "index of the link"),
+    Field("element", (), "", "index within the link of the first of at most two elements that it reads"),
+    Field("axis", (), "", "0, 1 or 2: x, y or z component of the ends' rotations"),
+    Field("near", (2,), "1/m", "weights of the rotations of that element's left and right end"),
+    Field("far", (2,), "1/m", "weights for the next element; 0 if there is none"),
+    Field("rest", (), "1/m", "reading without stress, subtracted"),
 )  # fmt: skip
-"""Rotations are those against the element's middle, or against a segment's frame."""
+"""Ends' rotations (rad) are relative to the element's middle section, or to a segment's frame, in its axes."""
 
 G = GAUGE.places
 E, J, P, F, H, B = ELEMENT.places, JOINT.places, BODY.places, FACTOR.places, HINGE.places, BASE.places
@@ -166,89 +181,93 @@ _frame_at, _weight_at, inner_layout = kernel(FRAME.offsets), kernel(WEIGHT.offse
 
 @kernel
 def inner_of(model):
-    """How many inner modes a segment has, each about three axes."""
+    """Return the number of inner modes of a segment (a compile-time constant), each with amplitudes about x, y, z."""
     if model.inner is None:
         return 0
     return len(model.inner)
 
 
 def points_for(inner: int) -> int:
-    """Gauss points of the mass of a segment with so many inner modes."""
+    """Return the number of Gauss points for the mass of a segment with `inner` inner modes."""
     return POINTS + 2 * inner
 
 
 @kernel
 def points_of(model):
-    """`points_for` of the model."""
+    """Return the number of Gauss points for the mass of each segment of the model."""
     return POINTS + 2 * inner_of(model)
 
 
 @kernel
 def frame_at(model, i):
-    """Where the fields of the `FRAME` of segment i are."""
+    """Return the offsets, in model.frames, of the fields of the `FRAME` of segment i (counted over all links)."""
     inner, points = inner_of(model), points_of(model)
     return _frame_at(i * _frame_at(0, inner, points).end, inner, points)
 
 
 @kernel
 def weight_end(model):
-    """Numbers of a `WEIGHT`."""
+    """Return the length of one `WEIGHT` record in model.frames, in float64 entries."""
     return _weight_at(0, inner_of(model)).end
 
 
 @kernel
 def inner_row(model, i):
-    """First row of the inner modes of segment i, behind all others."""
+    """Return the first row, in q and r, of the inner modes of segment i, behind all rows of the chain."""
     return model.places[PL.end * model.links + PL.row] + 3 * inner_of(model) * i
 
 
 @kernel
 def inner_at(model, i):
-    """The fields of the `INNER` of segment i in S."""
+    """Return the offsets, in the matrix array S, of the fields of the `INNER` of segment i, counted over all links."""
     inner = inner_of(model)
     return inner_layout(model.places[PL.end * model.links + PL.factor] + inner_layout(0, inner).end * i, inner)
 
 
 @kernel
 def joint_row(model, k):
-    """Row of the angle of joint k."""
+    """Return the row, in q and r, of the angle of joint k; with k = model.links, the first row behind the chain."""
     return model.places[PL.end * k + PL.row]
 
 
 @kernel
 def vertex_row(model, k, e):
-    """First row of vertex e of link k."""
+    """Return the first of the six rows of vertex e of link k: right end of its element e, or root of a rigid link."""
     return joint_row(model, k) + 1 + AXES * e
 
 
 @kernel
 def count_of(model, k):
-    """Elements of link k."""
+    """Return the number of elements of link k; 0 for a rigid link."""
     return model.places[PL.end * k + PL.elements]
 
 
 @kernel
 def hinge_at(k):
-    """Where the `HINGE` of joint k is in S."""
+    """Return the offset of the `HINGE` of joint k in S, the array of the Newton matrix and its factors."""
     return B.end + H.end * k
 
 
 @kernel
 def factor_at(model, k, e):
-    """Where the `FACTOR` of element e of link k is in S."""
+    """Return the offset of the `FACTOR` of element e of link k in S, the array of the Newton matrix and its factors."""
     return model.places[PL.end * k + PL.factor] + F.end * e
 
 
 @kernel
 def rows_before(model, k):
-    """The first row of the section before joint k."""
+    """Return the first of the six rows of the section before joint k (the base's for k = 0)."""
     return model.places[PL.end * k + PL.row] - AXES
 
 
 @kernel
 def before(model, k):
-    """Where the matrix of the section before joint k is in S."""
+    """Return the offset in S of the 6 x 6 diagonal block of the last section before joint k, of the base for k = 0.
+
+    k = model.links: block of the last section of the arm. S: array of the Newton matrix and its factors.
+    """
     if k == 0:
         return B.matrix
+    # last section of link k - 1: LL of a rigid link's only block, RR of the last element
     e = count_of(model, k - 1)
     return factor_at(model, k - 1, 0) + F.LL if e == 0 else factor_at(model, k - 1, e - 1) + F.RR

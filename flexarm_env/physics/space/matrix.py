@@ -1,33 +1,42 @@
-"""The iteration matrix of a chain in space: vertices eliminated from the tip to the base, joints on the way.
+"""The Newton matrix of a chain in space: 6 x 6 blocks of vertices eliminated from tip to base, joints between them.
 
-A link begins where d = (place, rotation) of the section before and the joint's angle b have it:
+The motion d = (position, rotation) of the section before a joint and the joint's angle b move the link's first section:
 
-    place += X d_rotation + c b,   rotation = turn^T d_rotation + axis b,     X = -A s^,  c = A turn (axis x beyond)
+    position += X d_rotation + c b,   rotation = E^T d_rotation + axis b,     X = -A s^,  c = A E (axis x o)
 
-with A the axes of the section before and s the lever to the link's beginning; without levers X = c = 0.
+A: axes of the section before to inertial axes; E: axes of the link's root to axes of the section before; s: lever to
+the link's first section and o its part beyond the joint, so X = c = 0 without levers. Block rows: force along inertial
+axes, moment in section axes; block columns: position (inertial), rotation in body axes.
 """
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, splat, store, traced
-from ..arithmetic import add, put_vector, vector
+from ...compiler import Lanes, kernel, load_lane, traced
+from ..arithmetic import store_vector
+from ..layout import ROTOR
 from ..model import TAU_D
-from ..protocol import of_step
-from .chain import clear, has_lever, three_of
+from .chain import fill_zeros, has_lever, three_of
 from .element import add_block
 from .layout import AXES, B, F, H, J, before, factor_at, hinge_at, joint_row
-from .rotations import back, cross, dot, plus, product, put_matrix, scaled, skew, sum_of, times, transposed, turned
+from .rotations import (
+    Matrix,
+    cross,
+    dot,
+    load_vector,
+    skew,
+    store_matrix,
+)
 
 
 @kernel
 def matrix_in(lane, S, o):
-    """What `put_matrix` has put there."""
-    return vector(lane, S, o), vector(lane, S, o + 3), vector(lane, S, o + 6)
+    """Return the 3 x 3 matrix stored row by row (`store_matrix`) from entry o of S on."""
+    return Matrix(load_vector(lane, S, o), load_vector(lane, S, o + 3), load_vector(lane, S, o + 6))
 
 
 @kernel
 def _joint_of(model, row):
-    """The joint whose angle is in this row."""
+    """Return the index of the joint whose angle is in row `row`."""
     k = 0
     while joint_row(model, k) < row:
         k += 1
@@ -35,45 +44,24 @@ def _joint_of(model, row):
 
 
 @kernel
-def pin(lane, model, S, k):
-    """See `protocol`."""
-    one = splat(lane, 1.0)
-    if k < AXES:
-        store(S, B.pinned + k, one)
+def add_stiffness(lane, model, S: Lanes, k, x):
+    """Store the stiffness x (N m/rad) of the joint angle in row k of q, which `factor` adds to that row's diagonal.
+
+    x None: mark row k, one of the base's six or a joint's, as fixed; `factor` and `solve` treat it as the identity's.
+    """
+    if x is None:
+        one = 1.0
+        if k < AXES:
+            S[B.pinned + k] = one
+        else:
+            S[hinge_at(_joint_of(model, k)) + H.pinned] = one
     else:
-        store(S, hinge_at(_joint_of(model, k)) + H.pinned, one)
+        S[hinge_at(_joint_of(model, k)) + H.own] = x
 
 
-@kernel
-def stiffen(lane, model, S, k, x):
-    """See `protocol`."""
-    store(S, hinge_at(_joint_of(model, k)) + H.own, x)
-
-
-@kernel
-def gyrate(lane, model, S, k, momentum):
-    """See `protocol`."""
-    store(S, hinge_at(k) + H.now_spin, momentum)
-
-
-@kernel
-def sway(lane, model, S, k):
-    """See `protocol`. By strains the section before has no rows: the three before the joint's are others' there."""
-    if model.strains is not None:
-        zero = splat(lane, 0.0)
-        return zero, zero, zero
-    return vector(lane, S, hinge_at(k) + H.sway)
-
-
-@kernel
-def lean(lane, model, S, k, x):
-    """See `protocol`."""
-    store(S, hinge_at(k) + H.lean, x)
-
-
-def _factors(lane, A):
-    """L and U of a 6 x 6 matrix, in place, its pivots inverted, no rows exchanged: mass outweighs the rest."""
-    a = [[load(lane, A, 6 * i + j) for j in range(6)] for i in range(6)]
+def _factors(lane, A: Lanes):
+    """Replace a 6 x 6 matrix by its L (unit diagonal) and U, reciprocal pivots; mass makes pivoting needless."""
+    a = [[A[6 * i + j] for j in range(6)] for i in range(6)]
     for k in range(6):
         a[k][k] = 1.0 / a[k][k]
         for i in range(k + 1, 6):
@@ -82,78 +70,85 @@ def _factors(lane, A):
                 a[i][j] = a[i][j] - a[i][k] * a[k][j]
     for i in range(6):
         for j in range(6):
-            store(A, 6 * i + j, a[i][j])
+            A[6 * i + j] = a[i][j]
 
 
-def _solution(lane, A, x):
-    """Of six numbers, by the factors in A."""
+def _solution(lane, A: Lanes, x):
+    """Return the solution of A x = b, with b in the list x and the 6 x 6 factors of `_factors` in A."""
+    # L y = b, then U x = y
     for k in range(6):
         for j in range(k):
-            x[k] = x[k] - load(lane, A, 6 * k + j) * x[j]
+            x[k] = x[k] - A[6 * k + j] * x[j]
     for k in range(5, -1, -1):
         for j in range(k + 1, 6):
-            x[k] = x[k] - load(lane, A, 6 * k + j) * x[j]
-        x[k] = x[k] * load(lane, A, 7 * k)
+            x[k] = x[k] - A[6 * k + j] * x[j]
+        x[k] = x[k] * A[7 * k]
     return x
 
 
 @traced
-def solve_six_transposed(lane, A, x):
-    """x <- A^-T x, of the factors in A."""
-    y = [load(lane, x, k) for k in range(6)]
+def solve_six_transposed(lane, A: Lanes, x: Lanes):
+    """Solve A^T y = x in place for six entries of x, with the 6 x 6 factors of `_factors` in A."""
+    y = [x[k] for k in range(6)]
+    # U^T, then L^T
     for k in range(6):
         for j in range(k):
-            y[k] = y[k] - load(lane, A, 6 * j + k) * y[j]
-        y[k] = y[k] * load(lane, A, 7 * k)
+            y[k] = y[k] - A[6 * j + k] * y[j]
+        y[k] = y[k] * A[7 * k]
     for k in range(5, -1, -1):
         for j in range(k + 1, 6):
-            y[k] = y[k] - load(lane, A, 6 * j + k) * y[j]
+            y[k] = y[k] - A[6 * j + k] * y[j]
     for k, value in enumerate(y):
-        store(x, k, value)
+        x[k] = value
 
 
 @traced
 def _factor_six(lane, A):
-    """`_factors`."""
+    """Factor the 6 x 6 matrix A in place (`_factors`)."""
     _factors(lane, A)
 
 
 @traced
-def solve_six(lane, A, x):
-    """x <- `_solution`."""
-    for k, value in enumerate(_solution(lane, A, [load(lane, x, k) for k in range(6)])):
-        store(x, k, value)
+def solve_six(lane, A, x: Lanes):
+    """Solve A y = x in place for six entries of x, with the 6 x 6 factors of `_factors` in A."""
+    for k, value in enumerate(_solution(lane, A, [x[k] for k in range(6)])):
+        x[k] = value
 
 
 @traced
-def eliminate(lane, LL, LR, RL, RR):
-    """A vertex, of the four matrices of the element before it: RR <- factors, RL <- RR^-1 RL, LL <- LL - LR RL."""
+def eliminate(lane, LL: Lanes, LR: Lanes, RL: Lanes, RR):
+    """Eliminate the right vertex of an element: RR <- its factors, RL <- RR^-1 RL, LL <- LL - LR RR^-1 RL.
+
+    LL, LR, RL, RR: the element's four 6 x 6 blocks (rows and columns of the left, the right vertex), 36 lanes each.
+    """
     _factors(lane, RR)
     for j in range(6):
-        column = _solution(lane, RR, [load(lane, RL, 6 * i + j) for i in range(6)])
+        # column j of RR^-1 RL, then of the Schur complement
+        column = _solution(lane, RR, [RL[6 * i + j] for i in range(6)])
         for i in range(6):
-            store(RL, 6 * i + j, column[i])
-            total = load(lane, LL, 6 * i + j)
+            RL[6 * i + j] = column[i]
+            total = LL[6 * i + j]
             for m in range(6):
-                total = total - load(lane, LR, 6 * i + m) * column[m]
-            store(LL, 6 * i + j, total)
+                total = total - LR[6 * i + m] * column[m]
+            LL[6 * i + j] = total
 
 
 @kernel
-def part_of(lane, S, o, n):
-    """n numbers of S from o on."""
-    return S[o * len(lane) : (o + n) * len(lane)]
+def part_of(lane, S: Lanes, o, n):
+    """Return the slice of n entries (lanes) of S from entry o on."""
+    return S[o : o + n]
 
 
 @kernel
 def _block(lane, S, o, i, j):
+    """Return the 3 x 3 block (i, j), i, j = 0, 1, of the 6 x 6 matrix at offset o of S."""
     k = o + 18 * i + 3 * j
-    return vector(lane, S, k), vector(lane, S, k + 6), vector(lane, S, k + 12)
+    return Matrix(load_vector(lane, S, k), load_vector(lane, S, k + 6), load_vector(lane, S, k + 12))
 
 
 @kernel
 def _base_is_held(lane, S):
-    """Whether none of the base's rows moves."""
+    """Tell whether all six coordinates of the base are fixed, the same in all lanes (`BASE.pinned` in S)."""
     held = True
     for i in range(6):
         if S[(B.pinned + i) * len(lane)] == 0.0:
@@ -162,114 +157,153 @@ def _base_is_held(lane, S):
 
 
 @kernel
-def eliminate_joint(lane, model, S, k):
-    """What is at the root of link k, to the section before, without the joint's row."""
+def eliminate_joint(lane, model, S: Lanes, k):
+    """Condense the root block of link k onto the section before it, eliminating the joint's angle; fill its `HINGE`.
+
+    The rotation d of the section before and the angle b move the link's root: position += X d + c b (inertial axes),
+    rotation = E^T d + axis b (root axes). A force f and a moment m on the root become the moment E m + X^T f on the
+    section before and axis . m + c . f in the joint's row. E, X, c: `HINGE.turn`, `shift`, `swing`. pivot, column
+    (wrench on the section before by the angle) and row (by the section's motion, over the pivot) go to the `HINGE`; the
+    section before's 6 x 6 block gets the transformed block less column row^T. Includes the geometric part of the wrench
+    on the root.
+    """
     h, o, below = hinge_at(k), factor_at(model, k, 0) + F.LL, before(model, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
-    to_root, way = transposed(turn), carried(lane, model, S, k, axis)
+    to_root, way = turn.T, joint_motion_of_root(lane, model, S, k, axis)
     xx, xt, tx, tt = (
         _block(lane, S, o, 0, 0),
         _block(lane, S, o, 0, 1),
         _block(lane, S, o, 1, 0),
         _block(lane, S, o, 1, 1),
     )
-    moment = cross(axis, vector(lane, S, h + H.moment))
-    on_root = turned(tt, way)
-    force, on_section = turned(xt, way), turned(turn, plus(on_root, moment))
-    by_place, by_turn = back(tx, axis), turned(turn, back(tt, axis))
-    pivot = dot(axis, on_root) + load(lane, S, h + H.own)
+    # column: the root moves by `way`, which includes the damping lag; E turns the moment with the angle
+    moment = cross(axis, load_vector(lane, S, h + H.moment))
+    on_root = tt @ way
+    force, on_section = xt @ way, turn @ (on_root + moment)
+    # row: virtual work of the angle, without the lag
+    by_place, by_turn = tx.T @ axis, turn @ (tt.T @ axis)
+    pivot = dot(axis, on_root) + S[h + H.own]
     if has_lever(model, k):
-        frame, lever, pull = matrix_in(lane, S, h + H.frame), vector(lane, S, h + H.lever), vector(lane, S, h + H.force)
+        frame, lever, pull = (
+            matrix_in(lane, S, h + H.frame),
+            load_vector(lane, S, h + H.lever),
+            load_vector(lane, S, h + H.force),
+        )
+        # levers: the first section also moves by c per unit angle, and pull turns with s
         swing = swing_of(lane, model, k, axis, turn)
-        c = turned(frame, swing)
+        c = frame @ swing
         drift = c
         if model.strains is None:
-            drift = turned(frame, turned(turn, carried(lane, model, S, k, back(turn, swing))))
-        put_matrix(S, h + H.shift, scaled(product(frame, skew(lever)), -1.0))
-        put_vector(S, h + H.swing, c)
-        put_vector(S, h + H.drift, drift)
-        pivot = pivot + dot(axis, turned(tx, drift)) + dot(c, force) + dot(c, turned(xx, drift))
-        pivot = pivot + dot(swing, cross(pull, turned(turn, axis)))
-    free = S[(h + H.pinned) * len(lane)] == 0.0
+            drift = frame @ (turn @ joint_motion_of_root(lane, model, S, k, turn.T @ swing))
+        store_matrix(lane, S, h + H.shift, -(frame @ skew(lever)))
+        store_vector(lane, S, h + H.swing, c)
+        store_vector(lane, S, h + H.drift, drift)
+        pivot = pivot + dot(axis, tx @ drift) + dot(c, force) + dot(c, xx @ drift)
+        pivot = pivot + dot(swing, cross(pull, turn @ axis))
+    # a fixed angle has no column and pivot 1
+    free = load_lane(lane, S, h + H.pinned, 0) == 0.0
     if k == 0:
-        if _base_is_held(lane, S):  # what would be handed on meets nothing that moves
-            clear(lane, S, h + H.column, 12)
-            store(S, h + H.pivot, 1.0 / pivot if free else splat(lane, 1.0))
+        if _base_is_held(lane, S):
+            # nothing to condense onto: the base does not move
+            fill_zeros(lane, S, h + H.column, 12)
+            S[h + H.pivot] = 1.0 / pivot if free else 1.0
             return
-    upper, lower = product(xt, to_root), product(turn, tx)
-    inner = product(product(turn, tt), to_root)
+    # block of the section before: position and rotation of the root follow (1, E^T)
+    upper, lower = xt @ to_root, turn @ tx
+    inner = turn @ tt @ to_root
     if has_lever(model, k):
-        X, c, drift = matrix_in(lane, S, h + H.shift), vector(lane, S, h + H.swing), vector(lane, S, h + H.drift)
-        lever, pull = vector(lane, S, h + H.lever), vector(lane, S, h + H.force)
-        Xt, swing = transposed(X), swing_of(lane, model, k, axis, turn)
-        sideways, aside = turned(xx, drift), turned(tx, drift)
-        inner = sum_of(inner, sum_of(product(lower, X), sum_of(product(Xt, upper), product(Xt, product(xx, X)))))
-        inner = sum_of(inner, product(skew(lever), skew(pull)))
-        upper, lower = sum_of(upper, product(xx, X)), sum_of(lower, product(Xt, xx))
-        by_turn = plus(by_turn, plus(turned(turn, back(xt, c)), turned(Xt, by_place)))
-        by_turn = plus(by_turn, plus(turned(Xt, back(xx, c)), cross(swing, pull)))
-        by_place = plus(by_place, back(xx, c))
-        force = plus(force, sideways)
-        on_section = plus(plus(on_section, turned(turn, aside)), plus(turned(Xt, force), cross(swing, pull)))
+        X, c, drift = (
+            matrix_in(lane, S, h + H.shift),
+            load_vector(lane, S, h + H.swing),
+            load_vector(lane, S, h + H.drift),
+        )
+        lever, pull = load_vector(lane, S, h + H.lever), load_vector(lane, S, h + H.force)
+        # levers: position of the root follows X d_rotation
+        Xt, swing = X.T, swing_of(lane, model, k, axis, turn)
+        sideways, aside = xx @ drift, tx @ drift
+        inner = inner + (lower @ X + (Xt @ upper + Xt @ (xx @ X)))
+        # geometric: the lever turns with the section before
+        inner = inner + skew(lever) @ skew(pull)
+        upper, lower = upper + xx @ X, lower + Xt @ xx
+        # row and column of the joint with c
+        by_turn = by_turn + (turn @ (xt.T @ c) + Xt @ by_place)
+        by_turn = by_turn + (Xt @ (xx.T @ c) + cross(swing, pull))
+        by_place = by_place + xx.T @ c
+        force = force + sideways
+        on_section = on_section + turn @ aside + (Xt @ force + cross(swing, pull))
     if model.rotors is not None:
-        if model.rotors[k] != 0:
-            on_section = plus(on_section, times(vector(lane, S, h + H.sway), load(lane, S, h + H.lean)))
+        if model.rotors[k] > 0:
+            share = S[h + H.rotor + ROTOR.factor]
+            on_section = on_section + share * load_vector(lane, S, h + H.sway)
+    # add to the section before, then subtract column row^T
     add_block(lane, S, below, 0, 0, xx)
     add_block(lane, S, below, 0, 1, upper)
     add_block(lane, S, below, 1, 0, lower)
     add_block(lane, S, below, 1, 1, inner)
     if free:
         inverse = 1.0 / pivot
-        put_vector(S, h + H.column, force)
-        put_vector(S, h + H.column + 3, on_section)
-        put_vector(S, h + H.row, times(by_place, inverse))
-        put_vector(S, h + H.row + 3, times(by_turn, inverse))
-        store(S, h + H.pivot, inverse)
+        store_vector(lane, S, h + H.column, force)
+        store_vector(lane, S, h + H.column + 3, on_section)
+        store_vector(lane, S, h + H.row, inverse * by_place)
+        store_vector(lane, S, h + H.row + 3, inverse * by_turn)
+        S[h + H.pivot] = inverse
         for i in range(6):
             for j in range(6):
-                add(lane, S, below + 6 * i + j, -(load(lane, S, h + H.column + i) * load(lane, S, h + H.row + j)))
+                S[below + 6 * i + j] -= S[h + H.column + i] * S[h + H.row + j]
     else:
-        clear(lane, S, h + H.column, 12)
-        store(S, h + H.pivot, splat(lane, 1.0))
+        fill_zeros(lane, S, h + H.column, 12)
+        S[h + H.pivot] = 1.0
 
 
 @kernel
-def note_lag(lane, model, par, S, k, spin, weights):
-    """What `carried` needs, of a step's matrix: the spin of the root of link k."""
+def store_spin_lag(lane, model, par: Lanes, S, k, spin, weights):
+    """Store w tau/(1 + tau c_v) (rad) of the root of link k in its `HINGE`, 0 unless for a Newton matrix (theory, 9).
+
+    spin w: rad/s, root axes; c_v = weights.damping (1/s); tau = tau_d (s). `joint_motion_of_root` reads it.
+    """
     if model.damped is not None and model.strains is None:
-        tau = load(lane, par, TAU_D)
-        put_vector(S, hinge_at(k) + H.lag, times(spin, tau / (tau * weights.damping + 1.0) * of_step(weights)))
+        tau = par[TAU_D]
+        store_vector(
+            lane, S, hinge_at(k) + H.lag, (tau / (tau * weights.damping + 1.0) * weights.newton_share) * spin
+        )
 
 
 @kernel
-def carried(lane, model, S, k, a):
-    """What the root of link k moves by with its joint's angle, a being that in its axes. With the angle the root's axes
-    turn, and so do its rates, by w x a: dampers of c_v tau_d + 1 times their springs' stiffness have from that what
-    these have from tau_d / (c_v tau_d + 1) times it. Where strains are coordinates dampers see none of it."""
+def joint_motion_of_root(lane, model, S, k, a):
+    """Return a + lag x a: motion of the root of link k per unit joint angle, root axes; a: the same without damping.
+
+    lag: `HINGE.lag`. With the angle the root's axes turn, and its rates with them by w x a, w: spin of the root.
+    Dampers are tau_d c_v + 1 times as stiff as their springs, which corresponds to a further rotation of tau_d / (1 +
+    tau_d c_v) w x a (theory, 9), c_v: weight of dr/dv. Without damping, or where strains are coordinates (dampers see
+    none of it), a is returned.
+    """
     if model.damped is None or model.strains is not None:
         return a
-    return plus(a, cross(vector(lane, S, hinge_at(k) + H.lag), a))
+    return a + cross(load_vector(lane, S, hinge_at(k) + H.lag), a)
 
 
 @kernel
-def factor_base(lane, S):
-    """What is left on the base, its rows that are held pinned."""
-    zero, one = splat(lane, 0.0), splat(lane, 1.0)
+def factor_base(lane, S: Lanes):
+    """Factor the base's 6 x 6 block in place, with fixed rows and columns replaced by those of the identity."""
+    zero, one = 0.0, 1.0
     for i in range(6):
-        if S[(B.pinned + i) * len(lane)] != 0.0:
+        if load_lane(lane, S, B.pinned + i, 0) != 0.0:
             for j in range(6):
-                store(S, B.matrix + 6 * i + j, zero)
-                store(S, B.matrix + 6 * j + i, zero)
-            store(S, B.matrix + 7 * i, one)
+                S[B.matrix + 6 * i + j] = zero
+                S[B.matrix + 6 * j + i] = zero
+            S[B.matrix + 7 * i] = one
     _factor_six(lane, part_of(lane, S, B.matrix, 36))
 
 
 @kernel
-def solve_base(lane, S, x, across):
-    """What the base moves by; across: of the transposed system."""
+def solve_base(lane, S, x: Lanes, across):
+    """Solve for the motion of the base in x[0 : 6] (m along inertial axes; rad about base axes); fixed rows get 0.
+
+    across: True to solve the transposed system, False to solve the system itself.
+    """
     for i in range(6):
         if S[(B.pinned + i) * len(lane)] != 0.0:
-            store(x, i, splat(lane, 0.0))
+            x[i] = 0.0
     if across:
         solve_six_transposed(lane, part_of(lane, S, B.matrix, 36), part_of(lane, x, 0, 6))
     else:
@@ -278,19 +312,23 @@ def solve_base(lane, S, x, across):
 
 @kernel
 def block_times(lane, S, o, a, b):
-    """The 6 x 6 matrix at o times (a, b)."""
-    upper = plus(turned(_block(lane, S, o, 0, 0), a), turned(_block(lane, S, o, 0, 1), b))
-    return upper, plus(turned(_block(lane, S, o, 1, 0), a), turned(_block(lane, S, o, 1, 1), b))
+    """Return the 6 x 6 matrix at offset o of S times (a, b), as two vectors; a, b: its entries 0 to 2 and 3 to 5."""
+    upper = _block(lane, S, o, 0, 0) @ a + _block(lane, S, o, 0, 1) @ b
+    return upper, _block(lane, S, o, 1, 0) @ a + _block(lane, S, o, 1, 1) @ b
 
 
 @kernel
 def transposed_times(lane, S, o, a, b):
-    """The transposed 6 x 6 matrix at o times (a, b)."""
-    upper = plus(back(_block(lane, S, o, 0, 0), a), back(_block(lane, S, o, 1, 0), b))
-    return upper, plus(back(_block(lane, S, o, 0, 1), a), back(_block(lane, S, o, 1, 1), b))
+    """Return the transpose of the 6 x 6 matrix at o of S times (a, b), as two vectors; a, b: entries 0 to 2, 3 to 5."""
+    upper = _block(lane, S, o, 0, 0).T @ a + _block(lane, S, o, 1, 0).T @ b
+    return upper, _block(lane, S, o, 0, 1).T @ a + _block(lane, S, o, 1, 1).T @ b
 
 
 @kernel
 def swing_of(lane, model, k, axis, turn):
-    """By how much the beginning of link k moves with its joint's angle, in axes of the section before."""
-    return turned(turn, cross(axis, three_of(lane, model.joints, J.end * k + J.beyond)))
+    """Return E (axis x o): motion (m) of link k's first section per joint angle, axes of the section before the joint.
+
+    turn: E, axes of the link's root to those of the section before; axis: the joint's axis and o: lever from joint to
+    first section (`JOINT.beyond`), root axes.
+    """
+    return turn @ cross(axis, three_of(lane, model.joints, J.end * k + J.beyond))

@@ -1,116 +1,136 @@
-"""How coordinates of a chain in space are moved: places add up, rotations are moved by increments in body axes."""
+"""Increments of the coordinates of a chain in space: positions add, rotations are composed in body axes.
+
+Each function below treats the base's rows, then each link's joint angle and vertices, then the inner modes.
+"""
 
 from __future__ import annotations
 
-from ...compiler import alone, change, kernel, load, select_lt, store, superword
-from ..arithmetic import put_vector, vector
+from ...compiler import Lanes, kernel, select_lt, superword, tangents_only, without_tangents
+from ..arithmetic import store_vector
 from ..protocol import added
 from . import rotations
 from .layout import count_of, joint_row, vertex_row
 from .rotations import (
     add_vector,
-    composed,
+    compose,
+    compose_rotation_vectors,
     dot,
-    inverse,
-    minus,
-    moved,
-    plus,
+    inverse_rotation,
+    load_vector,
     quaternion,
     rotation_vector,
-    shorter,
-    times,
+    shortest_rotation,
 )
 
 
 @kernel
-def move_vertex(lane, q, i, share, d, more):
-    """Place and rotation of the rows from i on; what does not turn, as of arms that are done, stays to the last bit."""
-    step, turn = times(vector(lane, d, i), share), times(vector(lane, d, i + 3), share)
+def move_vertex(lane, q: Lanes, i, share, d, more):
+    """Move the position (m, inertial axes) and rotation vector (rad) in rows i ... i + 5 of q by share d + more.
+
+    share: number; d, more: increments of q, whose rotations are in body axes; more may be None (0). The rotation
+    becomes exp(q^) exp((share d + more)^). Where that increment is zero, as for arms that are done, the rotation vector
+    stays the same to the last bit.
+    """
+    step, turn = share * load_vector(lane, d, i), share * load_vector(lane, d, i + 3)
     if more is not None:
-        step, turn = plus(step, vector(lane, more, i)), plus(turn, vector(lane, more, i + 3))
+        step, turn = step + load_vector(lane, more, i), turn + load_vector(lane, more, i + 3)
     add_vector(lane, q, i, step)
-    old, square = vector(lane, q, i + 3), dot(turn, turn)
-    new = moved(old, turn)
+    old, square = load_vector(lane, q, i + 3), dot(turn, turn)
+    new = compose_rotation_vectors(old, turn)
+    # zero increment: keep the value, but pass on the derivatives of the composition
     for a in range(3):
-        store(q, i + 3 + a, select_lt(0.0, square, new[a], alone(old[a]) + change(new[a])))
+        q[i + 3 + a] = select_lt(0.0, square, new[a], without_tangents(old[a]) + tangents_only(new[a]))
 
 
 @kernel
 def vertices_of(model, k):
-    """How many places of rotations follow the joint of link k."""
+    """Return the number of six-row vertices behind the joint of link k: its elements, or one for a rigid link."""
     return max(count_of(model, k), 1)
 
 
 @kernel
-def update(lane, model, q, share, d, more):
-    """See `protocol`: rotations are moved by increments in body axes, the sum of both."""
+def retract(lane, model, q: Lanes, share, d, more):
+    """Move q by share d + more; rotations are composed with that increment in body axes, other rows are added.
+
+    share: number; d, more: increments of q; more may be None (0). See `move_vertex`, `protocol.retract`.
+    """
+    # base, then each link's joint angle and vertices
     move_vertex(lane, q, 0, share, d, more)
     for k in range(model.links):
-        store(q, joint_row(model, k), added(lane, q, share, d, more, joint_row(model, k)))
+        q[joint_row(model, k)] = added(lane, q, share, d, more, joint_row(model, k))
         for e in range(vertices_of(model, k)):
             move_vertex(lane, q, vertex_row(model, k, e), share, d, more)
+    # inner modes of segments
     for j in range(joint_row(model, model.links), model.n):
-        store(q, j, added(lane, q, share, d, more, j))
+        q[j] = added(lane, q, share, d, more, j)
 
 
 @kernel
-def between(lane, start, q, i):
-    """The increment in body axes that moves the rotation in rows i of start to that of q."""
-    before, after = quaternion(vector(lane, start, i)), quaternion(vector(lane, q, i))
-    return rotation_vector(shorter(composed(inverse(before), after)))
+def rotation_increment(lane, start, q, i):
+    """Return the increment (rad, body axes) from the rotation vector in rows i ... i + 2 of start to that of q."""
+    before, after = quaternion(load_vector(lane, start, i)), quaternion(load_vector(lane, q, i))
+    return rotation_vector(shortest_rotation(compose(inverse_rotation(before), after)))
 
 
 @superword
-def put_difference(lane, start, q, d, i):
-    """Place and rotation in the rows of d from i on: what moves those of start to those of q."""
-    put_vector(d, i, minus(vector(lane, q, i), vector(lane, start, i)))
-    put_vector(d, i + 3, between(lane, start, q, i + 3))
+def store_increment(lane, start, q, d, i):
+    """Store in rows i ... i + 5 of d the increment from start to q: position (m, inertial), rotation (rad, body)."""
+    store_vector(lane, d, i, load_vector(lane, q, i) - load_vector(lane, start, i))
+    store_vector(lane, d, i + 3, rotation_increment(lane, start, q, i + 3))
 
 
 @kernel
-def difference(lane, model, start, q, d):
-    """See `protocol`."""
-    put_difference(lane, start, q, d, 0)
+def local_difference(lane, model, start: Lanes, q: Lanes, d: Lanes):
+    """Store in d the increment that moves start to q, with rotations in body axes (`protocol.local_difference`)."""
+    # base, then each link's joint angle and vertices
+    store_increment(lane, start, q, d, 0)
     for k in range(model.links):
         i = joint_row(model, k)
-        store(d, i, load(lane, q, i) - load(lane, start, i))
+        d[i] = q[i] - start[i]
         for e in range(vertices_of(model, k)):
-            put_difference(lane, start, q, d, vertex_row(model, k, e))
+            store_increment(lane, start, q, d, vertex_row(model, k, e))
+    # inner modes of segments
     for j in range(joint_row(model, model.links), model.n):
-        store(d, j, load(lane, q, j) - load(lane, start, j))
+        d[j] = q[j] - start[j]
 
 
 @kernel
 def tangent_map(lane, model, d, inverse, x):
-    """See `protocol`."""
-    put_vector(x, 3, rotations.tangent_map(vector(lane, d, 3), inverse, vector(lane, x, 3)))
+    """Replace x by T^T(d) x, or T^-T(d) x where `inverse` is True, in all rows of rotations; other rows stay.
+
+    T: tangent map of rotations, exp(d^ + e^) = exp(d^) exp((T e)^) to first order in e; d: increments of q, rad
+    (`protocol.tangent_map`).
+    """
+    store_vector(lane, x, 3, rotations.tangent_map(load_vector(lane, d, 3), inverse, load_vector(lane, x, 3)))
     for k in range(model.links):
         for e in range(vertices_of(model, k)):
             i = vertex_row(model, k, e) + 3
-            put_vector(x, i, rotations.tangent_map(vector(lane, d, i), inverse, vector(lane, x, i)))
+            store_vector(lane, x, i, rotations.tangent_map(load_vector(lane, d, i), inverse, load_vector(lane, x, i)))
 
 
 @kernel
-def note_inverse(lane, model, d, share):
-    """See `protocol`."""
-    store(share, 3, rotations.inverse_share(vector(lane, d, 3)))
+def note_inverse(lane, model, d, share: Lanes):
+    """Store in share, at the first row of each rotation, the coefficient c of T^-T(d) x = x - d^ x / 2 + c d^ d^ x.
+
+    d: increments of q, whose rotations (rad) are in body axes. `noted_inverse` reads share.
+    """
+    share[3] = rotations.inverse_share(load_vector(lane, d, 3))
     for k in range(model.links):
         for e in range(vertices_of(model, k)):
             i = vertex_row(model, k, e) + 3
-            store(share, i, rotations.inverse_share(vector(lane, d, i)))
+            share[i] = rotations.inverse_share(load_vector(lane, d, i))
 
 
 @kernel
-def noted_inverse(lane, model, d, share, x):
-    """See `protocol`."""
-    put_vector(x, 3, rotations.inverse_map(vector(lane, d, 3), load(lane, share, 3), vector(lane, x, 3)))
+def noted_inverse(lane, model, d, share: Lanes, x):
+    """Replace x by T^-T(d) x in all rows of rotations, with the coefficients that `note_inverse` stored in share.
+
+    T: tangent map of rotations, exp(d^ + e^) = exp(d^) exp((T e)^) to first order in e; d: increments of q, rad.
+    """
+    store_vector(lane, x, 3, rotations.inverse_map(load_vector(lane, d, 3), share[3], load_vector(lane, x, 3)))
     for k in range(model.links):
         for e in range(vertices_of(model, k)):
             i = vertex_row(model, k, e) + 3
-            put_vector(x, i, rotations.inverse_map(vector(lane, d, i), load(lane, share, i), vector(lane, x, i)))
-
-
-@kernel
-def rotates(model):
-    """See `protocol`."""
-    return (0,)
+            store_vector(
+                lane, x, i, rotations.inverse_map(load_vector(lane, d, i), share[i], load_vector(lane, x, i))
+            )

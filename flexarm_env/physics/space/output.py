@@ -1,47 +1,48 @@
-"""What is read off a chain in space: energies, ports, the power of damping; and how its coordinates are moved."""
+"""Outputs of a chain in space: energies, momentum, damping power, input displacements, gauges, poses, drawing
+points."""
 
 from __future__ import annotations
 
-from ...compiler import inlined, kernel, load, splat, square_root, store
-from ..arithmetic import put, put_vector, vector
+from ...compiler import Lanes, inlined, kernel, square_root
+from ..arithmetic import store_vector, store_where
 from ..layout import SPACE_POSE as SP
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from ..protocol import State
-from .chain import place_at, planted, section_at, sums_of, three_of
-from .element import Place, middle, middle_of, scale
+from .chain import body_sums, joint_placement, place_at, section_at, three_of
+from .element import Place, element_damping, middle, middle_of, scale
 from .frame import frame_of
-from .framed import frame_damping, frame_sums
+from .framed import frame_damping, frame_damping_over, frame_sums
 from .inner import elements_before
 from .layout import AXES, E, G, J, L, P, count_of, joint_row, vertex_row
 from .moving import vertices_of
 from .rotations import (
-    back,
-    composed,
+    Vector,
+    compose,
     cross,
     dot,
-    inverse,
+    inverse_rotation,
+    load_vector,
     matrix,
-    minus,
-    plus,
     rotation_vector,
-    shorter,
-    times,
+    shortest_rotation,
     turn_of,
-    turned,
 )
 from .strained import last_place, point_of, strained_damping, strained_sums
 
 
 @kernel
 def _middle_of(left, right):
-    """Axes of a segment's middle."""
-    return matrix(composed(left.p, turn_of(shorter(composed(inverse(left.p), right.p))).half))
+    """Return the rotation matrix of a segment's middle section (to inertial axes) between two `Place`s."""
+    return matrix(compose(left.p, turn_of(shortest_rotation(compose(inverse_rotation(left.p), right.p))).half))
 
 
 @kernel
-def predict(lane, model, start, q):
-    """Places in q anew: from the base's, with the rotations of q and the strains of `start` (see `exact.output`). Exact
-    beams have `settle`."""
+def restore_chords(lane, model, start, q):
+    """Recompute the positions of vertices in q, outward, so that segments keep the chords they have in start.
+
+    No-op unless segments have floating frames. Rotations of q stay; each chord has the components of the one in start,
+    in the axes of the segment's middle section.
+    """
     if model.frames is None:
         return
     tip, moved_tip = place_at(lane, start, start, 0), place_at(lane, q, q, 0)
@@ -51,30 +52,35 @@ def predict(lane, model, start, q):
         for e in range(count_of(model, k)):
             i = vertex_row(model, k, e)
             right, after = place_at(lane, start, start, i), place_at(lane, q, q, i)
-            inner = back(_middle_of(left, right), minus(right.r, left.r))
-            r = plus(moved_left.r, turned(_middle_of(moved_left, after), inner))
-            put_vector(q, i, r)
+            # chord at the start, in the axes of the middle, rotated with the new middle
+            inner = _middle_of(left, right).T @ (right.r - left.r)
+            r = moved_left.r + _middle_of(moved_left, after) @ inner
+            store_vector(lane, q, i, r)
             left, moved_left = right, Place(r, after.v, after.p, after.spin)
         tip, moved_tip = left, moved_left
 
 
 @inlined
 def _element_sums(lane, model, par, left, right, element):
-    """`sums_of` an element of the exact beam, with the masses of `element.inertia`. Inlined, as those of other links
-    are: where momentum alone is asked for, each step of a free arm, the compiler leaves the energies out."""
+    """Return ((kinetic, strain, gravitational) energy in J, momentum in kg m/s, inertial axes) of an exact element.
+
+    left, right: `Place`s of its ends; element: its index over all links.
+    """
+    # inlined, as for other links: where momentum alone is used, each step of a free arm, energies are not compiled
     section = section_at(lane, model, par, element)
     gamma, bent = middle(section, left, right)[0]
     stretch = dot(gamma, scale(gamma, section.stretch)) * section.length
     strain = (stretch + dot(bent, scale(bent, section.bend)) / section.length) * 0.5
-    masses, gravity = three_of(lane, model.sections, E.end * element + E.mass), splat(lane, 0.0)
+    # mass at the middle, then mass and rotary inertia of the ends (Simpson's rule)
+    masses, gravity = three_of(lane, model.sections, E.end * element + E.mass), 0.0
     r, rate = middle_of(section.length, left, right)
-    kinetic, push = dot(rate, rate) * (0.5 * masses[1]), times(rate, masses[1])
+    kinetic, push = dot(rate, rate) * (0.5 * masses[1]), masses[1] * rate
     if model.gravity is not None:
         gravity = gravity - dot(three_of(lane, model.gravity, 0), r) * masses[1]
     I = three_of(lane, model.sections, E.end * element + E.inertia)
     for end, own in ((left, masses[0]), (right, masses[2])):
         kinetic = kinetic + (dot(end.v, end.v) * own + dot(end.spin, scale(end.spin, I))) * 0.5
-        push = plus(push, times(end.v, own))
+        push = push + own * end.v
         if model.gravity is not None:
             gravity = gravity - dot(three_of(lane, model.gravity, 0), end.r) * own
     return (kinetic, strain, gravity), push
@@ -82,78 +88,66 @@ def _element_sums(lane, model, par, left, right, element):
 
 @kernel
 def energy(lane, model, par, q, v):
-    """(kinetic, strain, gravity), J."""
+    """Return (kinetic, strain, gravitational) energy in J of the whole arm (`protocol.energy`)."""
     return _sums(lane, model, par, q, v)[0]
 
 
 @kernel
 def momentum(lane, model, par, q, v):
-    """Of all that moves, along inertial axes."""
+    """Return the linear momentum (kg m/s, inertial axes) of all masses."""
     return _sums(lane, model, par, q, v)[1]
 
 
 @inlined
-def _sums(lane, model, par, q, v):
-    """`sums_of` all that moves."""
-    tip, zero = place_at(lane, q, v, 0), splat(lane, 0.0)
-    total = (zero, zero, zero), (zero, zero, zero)
+def _sums(lane, model, par: Lanes, q, v):
+    """Return ((kinetic, strain, gravitational) energy in J, momentum in kg m/s, inertial axes) of the whole arm."""
+    tip, zero = place_at(lane, q, v, 0), 0.0
+    total = Vector(zero, zero, zero), Vector(zero, zero, zero)
     for k in range(model.links):
         if k > 0:
-            total = both(total, sums_of(lane, model, model.joints, J.end * k + J.near, None, None, tip))
+            total = add_vector_pairs(total, body_sums(lane, model, model.joints, J.end * k + J.near, None, None, tip))
         root = root_of(lane, model, q, v, k, tip)
-        total = both(total, sums_of(lane, model, model.joints, J.end * k + J.far, None, None, root))
+        total = add_vector_pairs(total, body_sums(lane, model, model.joints, J.end * k + J.far, None, None, root))
         total = _sums_along(lane, model, par, k, q, v, root, total)
         tip = last_section(lane, model, q, v, k, root)
-    total = both(total, sums_of(lane, model, model.end, 0, None, None, tip))
-    mass, share = load(lane, par, PAYLOAD_MASS), load(lane, par, PAYLOAD_INERTIA)
-    return both(total, sums_of(lane, model, model.payload, 0, mass, share, tip))
+    total = add_vector_pairs(total, body_sums(lane, model, model.end, 0, None, None, tip))
+    mass, share = par[PAYLOAD_MASS], par[PAYLOAD_INERTIA]
+    return add_vector_pairs(total, body_sums(lane, model, model.payload, 0, mass, share, tip))
 
 
 @kernel
-def both(a, b):
-    """The sum of two pairs of vectors."""
-    return plus(a[0], b[0]), plus(a[1], b[1])
+def add_vector_pairs(a, b):
+    """Return the sum of two pairs of vectors, such as (force, moment)."""
+    return a[0] + b[0], a[1] + b[1]
 
 
 @inlined
 def _sums_along(lane, model, par, k, q, v, root, total):
-    """Sums with those of link k."""
+    """Return `total` plus energies (J) and momentum (kg m/s) of link k, between its root `Place` and last section."""
     if model.strains is not None:
         if count_of(model, k) > 0:
-            total = both(total, strained_sums(lane, model, par, k, q, v, root))
+            total = add_vector_pairs(total, strained_sums(lane, model, par, k, q, v, root))
         return total
     left, first = root, elements_before(model, k)
     for e in range(count_of(model, k)):
         right = place_at(lane, q, v, vertex_row(model, k, e))
         if model.frames is None:
-            total = both(total, _element_sums(lane, model, par, left, right, first + e))
+            total = add_vector_pairs(total, _element_sums(lane, model, par, left, right, first + e))
         else:
-            total = both(total, frame_sums(lane, model, par, q, v, left, right, first + e))
+            total = add_vector_pairs(total, frame_sums(lane, model, par, q, v, left, right, first + e))
         left = right
     return total
 
 
 @kernel
-def damping_work(lane, model, par, q, v, x):
-    """x'C(q) v of the material, W."""
-    return _damping(lane, model, par, q, v, x, None)
+def damping_power(lane, model, par, q, v, x, since=None):
+    """Return x^T C(q) v in W, the power of the material's damping forces C v (N, N m) at the virtual rates x.
 
-
-@kernel
-def damping_over(lane, model, par, q, v, start, end, x, h):
-    """See `protocol`. The places of a step that turns an element by d, straight from one to the other, stretch it by
-    d^2/8 at the middle: rates of strain that it has at neither end, times forces of EA. Strains of both ends know
-    nothing of that."""
-    if model.frames is not None:
-        return damping_work(lane, model, par, q, v, x)
-    return _damping(lane, model, par, q, v, x, (start, end)) * (1.0 / h)
-
-
-@kernel
-def _damping(lane, model, par, q, v, x, ends):
-    """Power of the material's damping at rates v over rates x, or, of exact beams, over what strains change by between
-    two ends."""
-    total = splat(lane, 0.0)
+    since = (start, v0, h), a step of h (s) from `start`, v0 to q, v: the pair of `_mean_damping_power` is returned.
+    """
+    if since is not None:
+        return _mean_damping_power(lane, model, par, since[0], since[1], q, v, since[2])
+    total = 0.0
     if model.damped is None:
         return total
     if model.strains is not None:
@@ -162,26 +156,17 @@ def _damping(lane, model, par, q, v, x, ends):
                 total = total + strained_damping(lane, model, par, k, v, x)
         return total
     at = State(q, v, x)
-    tip_v, tip_x, old, new = place_at(lane, q, v, 0), place_at(lane, q, x, 0), None, None
-    if ends is not None:
-        old, new = place_at(lane, ends[0], v, 0), place_at(lane, ends[1], v, 0)
+    # strain rates at v and at x, from `Place`s with either
+    tip_v, tip_x = place_at(lane, q, v, 0), place_at(lane, q, x, 0)
     for k in range(model.links):
         tip_v, tip_x = root_of(lane, model, q, v, k, tip_v), root_of(lane, model, q, x, k, tip_x)
         first = elements_before(model, k)
-        if ends is not None:
-            old, new = root_of(lane, model, ends[0], v, k, old), root_of(lane, model, ends[1], v, k, new)
         for e in range(count_of(model, k)):
             i, section = vertex_row(model, k, e), section_at(lane, model, par, first + e)
             right_v, right_x = place_at(lane, q, v, i), place_at(lane, q, x, i)
             if model.frames is None:
                 stretch, bend = middle(section, tip_v, right_v)[2]
-                if ends is None:
-                    by_stretch, by_bend = middle(section, tip_x, right_x)[2]
-                else:
-                    right_old, right_new = place_at(lane, ends[0], v, i), place_at(lane, ends[1], v, i)
-                    before, after = middle(section, old, right_old)[0], middle(section, new, right_new)[0]
-                    by_stretch, by_bend = minus(after[0], before[0]), minus(after[1], before[1])
-                    old, new = right_old, right_new
+                by_stretch, by_bend = middle(section, tip_x, right_x)[2]
                 power = dot(by_stretch, scale(stretch, section.stretch)) * section.length
                 power = power + dot(by_bend, scale(bend, section.bend)) / section.length
             else:
@@ -192,8 +177,36 @@ def _damping(lane, model, par, q, v, x, ends):
 
 
 @kernel
+def _mean_damping_power(lane, model, par, start, v0, end, v, h):
+    """Return (power at the mean strain rates of a step, unresolved power or None), W (`protocol.damping_power`).
+
+    start, v0, end, v: coordinates and rates at the start and the end of a step of h (s). Dissipated is tau_d D ((strain
+    at the end - strain at the start) / h)^2; unresolved: `element_damping`. Mean rates of the coordinates would not do:
+    straight paths stretch an element that rotates by d by d^2/8 at the middle of the step, against forces of EA.
+    """
+    total, beyond = 0.0, 0.0
+    if model.damped is None:
+        return total, None
+    old, new, share = place_at(lane, start, v0, 0), place_at(lane, end, v, 0), 1.0 / h
+    for k in range(model.links):
+        old, new = root_of(lane, model, start, v0, k, old), root_of(lane, model, end, v, k, new)
+        first = elements_before(model, k)
+        for e in range(count_of(model, k)):
+            i, section = vertex_row(model, k, e), section_at(lane, model, par, first + e)
+            right_old, right_new = place_at(lane, start, v0, i), place_at(lane, end, v, i)
+            if model.frames is None:
+                power, more = element_damping(section, (old, right_old), (new, right_new), share)
+            else:
+                before, after = (start, v0, old, right_old), (end, v, new, right_new)
+                power, more = frame_damping_over(lane, model, par, before, after, share, first + e)
+            total, beyond = total + power * section.tau, beyond + more * section.tau
+            old, new = right_old, right_new
+    return total, beyond
+
+
+@kernel
 def last_section(lane, model, q, v, k, root):
-    """The `Place` of link k's last section, root: of its first."""
+    """Return the `Place` of the last section of link k, from that of its first (root); pass q for v without rates."""
     if count_of(model, k) == 0:
         return root
     if model.strains is not None:
@@ -203,13 +216,13 @@ def last_section(lane, model, q, v, k, root):
 
 @kernel
 def root_of(lane, model, q, v, k, tip):
-    """The `Place` of the root of link k on the section before."""
-    return planted(lane, model, q, v, k, tip)[2]
+    """Return the `Place` of the first section of link k, from the `Place` tip of the section before its joint."""
+    return joint_placement(lane, model, q, v, k, tip)[2]
 
 
 @kernel
 def _section_of(lane, model, q, link, at_tip):
-    """The last section of a link, or the first."""
+    """Return the `Place` (without rates) of the last section of link `link` if at_tip, otherwise of its first."""
     tip = place_at(lane, q, q, 0)
     root = tip
     for k in range(link + 1):
@@ -220,26 +233,26 @@ def _section_of(lane, model, q, link, at_tip):
 
 @kernel
 def _loaded(lane, model, q, f):
-    """The section that load f works on."""
+    """Return the `Place` (without rates) of the section on which load f acts."""
     at = L.end * f
     return _section_of(lane, model, q, int(model.loads[at + L.link]), model.loads[at + L.at_tip] != 0.0)
 
 
 @kernel
 def _bent_ends(model, left, right):
-    """Rotation vectors of an element's ends: against its middle, or against its frame."""
+    """Return the rotation vectors (rad) of an element's ends relative to its middle, or to its frame, in those axes."""
     if model.frames is None:
-        half = times(rotation_vector(shorter(composed(inverse(left.p), right.p))), 0.5)
-        return times(half, -1.0), half
+        half = 0.5 * rotation_vector(shortest_rotation(compose(inverse_rotation(left.p), right.p)))
+        return -half, half
     frame = frame_of(left, right)
     return frame.left.phi, frame.right.phi
 
 
 @kernel
-def gauge(lane, model, q, row):
-    """See `protocol`."""
+def strain_gauge(lane, model, q, row):
+    """Return a gauge's reading, 1/m, at q: weighted rotations of two elements' ends, less its rest; row: `GAUGE`."""
     k, e, axis = int(row[G.link]), int(row[G.element]), int(row[G.axis])
-    total = splat(lane, -row[G.rest])
+    total = -row[G.rest]
     left = _section_of(lane, model, q, k, False) if e == 0 else place_at(lane, q, q, vertex_row(model, k, e - 1))
     for j in range(min(2, count_of(model, k) - e)):
         right = place_at(lane, q, q, vertex_row(model, k, e + j))
@@ -251,139 +264,130 @@ def gauge(lane, model, q, row):
 
 
 @kernel
-def ports(lane, model, par, q, y):
-    """Joint angles, then of each load the position of its point and the rotation of its section, as a vector."""
+def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
+    """Store joint angles (rad) in y, then each load's position (m) and rotation vector (rad), inertial axes.
+
+    since = (start, y0): rotation vectors are those of y0 plus the rotation since the coordinates `start` about inertial
+    axes, on which moments do work. since None: the section's own rotation vector.
+    """
     for k in range(model.links):
-        store(y, k, load(lane, q, joint_row(model, k)))
+        y[k] = q[joint_row(model, k)]
     if model.loads is not None:
         for f in range(model.loads.shape[0] // L.end):
             place, j = _loaded(lane, model, q, f), model.links + AXES * f
             lever = three_of(lane, model.loads, L.end * f + L.lever)
-            put_vector(y, j, plus(place.r, turned(matrix(place.p), lever)))
-            put_vector(y, j + 3, rotation_vector(shorter(place.p)))
-
-
-@kernel
-def ports_after(lane, model, par, start, y0, q, y):
-    """`ports`, but rotations are those before (y0) and what was turned by since, about inertial axes: what moments work
-    on. Rotations do not add up otherwise. The vectors in y0 that count are those of the state `start`."""
-    ports(lane, model, par, q, y)
-    if model.loads is not None:
-        for f in range(model.loads.shape[0] // L.end):
-            before, after, j = _loaded(lane, model, start, f), _loaded(lane, model, q, f), model.links + AXES * f + 3
-            turn = rotation_vector(shorter(composed(after.p, inverse(before.p))))
-            put_vector(y, j, plus(vector(lane, y0, j), turn))
+            store_vector(lane, y, j, place.r + matrix(place.p) @ lever)
+            store_vector(lane, y, j + 3, rotation_vector(shortest_rotation(place.p)))
+            if since is not None:
+                before = _loaded(lane, model, since[0], f)
+                turn = rotation_vector(shortest_rotation(compose(place.p, inverse_rotation(before.p))))
+                store_vector(lane, y, j + 3, load_vector(lane, since[1], j + 3) + turn)
 
 
 @kernel
 def _tip_lever(model, k):
-    """How far the tip of link k is beyond its last section, m, along x."""
+    """Return the distance (m) from the last section of link k to its tip, along the section's x axis."""
     if k + 1 < model.links:
         return model.joints[J.end * (k + 1) + J.before]
-    return 2.0 * model.end[P.centre]  # of a rigid end, whose centre is in its middle
+    return 2.0 * model.end[P.centre]  # a rigid end's center of mass is in its middle
 
 
 @kernel
-def put_pose(lane, model, k, q, v, root, tip, out):
-    """The `SPACE_POSE` of link k between the `Place`s of its root and of its last section."""
+def put_pose(lane, model, k, q: Lanes, v: Lanes, root, tip, out: Lanes):
+    """Store the `SPACE_POSE` of link k in `out`, from the `Place`s of its root and of its last section."""
     o, row, frame = SP.end * k, joint_row(model, k), matrix(root.p)
-    A, lever = matrix(tip.p), (splat(lane, _tip_lever(model, k)), splat(lane, 0.0), splat(lane, 0.0))
-    r, rate = plus(tip.r, turned(A, lever)), plus(tip.v, turned(A, cross(tip.spin, lever)))
-    inner = back(frame, minus(r, root.r))
-    slip = minus(back(frame, minus(rate, root.v)), cross(root.spin, inner))
-    relative = turn_of(shorter(composed(inverse(root.p), tip.p)))
+    A, lever = matrix(tip.p), Vector(_tip_lever(model, k), 0.0, 0.0)
+    r, rate = tip.r + A @ lever, tip.v + A @ cross(tip.spin, lever)
+    # deflection and twist in root axes with their rates; below, tip and axes in inertial axes, spin in section axes
+    inner = frame.T @ (r - root.r)
+    slip = frame.T @ (rate - root.v) - cross(root.spin, inner)
+    relative = turn_of(shortest_rotation(compose(inverse_rotation(root.p), tip.p)))
     psi, T = relative.psi, relative.T
-    turn = minus(turned(T, tip.spin), back(T, root.spin))
+    turn = T @ tip.spin - T.T @ root.spin
     for values, to in ((inner, SP.deflection), (slip, SP.deflection_rate)):
-        store(out, o + to, values[1])
-        store(out, o + to + 1, values[2])
-    for value, to in ((load(lane, q, row), SP.angle), (load(lane, v, row), SP.rate), (psi[0], SP.twist)):
-        store(out, o + to, value)
-    store(out, o + SP.twist_rate, turn[0])
-    put_vector(out, o + SP.tip, r)
-    put_vector(out, o + SP.velocity, rate)
+        out[o + to] = values[1]
+        out[o + to + 1] = values[2]
+    for value, to in ((q[row], SP.angle), (v[row], SP.rate), (psi[0], SP.twist)):
+        out[o + to] = value
+    out[o + SP.twist_rate] = turn[0]
+    store_vector(lane, out, o + SP.tip, r)
+    store_vector(lane, out, o + SP.velocity, rate)
     for a in range(3):
-        put_vector(out, o + SP.axes + 3 * a, frame[a])
-    put_vector(out, o + SP.turn, rotation_vector(shorter(tip.p)))
-    put_vector(out, o + SP.spin, tip.spin)
+        store_vector(lane, out, o + SP.axes + 3 * a, frame[a])
+    store_vector(lane, out, o + SP.turn, rotation_vector(shortest_rotation(tip.p)))
+    store_vector(lane, out, o + SP.spin, tip.spin)
 
 
 @kernel
-def task_poses(lane, model, par, q, v, out):
-    """A `SPACE_POSES` a link."""
-    tip = place_at(lane, q, v, 0)
-    for k in range(model.links):
-        root = root_of(lane, model, q, v, k, tip)
-        tip = last_section(lane, model, q, v, k, root)
-        put_pose(lane, model, k, q, v, root, tip, out)
+def link_poses(lane, model, par, q, v, out, tasks=None):
+    """Store the `SPACE_POSE` of each link in out if tasks is a tag; None: no-op (`space.reading` reads q and v)."""
+    if tasks is not None:
+        tip = place_at(lane, q, v, 0)
+        for k in range(model.links):
+            root = root_of(lane, model, q, v, k, tip)
+            tip = last_section(lane, model, q, v, k, root)
+            put_pose(lane, model, k, q, v, root, tip, out)
 
 
 @kernel
-def _put_pair(lane, live, rows, i, first, second):
-    """Two vectors into the rows from i on, where `live` > 1/2."""
+def _put_pair(lane, live, rows: Lanes, i, first, second):
+    """Store two vectors in the six rows from i on, in lanes where `live` > 1/2."""
     for a in range(3):
-        put(live, rows, i + a, first[a], load(lane, rows, i + a))
-        put(live, rows, i + 3 + a, second[a], load(lane, rows, i + 3 + a))
+        store_where(lane, live, rows, i + a, first[a], rows[i + a])
+        store_where(lane, live, rows, i + 3 + a, second[a], rows[i + 3 + a])
 
 
 @kernel
-def _put_unbent(lane, live, rates, q, v, first, end):
-    """Zeros into these rows of q, rates into those of v."""
+def _put_unbent(lane, live, rates: Lanes | None, q: Lanes, v: Lanes, first, end):
+    """Set rows first to end - 1 of q to zero and of v to the same rows of rates (unless None), where `live` > 1/2."""
     for j in range(first, end):
-        put(live, q, j, splat(lane, 0.0), load(lane, q, j))
+        store_where(lane, live, q, j, 0.0, q[j])
         if rates is not None:
-            put(live, v, j, load(lane, rates, j), load(lane, v, j))
+            store_where(lane, live, v, j, rates[j], v[j])
 
 
 @kernel
-def stand(lane, model, live, angles, rates, q, v):
-    """See `protocol`; links are straight. By strains all rates but the base's are against what comes before."""
+def set_joint_configuration(lane, model, live, angles: Lanes, rates: Lanes | None, q: Lanes, v: Lanes):
+    """Set q to straight links at joint angles (links,), rad, and v by `rates`, in lanes where `live` > 1/2.
+
+    rates: as v, joint rates and rates of vertices relative to their rotating link, link axes; None: v stays.
+    """
     tip, element = place_at(lane, q, v, 0), 0
     for k in range(model.links):
         i = joint_row(model, k)
-        put(live, q, i, load(lane, angles, k), load(lane, q, i))
+        store_where(lane, live, q, i, angles[k], q[i])
         if rates is not None:
-            put(live, v, i, load(lane, rates, i), load(lane, v, i))
+            store_where(lane, live, v, i, rates[i], v[i])
         if model.strains is not None:
             _put_unbent(lane, live, rates, q, v, i + 1, joint_row(model, k + 1))
             continue
         root = root_of(lane, model, q, v, k, tip)
-        A, along, tip = matrix(root.p), splat(lane, 0.0), root
+        A, along, tip = matrix(root.p), 0.0, root
         for e in range(vertices_of(model, k)):
             i = vertex_row(model, k, e)
+            # rates: those of the rotating link plus `rates`, which are relative to it
             slip, turn = root.v, root.spin
             if count_of(model, k) > 0:
                 along = along + model.sections[E.end * element + E.length]
                 element += 1
                 if rates is not None:
-                    inner = cross(root.spin, (along, along * 0.0, along * 0.0))
-                    slip = plus(slip, turned(A, plus(inner, vector(lane, rates, i))))
-                    turn = plus(turn, vector(lane, rates, i + 3))
-            tip = Place(plus(root.r, times((A[0][0], A[1][0], A[2][0]), along)), slip, root.p, turn)
-            _put_pair(lane, live, q, i, tip.r, rotation_vector(shorter(tip.p)))
+                    inner = cross(root.spin, Vector(along, along * 0.0, along * 0.0))
+                    slip = slip + A @ (inner + load_vector(lane, rates, i))
+                    turn = turn + load_vector(lane, rates, i + 3)
+            tip = Place(root.r + along * A.T[0], slip, root.p, turn)
+            _put_pair(lane, live, q, i, tip.r, rotation_vector(shortest_rotation(tip.p)))
             if rates is not None:
                 _put_pair(lane, live, v, i, tip.v, tip.spin)
     _put_unbent(lane, live, rates, q, v, joint_row(model, model.links), model.n)
 
 
-@kernel
-def link_poses(lane, model, par, q, v, out):
-    """Nothing: poses in space are read off the coordinates (`space.reading`)."""
-
-
-@kernel
-def light(model):
-    """See `protocol`: elements' ends turn by their sections' rotary inertia alone."""
-    return (0,)
-
-
 STATIONS = 4
-"""Points that are drawn of an element, or of a rigid link."""
+"""Number of points drawn along an element, or a rigid link."""
 
 
 @kernel
 def _drawn(points, count, r):
-    """Row `count` of the points <- r, where there is room; how many there are then."""
+    """Store the position r (m) in row `count` of points (P, 3) if there is room; return the new number of points."""
     if count == points.shape[0]:
         return count
     for d in range(3):
@@ -393,19 +397,19 @@ def _drawn(points, count, r):
 
 @kernel
 def _cubic(left, right, s):
-    """A place between sections, on the cubic that leaves one and reaches the other along their x axes."""
-    A, B, chord = matrix(left.p), matrix(right.p), minus(right.r, left.r)
+    """Return the position at s in [0, 1] on the cubic (m) from `left` to `right` that is tangent to their x axes."""
+    A, B, chord = matrix(left.p), matrix(right.p), right.r - left.r
     length = square_root(dot(chord, chord))
     a, b, c, d = (2.0 * s - 3.0) * s * s + 1.0, ((s - 2.0) * s + 1.0) * s, (3.0 - 2.0 * s) * s * s, (s - 1.0) * s * s
-    ends = plus(times(left.r, a), times(right.r, c))
-    leaving, reaching = (A[0][0], A[1][0], A[2][0]), (B[0][0], B[1][0], B[2][0])
-    return plus(ends, plus(times(leaving, b * length), times(reaching, d * length)))
+    ends = a * left.r + c * right.r
+    leaving, reaching = A.T[0], B.T[0]
+    return ends + (b * length * leaving + d * length * reaching)
 
 
 @kernel
-def shape(model, q, points):
-    """Places along the chain into points (P, 3): the base, then of each link its beginning, those along it (of a rigid
-    one STATIONS), its tip; their number. None where points have two numbers: they are read off elsewhere."""
+def centerline(model, q, points):
+    """Store positions (m, inertial axes) in points (P, 3): base, roots, points, tips of links. Return their number."""
+    # points in a plane are read off elsewhere
     if points.shape[1] < 3:
         return 0
     lane = (0,)
@@ -416,17 +420,17 @@ def shape(model, q, points):
         count = _draw(model, k, q, root, points, _drawn(points, count, root.r))
         tip = last_section(lane, model, q, q, k, root)
         A = matrix(tip.p)
-        along = times((A[0][0], A[1][0], A[2][0]), _tip_lever(model, k))
+        along = _tip_lever(model, k) * A.T[0]
         if count_of(model, k) == 0:
             for j in range(1, STATIONS):
-                count = _drawn(points, count, plus(tip.r, times(along, j / STATIONS)))
-        count = _drawn(points, count, plus(tip.r, along))
+                count = _drawn(points, count, tip.r + j / STATIONS * along)
+        count = _drawn(points, count, tip.r + along)
     return count
 
 
 @kernel
 def _draw(model, k, q, root, points, count):
-    """STATIONS of each element of link k; by strains its points."""
+    """Store STATIONS points per element of link k (Gauss points if q holds strains); return the new count of points."""
     if model.strains is not None:
         if count_of(model, k) > 0:
             for j in range(len(model.points)):

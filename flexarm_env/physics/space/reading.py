@@ -1,4 +1,4 @@
-"""What is read off recorded coordinates of a chain in space, all instants at once."""
+"""Read positions, orientations and rates of an arm in space off recorded coordinates, for all instants at once."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from .strained_layout import STRAINED
 Array = NDArray[np.float64]
 
 TURN = 0.2
-"""What an error of a rad of the tip's axes counts, over the arm's length: where bending puts a tip off by a share of
-the length, its axes are off by two to five times as many rad."""
+"""Weight of an error of 1 rad of the tip's axes, over the arm's length: where bending puts a tip off by a fraction of
+the length, its axes are off by two to five times that in rad."""
 
 
 class Frame(NamedTuple):
-    """A section at n instants: place (n, 3), axes (n, 3, 3), velocity and angular velocity (n, 3), inertial."""
+    """A section at n instants, in inertial axes."""
 
-    r: Array
-    A: Array
-    v: Array
-    w: Array
+    r: Array  # m (n, 3): position
+    A: Array  # (n, 3, 3): rotation matrix, section axes to inertial axes
+    v: Array  # m/s (n, 3): velocity
+    w: Array  # rad/s (n, 3): angular velocity
 
     def beyond(self, arm: Array) -> Frame:
-        """What is fixed to it at `arm`, in its axes."""
+        """Return the `Frame` of a point fixed to the section at the lever `arm` (m, section axes)."""
         lever = turned(self.A, arm)
         return Frame(self.r + lever, self.A, self.v + np.cross(self.w, lever), self.w)
 
@@ -46,20 +46,26 @@ class LinkMotion(NamedTuple):
 
 
 def _vertex(q: Array, v: Array, i: int) -> Frame:
+    """Return the `Frame` of the section whose six rows begin at i of q and v (n, rows)."""
     A = matrices(q[:, i + 3 : i + AXES])
     return Frame(q[:, i : i + 3], A, v[:, i : i + 3], turned(A, v[:, i + 3 : i + AXES]))
 
 
 def _strained(root: Frame, link: Link, n: int, c: Array, rate: Array) -> list[Frame]:
-    """The points of a link and its last section, from the first one and the coefficients of the strains (m, 3 n)."""
+    """Return the `Frame`s of a link's points and its last section, from its first one (root) and its strains.
+
+    n: polynomials per strain; c, rate: coefficients of the strains and their rates (instants, 3 n).
+    """
     own, packed = grid(n), STRAINED.unpack(_link(link, n, 1.0), polynomials=n, points=n + 2)
     natural = np.zeros((n + 3, 2, 3))
     natural[..., 2] = packed["natural"]
     tables, c, rate = (own.sums, own.slants), c.reshape(-1, n, 3), rate.reshape(-1, n, 3)
+    # psi = s + s x d of each interval, its rate, and the angular velocity that it adds
     s, d = (np.einsum("ij,mja->mia", table, c) + natural[:, k] for k, table in enumerate(tables))
     sv, dv = (np.einsum("ij,mja->mia", table, rate) for table in tables)
     psi, turn = s + np.cross(s, d), sv + np.cross(sv, d) + np.cross(s, dv)
     steps, rel = matrices(psi), turned(slope(psi), turn)
+    # orientations outward; positions and velocities as weighted sums of tangents and their rates
     A, w = [root.A], [root.w]
     for i in range(n + 3):
         A.append(A[-1] @ steps[:, i])
@@ -70,16 +76,18 @@ def _strained(root: Frame, link: Link, n: int, c: Array, rate: Array) -> list[Fr
 
 
 def links(arm: Arm, settings: Settings, q: Array, v: Array) -> Iterator[LinkMotion]:
-    """The links at the instants of states q, v (n, rows), from root to tip."""
+    """Yield the `LinkMotion` of each link, from root to tip, at the instants of the states q, v (n, rows)."""
     at, i = _vertex(q, v, 0), AXES
     for k, link in enumerate(arm.links):
         before, beyond = levers(arm, k)
+        # across the joint: lever, mount, rotation about the axis
         joint = at.beyond(before)
         axis = axis_of(arm, k)
         A = joint.A @ mount_of(arm, k) @ matrices(q[:, i, None] * axis)
         root = Frame(joint.r, A, joint.v, joint.w + turned(A, axis) * v[:, i, None])
         i += 1
         rows = count_rows(link, settings)
+        # sections of the link: vertices, or points where coordinates are strains
         sections = [root.beyond(beyond)]
         if settings.formulation != "elastica":
             sections += [_vertex(q, v, i + AXES * e) for e in range(count_elements(link, settings))]
@@ -92,17 +100,18 @@ def links(arm: Arm, settings: Settings, q: Array, v: Array) -> Iterator[LinkMoti
 
 
 def shapes(found: Sequence[LinkMotion]) -> Array:
-    """Places of the root, then of each link's sections and its tip, (n, P, 3) m."""
+    """Return (n, P, 3): positions (m, inertial axes) of the root, then of each link's sections and tip."""
     behind = [frame.r for motion in found for frame in (*motion.sections, motion.tip)]
     return np.stack([found[0].root.r, *behind], axis=1)
 
 
 def read(arm: Arm, settings: Settings, q: Array, v: Array) -> dict[str, Any]:
-    """Fields of a `SpatialTrajectory` from states (n, rows)."""
+    """Return the fields of a `SpatialTrajectory` from states q, v (n, rows), as keyword arguments."""
     found = list(links(arm, settings, q, v))
     n, N = len(q), arm.n_links
     deflection, twist = np.zeros((n, N, 2)), np.zeros((n, N))
     for k, (link, motion) in enumerate(zip(arm.links, found, strict=True)):
+        # tip in root axes less its stress-free position, over the span, along y and z; twist about x (rad)
         inner = back(motion.root.A, motion.tip.r - motion.root.r)
         if link.span > 0.0 and not link.rigid:
             deflection[:, k] = (inner[:, 1:] - [link.far.imag, 0.0]) / link.span
@@ -122,14 +131,14 @@ def read(arm: Arm, settings: Settings, q: Array, v: Array) -> dict[str, Any]:
 
 
 def tips(arm: Arm, settings: Settings, q: Array) -> Array:
-    """Places of the tip and its axes, each `TURN` of the arm's length long, (n, 4, 3) m, of coordinates (n, rows)."""
+    """Return (n, 4, 3): the tip's position and its three axes, each `TURN` of the arm's length long, in m."""
     *_, last = links(arm, settings, q, np.zeros_like(q))
     axes = TURN * arm.total_length * np.swapaxes(last.tip.A, 1, 2)
     return np.concatenate([last.tip.r[:, None], axes], axis=1)
 
 
 def _angle_rows(arm: Arm, settings: Settings) -> tuple[list[int], list[int]]:
-    """Of the joints' angles, and of the motors': those behind elastic gears follow all others."""
+    """Return the rows of the joints' and of the motors' angles; motors on elastic gears follow all others."""
     names = names_of(arm, settings)
     joints = [names.index(f"joint{k}") for k in range(arm.n_links)]
     elastic = [k for k in range(arm.n_links) if arm.joint(k).elastic]
@@ -138,11 +147,15 @@ def _angle_rows(arm: Arm, settings: Settings) -> tuple[list[int], list[int]]:
 
 
 def frames(arm: Arm, angles: Array) -> tuple[Array, Array, Array, Array]:
-    """Of each joint at angles (..., N): its place (..., N, 3), m, axis (..., N, 3), the axes of the link behind it
-    (..., N, 3, 3); and the tip (..., 3)."""
+    """Return positions (m) and axes of the joints, link axes and tip (m) of the rigid arm at joint angles.
+
+    angles: rad, (..., N). Returns (..., N, 3), (..., N, 3), (..., N, 3, 3) with link axes as columns, and (..., 3), all
+    along inertial axes with the root at the origin.
+    """
     A, r = np.broadcast_to(np.eye(3), (*angles.shape[:-1], 3, 3)), np.zeros((*angles.shape[:-1], 3))
     places, axes, links = [], [], []
     for k, link in enumerate(arm.links):
+        # joint k: rotate by its mount and angle; then along the link's x axis
         axis = axis_of(arm, k)
         A = A @ mount_of(arm, k) @ matrices(angles[..., k, None] * axis)
         places.append(r)
@@ -153,6 +166,6 @@ def frames(arm: Arm, angles: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def straight(arm: Arm, angles: Array) -> Array:
-    """Joints and tip of the rigid arm with its root at 0, (..., N + 1, 3) m, at joint angles (..., N)."""
+    """Return positions (m) of joints and tip of the rigid arm, root at 0, (..., N + 1, 3), at angles (..., N)."""
     places, _, _, tip = frames(arm, angles)
     return np.concatenate([places, tip[..., None, :]], axis=-2)

@@ -1,8 +1,10 @@
-"""Vectors, 3 x 3 matrices and rotations of one arm or of lanes: tuples, so that they stay in registers.
+"""Algebra of vectors, 3 x 3 matrices and rotations, for one arm or for lanes: named tuples, which stay in registers.
 
-A vector is a tuple of three, a matrix a tuple of three rows, a quaternion (w, x, y, z) of length 1. A rotation vector
-psi stands for exp(psi^), psi^ b = psi x b; coordinates are such vectors, and they are moved by increments in body axes:
-exp(psi^) exp(d^) (Bruels & Cardona 2010). p and -p are the same rotation.
+A vector is a `Vector`, a matrix a `Matrix` of three rows, a unit quaternion a tuple p = (w, x, y, z) with
+w = cos(|psi|/2). A rotation vector psi (rad) stands for the rotation exp(psi^), where psi^ b = psi x b. p and -p are
+the same rotation. Rotations map vectors from body axes to reference axes. Coordinates of a section are a rotation
+vector (body axes to inertial axes), which an increment d in body axes changes as exp(psi^) exp(d^) (Bruels & Cardona
+2010). T(d) is the tangent map, exp(d^ + e^) = exp(d^) exp((T e)^) to first order in e.
 """
 
 from __future__ import annotations
@@ -10,159 +12,192 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from ...compiler import kernel, load, select_lt, square_root, store, superword
-from ..arithmetic import put_vector
+from ...compiler import Lanes, kernel, select_lt, square_root, superword
+from ..arithmetic import store_vector
 
+# Taylor coefficients, highest power first: sin(x)/x and cos(x) in x^2, atan(x)/x in x^2
 _SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(8, -1, -1))
 _COSINE = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(9, -1, -1))
 _ARCTANGENT = tuple((-1.0) ** k / (2 * k + 1) for k in range(11, -1, -1))
 
 
-@kernel
-def put_matrix(array, k, A):
-    """array[k : k + 9] <- A, row by row."""
-    put_vector(array, k, A[0])
-    put_vector(array, k + 3, A[1])
-    put_vector(array, k + 6, A[2])
+class Vector(NamedTuple):
+    """A vector in space, x, y, z in some axes: `a + b`, `a - b`, `s * a`, `-a`. A tuple may be the other operand."""
+
+    x: Any
+    y: Any
+    z: Any
+
+    def __add__(self, b: Any) -> Any:
+        """Return the sum of two vectors in the same axes."""
+        return Vector(self[0] + b[0], self[1] + b[1], self[2] + b[2])
+
+    def __radd__(self, a: Any) -> Any:
+        """Return a + self, with a tuple a."""
+        return Vector(a[0] + self[0], a[1] + self[1], a[2] + self[2])
+
+    def __sub__(self, b: Any) -> Any:
+        """Return the difference of two vectors in the same axes."""
+        return Vector(self[0] - b[0], self[1] - b[1], self[2] - b[2])
+
+    def __rsub__(self, a: Any) -> Any:
+        """Return a - self, with a tuple a."""
+        return Vector(a[0] - self[0], a[1] - self[1], a[2] - self[2])
+
+    def __mul__(self, s: Any) -> Any:
+        """Return the vector multiplied by the number s."""
+        return Vector(self[0] * s, self[1] * s, self[2] * s)
+
+    def __rmul__(self, s: Any) -> Any:
+        """Return the vector multiplied by the number s."""
+        return Vector(self[0] * s, self[1] * s, self[2] * s)
+
+    def __neg__(self) -> Any:
+        """Return the opposite vector."""
+        return Vector(-self[0], -self[1], -self[2])
+
+
+class Matrix(NamedTuple):
+    """A 3 x 3 matrix by rows, each a `Vector`: `A + B`, `A - B`, `s * A`, `-A`, `A @ b`, `A @ B`, transpose `A.T`.
+
+    A rotation matrix R maps vectors from body axes to reference axes: R @ b, and back: R.T @ a.
+    """
+
+    x: Any
+    y: Any
+    z: Any
+
+    def __add__(self, B: Any) -> Any:
+        """Return the sum of two matrices."""
+        return Matrix(self[0] + B[0], self[1] + B[1], self[2] + B[2])
+
+    def __sub__(self, B: Any) -> Any:
+        """Return the difference of two matrices."""
+        return Matrix(self[0] - B[0], self[1] - B[1], self[2] - B[2])
+
+    def __mul__(self, s: Any) -> Any:
+        """Return the matrix multiplied by the number s."""
+        return Matrix(s * self[0], s * self[1], s * self[2])
+
+    def __rmul__(self, s: Any) -> Any:
+        """Return the matrix multiplied by the number s."""
+        return Matrix(s * self[0], s * self[1], s * self[2])
+
+    def __neg__(self) -> Any:
+        """Return the matrix with all signs reversed."""
+        return Matrix(-self[0], -self[1], -self[2])
+
+    def __matmul__(self, b: Any) -> Any:
+        """Return the product with a matrix or with a vector."""
+        if isinstance(b, Matrix):
+            return Matrix(_row(self[0], b), _row(self[1], b), _row(self[2], b))
+        return Vector(dot(self[0], b), dot(self[1], b), dot(self[2], b))
+
+    @property
+    def T(self) -> Any:
+        """Return the transpose."""
+        return Matrix(
+            Vector(self[0][0], self[1][0], self[2][0]),
+            Vector(self[0][1], self[1][1], self[2][1]),
+            Vector(self[0][2], self[1][2], self[2][2]),
+        )
+
+
+# numbers of NumPy leave `s * a` to these classes; otherwise the product would be an array
+Vector.__array_ufunc__ = Matrix.__array_ufunc__ = None  # type: ignore[attr-defined]
 
 
 @kernel
-def add_vector(lane, array, k, a):
-    """array[k : k + 3] <- array[k : k + 3] + a."""
+def load_vector(lane, array: Lanes, k):
+    """Return elements k, k + 1 and k + 2 of an array of lanes as a `Vector`."""
+    return Vector(array[k], array[k + 1], array[k + 2])
+
+
+@kernel
+def store_matrix(lane, array, k, A):
+    """Store the matrix A row by row: array[k : k + 9] <- A."""
+    store_vector(lane, array, k, A[0])
+    store_vector(lane, array, k + 3, A[1])
+    store_vector(lane, array, k + 6, A[2])
+
+
+@kernel
+def add_vector(lane, array: Lanes, k, a):
+    """Add a vector to three entries of an array: array[k : k + 3] <- array[k : k + 3] + a."""
     for i in range(3):
-        store(array, k + i, load(lane, array, k + i) + a[i])
-
-
-@kernel
-def plus(a, b):
-    """a + b."""
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-@kernel
-def minus(a, b):
-    """a - b."""
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@kernel
-def times(a, x):
-    """a x, x a number."""
-    return a[0] * x, a[1] * x, a[2] * x
+        array[k + i] += a[i]
 
 
 @kernel
 def dot(a, b):
-    """a . b."""
+    """Return the scalar product a . b of two vectors in the same axes."""
     return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
 
 
 @kernel
 def cross(a, b):
-    """a x b."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    """Return the vector product a x b of two vectors in the same axes."""
+    return Vector(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 @kernel
-def swirl(w, alpha, a):
-    """alpha x a + w x (w x a)."""
-    return plus(cross(alpha, a), cross(w, cross(w, a)))
+def rotating_acceleration(w, alpha, a):
+    """Return alpha x a + w x (w x a), the acceleration (m/s^2) of a point of a rigid body relative to its origin.
 
-
-@kernel
-def turned(A, b):
-    """A b."""
-    return dot(A[0], b), dot(A[1], b), dot(A[2], b)
-
-
-@kernel
-def transposed(A):
-    """The transpose of A."""
-    return (
-        (A[0][0], A[1][0], A[2][0]),
-        (A[0][1], A[1][1], A[2][1]),
-        (A[0][2], A[1][2], A[2][2]),
-    )
-
-
-@kernel
-def back(A, b):
-    """The transpose of A times b."""
-    return plus(plus(times(A[0], b[0]), times(A[1], b[1])), times(A[2], b[2]))
-
-
-@kernel
-def product(A, B):
-    """A B."""
-    return _row(A[0], B), _row(A[1], B), _row(A[2], B)
+    w, alpha: angular velocity and acceleration (rad/s, rad/s^2); a: position of the point, m. All in the same axes.
+    """
+    return cross(alpha, a) + cross(w, cross(w, a))
 
 
 @kernel
 def _row(a, B):
-    return plus(plus(times(B[0], a[0]), times(B[1], a[1])), times(B[2], a[2]))
-
-
-@kernel
-def sum_of(A, B):
-    """A + B, matrices."""
-    return plus(A[0], B[0]), plus(A[1], B[1]), plus(A[2], B[2])
-
-
-@kernel
-def difference(A, B):
-    """A - B, matrices."""
-    return minus(A[0], B[0]), minus(A[1], B[1]), minus(A[2], B[2])
-
-
-@kernel
-def scaled(A, x):
-    """A x, a matrix and a number."""
-    return times(A[0], x), times(A[1], x), times(A[2], x)
+    """Return the row vector a^T B, one row of a matrix product."""
+    return a[0] * B[0] + a[1] * B[1] + a[2] * B[2]
 
 
 @kernel
 def skew(a):
-    """a^, the matrix of b -> a x b."""
+    """Return the skew matrix a^ of a vector: a^ b = a x b."""
     zero = a[0] * 0.0
-    return (zero, -a[2], a[1]), (a[2], zero, -a[0]), (-a[1], a[0], zero)
+    return Matrix(Vector(zero, -a[2], a[1]), Vector(a[2], zero, -a[0]), Vector(-a[1], a[0], zero))
 
 
 @kernel
 def skewed(a, A):
-    """a^ A."""
-    return (
-        minus(times(A[2], a[1]), times(A[1], a[2])),
-        minus(times(A[0], a[2]), times(A[2], a[0])),
-        minus(times(A[1], a[0]), times(A[0], a[1])),
-    )
+    """Return the matrix product a^ A: the cross product of a with each column of A."""
+    return Matrix(a[1] * A[2] - a[2] * A[1], a[2] * A[0] - a[0] * A[2], a[0] * A[1] - a[1] * A[0])
 
 
 @kernel
 def outer(a, b):
-    """a b^T."""
-    return times(b, a[0]), times(b, a[1]), times(b, a[2])
+    """Return the outer product a b^T, a matrix."""
+    return Matrix(a[0] * b, a[1] * b, a[2] * b)
 
 
 @kernel
 def plus_identity(A, x):
-    """A + x 1."""
-    return (A[0][0] + x, A[0][1], A[0][2]), (A[1][0], A[1][1] + x, A[1][2]), (A[2][0], A[2][1], A[2][2] + x)
+    """Return A + x 1: the number x added to the diagonal of the matrix A."""
+    return Matrix(
+        Vector(A[0][0] + x, A[0][1], A[0][2]),
+        Vector(A[1][0], A[1][1] + x, A[1][2]),
+        Vector(A[2][0], A[2][1], A[2][2] + x),
+    )
 
 
 @kernel
 def about_identity(x, a, y, b):
-    """x 1 + a^ + y b b^T: x, y numbers, a, b vectors."""
-    c = times(b, y)
-    return (
-        (c[0] * b[0] + x, c[0] * b[1] - a[2], c[0] * b[2] + a[1]),
-        (c[1] * b[0] + a[2], c[1] * b[1] + x, c[1] * b[2] - a[0]),
-        (c[2] * b[0] - a[1], c[2] * b[1] + a[0], c[2] * b[2] + x),
+    """Return the matrix x 1 + a^ + y b b^T, with numbers x, y and vectors a, b."""
+    c = y * b
+    return Matrix(
+        Vector(c[0] * b[0] + x, c[0] * b[1] - a[2], c[0] * b[2] + a[1]),
+        Vector(c[1] * b[0] + a[2], c[1] * b[1] + x, c[1] * b[2] - a[0]),
+        Vector(c[2] * b[0] - a[1], c[2] * b[1] + a[0], c[2] * b[2] + x),
     )
 
 
 @kernel
 def polynomial(series, z):
-    """A polynomial's value, its coefficients from the highest power on."""
+    """Return the value at z of the polynomial with coefficients `series`, highest power first (Horner's rule)."""
     total = z * series[0] + series[1]
     for x in series[2:]:
         total = total * z + x
@@ -171,37 +206,47 @@ def polynomial(series, z):
 
 @kernel
 def quaternion(psi):
-    """That of exp(psi^), twice its half: to 1e-16 for |psi| <= pi, to 1e-12 up to 2 pi."""
+    """Return the quaternion (w, x, y, z) of the rotation by the rotation vector psi (rad).
+
+    Error 1e-16 for |psi| <= pi, 1e-12 up to 2 pi.
+    """
+    # sin(a/4)/(a/4) and cos(a/4) of the angle a = |psi|, from their series in (a/4)^2
     z = dot(psi, psi) * 0.0625
-    sine, cosine = polynomial(_SINE, z), polynomial(_COSINE, z)  # of a quarter of the angle; the first over that
+    sine, cosine = polynomial(_SINE, z), polynomial(_COSINE, z)
+    # double the angle: cos(a/2) = 1 - 2 sin^2(a/4), sin(a/2) = 2 sin(a/4) cos(a/4)
     part = sine * cosine * 0.5
     return 1.0 - z * (sine * sine) * 2.0, psi[0] * part, psi[1] * part, psi[2] * part
 
 
 @kernel
-def composed(p, r):
-    """The rotation r and then, in axes that stand still, p: p r."""
-    a, b = (p[1], p[2], p[3]), (r[1], r[2], r[3])
-    v = plus(plus(times(b, p[0]), times(a, r[0])), cross(a, b))
+def compose(p, r):
+    """Return the quaternion product p r: the rotation r, then p about reference axes (or p, then r about body axes)."""
+    a, b = Vector(p[1], p[2], p[3]), Vector(r[1], r[2], r[3])
+    v = p[0] * b + r[0] * a + cross(a, b)
     return p[0] * r[0] - dot(a, b), v[0], v[1], v[2]
 
 
 @kernel
-def inverse(p):
-    """The rotation back."""
+def inverse_rotation(p):
+    """Return the quaternion of the inverse rotation, the conjugate of p."""
     return p[0], -p[1], -p[2], -p[3]
 
 
 @kernel
-def shorter(p):
-    """p or -p, whichever turns by at most pi."""
+def shortest_rotation(p):
+    """Return p or -p, the same rotation, whichever has w >= 0: its rotation vector is at most pi long."""
     sign = select_lt(p[0], 0.0, -1.0, 1.0)
     return p[0] * sign, p[1] * sign, p[2] * sign, p[3] * sign
 
 
 class Turn(NamedTuple):
-    """A rotation of at most pi: its vector psi; half of it; tan(|psi|/4) psi/|psi|; T^-1, (exp(psi^))^T d exp(psi^) =
-    (T d psi)^, of any psi 1 + psi^/2 + c psi^ psi^ with c = (1 - |psi|/2 cot(|psi|/2)) / |psi|^2."""
+    """Functions of a rotation by an angle a = |psi| of at most pi.
+
+    psi   rotation vector, rad
+    half  quaternion of psi / 2
+    g     tan(a/4) psi / a
+    T     T^-1(psi) = 1 + psi^/2 + c psi^ psi^,  c = (1 - a/2 cot(a/2)) / a^2; T: (exp(psi^))^T d exp(psi^) = (T dpsi)^
+    """
 
     psi: Any
     half: Any
@@ -211,39 +256,53 @@ class Turn(NamedTuple):
 
 @kernel
 def _unwound(square):
-    """Of g = tan(a/4), whose square this is, at most 1: a / g, and 1 / cos(a/4)."""
+    """Return a / tan(a/4) and 1 / cos(a/4), given `square` = tan^2(a/4) <= 1, for a rotation by the angle a (rad).
+
+    The angle is halved twice more, so that the series of the arctangent converges fast.
+    """
     whole = square_root(square + 1.0)
-    near = 1.0 / (whole + 1.0)  # tan(a/8) = g near
+    # tan(a/8) = tan(a/4) near and tan(a/16) = tan(a/4) near far
+    near = 1.0 / (whole + 1.0)
     z = square * near * near
-    far = 1.0 / (square_root(z + 1.0) + 1.0)  # tan(a/16) = g near far
+    far = 1.0 / (square_root(z + 1.0) + 1.0)
     return polynomial(_ARCTANGENT, z * far * far) * (near * far * 16.0), whole
 
 
 @kernel
 def rotation_vector(p):
-    """psi of at most pi with exp(psi^) that of p, which has w >= 0 (see `shorter`)."""
+    """Return the rotation vector psi (rad, |psi| <= pi) of the quaternion p, which has w >= 0 (`shortest_rotation`)."""
+    # g = tan(|psi|/4) psi/|psi|
     share = 1.0 / (p[0] + 1.0)
-    g = p[1] * share, p[2] * share, p[3] * share
-    return times(g, _unwound(dot(g, g))[0])
+    g = Vector(p[1] * share, p[2] * share, p[3] * share)
+    return _unwound(dot(g, g))[0] * g
 
 
 @kernel
 def turn_of(p):
-    """The `Turn` of p, which has w >= 0."""
+    """Return the `Turn` of the quaternion p: rotation vector psi, half rotation, tan(|psi|/4) psi/|psi| and T^-1(psi).
+
+    p must have w >= 0. T: tangent map of rotations, exp(psi^ + e^) = exp(psi^) exp((T e)^) to first order in e.
+    """
+    # g = tan(a/4) psi/a, a = |psi|
     share = 1.0 / (p[0] + 1.0)
-    g = p[1] * share, p[2] * share, p[3] * share
+    g = Vector(p[1] * share, p[2] * share, p[3] * share)
     wound, whole = _unwound(dot(g, g))
-    psi, cosine = times(g, wound), 1.0 / whole
+    psi, cosine = wound * g, 1.0 / whole
+    # c = (1 - a/2 cot(a/2)) / a^2; for a^2 < 1e-3 its series, because the closed form cancels
     square = dot(psi, psi)
     closed = (1.0 - wound * share * p[0] * 0.5) / select_lt(square, 1e-3, 1.0, square)
     c = select_lt(square, 1e-3, 1.0 / 12.0 + square * (1.0 / 720.0 + square * (1.0 / 30240.0)), closed)
-    T = about_identity(1.0 - c * square, times(psi, 0.5), c, psi)
+    # T^-1 = 1 + psi^/2 + c psi^ psi^, with psi^ psi^ = psi psi^T - a^2 1
+    T = about_identity(1.0 - c * square, 0.5 * psi, c, psi)
     return Turn(psi, (cosine, g[0] * cosine, g[1] * cosine, g[2] * cosine), g, T)
 
 
 @kernel
 def _half_sine(d):
-    """The cosine of half of |d|; the square of its sine; |d|^2, or 1 where it is small; the sine over |d|."""
+    """Return cos(a/2), sin^2(a/2), a^2 and sin(a/2)/a of the angle a = |d| (rad).
+
+    Below a^2 = 1e-3 the third value is 1 instead of a^2, and the fourth is meaningless: callers use series there.
+    """
     square, p = dot(d, d), quaternion(d)
     sine = (p[1] * p[1] + p[2] * p[2]) + p[3] * p[3]
     over = select_lt(square, 1e-3, 1.0, square)
@@ -252,43 +311,60 @@ def _half_sine(d):
 
 @kernel
 def inverse_share(d):
-    """c of T^-1 (`Turn`) of d, at most 2 pi."""
+    """Return c = (1 - a/2 cot(a/2)) / a^2 of T^-1(d) = 1 + d^/2 + c d^ d^, for an angle a = |d| of at most 2 pi.
+
+    d: rotation vector, rad; T: tangent map of rotations, exp(d^ + e^) = exp(d^) exp((T e)^) to first order in e.
+    """
     square, (cosine, _, over, by_square) = dot(d, d), _half_sine(d)
+    # series for a^2 < 1e-3, where the closed form cancels
     closed = (1.0 - cosine / (by_square * 2.0)) / over
     return select_lt(square, 1e-3, 1.0 / 12.0 + square * (1.0 / 720.0 + square * (1.0 / 30240.0)), closed)
 
 
 @kernel
 def inverse_map(d, share, x):
-    """T^-T x, T being that of d, by its `inverse_share`."""
+    """Return T^-T(d) x = x - d^ x / 2 + c d^ d^ x for a vector x, with c = `share` from `inverse_share(d)`.
+
+    d: rotation vector, rad; d^ b is the cross product of d and b; T: tangent map of rotations (`inverse_share`).
+    """
     y = cross(d, x)
-    return plus(x, plus(times(y, -0.5), times(cross(d, y), share)))
+    return x + (-0.5 * y + share * cross(d, y))
 
 
 @kernel
 def tangent_map(d, inverse, x):
-    """T^T x, or T^-T x, T being that of d (`Turn`), at most 2 pi."""
+    """Return T^T(d) x, or T^-T(d) x where the compile-time flag `inverse` is True.
+
+    T^T = 1 + (1 - cos a)/a^2 d^ + (1 - sin(a)/a)/a^2 d^ d^,  a = |d|; d: rotation vector of at most 2 pi (rad). The
+    tangent map T takes an increment e of d to one in body axes: exp(d^ + e^) = exp(d^) exp((T e)^). Its transpose takes
+    x, conjugate to the latter, back.
+    """
     if inverse:
         return inverse_map(d, inverse_share(d), x)
     square, (cosine, sine, over, by_square) = dot(d, d), _half_sine(d)
+    # (1 - cos a)/a^2 and (1 - sin(a)/a)/a^2, by their series for a^2 < 1e-3
     once = select_lt(square, 1e-3, 0.5 - square * (1.0 / 24.0 - square * (1.0 / 720.0)), sine * 2.0 / over)
     closed = (1.0 - cosine * by_square * 2.0) / over
     twice = select_lt(square, 1e-3, 1.0 / 6.0 - square * (1.0 / 120.0 - square * (1.0 / 5040.0)), closed)
     y = cross(d, x)
-    return plus(x, plus(times(y, once), times(cross(d, y), twice)))
+    return x + (once * y + twice * cross(d, y))
 
 
 @kernel
 def matrix(p):
-    """The rotation's matrix, body axes to those that stand still."""
+    """Return the rotation matrix of the quaternion p: it maps vectors from body axes to reference axes."""
     w, x, y, z = p
     x2, y2, z2 = x + x, y + y, z + z
     xx, yy, zz = x * x2, y * y2, z * z2
     xy, xz, yz, wx, wy, wz = x * y2, x * z2, y * z2, w * x2, w * y2, w * z2
-    return (1.0 - (yy + zz), xy - wz, xz + wy), (xy + wz, 1.0 - (xx + zz), yz - wx), (xz - wy, yz + wx, 1.0 - (xx + yy))
+    return Matrix(
+        Vector(1.0 - (yy + zz), xy - wz, xz + wy),
+        Vector(xy + wz, 1.0 - (xx + zz), yz - wx),
+        Vector(xz - wy, yz + wx, 1.0 - (xx + yy)),
+    )
 
 
 @superword
-def moved(psi, d):
-    """The rotation vector of exp(psi^) exp(d^)."""
-    return rotation_vector(shorter(composed(quaternion(psi), quaternion(d))))
+def compose_rotation_vectors(psi, d):
+    """Return the rotation vector of exp(psi^) exp(d^): rotation psi, then the increment d in body axes (rad)."""
+    return rotation_vector(shortest_rotation(compose(quaternion(psi), quaternion(d))))

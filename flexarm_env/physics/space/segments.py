@@ -1,8 +1,9 @@
-"""Constants of segments with floating frames in space: the planar elements of both bendings, and torsion.
+"""Constants of segments with floating frames in space: planar elements for bending about y and z, and torsion.
 
-A segment that is reduced to n modes has of each bending the static shapes of its turned ends and `inner` ones: the
-n - 2 lowest modes between pins, less what they turn the ends by (their coordinate: the largest slope or turn there is
-before that). Of torsion it has a linear shape and n - 2 waves between held ends.
+A segment that is reduced to n modes has, for bending in either plane, the static shapes of its rotated ends and `inner`
+ones: the n - 2 lowest modes between pins, less the rotation of the ends that they cause. The coordinate of such a mode
+is the largest slope or section rotation before that subtraction. Torsion has a linear shape and n - 2 waves between
+held ends.
 """
 
 from __future__ import annotations
@@ -25,15 +26,15 @@ from .layout import FRAME, WEIGHT, points_for
 Array = NDArray[np.float64]
 
 ENDS = [2, 5]
-"""Rotations among the six coordinates of a planar element."""
+"""Indices of the end rotations among the six coordinates of a planar element."""
 
 LEAST_ROTARY = 1e-8
-"""Rotary inertia over m l^2, of a segment about its axis, of an exact element about any, that none falls below: their
-ends turn by themselves."""
+"""Lower bound of rotary inertia over m l^2, of a segment about its axis and of an exact element about any axis: their
+ends rotate by themselves."""
 
 
 def refuse(settings: Settings) -> None:
-    """What floating frames in space do not have, by name."""
+    """Raise `InvalidValue` for settings that floating frames in space do not support."""
     if settings.modes == 1:
         what = "must be at least 2 in space: a segment's ends turn by themselves, and each bends it"
         raise check.InvalidValue("modes", 1, what)
@@ -48,7 +49,7 @@ def refuse(settings: Settings) -> None:
 
 
 def turned_over(link: Link) -> Link:
-    """The link with what bends it in the x-z plane in the place of what bends it in the x-y plane, straight."""
+    """Return the link with the bending properties of the x-z plane in place of the x-y plane, straight."""
 
     def over(one: Section) -> Section:
         across: dict[str, Any] = {"EI": one.EI_y, "C": one.C_y, "J": one.J_y}
@@ -65,19 +66,27 @@ def turned_over(link: Link) -> Link:
 
 
 def torsion(link: Link, a: float, b: float) -> float:
-    """GJ, N m^2, of a piece from a to b: of springs one behind the other."""
+    """Return the torsional stiffness GJ (N m^2) of the piece from a to b (m): the harmonic mean along it."""
     x, w = np.polynomial.legendre.leggauss(8)
     return float(2.0 / (w @ (1.0 / link.across(0.5 * (a + b) + 0.5 * (b - a) * x)["GJ"])))
 
 
 class _Plane:
-    """A segment's bending in one plane by its shapes: K, H, the moments without stress, and what moves with them."""
+    """Bending of a segment in one plane, by n shapes: the two rotated ends, then inner modes.
+
+    K       N m (n, n): bending stiffness           H    m (n, n): coupling with stretch
+    moment  N m (n,): stress-free moments           h    m (n, points): deflection of the shapes
+    phi     (n, points): section rotation           at   (points,): position over length
+    dm, dJ  kg and kg m^2 (points,): mass and rotary inertia of the quadrature points
+    """
 
     def __init__(self, part: Element, modes: int | None) -> None:
         self.part, self.parts, self.n = part, [part], modes or 2
         self.nodal, self.K = np.zeros((4, 2)), part.stiffness()[np.ix_(ENDS, ENDS)]
+        # unit rotations of both ends
         self.nodal[[1, 3], [0, 1]] = 1.0
         if modes is not None:
+            # modes between pins, less the end rotations that they cause, scaled by their largest slope
             K, nodal = pinned_modes(part.link, modes)
             basis = np.eye(modes)
             basis[:2, 2:] = -nodal[[1, -1], 2:]
@@ -89,6 +98,7 @@ class _Plane:
         self.H, self.moment, rows = np.zeros((self.n, self.n)), np.zeros(self.n), []
         for e, (start, one) in enumerate(zip(starts, self.parts, strict=True)):
             own = self.nodal[2 * e : 2 * e + 4]
+            # foreshortening, and quadrature points with the shapes' deflection and rotation
             self.H += own.T @ coupling_matrix(one.section, one.length) @ own
             for xi, weight, section in one.points:
                 x, dx, (_, v, phi) = start + xi * one.length, weight * one.length, one.shapes(xi)
@@ -101,39 +111,45 @@ class _Plane:
         self.h, self.phi = np.array(shapes[: self.n]), np.array(shapes[self.n :])
 
     def across(self, x: float) -> Array:
-        """h of the shapes at x, m from the left end."""
+        """Return the deflections h (m) of the n shapes at x, m from the left end."""
         e = int(np.searchsorted(self.starts, x, "right")) - 1
         xi = (x - self.starts[e]) / self.parts[e].length
         return np.asarray(self.parts[e].shapes(xi)[1][BENDING] @ self.nodal[2 * e : 2 * e + 4])
 
 
 class Natural(NamedTuple):
-    """A segment without stress: the turn from its left section to the chord, rad, the chord's length, m, the turn to
-    its right section, and its inner modes."""
+    """A segment or element without stress, in the plane of its curvature."""
 
-    near: float
-    length: float
-    far: float
-    inner: tuple[float, ...] = ()
+    near: float  # rad: rotation from the left section to the chord
+    length: float  # m: chord
+    far: float  # rad: rotation from the chord to the right section
+    inner: tuple[float, ...] = ()  # rad: amplitudes of the inner modes about x, y, z
 
 
 _UPPER = np.triu_indices(2)
 
 
 def _symmetric(weights: Array, rows: Array) -> Array:
-    """int w f_i f_j of functions (n, points)."""
+    """Return int w f_i f_j, a matrix, of functions f in rows (n, points) with weights w (points,)."""
     return np.asarray((rows * weights) @ rows.T)
 
 
 def _frame(link: Link, plane: Element, across: Element, start: float, modes: int | None) -> tuple[Array, Natural]:
-    """A `FRAME` of the segment that begins at `start`, and how it is without stress."""
+    """Return the `FRAME` of the segment that begins at `start` (m), and its `Natural`.
+
+    plane, across: its planar elements in the x-y and the x-z plane; modes: shapes per plane, or None for the static
+    two.
+    """
     l, n = plane.length, modes or 2
     inner, both = n - 2, (_Plane(across, modes), _Plane(plane, modes))
+    # axis 0: torsion, 1: bending in the x-z plane, 2: bending in the x-y plane; the frame is the last row of `rotary`
     K, H, rotary = (np.zeros((n + k, n + k, 3)) for k in (0, 0, 1))  # the frame comes last
     moments = np.zeros((n, 3))
     twist = torsion(link, start, start + l) / l
+    # torsion: linear shape of the ends, sine waves inside
     K[:2, :2, 0] = twist * np.array([[1.0, -1.0], [-1.0, 1.0]])
     waves = np.pi * np.arange(1, inner + 1)[:, None]
+    # bending: stiffness, foreshortening, and rotary inertia with the rest of the section rotation for the frame
     for axis, one in zip((1, 2), both, strict=True):
         K[..., axis], H[..., axis] = one.K, one.H
         rest = 1.0 - one.phi[0] - one.phi[1]
@@ -141,14 +157,17 @@ def _frame(link: Link, plane: Element, across: Element, start: float, modes: int
         moments[:, axis] = one.moment
         twisted = np.vstack([1.0 - one.at, one.at, np.sin(waves * one.at), 0.0 * one.at])
         rotary[..., 0] += _symmetric(one.dJ, twisted)
+    # torsional stiffness of the waves
     x, weights = np.polynomial.legendre.leggauss(32)
     at, slopes = 0.5 * (1.0 + x), waves * np.cos(waves * 0.5 * (1.0 + x)) / l
     K[2:, 2:, 0] = _symmetric(0.5 * l * weights * np.asarray(link.across(start + l * at)["GJ"]), np.asarray(slopes))
+    # lower bound of rotary inertia about the axis
     least = LEAST_ROTARY * plane.section.m * l**3
     if rotary[0, 0, 0] < least / 3.0:
         rotary[..., 0] = 0.0
         rotary[:2, :2, 0] = least / 6.0 * (np.ones((2, 2)) + np.eye(2))
         rotary[2:n, 2:n, 0] = 0.5 * least * np.eye(inner)
+    # translational inertia at Gauss points
     x, weights = np.polynomial.legendre.leggauss(points_for(inner))
     at, h = 0.5 * (1.0 + x), np.zeros((len(x), n, 3))
     dm = 0.5 * l * weights * plane.link.along(at * l).m
@@ -158,12 +177,14 @@ def _frame(link: Link, plane: Element, across: Element, start: float, modes: int
         WEIGHT.pack({"inner": inner}, xi=at[p], mass=dm[p], left=h[p, 0], right=h[p, 1], inner=h[p, 2:])
         for p in range(len(x))
     ]
+    # mass integrals with positions and deflections
     ends = np.array([1.0 - at, at])
     mass = _symmetric(dm, ends)[_UPPER]
     near, far = np.einsum("p,ep,pnc->enc", dm, ends, h)
     lateral = np.einsum("p,pnc,pmc->nmc", dm, h, h)[..., [0, 2, 1]]  # about x, y, z
     both_planes = np.einsum("p,pn,pm->nm", dm, h[..., 2], h[..., 1])
     order = [0, 1, n, *range(2, n)]  # the frame before inner modes
+    # stress-free coordinates of the curved link
     w: Array = np.zeros(n)
     if link.curved:
         w[:] = np.linalg.solve(K[..., 2], moments[:, 2])
@@ -182,7 +203,7 @@ def _frame(link: Link, plane: Element, across: Element, start: float, modes: int
 
 @lru_cache(64)
 def frames(link: Link, n: int, modes: int | None) -> tuple[tuple[Array, Natural], ...]:
-    """`_frame` of each of n segments; kept, since arms are used again and again."""
+    """Return the (`FRAME`, `Natural`) of each of n segments of a link; cached, since arms are used again and again."""
     if n == 0:
         return ()
     planes, across = mesh(link, n, "segments"), mesh(turned_over(link), n, "segments")

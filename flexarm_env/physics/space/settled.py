@@ -1,130 +1,150 @@
-"""Where sections go when their rotations and the forces of elements are given: the curve that increments follow.
+"""Positions of sections from given rotations and element forces: the curve along which Newton increments are applied.
 
-Steel strips turn far in a step, and hardly stretch. Places that move along straight lines where sections turn by d
-stretch an element by d^2/2, and damp it by c_v tau_d as much again: forces that the next iteration has to take away
-first. Newton's increment is therefore taken as one of rotations and of the elements' forces, which it has right to
-first order; places follow from these, and rates and accelerations follow places as in any step. By the damping of
-stretch and shear a force is affine in the chord's components e of the element's middle:
+Steel strips rotate far in a step and hardly stretch. Positions that move along straight lines while sections rotate by
+d stretch an element by d^2/2, and damp it by c_v tau_d as much again: forces that the next iteration would have to
+remove first. Newton's increment is therefore applied as one of rotations and of the elements' section forces n, which
+are right to first order; positions follow from these, and rates and accelerations follow positions as in any step. With
+damping, a force is affine in the chord's components e in the axes of the element's middle:
 
-    n / D = (1 + tau_d c_v) e + tau_d e x w + (what does not depend on e),   w: what the middle turns by
+    n / D = (1 + tau_d c_v) e + tau_d e x w + (terms without e),   w: angular velocity of the middle
 """
 
 from __future__ import annotations
 
-from ...compiler import kernel, largest, load, select_lt, splat, store
-from ..arithmetic import add, put_vector, vector
-from ..integrator.newton import follow
-from ..integrator.work import moved_by
-from .chain import has_lever, place_at, planted, section_at, three_of
+from typing import TYPE_CHECKING
+
+from ...compiler import kernel, max_over_lanes, select_lt
+from ..arithmetic import store_vector
+from ..integrator.newton import follow_displacement, move_prediction
+from ..integrator.work import accumulated_increment, copy_rows
+from .chain import has_lever, joint_placement, place_at, section_at, three_of
 from .element import Place, arc_of, bow_of, mean, middle
 from .inner import elements_before
 from .layout import F, H, J, count_of, factor_at, hinge_at, joint_row, vertex_row
-from .matrix import carried, matrix_in
-from .rotations import back, composed, cross, dot, inverse, matrix, minus, plus, shorter, times, turn_of, turned
+from .matrix import joint_motion_of_root, matrix_in
+from .output import restore_chords
+from .rotations import (
+    Vector,
+    compose,
+    cross,
+    dot,
+    inverse_rotation,
+    load_vector,
+    matrix,
+    shortest_rotation,
+    turn_of,
+)
 
-LONGEST = 0.05
-"""Of Newton's increments, rad or shares of the arm's length: what whips about starts further off than that, and leaves
-the range of its tangent otherwise."""
-
-
-LACK = 1e-2
-"""Of the derivative in Newton's matrix, at most: measured up to 35 rad/s in steps of 2.5 ms, a third of it."""
-
-
-@kernel
-def lack(model):
-    """See `protocol`. A frame's matrix lacks as much of inertia, which is all that counts in short steps."""
-    return (0.0 if model.frames is None else LACK), LACK
-
-
-@kernel
-def stride(model):
-    """See `protocol`."""
-    return LONGEST
+if TYPE_CHECKING:
+    from ..integrator.work import Work
 
 
 @kernel
 def _chord(section, left, right, n, cv):
-    """The place of `right` beside `left` with the force n, its rate c_v faster than where it is per m."""
-    relative = shorter(composed(inverse(left.p), right.p))
+    """Return the position (m, inertial axes) of `right` at which the element has the section force n.
+
+    n: N, axes of the middle; left, right: `Place`s with final rotations and spins; cv: change of velocity per change of
+    position (1/s). Solves n / D = Gamma + tau Gamma' for the chord e.
+    """
+    relative = shortest_rotation(compose(inverse_rotation(left.p), right.p))
     psi, half, g, T = turn_of(relative)
-    R = matrix(composed(left.p, half))
+    R = matrix(compose(left.p, half))
     bow = bow_of(section.uneven, psi)
-    strain = n[0] / section.stretch[0], n[1] / section.stretch[1], n[2] / section.stretch[2]
-    b = strain[0] + 1.0 + bow[0], strain[1] + bow[1], strain[2] + bow[2]
+    # e without damping: n / D + e_x + bow
+    strain = Vector(n[0] / section.stretch[0], n[1] / section.stretch[1], n[2] / section.stretch[2])
+    b = Vector(strain[0] + 1.0 + bow[0], strain[1] + bow[1], strain[2] + bow[2])
     if section.tau is None:
         e = b
     else:
         share = 1.0 / section.length
-        slip = plus(minus(right.v, left.v), times(minus(left.r, right.r), cv))
-        bend = minus(turned(T, right.spin), back(T, left.spin))
-        known = plus(times(back(R, slip), share), turned(arc_of(section.uneven, psi), bend))
-        b = minus(b, times(known, section.tau))
-        alpha, turn = section.tau * cv + 1.0, times(mean(g, left.spin, right.spin), section.tau)
-        whole = plus(times(plus(times(b, alpha), cross(turn, b)), alpha), times(turn, dot(turn, b)))
-        e = times(whole, 1.0 / (alpha * (alpha * alpha + dot(turn, turn))))
-    return plus(left.r, turned(R, times(e, section.length)))
+        # damping: slip is the velocity that the right end would have at the position of the left
+        slip = right.v - left.v + cv * (left.r - right.r)
+        bend = T @ right.spin - T.T @ left.spin
+        known = share * (R.T @ slip) + arc_of(section.uneven, psi) @ bend
+        b = b - section.tau * known
+        # alpha e + e x turn = b: e = (alpha^2 b + alpha turn x b + turn (turn . b)) / (alpha (alpha^2 + turn^2))
+        alpha, turn = section.tau * cv + 1.0, section.tau * mean(g, left.spin, right.spin)
+        whole = alpha * (alpha * b + cross(turn, b)) + dot(turn, b) * turn
+        e = 1.0 / (alpha * (alpha * alpha + dot(turn, turn))) * whole
+    return left.r + R @ (section.length * e)
 
 
 @kernel
 def _hold_forces(lane, model, par, w):
-    """Elements are to have the forces of the step's start."""
+    """Store in each `FACTOR` of w.S the element's section force n (N, middle's axes) at the step's start (q0, v0)."""
     tip = place_at(lane, w.q0, w.v0, 0)
     for k in range(model.links):
-        left, first = planted(lane, model, w.q0, w.v0, k, tip)[2], elements_before(model, k)
+        left, first = joint_placement(lane, model, w.q0, w.v0, k, tip)[2], elements_before(model, k)
         for e in range(count_of(model, k)):
             right = place_at(lane, w.q0, w.v0, vertex_row(model, k, e))
             found = middle(section_at(lane, model, par, first + e), left, right)[1]
-            put_vector(w.S, factor_at(model, k, e) + F.force, found.n)
+            store_vector(lane, w.S, factor_at(model, k, e) + F.force, found.n)
             left = right
         tip = left
 
 
 @kernel
-def _add_forces(lane, model, w, active):
-    """Elements are to have the forces that the increment w.r brings to first order, where `active`."""
-    a, b = vector(lane, w.r, 0), vector(lane, w.r, 3)
+def _add_forces(lane, model, w: Work, active):
+    """Add to each element's section force n its first-order change by the Newton increment w.r, where `active`.
+
+    dn = by_place (dr_r - dr_l) + by_left dth_l + by_right dth_r (N, axes of the middle).
+    """
+    a, b = load_vector(lane, w.r, 0), load_vector(lane, w.r, 3)
     for k in range(model.links):
-        h, own = hinge_at(k), load(lane, w.r, joint_row(model, k))
+        h, own = hinge_at(k), w.r[joint_row(model, k)]
         axis = three_of(lane, model.joints, J.end * k + J.axis)
+        # motion (a, b) of the link's root: position inertial, rotation in root axes
         if has_lever(model, k):
-            shift = turned(matrix_in(lane, w.S, h + H.shift), b)
-            a = plus(a, plus(shift, times(vector(lane, w.S, h + H.drift), own)))
-        b = plus(back(matrix_in(lane, w.S, h + H.turn), b), times(carried(lane, model, w.S, k, axis), own))
+            shift = matrix_in(lane, w.S, h + H.shift) @ b
+            a = a + (shift + own * load_vector(lane, w.S, h + H.drift))
+        b = matrix_in(lane, w.S, h + H.turn).T @ b + own * joint_motion_of_root(lane, model, w.S, k, axis)
         for e in range(count_of(model, k)):
             f, i = factor_at(model, k, e), vertex_row(model, k, e)
-            x, y = vector(lane, w.r, i), vector(lane, w.r, i + 3)
-            n = turned(matrix_in(lane, w.S, f + F.by_place), minus(x, a))
-            n = plus(n, turned(matrix_in(lane, w.S, f + F.by_left), b))
-            n = plus(n, turned(matrix_in(lane, w.S, f + F.by_right), y))
+            x, y = load_vector(lane, w.r, i), load_vector(lane, w.r, i + 3)
+            # dn of the element, from the motions of its ends
+            n = matrix_in(lane, w.S, f + F.by_place) @ (x - a)
+            n = n + matrix_in(lane, w.S, f + F.by_left) @ b
+            n = n + matrix_in(lane, w.S, f + F.by_right) @ y
             for j in range(3):
-                add(lane, w.S, f + F.force + j, select_lt(0.5, active, n[j], splat(lane, -0.0)))
+                w.S[f + F.force + j] += select_lt(0.5, active, n[j], -0.0)
             a, b = x, y
 
 
 @kernel
-def settle(lane, model, par, start, w, active, slopes):
-    """See `protocol`."""
+def correct_positions(lane, model, par, w: Work, active, slopes, predicted):
+    """Move positions in w.q so that each exact element has its stored force (`protocol.correct_positions`).
+
+    active: lanes, above 1/2 where to correct. predicted None: after the Newton increment w.r, with the forces it causes
+    to first order; a tag: after the prediction, with the forces at the step's start. Velocities and accelerations
+    follow by `slopes`, their changes per change of position. Segments with floating frames keep the chords of the
+    step's start, after the prediction alone. Scratch after the prediction: w.r.
+    """
+    if predicted is not None:
+        copy_rows(lane, model.n, w.q, w.r)
+        restore_chords(lane, model, w.q0, w.r)
+        move_prediction(lane, model, w, w.r, slopes)
     if model.frames is not None:
         return
-    if start is None:
-        if largest(active) < 0.5:
+    if predicted is None:
+        if max_over_lanes(active) < 0.5:
             return
         _add_forces(lane, model, w, active)
     else:
         _hold_forces(lane, model, par, w)
-    tip, (total, begin) = place_at(lane, w.q, w.v, 0), moved_by(w)
+    # from the base outward: each right end relative to the left end already corrected
+    tip, (total, begin) = place_at(lane, w.q, w.v, 0), accumulated_increment(lane, w)
     for k in range(model.links):
-        left, first = planted(lane, model, w.q, w.v, k, tip)[2], elements_before(model, k)
+        left, first = joint_placement(lane, model, w.q, w.v, k, tip)[2], elements_before(model, k)
         for e in range(count_of(model, k)):
             i = vertex_row(model, k, e)
             section, right = section_at(lane, model, par, first + e), place_at(lane, w.q, w.v, i)
-            r = _chord(section, left, right, vector(lane, w.S, factor_at(model, k, e) + F.force), slopes.v)
+            r = _chord(section, left, right, load_vector(lane, w.S, factor_at(model, k, e) + F.force), slopes.v)
             for j in range(3):
-                d = select_lt(0.5, active, r[j] - right.r[j], splat(lane, -0.0))
-                moved = load(lane, total, i + j) + d
-                store(total, i + j, moved)
-                store(w.q, i + j, load(lane, begin, i + j) + moved)
-                follow(lane, w, i + j, d, slopes)
-            left = Place(vector(lane, w.q, i), vector(lane, w.v, i), right.p, right.spin)
+                # -0.0 where an arm is inactive keeps its values to the last bit
+                d = select_lt(0.5, active, r[j] - right.r[j], -0.0)
+                moved = total[i + j] + d
+                total[i + j] = moved
+                w.q[i + j] = begin[i + j] + moved
+                follow_displacement(lane, w, i + j, d, slopes)
+            left = Place(load_vector(lane, w.q, i), load_vector(lane, w.v, i), right.p, right.spin)
         tip = left

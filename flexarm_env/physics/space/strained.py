@@ -1,56 +1,63 @@
-"""A link in space whose coordinates are its strains: torsion and two curvatures, Legendre polynomials along it.
+"""A link in space whose coordinates are its strains: torsion and two curvatures, Legendre polynomials along it (theory,
+9).
 
-Between Gauss's points (and from the last to the link's end) a section turns by psi = s + s x d, s the integral of the
-strain over the interval and d its first moment about the middle, over the interval: Magnus' series to fourth order, of
-two numbers that are linear in the coordinates. That is
-Cayley's rotation of x = tan(|psi|/2) psi/|psi|, whose rates are rational:
+Between Gauss points (and from the last to the link's end) a section rotates by psi = s + s x d: s is the integral of
+the strain over the interval and d its first moment about the interval's middle, divided by the interval (Magnus' series
+to fourth order). Both are linear in the coordinates. The rotation is Cayley's of x = tan(|psi|/2) psi/|psi|, whose
+rates are rational:
 
     rel = 2 (x' - x x x') / (1 + x.x),   rel' = 2 (x'' - x x x'') / (1 + x.x) - 2 (x.x') rel / (1 + x.x)
 
-along the axes of the interval's end. A point is where the tangents before it, weighted, lead to. Places are a function
-of the coordinates, and forces on these are its derivative's transpose times those on the points, to the last bit of it:
-what a chain conserves it keeps whatever the number of points. All vectors are in the axes of the link's root.
+along the axes of the interval's end. A point's position is the weighted sum of the tangents before it. Positions are a
+function of the coordinates, and generalized forces are the transpose of its derivative times the points' forces, to
+round-off: the chain conserves what it should, whatever the number of points. All vectors are in the axes of the link's
+root unless stated otherwise.
 """
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ...compiler import inlined, kernel, load, size, splat, square_root, stack, store
-from ..arithmetic import put_vector, vector
+from ...compiler import Lanes, inlined, kernel, size, square_root, stack
+from ..arithmetic import store_vector
 from ..model import TAU_D
 from ..protocol import added
 from .chain import Vertex, factors_of, three_of
 from .element import Place, scale
 from .layout import AXES, joint_row
 from .matrix import matrix_in
-from .moving import move_vertex, put_difference
+from .moving import move_vertex, store_increment
 from .rotations import (
+    Vector,
     add_vector,
-    back,
-    composed,
+    compose,
     cross,
     dot,
+    load_vector,
     matrix,
-    minus,
-    plus,
     polynomial,
-    put_matrix,
-    times,
-    turned,
+    store_matrix,
 )
 from .strained_layout import noted_at, strained_at
 
 _TANGENT = (1.0, 1 / 12, 1 / 120, 17 / 20160, 31 / 362880, 691 / 79833600, 5461 / 6227020800, 929569 / 10461394944000)
 TANGENT = _TANGENT[::-1]
-"""f of tan(a/2) = a f(a^2) / 2, coefficients from the highest power on: to 1e-9 for a of 1, to 1e-6 for a of 1.5."""
+"""Coefficients, highest power first, of f in tan(a/2) = a f(a^2) / 2; error 1e-9 at a = 1, 1e-6 at a = 1.5 (rad)."""
 _SLOPE = tuple(k * c for k, c in enumerate(_TANGENT))[1:]
+# f' and f'' by a^2
 SLOPE = _SLOPE[::-1]
 CURVE = tuple(k * c for k, c in enumerate(_SLOPE))[:0:-1]
 
 
 class Bend(NamedTuple):
-    """An interval: what it turns by, and the angular velocity and acceleration that it adds, in the axes of its end."""
+    """Rotation of one interval and its rates, in the axes of the interval's end where not stated otherwise.
+
+    x, psi  Cayley's vector tan(|psi|/2) psi/|psi|, and the rotation vector psi = s + s x d (rad)
+    s, d    rad: integral of the strain, and its first moment over the interval
+    f       f(psi.psi): x = psi f / 2
+    rel     rad/s: angular velocity that the interval adds; None where rates are not computed
+    second  rad/s^2: angular acceleration that it adds, rate of rel; None where accelerations are not computed
+    """
 
     x: Any
     psi: Any
@@ -59,312 +66,362 @@ class Bend(NamedTuple):
     share: Any  # 1 / (1 + x.x)
     f: Any
     slope: Any  # f'
-    rel: Any  # None without rates
+    rel: Any
     second: Any
 
 
 @kernel
 def strain_row(model, k):
-    """The first row of the strains of link k."""
+    """Return the first row, in q and r, of the strains of link k."""
     return joint_row(model, k) + 1
 
 
 @kernel
 def _sum(lane, model, table, i, x, row):
-    """Row i of a table times the polynomials' coefficients."""
+    """Return row i of a table times the coefficients in x from `row` on: a vector of torsion, bending about y, about z.
+
+    table: offset in model.strains of a table with a row for each interval and a column for each polynomial.
+    """
     n = size(model.polynomials)
-    total = times(vector(lane, x, row), model.strains[table + n * i])
+    total = model.strains[table + n * i] * load_vector(lane, x, row)
     for j in range(1, n):
-        total = plus(total, times(vector(lane, x, row + 3 * j), model.strains[table + n * i + j]))
+        total = total + model.strains[table + n * i + j] * load_vector(lane, x, row + 3 * j)
     return total
 
 
 @kernel
 def slope_of_slope(z):
-    """f'' of `TANGENT`."""
+    """Return f''(z), the second derivative of the series `TANGENT`."""
     return polynomial(CURVE, z)
 
 
 @kernel
 def bend_of(lane, model, at, i, row, q, v, a):
-    """The `Bend` of interval i; v, a: None where they are not asked for."""
+    """Return the `Bend` of interval i: rotation, and its rates where v and a are not None.
+
+    at: `strained_at` of the link; q, v, a: coordinates, rates, accelerations, with the link's strains from `row` on.
+    """
     s, d = _sum(lane, model, at.sums, i, q, row), _sum(lane, model, at.slants, i, q, row)
     if model.curved is not None:
-        s = s[0], s[1], s[2] + model.strains[at.natural + 2 * i]
-        d = d[0], d[1], d[2] + model.strains[at.natural + 2 * i + 1]
-    psi = plus(s, cross(s, d))
+        s = Vector(s[0], s[1], s[2] + model.strains[at.natural + 2 * i])
+        d = Vector(d[0], d[1], d[2] + model.strains[at.natural + 2 * i + 1])
+    # psi = s + s x d and x = psi f(psi.psi) / 2
+    psi = s + cross(s, d)
     z = dot(psi, psi)
     f, slope = polynomial(TANGENT, z), polynomial(SLOPE, z)
-    x = times(psi, f * 0.5)
+    x = f * 0.5 * psi
     share = 1.0 / (dot(x, x) + 1.0)
     if v is None:
         return Bend(x, psi, s, d, share, f, slope, None, None)
+    # rates: psi', x', and rel = 2 (x' - x x x') / (1 + x.x)
     sv, dv = _sum(lane, model, at.sums, i, v, row), _sum(lane, model, at.slants, i, v, row)
-    rate = plus(sv, plus(cross(sv, d), cross(s, dv)))
+    rate = sv + (cross(sv, d) + cross(s, dv))
     zv = dot(psi, rate) * 2.0
-    xv = times(plus(times(rate, f), times(psi, slope * zv)), 0.5)
-    rel = times(minus(xv, cross(x, xv)), share * 2.0)
+    xv = 0.5 * (f * rate + slope * zv * psi)
+    rel = share * 2.0 * (xv - cross(x, xv))
     if a is None:
         return Bend(x, psi, s, d, share, f, slope, rel, None)
+    # second rates: psi'', x'', and rel'
     sa, da = _sum(lane, model, at.sums, i, a, row), _sum(lane, model, at.slants, i, a, row)
-    second = plus(plus(sa, times(cross(sv, dv), 2.0)), plus(cross(sa, d), cross(s, da)))
+    second = sa + 2.0 * cross(sv, dv) + (cross(sa, d) + cross(s, da))
     za = (dot(rate, rate) + dot(psi, second)) * 2.0
-    xa = plus(times(rate, slope * zv * 2.0), times(psi, slope_of_slope(z) * zv * zv + slope * za))
-    xa = plus(times(second, f), xa)
-    xa = times(xa, 0.5)
-    more = minus(times(minus(xa, cross(x, xa)), share * 2.0), times(rel, dot(x, xv) * share * 2.0))
+    xa = slope * zv * 2.0 * rate + (slope_of_slope(z) * zv * zv + slope * za) * psi
+    xa = f * second + xa
+    xa = 0.5 * xa
+    more = share * 2.0 * (xa - cross(x, xa)) - dot(x, xv) * share * 2.0 * rel
     return Bend(x, psi, s, d, share, f, slope, rel, more)
 
 
 @kernel
 def turned_by(bend, p):
-    """p and then the interval."""
+    """Return the quaternion p followed by the interval's rotation in body axes: p (1, x) / sqrt(1 + x.x)."""
     half = square_root(bend.share)
-    return composed(p, (half, bend.x[0] * half, bend.x[1] * half, bend.x[2] * half))
+    return compose(p, (half, bend.x[0] * half, bend.x[1] * half, bend.x[2] * half))
 
 
 @kernel
 def tangent_at(p):
-    """e_x, turned by p."""
+    """Return the tangent: e_x rotated by the quaternion p."""
     w, x, y, z = p
-    return 1.0 - (y * y + z * z) * 2.0, (x * y + w * z) * 2.0, (x * z - w * y) * 2.0
+    return Vector(1.0 - (y * y + z * z) * 2.0, (x * y + w * z) * 2.0, (x * z - w * y) * 2.0)
 
 
 @kernel
-def still(lane):
-    """No rotation."""
-    zero = splat(lane, 0.0)
-    return splat(lane, 1.0), zero, zero, zero
+def identity_rotation(lane):
+    """Return the quaternion of no rotation, (1, 0, 0, 0), in all lanes."""
+    zero = 0.0
+    return 1.0, zero, zero, zero
 
 
 @kernel
 def last_place(lane, model, k, q, v, root):
-    """The `Place` of link k's last section, root: of its first."""
-    n, at, row, zero = size(model.points), strained_at(model, k), strain_row(model, k), splat(lane, 0.0)
-    p, w = still(lane), root.spin
-    r, u = (zero, zero, zero), (zero, zero, zero)
+    """Return the `Place` of the last section of link k, from its strains and the `Place` root of its first section."""
+    n, at, row, zero = size(model.points), strained_at(model, k), strain_row(model, k), 0.0
+    p, w = identity_rotation(lane), root.spin
+    r, u = Vector(zero, zero, zero), Vector(zero, zero, zero)
     for i in range(n + 1):
         bend = bend_of(lane, model, at, i, row, q, v, None)
+        # orientation and angular velocity behind the interval, then position and velocity of the end
         p = turned_by(bend, p)
-        w = plus(w, turned(matrix(p), bend.rel))
+        w = w + matrix(p) @ bend.rel
         if i < n:
             t, way = tangent_at(p), model.strains[at.ways + n * n + i]
-            r, u = plus(r, times(t, way)), plus(u, times(cross(w, t), way))
+            r, u = r + way * t, u + way * cross(w, t)
     A = matrix(root.p)
-    return Place(plus(root.r, turned(A, r)), plus(root.v, turned(A, u)), composed(root.p, p), back(matrix(p), w))
+    return Place(root.r + A @ r, root.v + A @ u, compose(root.p, p), matrix(p).T @ w)
 
 
 @kernel
-def walk(lane, model, k, state, root, S):
-    """The `Vertex` of link k's last section; notes in S all that `pull` needs."""
+def sweep_outward(lane, model, k, state, root, S):
+    """Return the `Vertex` of the last section of link k; store in S what `sweep_inward` needs (`NOTED`).
+
+    state: q, v, a; root: `Vertex` of the link's first section. Stored are orientations, angular rates, accelerations,
+    inertia forces and moments of all points, in the axes of the link's root.
+    """
     n, at, to, row = size(model.points), strained_at(model, k), noted_at(model, k), strain_row(model, k)
     q, v, a = state
-    zero, p, w, alpha = splat(lane, 0.0), still(lane), root.place.spin, root.alpha
+    zero, p, w, alpha = 0.0, identity_rotation(lane), root.place.spin, root.alpha
     frame = matrix(root.place.p)
-    a0 = back(frame, root.a)
-    put_matrix(S, to.frame, frame)
-    put_vector(S, to.a, a0)
-    put_vector(S, to.spin, w)
+    a0 = frame.T @ root.a
+    store_matrix(lane, S, to.frame, frame)
+    store_vector(lane, S, to.a, a0)
+    store_vector(lane, S, to.spin, w)
+    # sections: A, w, alpha behind each interval, and t'' and rotary inertia at its point
     for i in range(n + 1):
         bend = bend_of(lane, model, at, i, row, q, v, a)
         p = turned_by(bend, p)
         A = matrix(p)
-        own = turned(A, bend.rel)
-        w = plus(w, own)
-        alpha = plus(plus(alpha, turned(A, bend.second)), cross(w, own))
-        put_matrix(S, to.turn + 9 * i, A)
-        put_vector(S, to.x_of + 3 * i, bend.x)
-        put_vector(S, to.psi + 3 * i, bend.psi)
-        put_vector(S, to.s + 3 * i, bend.s)
-        put_vector(S, to.d + 3 * i, bend.d)
-        put_vector(S, to.series + 3 * i, (bend.share, bend.f, bend.slope))
-        put_vector(S, to.w + 3 * i, w)
-        put_vector(S, to.alpha + 3 * i, alpha)
+        own = A @ bend.rel
+        w = w + own
+        alpha = alpha + A @ bend.second + cross(w, own)
+        store_matrix(lane, S, to.turn + 9 * i, A)
+        store_vector(lane, S, to.x_of + 3 * i, bend.x)
+        store_vector(lane, S, to.psi + 3 * i, bend.psi)
+        store_vector(lane, S, to.s + 3 * i, bend.s)
+        store_vector(lane, S, to.d + 3 * i, bend.d)
+        store_vector(lane, S, to.series + 3 * i, (bend.share, bend.f, bend.slope))
+        store_vector(lane, S, to.w + 3 * i, w)
+        store_vector(lane, S, to.alpha + 3 * i, alpha)
         if i < n:
-            t = A[0][0], A[1][0], A[2][0]
-            put_vector(S, to.second + 3 * i, plus(cross(alpha, t), cross(w, cross(w, t))))
-            I, own_w = three_of(lane, model.strains, at.inertia + 3 * i), back(A, w)
-            turn = plus(scale(back(A, alpha), I), cross(own_w, scale(own_w, I)))
-            put_vector(S, to.moment + 3 * i, turned(A, turn))
-    u, r, found = (zero, zero, zero), (zero, zero, zero), a0
+            t = A.T[0]
+            store_vector(lane, S, to.second + 3 * i, cross(alpha, t) + cross(w, cross(w, t)))
+            I, own_w = three_of(lane, model.strains, at.inertia + 3 * i), A.T @ w
+            turn = scale(A.T @ alpha, I) + cross(own_w, scale(own_w, I))
+            store_vector(lane, S, to.moment + 3 * i, A @ turn)
+    # points: position, velocity of the end, acceleration and inertia force, sums over the tangents before
+    u, r, found = Vector(zero, zero, zero), Vector(zero, zero, zero), a0
     for i in range(n + 1):
-        r, found = (zero, zero, zero), a0
+        r, found = Vector(zero, zero, zero), a0
         for j in range(n):
             way = model.strains[at.ways + n * i + j]
             t = noted_tangent(lane, S, to, j)
-            r, found = plus(r, times(t, way)), plus(found, times(vector(lane, S, to.second + 3 * j), way))
+            r, found = r + way * t, found + way * load_vector(lane, S, to.second + 3 * j)
             if i == n:
-                u = plus(u, times(cross(vector(lane, S, to.w + 3 * j), t), way))
-        put_vector(S, to.r + 3 * i, r)
+                u = u + way * cross(load_vector(lane, S, to.w + 3 * j), t)
+        store_vector(lane, S, to.r + 3 * i, r)
         if i < n:
-            put_vector(S, to.force + 3 * i, times(found, model.strains[at.mass + i]))
+            store_vector(lane, S, to.force + 3 * i, model.strains[at.mass + i] * found)
+    # last section: back to inertial axes
     place, A = root.place, matrix(p)
-    r, u = plus(place.r, turned(frame, r)), plus(place.v, turned(frame, u))
-    last = Place(r, u, composed(place.p, p), back(A, w))
-    return Vertex(last, turned(frame, found), back(A, alpha), (zero, zero, zero))
+    r, u = place.r + frame @ r, place.v + frame @ u
+    last = Place(r, u, compose(place.p, p), A.T @ w)
+    return Vertex(last, frame @ found, A.T @ alpha, Vector(zero, zero, zero))
 
 
 @kernel
-def noted_tangent(lane, S, to, i):
-    """e_x of point i, as `walk` noted it."""
+def noted_tangent(lane, S: Lanes, to, i):
+    """Return the tangent e_x of point i (root axes), from the matrix that `sweep_outward` has stored in S."""
     o = to.turn + 9 * i
-    return load(lane, S, o), load(lane, S, o + 3), load(lane, S, o + 6)
+    return Vector(S[o], S[o + 3], S[o + 6])
 
 
 @kernel
 def _own_force(lane, S, to, i, g):
-    """(on s, on d) of an interval by a moment g in the root's axes on all that it turns."""
-    A, x, psi = matrix_in(lane, S, to.turn + 9 * i), vector(lane, S, to.x_of + 3 * i), vector(lane, S, to.psi + 3 * i)
-    s, d = vector(lane, S, to.s + 3 * i), vector(lane, S, to.d + 3 * i)
-    share, f, slope = vector(lane, S, to.series + 3 * i)
-    own = back(A, g)
-    y = times(plus(own, cross(x, own)), share)  # 2 share, and X has a half
-    y = plus(times(y, f), times(psi, slope * 2.0 * dot(psi, y)))
-    return plus(y, cross(d, y)), cross(y, s)
+    """Return the generalized forces (N m) on s and d of interval i by the moment g (N m, root axes) on all beyond it.
+
+    s: integral of the strain over the interval, d: its first moment (rad); to: `noted_at` of the link. The transpose of
+    d(rotation)/d(s, d), from the values that `sweep_outward` has stored in S.
+    """
+    A, x, psi = (
+        matrix_in(lane, S, to.turn + 9 * i),
+        load_vector(lane, S, to.x_of + 3 * i),
+        load_vector(lane, S, to.psi + 3 * i),
+    )
+    s, d = load_vector(lane, S, to.s + 3 * i), load_vector(lane, S, to.d + 3 * i)
+    share, f, slope = load_vector(lane, S, to.series + 3 * i)
+    own = A.T @ g
+    # transpose of rel by x', of x by psi, then of psi = s + s x d
+    y = share * (own + cross(x, own))  # 2 share, and X has a half
+    y = f * y + slope * 2.0 * dot(psi, y) * psi
+    return y + cross(d, y), cross(y, s)
 
 
 @kernel
-def elastic(lane, model, par, k, state, r):
-    """What resists the strains of link k, to their rows."""
+def elastic(lane, model, par: Lanes, k, state, r):
+    """Add elastic and damping forces of link k to its strains' rows of r, less the inertia that steps leave out.
+
+    r <- r + factors K (q + tau v) - correction a (N m). K, correction: `STRAINED.stiffness` and `correction`, sums over
+    polynomials; factors: the arm's own on GJ, EI_y, EI; tau = tau_d times the link's share (s).
+    """
     n, at, row = size(model.polynomials), strained_at(model, k), strain_row(model, k)
-    factors, zero = factors_of(lane, par), splat(lane, 0.0)
-    tau = zero if model.damped is None else load(lane, par, TAU_D) * model.strains[at.damping]
+    factors, zero = factors_of(lane, par), 0.0
+    tau = zero if model.damped is None else par[TAU_D] * model.strains[at.damping]
     for i in range(n):
-        total = zero, zero, zero
+        total = Vector(zero, zero, zero)
         for j in range(n):
-            x = vector(lane, state.q, row + 3 * j)
+            x = load_vector(lane, state.q, row + 3 * j)
             if model.damped is not None:
-                x = plus(x, times(vector(lane, state.v, row + 3 * j), tau))
-            total = plus(total, scale(x, _three(lane, model, at.stiffness, i, j)))
+                x = x + tau * load_vector(lane, state.v, row + 3 * j)
+            total = total + scale(x, _three(lane, model, at.stiffness, i, j))
         total = scale(total, factors)
         for j in range(n):
-            a = vector(lane, state.a, row + 3 * j)
-            total = minus(total, scale(a, _three(lane, model, at.correction, i, j)))
+            a = load_vector(lane, state.a, row + 3 * j)
+            total = total - scale(a, _three(lane, model, at.correction, i, j))
         add_vector(lane, r, row + 3 * i, total)
 
 
 @kernel
 def _three(lane, model, table, i, j):
-    """Of polynomials i and j: torsion, bending about y and z."""
+    """Return entry (i, j) of a table (3, polynomials, polynomials) at offset `table` of model.strains, as a `Vector`.
+
+    Its components are for torsion, bending about y, bending about z.
+    """
     n = size(model.polynomials)
     o, next_of = table + n * i + j, n * n
     x, y, z = model.strains[o], model.strains[o + next_of], model.strains[o + 2 * next_of]
-    return splat(lane, x), splat(lane, y), splat(lane, z)
+    return Vector(x, y, z)
 
 
 @kernel
 def stiff_of(lane, model, par, k, i, j):
-    """K of polynomials i and j, with the arm's own factors."""
+    """Return the stiffness K_ij (N m) of polynomials i, j for torsion, bending about y, z, with the arm's factors."""
     return scale(_three(lane, model, strained_at(model, k).stiffness, i, j), factors_of(lane, par))
 
 
 @kernel
 def correction_of(lane, model, k, i, j):
-    """What steps take from their inertia."""
+    """Return the inertia (kg m^2) that steps leave out (theory 5.3) of polynomials i, j about x, y, z."""
     return _three(lane, model, strained_at(model, k).correction, i, j)
 
 
 @kernel
-def pull(lane, model, k, r, S):
-    """(force, moment) on the root of link k, inertial and own axes, from what `walk` noted and what is `on` the last
-    section; on the strains, to their rows in r."""
+def sweep_inward(lane, model, k, r, S):
+    """Return the (force, N; moment, N m) on the root of link k, along inertial axes and in root axes.
+
+    Inward sweep over the points that `sweep_outward` has stored in S, from the wrench on the link's last section
+    (`NOTED.on`); the generalized forces on the strains are added to their rows of r.
+    """
     n, m, at, to = size(model.points), size(model.polynomials), strained_at(model, k), noted_at(model, k)
     frame, A = matrix_in(lane, S, to.frame), matrix_in(lane, S, to.turn + 9 * n)
-    force, moment = back(frame, vector(lane, S, to.on)), turned(A, vector(lane, S, to.on + 3))
-    total, couple = force, plus(moment, cross(vector(lane, S, to.r + 3 * n), force))
+    force, moment = frame.T @ load_vector(lane, S, to.on), A @ load_vector(lane, S, to.on + 3)
+    # total: force on the root; couple: moment about the root's origin; g: moment on all that an interval rotates
+    total, couple = force, moment + cross(load_vector(lane, S, to.r + 3 * n), force)
     g = moment
-    put_vector(S, to.bend + 3 * n, g)
+    store_vector(lane, S, to.bend + 3 * n, g)
     for i in range(n):
         j = n - 1 - i
-        own = vector(lane, S, to.force + 3 * j)
-        total = plus(total, own)
-        couple = plus(couple, plus(cross(vector(lane, S, to.r + 3 * j), own), vector(lane, S, to.moment + 3 * j)))
-        on = times(force, model.strains[at.ways + n * n + j])
+        own = load_vector(lane, S, to.force + 3 * j)
+        total = total + own
+        couple = couple + (cross(load_vector(lane, S, to.r + 3 * j), own) + load_vector(lane, S, to.moment + 3 * j))
+        # n = sum of ways times forces beyond: the force on the tangent of point j; t x n is its moment
+        on = model.strains[at.ways + n * n + j] * force
         for p in range(n):
-            on = plus(on, times(vector(lane, S, to.force + 3 * p), model.strains[at.ways + n * p + j]))
-        put_vector(S, to.pull + 3 * j, on)
+            on = on + model.strains[at.ways + n * p + j] * load_vector(lane, S, to.force + 3 * p)
+        store_vector(lane, S, to.pull + 3 * j, on)
         t = noted_tangent(lane, S, to, j)
-        g = plus(g, plus(cross(t, on), vector(lane, S, to.moment + 3 * j)))
-        put_vector(S, to.bend + 3 * j, g)
+        g = g + (cross(t, on) + load_vector(lane, S, to.moment + 3 * j))
+        store_vector(lane, S, to.bend + 3 * j, g)
+    # generalized forces of the strains, through s and d of each interval
     row = strain_row(model, k)
     for i in range(n + 1):
-        on_s, on_d = _own_force(lane, S, to, i, vector(lane, S, to.bend + 3 * i))
+        on_s, on_d = _own_force(lane, S, to, i, load_vector(lane, S, to.bend + 3 * i))
         for j in range(m):
             share, slant = model.strains[at.sums + m * i + j], model.strains[at.slants + m * i + j]
-            add_vector(lane, r, row + 3 * j, plus(times(on_s, share), times(on_d, slant)))
-    return turned(frame, total), couple
+            add_vector(lane, r, row + 3 * j, share * on_s + slant * on_d)
+    return frame @ total, couple
 
 
 @inlined
 def strained_sums(lane, model, par, k, q, v, root):
-    """`chain.sums_of` link k; root: the `Place` of its first section."""
+    """Return ((kinetic, strain, gravitational) energy in J, momentum in kg m/s, inertial axes) of link k.
+
+    root: the `Place` of its first section.
+    """
     n, at, row, A0 = size(model.points), strained_at(model, k), strain_row(model, k), matrix(root.p)
-    zero = splat(lane, 0.0)
-    kinetic, gravity, push = zero, zero, (zero, zero, zero)
+    zero = 0.0
+    kinetic, gravity, push = zero, zero, Vector(zero, zero, zero)
     tangents, rates = stack(lane, model.scratch), stack(lane, model.scratch)
-    p, w = still(lane), root.spin
+    p, w = identity_rotation(lane), root.spin
+    # tangents t = A e_x and rates w x t (inertial axes); rotary energy w'J w / 2, w in section axes
     for i in range(n):
         bend = bend_of(lane, model, at, i, row, q, v, None)
         p = turned_by(bend, p)
         A = matrix(p)
-        w = plus(w, turned(A, bend.rel))
-        t, own = (A[0][0], A[1][0], A[2][0]), back(A, w)
-        put_vector(tangents, 3 * i, t)
-        put_vector(rates, 3 * i, cross(w, t))
+        w = w + A @ bend.rel
+        t, own = A.T[0], A.T @ w
+        store_vector(lane, tangents, 3 * i, t)
+        store_vector(lane, rates, 3 * i, cross(w, t))
         kinetic = kinetic + dot(own, scale(own, three_of(lane, model.strains, at.inertia + 3 * i))) * 0.5
+    # points: translational energy, momentum, weight
     for i in range(n):
-        r, u = (zero, zero, zero), (zero, zero, zero)
+        r, u = Vector(zero, zero, zero), Vector(zero, zero, zero)
         for j in range(n):
             way = model.strains[at.ways + n * i + j]
-            r = plus(r, times(vector(lane, tangents, 3 * j), way))
-            u = plus(u, times(vector(lane, rates, 3 * j), way))
-        rate, mass = plus(root.v, turned(A0, u)), model.strains[at.mass + i]
-        kinetic, push = kinetic + dot(rate, rate) * (0.5 * mass), plus(push, times(rate, mass))
+            r = r + way * load_vector(lane, tangents, 3 * j)
+            u = u + way * load_vector(lane, rates, 3 * j)
+        rate, mass = root.v + A0 @ u, model.strains[at.mass + i]
+        kinetic, push = kinetic + dot(rate, rate) * (0.5 * mass), push + mass * rate
         if model.gravity is not None:
-            gravity = gravity - dot(three_of(lane, model.gravity, 0), plus(root.r, turned(A0, r))) * mass
+            gravity = gravity - dot(three_of(lane, model.gravity, 0), root.r + A0 @ r) * mass
     return (kinetic, _stiff_sum(lane, model, par, k, q, q) * 0.5, gravity), push
 
 
 @kernel
 def point_of(model, k, i, q, root):
-    """Where point i of link k is."""
+    """Return the position (m, inertial axes) of Gauss point i of link k; root: its first section. One lane."""
     lane, n, at, row = (0,), len(model.points), strained_at(model, k), strain_row(model, k)
-    p, r = still(lane), (0.0, 0.0, 0.0)
+    p, r = identity_rotation(lane), Vector(0.0, 0.0, 0.0)
     for j in range(n):
         p = turned_by(bend_of(lane, model, at, j, row, q, None, None), p)
-        r = plus(r, times(tangent_at(p), model.strains[at.ways + n * i + j]))
-    return plus(root.r, turned(matrix(root.p), r))
+        r = r + model.strains[at.ways + n * i + j] * tangent_at(p)
+    return root.r + matrix(root.p) @ r
 
 
 @kernel
 def _stiff_sum(lane, model, par, k, x, y):
-    """x' K y of link k."""
-    m, row, total = size(model.polynomials), strain_row(model, k), splat(lane, 0.0)
+    """Return x^T K y of the strains of link k (J for coordinates)."""
+    m, row, total = size(model.polynomials), strain_row(model, k), 0.0
     for i in range(m):
         for j in range(m):
-            bent = scale(vector(lane, y, row + 3 * j), stiff_of(lane, model, par, k, i, j))
-            total = total + dot(vector(lane, x, row + 3 * i), bent)
+            bent = scale(load_vector(lane, y, row + 3 * j), stiff_of(lane, model, par, k, i, j))
+            total = total + dot(load_vector(lane, x, row + 3 * i), bent)
     return total
 
 
 @kernel
-def strained_damping(lane, model, par, k, v, x):
-    """Power of link k's damping at rates v over rates x, W."""
-    tau = load(lane, par, TAU_D) * model.strains[strained_at(model, k).damping]
+def strained_damping(lane, model, par: Lanes, k, v, x):
+    """Return x^T C v (W), the power of link k's damping forces C v (N m) at the strain rates x.
+
+    v, x: rates of all rows; C: stiffness of the strains times tau_d and the link's share of it.
+    """
+    tau = par[TAU_D] * model.strains[strained_at(model, k).damping]
     return _stiff_sum(lane, model, par, k, x, v) * tau
 
 
 @kernel
-def strained_update(lane, model, q, share, d, more):
-    """See `protocol`: the base's rotation is moved by an increment in its own axes."""
+def strained_update(lane, model, q: Lanes, share, d, more):
+    """Move q by share d + more; the base's rotation is composed in body axes, all other rows are added.
+
+    share: number; d, more: increments of q; more may be None (0) (`protocol.retract`).
+    """
     move_vertex(lane, q, 0, share, d, more)
     for k in range(AXES, model.n):
-        store(q, k, added(lane, q, share, d, more, k))
+        q[k] = added(lane, q, share, d, more, k)
 
 
 @kernel
-def strained_difference(lane, model, start, q, d):
-    """See `protocol`."""
-    put_difference(lane, start, q, d, 0)
+def strained_difference(lane, model, start: Lanes, q: Lanes, d: Lanes):
+    """Store in d the increment that moves start to q; the base's rotation in body axes."""
+    store_increment(lane, start, q, d, 0)
     for k in range(AXES, model.n):
-        store(d, k, load(lane, q, k) - load(lane, start, k))
+        d[k] = q[k] - start[k]

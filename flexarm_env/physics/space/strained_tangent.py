@@ -1,232 +1,304 @@
-"""The tangent of a link whose coordinates are its strains, column by column; all vectors in the root's axes.
+"""The Newton matrix of a link whose coordinates are its strains, column by column (theory, 9); vectors in the root's
+axes.
 
-By the strains, sections turn by theta and points move by R, both to the last bit. A point's acceleration changes by
+With a strain, sections rotate by theta and points move by R, exactly to round-off. A point's acceleration changes by
 
     cm R + 2 cd w x R + ck (alpha x R + w x (w x R)),
 
-w and alpha those of the section there: what an observer sees who turns with it. Left out is what neighbours turn
-against each other, in first order of the step; Newton's way is longer by little.
+with w and alpha of the section there, as an observer sees it who rotates with that section; cm, cd, ck: `Weights` of
+mass, damping, stiffness. Left out are rotations of sections relative to each other within a step, of first order in the
+step, which costs Newton's iteration little.
 """
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, size, splat
-from ..arithmetic import add, put_vector, vector
+from ...compiler import Lanes, kernel, size
+from ..arithmetic import store_vector
 from ..model import TAU_D
-from .chain import clear, three_of
+from .chain import fill_zeros, three_of
 from .element import add_block, scale
 from .layout import F
 from .matrix import matrix_in
-from .rotations import back, cross, dot, minus, plus, product, put_matrix, scaled, skew, times, transposed, turned
+from .rotations import (
+    Vector,
+    cross,
+    dot,
+    load_vector,
+    skew,
+    store_matrix,
+)
 from .strained import correction_of, noted_tangent, slope_of_slope, stiff_of
 from .strained_layout import noted_at, strained_at
 
 
 @kernel
 def _turns(lane, S, to, i):
-    """What interval i's end turns by, by each entry of s and of d, to `by_sum` and `by_slant`."""
-    A, x, psi = matrix_in(lane, S, to.turn + 9 * i), vector(lane, S, to.x_of + 3 * i), vector(lane, S, to.psi + 3 * i)
-    s, d = vector(lane, S, to.s + 3 * i), vector(lane, S, to.d + 3 * i)
-    share, f, slope = vector(lane, S, to.series + 3 * i)
+    """Store the derivatives of the rotation of interval i's end by s and by d in `by_sum`, `by_slant` of S (root axes).
+
+    s: integral of the strain over the interval, d: its first moment; the interval's rotation vector is psi = s + s x d.
+    """
+    A, x, psi = (
+        matrix_in(lane, S, to.turn + 9 * i),
+        load_vector(lane, S, to.x_of + 3 * i),
+        load_vector(lane, S, to.psi + 3 * i),
+    )
+    s, d = load_vector(lane, S, to.s + 3 * i), load_vector(lane, S, to.d + 3 * i)
+    share, f, slope = load_vector(lane, S, to.series + 3 * i)
     one, zero = share * 0.0 + 1.0, share * 0.0
     o = 9 * i
-    for axis in ((one, zero, zero), (zero, one, zero), (zero, zero, one)):
-        for by, to_row in ((plus(axis, cross(axis, d)), to.by_sum + o), (cross(s, axis), to.by_slant + o)):
-            y = plus(times(by, f), times(psi, slope * 2.0 * dot(psi, by)))
-            put_vector(S, to_row, turned(A, times(minus(y, cross(x, y)), share)))
+    for axis in (Vector(one, zero, zero), Vector(zero, one, zero), Vector(zero, zero, one)):
+        for by, to_row in ((axis + cross(axis, d), to.by_sum + o), (cross(s, axis), to.by_slant + o)):
+            # dpsi = by; dx = psi-derivative of x = psi f / 2; rotation = A 2 (dx - x x dx) / (1 + x.x)
+            y = f * by + slope * 2.0 * dot(psi, by) * psi
+            store_vector(lane, S, to_row, A @ (share * (y - cross(x, y))))
         o += 3
 
 
 @kernel
 def _inertia(lane, model, at, to, S, i, b):
-    """I b of the sections at point i."""
+    """Return I b of the section at point i: rotary inertia (kg m^2) times a vector b, in root axes.
+
+    at, to: `strained_at` and `noted_at` of the link.
+    """
     A = matrix_in(lane, S, to.turn + 9 * i)
-    return turned(A, scale(back(A, b), three_of(lane, model.strains, at.inertia + 3 * i)))
+    return A @ scale(A.T @ b, three_of(lane, model.strains, at.inertia + 3 * i))
 
 
 @kernel
 def _rotary(lane, model, at, to, S, i, theta, weights):
-    """Change of the moment of rotary inertia at point i where sections turn by theta, but for what turns it."""
-    w, I = vector(lane, S, to.w + 3 * i), _inertia(lane, model, at, to, S, i, theta)
-    gyration = plus(cross(theta, _inertia(lane, model, at, to, S, i, w)), cross(w, I))
-    return plus(times(I, weights.mass), times(gyration, weights.damping))
+    """Return the change of the rotary inertia moment at point i by a rotation theta of its section, in root axes.
+
+    cm I theta + cd (theta x I w + w x I theta); cm, cd: `Weights` of mass, damping; w: angular velocity of the section.
+    The rotation of the moment itself (ck) is added by the caller. at, to: `strained_at`, `noted_at` of the link.
+    """
+    w, I = load_vector(lane, S, to.w + 3 * i), _inertia(lane, model, at, to, S, i, theta)
+    gyration = cross(theta, _inertia(lane, model, at, to, S, i, w)) + cross(w, I)
+    return weights.mass * I + weights.damping * gyration
 
 
 @kernel
 def _turned_on(lane, S, to, i, c, by_s, by_d):
-    """By how much (on s, on d) of interval i change with s and d themselves, of which entry c changes by (by_s, by_d):
-    the slope of `strained._own_force` where the moment turns with the interval's end."""
-    A, x, psi = matrix_in(lane, S, to.turn + 9 * i), vector(lane, S, to.x_of + 3 * i), vector(lane, S, to.psi + 3 * i)
-    s, d = vector(lane, S, to.s + 3 * i), vector(lane, S, to.d + 3 * i)
-    share, f, slope = vector(lane, S, to.series + 3 * i)
+    """Return the changes of the generalized forces on s and d of interval i by s and d themselves (N m).
+
+    Component c of s changes by by_s, of d by by_d, while the moment `NOTED.bend` rotates with the interval's end: the
+    derivative of `strained._own_force`. s: integral of the strain over the interval, d: its first moment (rad).
+    """
+    A, x, psi = (
+        matrix_in(lane, S, to.turn + 9 * i),
+        load_vector(lane, S, to.x_of + 3 * i),
+        load_vector(lane, S, to.psi + 3 * i),
+    )
+    s, d = load_vector(lane, S, to.s + 3 * i), load_vector(lane, S, to.d + 3 * i)
+    share, f, slope = load_vector(lane, S, to.series + 3 * i)
+    # changes of s, d, psi; the moment in the axes of the interval's end
     ds, dd = _entry(share, c, by_s), _entry(share, c, by_d)
-    dpsi = plus(ds, plus(cross(ds, d), cross(s, dd)))
-    own, along = back(A, vector(lane, S, to.bend + 3 * i)), dot(psi, dpsi) * 2.0
-    y0 = times(plus(own, cross(x, own)), share)
+    dpsi = ds + (cross(ds, d) + cross(s, dd))
+    own, along = A.T @ load_vector(lane, S, to.bend + 3 * i), dot(psi, dpsi) * 2.0
+    # steps of `_own_force`: y0 by x, then y by f and psi
+    y0 = share * (own + cross(x, own))
     z, on = dot(psi, psi), dot(psi, y0) * 2.0
-    y = plus(times(y0, f), times(psi, slope * on))
-    dx = times(plus(times(dpsi, f), times(psi, slope * along)), 0.5)
-    dy0 = minus(times(cross(dx, own), share), times(y0, dot(x, dx) * share * 2.0))
+    y = f * y0 + slope * on * psi
+    # their derivatives
+    dx = 0.5 * (f * dpsi + slope * along * psi)
+    dy0 = share * cross(dx, own) - dot(x, dx) * share * 2.0 * y0
     steeper = slope_of_slope(z) * along
-    dy = plus(times(dy0, f), times(psi, slope * 2.0 * dot(psi, dy0)))
-    dy = plus(dy, plus(times(y0, slope * along), times(psi, steeper * on)))
-    dy = plus(dy, plus(times(psi, slope * 2.0 * dot(dpsi, y0)), times(dpsi, slope * on)))
-    return plus(dy, plus(cross(d, dy), cross(dd, y))), plus(cross(dy, s), cross(y, ds))
+    dy = f * dy0 + slope * 2.0 * dot(psi, dy0) * psi
+    dy = dy + (slope * along * y0 + steeper * on * psi)
+    dy = dy + (slope * 2.0 * dot(dpsi, y0) * psi + slope * on * dpsi)
+    return dy + (cross(d, dy) + cross(dd, y)), cross(dy, s) + cross(y, ds)
 
 
 @kernel
 def _entry(like, c, x):
-    """x along axis c."""
+    """Return the vector with x as component c and zeros otherwise, in the lanes of `like`."""
     zero = like * 0.0
     if c == 0:
-        return zero + x, zero, zero
+        return Vector(zero + x, zero, zero)
     if c == 1:
-        return zero, zero + x, zero
-    return zero, zero, zero + x
+        return Vector(zero, zero + x, zero)
+    return Vector(zero, zero, zero + x)
 
 
 @kernel
-def _on_strains(lane, model, S, at, to, force, moment, ck, theta_too, column, stride):
-    """(force, moment) on the root of the changes of the points' forces, of the `force` on the last section and of its
-    `moment`; on the strains, to S from `column` on. theta_too: what sections turn by in `theta`, or not at all."""
+def _on_strains(lane, model, S: Lanes, at, to, force, moment, ck, theta_too, column, stride):
+    """Return (force, moment) on the root from one column's changes of forces; add its strain rows to S.
+
+    Read from S: changes of the points' forces (`change`) and moments (`second`). force, moment: change on the last
+    section. ck: weight of dr/dq. theta_too: (polynomial, axis) of a strain's column, whose rotations `theta` and
+    displacements `moved` also turn the present forces (weight ck); None: the column of a root rotation. Strain row i of
+    the column is S[column + stride i]. Root axes; at, to: `strained_at`, `noted_at`.
+    """
     n, m = size(model.points), size(model.polynomials)
-    total, couple, g = force, plus(moment, cross(vector(lane, S, to.r + 3 * n), force)), moment
+    total, couple, g = force, moment + cross(load_vector(lane, S, to.r + 3 * n), force), moment
     if theta_too is not None:
-        held = back(matrix_in(lane, S, to.frame), vector(lane, S, to.on))
-        couple = plus(couple, times(cross(vector(lane, S, to.moved + 3 * n), held), ck))
+        # present forces act at displaced points
+        held = matrix_in(lane, S, to.frame).T @ load_vector(lane, S, to.on)
+        couple = couple + ck * cross(load_vector(lane, S, to.moved + 3 * n), held)
     for back_i in range(n + 1):
         i = n - back_i
         if i < n:
-            own, turn = vector(lane, S, to.change + 3 * i), vector(lane, S, to.second + 3 * i)
+            own, turn = load_vector(lane, S, to.change + 3 * i), load_vector(lane, S, to.second + 3 * i)
             t = noted_tangent(lane, S, to, i)
-            total = plus(total, own)
-            couple = plus(couple, plus(cross(vector(lane, S, to.r + 3 * i), own), turn))
-            on = times(force, model.strains[at.ways + n * n + i])
+            # force on the root and moment about its origin
+            total = total + own
+            couple = couple + (cross(load_vector(lane, S, to.r + 3 * i), own) + turn)
+            # change of the generalized force on the tangent, as in `strained.sweep_inward`
+            on = model.strains[at.ways + n * n + i] * force
             for p in range(n):
-                on = plus(on, times(vector(lane, S, to.change + 3 * p), model.strains[at.ways + n * p + i]))
-            g = plus(g, plus(cross(t, on), turn))
+                on = on + model.strains[at.ways + n * p + i] * load_vector(lane, S, to.change + 3 * p)
+            g = g + (cross(t, on) + turn)
             if theta_too is not None:
-                theta, moved = vector(lane, S, to.theta + 3 * i), vector(lane, S, to.moved + 3 * i)
-                couple = plus(couple, times(cross(moved, vector(lane, S, to.force + 3 * i)), ck))
-                g = plus(g, times(cross(cross(theta, t), vector(lane, S, to.pull + 3 * i)), ck))
+                # the tangent rotates against the present force
+                theta, moved = load_vector(lane, S, to.theta + 3 * i), load_vector(lane, S, to.moved + 3 * i)
+                couple = couple + ck * cross(moved, load_vector(lane, S, to.force + 3 * i))
+                g = g + ck * cross(cross(theta, t), load_vector(lane, S, to.pull + 3 * i))
         on = g
         if theta_too is not None:
-            held = vector(lane, S, to.bend + 3 * i)
-            on = plus(g, times(cross(held, vector(lane, S, to.theta + 3 * i)), ck))
-        on_s = turned(matrix_in(lane, S, to.by_sum + 9 * i), on)
-        on_d = turned(matrix_in(lane, S, to.by_slant + 9 * i), on)
+            held = load_vector(lane, S, to.bend + 3 * i)
+            on = g + ck * cross(held, load_vector(lane, S, to.theta + 3 * i))
+        # generalized forces on s and d, then on the coefficients of the polynomials
+        on_s = matrix_in(lane, S, to.by_sum + 9 * i) @ on
+        on_d = matrix_in(lane, S, to.by_slant + 9 * i) @ on
         if theta_too is not None:
             j, c = theta_too
             by_s, by_d = model.strains[at.sums + m * i + j], model.strains[at.slants + m * i + j]
             more_s, more_d = _turned_on(lane, S, to, i, c, by_s, by_d)
-            on_s, on_d = plus(on_s, times(more_s, ck)), plus(on_d, times(more_d, ck))
+            on_s, on_d = on_s + ck * more_s, on_d + ck * more_d
         for j in range(m):
-            found = times(on_s, model.strains[at.sums + m * i + j])
-            found = plus(found, times(on_d, model.strains[at.slants + m * i + j]))
+            found = model.strains[at.sums + m * i + j] * on_s
+            found = found + model.strains[at.slants + m * i + j] * on_d
             for c in range(3):
-                add(lane, S, column + stride * (3 * j + c), found[c])
+                S[column + stride * (3 * j + c)] += found[c]
     return total, couple
 
 
 @kernel
 def _by_strain(lane, model, weights, S, at, to, j, c):
-    """The column of the coefficient of polynomial j about axis c."""
-    n, m, zero = size(model.points), size(model.polynomials), splat(lane, 0.0)
+    """Compute the column of the matrix for the coefficient of polynomial j about axis c, in the `NOTED` of S.
+
+    Adds to column 3 j + c of `matrix` (its rows of strains) and writes row 3 j + c of `on_root`, `last` and, by the
+    root's position, `by_root`. at, to: `strained_at`, `noted_at` of the link.
+    """
+    n, m, zero = size(model.points), size(model.polynomials), 0.0
     cm, cd, ck = weights.mass, weights.damping, weights.stiffness
-    frame, theta, pushed = matrix_in(lane, S, to.frame), (zero, zero, zero), (zero, zero, zero)
+    frame, theta, pushed = matrix_in(lane, S, to.frame), Vector(zero, zero, zero), Vector(zero, zero, zero)
+    # theta: sum of the rotations of all intervals before
     for i in range(n + 1):
-        by_s = times(vector(lane, S, to.by_sum + 9 * i + 3 * c), model.strains[at.sums + m * i + j])
-        by_d = times(vector(lane, S, to.by_slant + 9 * i + 3 * c), model.strains[at.slants + m * i + j])
-        theta = plus(theta, plus(by_s, by_d))
-        put_vector(S, to.theta + 3 * i, theta)
+        by_s = model.strains[at.sums + m * i + j] * load_vector(lane, S, to.by_sum + 9 * i + 3 * c)
+        by_d = model.strains[at.slants + m * i + j] * load_vector(lane, S, to.by_slant + 9 * i + 3 * c)
+        theta = theta + (by_s + by_d)
+        store_vector(lane, S, to.theta + 3 * i, theta)
+    # R: sum of theta x t over the tangents before; changes of inertia forces and moments
     for i in range(n + 1):
-        R = zero, zero, zero
+        R = Vector(zero, zero, zero)
         for p in range(n):
-            slid = cross(vector(lane, S, to.theta + 3 * p), noted_tangent(lane, S, to, p))
-            R = plus(R, times(slid, model.strains[at.ways + n * i + p]))
-        put_vector(S, to.moved + 3 * i, R)
+            slid = cross(load_vector(lane, S, to.theta + 3 * p), noted_tangent(lane, S, to, p))
+            R = R + model.strains[at.ways + n * i + p] * slid
+        store_vector(lane, S, to.moved + 3 * i, R)
         if i < n:
-            w, mass = vector(lane, S, to.w + 3 * i), model.strains[at.mass + i]
+            w, mass = load_vector(lane, S, to.w + 3 * i), model.strains[at.mass + i]
             swing = cross(w, R)
-            found = plus(times(R, cm), times(swing, 2.0 * cd))
-            found = plus(found, times(plus(cross(vector(lane, S, to.alpha + 3 * i), R), cross(w, swing)), ck))
-            put_vector(S, to.change + 3 * i, times(found, mass))
-            pushed = plus(pushed, times(R, cm * mass))
-            turn = _rotary(lane, model, at, to, S, i, vector(lane, S, to.theta + 3 * i), weights)
-            turn = plus(turn, times(cross(vector(lane, S, to.theta + 3 * i), vector(lane, S, to.moment + 3 * i)), ck))
-            put_vector(S, to.second + 3 * i, turn)
-    row, end = 3 * j + c, vector(lane, S, to.theta + 3 * n)
-    put_vector(S, to.last + 6 * row, turned(frame, vector(lane, S, to.moved + 3 * n)))
-    put_vector(S, to.last + 6 * row + 3, back(matrix_in(lane, S, to.turn + 9 * n), end))
-    put_vector(S, to.by_root + 6 * row, turned(frame, pushed))
-    moment = times(cross(end, vector(lane, S, to.bend + 3 * n)), ck)
+            found = cm * R + 2.0 * cd * swing
+            found = found + ck * (cross(load_vector(lane, S, to.alpha + 3 * i), R) + cross(w, swing))
+            store_vector(lane, S, to.change + 3 * i, mass * found)
+            pushed = pushed + cm * mass * R
+            turn = _rotary(lane, model, at, to, S, i, load_vector(lane, S, to.theta + 3 * i), weights)
+            turn = turn + ck * cross(load_vector(lane, S, to.theta + 3 * i), load_vector(lane, S, to.moment + 3 * i))
+            store_vector(lane, S, to.second + 3 * i, turn)
+    # motion of the last section; the strain's row by the root's position: cm sum m R
+    row, end = 3 * j + c, load_vector(lane, S, to.theta + 3 * n)
+    store_vector(lane, S, to.last + 6 * row, frame @ load_vector(lane, S, to.moved + 3 * n))
+    store_vector(lane, S, to.last + 6 * row + 3, matrix_in(lane, S, to.turn + 9 * n).T @ end)
+    store_vector(lane, S, to.by_root + 6 * row, frame @ pushed)
+    moment = ck * cross(end, load_vector(lane, S, to.bend + 3 * n))
     force, couple = _on_strains(
-        lane, model, S, at, to, (zero, zero, zero), moment, ck, (j, c), to.matrix + row, 3 * m
+        lane,
+        model,
+        S,
+        at,
+        to,
+        Vector(zero, zero, zero),
+        moment,
+        ck,
+        (j, c),
+        to.matrix + row,
+        3 * m,
     )
-    put_vector(S, to.on_root + 6 * row, turned(frame, force))
-    put_vector(S, to.on_root + 6 * row + 3, couple)
+    store_vector(lane, S, to.on_root + 6 * row, frame @ force)
+    store_vector(lane, S, to.on_root + 6 * row + 3, couple)
 
 
 @kernel
-def _by_turn(lane, model, weights, S, f, at, to, axis, c):
-    """The column of a rotation of the root about its axis c."""
-    n, zero = size(model.points), splat(lane, 0.0)
+def _by_turn(lane, model, weights, S: Lanes, f, at, to, axis, c):
+    """Compute the column of the matrix for a rotation of the root about its axis c (unit vector `axis`, root axes).
+
+    Adds column 3 + c of the 6 x 6 block LL at offset f of S (force inertial, moment root axes) and fills `by_root`. The
+    root's acceleration less gravity and the force on the last section stay fixed in inertial axes.
+    """
+    n, zero = size(model.points), 0.0
     cm, cd, ck = weights.mass, weights.damping, weights.stiffness
-    frame, spin = matrix_in(lane, S, to.frame), vector(lane, S, to.spin)
-    fall, forces = times(cross(axis, vector(lane, S, to.a)), -ck), (zero, zero, zero)
+    frame, spin = matrix_in(lane, S, to.frame), load_vector(lane, S, to.spin)
+    fall, forces = -ck * cross(axis, load_vector(lane, S, to.a)), Vector(zero, zero, zero)
+    # changes seen from the root: displacement R = axis x r; fall: the root's acceleration, which does not rotate
     for i in range(n):
-        r, mass = vector(lane, S, to.r + 3 * i), model.strains[at.mass + i]
-        R, slip = cross(axis, r), vector(lane, S, to.slip + 3 * i)
-        found = plus(plus(times(R, cm), fall), times(plus(cross(axis, slip), cross(spin, R)), cd))
-        put_vector(S, to.change + 3 * i, times(found, mass))
-        put_vector(S, to.second + 3 * i, _rotary(lane, model, at, to, S, i, axis, weights))
-        forces = plus(forces, vector(lane, S, to.force + 3 * i))
-    held = times(cross(axis, back(frame, vector(lane, S, to.on))), -ck)
-    force, couple = _on_strains(
-        lane, model, S, at, to, held, (zero, zero, zero), ck, None, to.by_root + 3 + c, 6
-    )
-    force = turned(frame, plus(minus(force, held), times(cross(axis, forces), ck)))
+        r, mass = load_vector(lane, S, to.r + 3 * i), model.strains[at.mass + i]
+        R, slip = cross(axis, r), load_vector(lane, S, to.slip + 3 * i)
+        found = cm * R + fall + cd * (cross(axis, slip) + cross(spin, R))
+        store_vector(lane, S, to.change + 3 * i, mass * found)
+        store_vector(lane, S, to.second + 3 * i, _rotary(lane, model, at, to, S, i, axis, weights))
+        forces = forces + load_vector(lane, S, to.force + 3 * i)
+    held = -ck * cross(axis, frame.T @ load_vector(lane, S, to.on))
+    force, couple = _on_strains(lane, model, S, at, to, held, Vector(zero, zero, zero), ck, None, to.by_root + 3 + c, 6)
+    # back to inertial axes; rotated forces of all points
+    force = frame @ (force - held + ck * cross(axis, forces))
     for i in range(3):
-        add(lane, S, f + F.LL + 6 * i + 3 + c, force[i])
-        add(lane, S, f + F.LL + 18 + 6 * i + 3 + c, couple[i])
+        S[f + F.LL + 6 * i + 3 + c] += force[i]
+        S[f + F.LL + 18 + 6 * i + 3 + c] += couple[i]
 
 
 @kernel
-def strained_tangent(lane, model, par, k, weights, S, f):
-    """Link k's part of the matrix: on its root to the `FACTOR` at f, the rest behind it."""
+def strained_tangent(lane, model, par: Lanes, k, weights, S: Lanes, f):
+    """Store the Newton matrix of link k's strains in its `NOTED`; add the block on its root to LL at offset f of S.
+
+    f: offset of the link's `FACTOR`, whose RR is the block on the last section and is assembled elsewhere. Needs the
+    values that `sweep_outward` and `sweep_inward` have stored. par: factors on stiffnesses, tau_d; weights: `Weights`.
+    """
     n, m, at, to = size(model.points), size(model.polynomials), strained_at(model, k), noted_at(model, k)
-    zero, cm = splat(lane, 0.0), weights.mass
+    zero, cm = 0.0, weights.mass
     one = zero + 1.0
-    frame, spin = matrix_in(lane, S, to.frame), vector(lane, S, to.spin)
-    clear(lane, S, to.matrix, to.end - to.matrix)
-    end = vector(lane, S, to.r + 3 * n)
-    put_matrix(S, to.last_turn, matrix_in(lane, S, to.turn + 9 * n))
-    put_matrix(S, to.shift, scaled(product(frame, skew(end)), -1.0))
-    lever, mass = (zero, zero, zero), zero
+    frame, spin = matrix_in(lane, S, to.frame), load_vector(lane, S, to.spin)
+    fill_zeros(lane, S, to.matrix, to.end - to.matrix)
+    end = load_vector(lane, S, to.r + 3 * n)
+    store_matrix(lane, S, to.last_turn, matrix_in(lane, S, to.turn + 9 * n))
+    store_matrix(lane, S, to.shift, -(frame @ skew(end)))
+    # derivatives of the intervals' rotations, velocities of the points, mass and first moment
+    lever, mass = Vector(zero, zero, zero), zero
     for i in range(n + 1):
         _turns(lane, S, to, i)
         if i < n:
-            r, u = vector(lane, S, to.r + 3 * i), (zero, zero, zero)
+            r, u = load_vector(lane, S, to.r + 3 * i), Vector(zero, zero, zero)
             for p in range(n):
-                rate = cross(vector(lane, S, to.w + 3 * p), noted_tangent(lane, S, to, p))
-                u = plus(u, times(rate, model.strains[at.ways + n * i + p]))
-            put_vector(S, to.slip + 3 * i, minus(times(u, 2.0), cross(spin, r)))
+                rate = cross(load_vector(lane, S, to.w + 3 * p), noted_tangent(lane, S, to, p))
+                u = u + model.strains[at.ways + n * i + p] * rate
+            store_vector(lane, S, to.slip + 3 * i, 2.0 * u - cross(spin, r))
             mass = mass + model.strains[at.mass + i]
-            lever = plus(lever, times(r, model.strains[at.mass + i]))
+            lever = lever + model.strains[at.mass + i] * r
+    # columns of strains, then of root rotations and translations
     for j in range(m):
         for c in range(3):
             _by_strain(lane, model, weights, S, at, to, j, c)
-    _by_turn(lane, model, weights, S, f, at, to, (one, zero, zero), 0)
-    _by_turn(lane, model, weights, S, f, at, to, (zero, one, zero), 1)
-    _by_turn(lane, model, weights, S, f, at, to, (zero, zero, one), 2)
+    _by_turn(lane, model, weights, S, f, at, to, Vector(one, zero, zero), 0)
+    _by_turn(lane, model, weights, S, f, at, to, Vector(zero, one, zero), 1)
+    _by_turn(lane, model, weights, S, f, at, to, Vector(zero, zero, one), 2)
     for i in range(3):
-        add(lane, S, f + F.LL + 7 * i, mass * cm)
-    add_block(lane, S, f + F.LL, 1, 0, product(skew(times(lever, cm)), transposed(frame)))
+        S[f + F.LL + 7 * i] += mass * cm
+    add_block(lane, S, f + F.LL, 1, 0, skew(cm * lever) @ frame.T)
+    # stiffness and damping of the strains, less the inertia that steps leave out
     share = weights.stiffness + zero
     if model.damped is not None:
-        share = share + load(lane, par, TAU_D) * (model.strains[at.damping] * weights.damping)
+        share = share + par[TAU_D] * (model.strains[at.damping] * weights.damping)
     for i in range(m):
         for j in range(m):
             K, lighter = stiff_of(lane, model, par, k, i, j), correction_of(lane, model, k, i, j)
             for c in range(3):
-                add(lane, S, to.matrix + 3 * m * (3 * i + c) + 3 * j + c, K[c] * share - lighter[c] * cm)
+                S[to.matrix + 3 * m * (3 * i + c) + 3 * j + c] += K[c] * share - lighter[c] * cm

@@ -1,0 +1,118 @@
+"""Errors of a run in space that coarser meshes and longer steps do not show, and the comparisons that reveal them.
+
+Part of the estimate of `accuracy`.
+"""
+
+import math
+
+import numpy as np
+
+from .parameters import Link
+from .scene import Scene
+from .settings import Settings
+from .validation import Array
+
+STUBBY = 5e-3
+"""EI / (C L^2) of a link above which frames along chords are compared with clamped ones, in space with exact beams."""
+
+SHEARED = 1e-4
+"""EI / (C L^2) of a link above which an elastica in space is compared with an exact beam."""
+
+LAYER = 2.0
+"""Element length over sqrt(EI/N), the bending length of a link under an axial force N, above which any run in space is
+compared with a finer exact beam.
+"""
+
+AT_LEAST, AT_MOST = 12, 200
+"""Minimum number of elements per link of the exact beam beside an elastica; maximum of any exact beam."""
+
+
+def _stubbiness(link: Link) -> float:
+    """Return EI / (C L^2) of a link in space, the largest along it and of both bending planes."""
+    s = np.linspace(0.0, link.length, 9)
+    own, across = link.along(s), link.across(s)
+    return float(max((own.EI / own.C).max(), (across["EI_y"] / across["C_y"]).max()) / link.length**2)
+
+
+def _pull(scene: Scene, t: Array, tip: Array) -> float:
+    """Return an estimate of the largest force (N) in the links of a run in space: weight, inertia, loads.
+
+    Args:
+        t, tip: instants (n,) s; places of the tip and its axes (n, 4, 3) m, inertial axes.
+    """
+    arm = scene.arm
+    mass = arm.payload.mass + sum(link.mass for link in arm.links) + sum(elbow.mass for elbow in arm.elbows)
+    # acceleration of the tip by differences of unequal intervals
+    rate = np.diff(tip[:, 0], axis=0) / np.diff(t)[:, None]
+    second = np.diff(rate, axis=0) / (0.5 * (t[2:] - t[:-2]))[:, None]
+    most = float(np.linalg.norm(second, axis=1).max(initial=0.0)) + float(np.linalg.norm(scene.gravity or 0.0))
+    # largest forces of the loads, sampled over the run
+    at = np.linspace(0.0, scene.duration, 257)
+    forces = (getattr(load, f"force_{axis}", None) for load in scene.loads for axis in "xyz")
+    return mass * most + sum(float(np.abs(f(at)).max()) for f in forces if f is not None)
+
+
+def witness(scene: Scene, settings: Settings, t: Array, tip: Array) -> tuple[Settings | None, bool]:
+    """Return settings of an exact beam whose distance from the run is an error that coarser meshes do not show.
+
+    Frames along chords have an error of the order of the squared shear angle, on any mesh. The elastica has no shear. A
+    link under an axial force N bends within about sqrt(EI/N) of its ends: elements several times longer have the same
+    error, whether a mesh has one or two of them.
+
+    Args:
+        t, tip: instants (n,) s and places of the tip and its axes (n, 4, 3) m of the run.
+    Returns:
+        The settings, or None if no such error is expected; and whether their elements are short enough.
+    """
+    links = [link for link in scene.arm.links if not link.rigid]
+    if not scene.spatial or not links:
+        return None, True
+    # n: cells per link; bends: shortest bending length over the link's length
+    elastica = settings.formulation == "elastica"
+    n = (settings.nodes or 0) - 1 if elastica else (settings.segments or 1) * (settings.elements or 1)
+    pull = max(_pull(scene, t, tip), 1e-300)
+    bends = min(math.sqrt(softest(link) / pull) / link.length for link in links)  # over the link's length
+    limit = math.inf if settings.formulation == "geometrically_exact" else SHEARED if elastica else STUBBY
+    sheared = any(_stubbiness(link) > limit for link in links)
+    layered = 1.0 / n > LAYER * bends
+    if not sheared and not layered:
+        return None, True
+    # elements of the exact beam: one per bending length and twice the run's mesh, within the limits
+    count = max(n, AT_LEAST) if sheared or elastica else n
+    if layered:
+        count = max(count, 2 * n, math.ceil(1.0 / bends))
+    count = max(n, min(count, AT_MOST))
+    scheme = {"newmark": settings.newmark} if settings.newmark else {"rho_inf": settings.rho_inf}
+    own = Settings.make("geometrically_exact", elements=count, dt=settings.dt, tolerance=settings.tolerance, **scheme)
+    return own, 1.0 / count <= LAYER * bends
+
+
+def softest(link: Link) -> float:
+    """Return the smallest bending or torsional stiffness along a link in space, N m^2."""
+    s = np.linspace(0.0, link.length, 65)
+    across = link.across(s)
+    return float(min(link.along(s).EI.min(), across["EI_y"].min(), across["GJ"].min()))
+
+
+LITTLE = 1e-7
+"""Distance of runs, over the arm's length, below which no third run is made."""
+
+
+def step_factor(growth: float) -> float:
+    """Return the error of a run of step h per unit of its distance from a run of 2 h.
+
+    growth: factor by which that distance grows with twice the step. If the error is a power of h, it is 1 / (growth -
+    1) of the distance: a third in second order. A safety factor of 1.5 is applied. Vibrations that no step resolves are
+    off by their amplitude at any step: growth is then about 1, and the error at most the distance, with the factor 1.5.
+    """
+    return 0.5 if growth >= 4.0 or not math.isfinite(growth) else min(1.5, 1.5 / max(growth - 1.0, 1e-3))
+
+
+def mesh_factor(n: int) -> float:
+    """Return the error of a run of n elements over its distance from a run of m elements, m = n / 2 rounded up.
+
+    If the error is proportional to the squared element length, it is 1 / ((n/m)^2 - 1) of the distance: a third for m
+    half of n. A safety factor of 1.5 is applied. For n = 1 the distance is that from two elements, and 1 is returned
+    (by the same rule the error would be 4/3 of it).
+    """
+    return 1.0 if n == 1 else 1.5 / ((n / -(-n // 2)) ** 2 - 1.0)

@@ -1,0 +1,87 @@
+"""`flexarm import`, and `flexarm export` of arms as MJCF and URDF."""
+
+import argparse
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from flexarm_env import arms
+from flexarm_env import validation as check
+from flexarm_env.cli.codes import DONE
+from flexarm_env.cli.progress import show
+from flexarm_env.exchange import calibrated, chain_of, choose_integrator, differences, import_arm, mjcf, urdf
+from flexarm_env.files import to_file, write_text
+from flexarm_env.sections import Section
+
+FLAGS = ("segments", "placement", "gravity")
+"""Flags of --to mjcf alone."""
+_OF_OTHERS = ("name", "cpu", "env", "env_kwargs", "slew", "elbows", "targets", "fmi")
+SEGMENTS = 4
+"""Springs of a link where none are given."""
+
+
+def export(args: argparse.Namespace, out: Path) -> int:
+    """Write an arm as MJCF or URDF and print how far that is off the arm."""
+    arm = arms.resolve(args.what)
+    for word in (*_OF_OTHERS, *(FLAGS if args.to == "urdf" else ())):
+        if getattr(args, word) is not None:
+            flag = f"--{word.replace('_', '-')}"
+            raise check.InvalidValue(flag, getattr(args, word), f"must not be given with --to {args.to}")
+    values: dict[str, Any] = {"export": str(out)}
+    gravity = _gravity(args.gravity, arm.spatial)
+    comments = [f"{arm.name}: written by flexarm_env, flexarm export --to {args.to}"]
+    if args.to == "urdf":
+        chain = chain_of(arm, 0)
+        text = urdf(chain, [*comments, "Links are rigid; velocity limits are placeholders"])
+    else:
+        segments = SEGMENTS if args.segments is None else check.integer("--segments", args.segments, minimum=1)
+        chain, factor = calibrated(chain_of(arm, segments, args.placement or "gauss"))
+        integrator, step = choose_integrator(chain)
+        text = mjcf(chain, gravity=gravity, timestep=step, integrator=integrator, comments=comments)
+        values |= {"hinges": len(chain.hinges), "calibration": factor, "integrator": integrator, "timestep_s": step}
+    write_text(out, text)
+    show(values | differences(chain, gravity), args.json)
+    return DONE
+
+
+def _gravity(text: str | None, space: bool) -> tuple[float, float, float]:
+    if text is None:
+        return (0.0, 0.0, -9.81) if space else (0.0, 0.0, 0.0)
+    try:
+        x, y, z = (check.number("--gravity", float(word), "m/s^2") for word in text.split(":"))
+    except ValueError:
+        raise check.InvalidValue("--gravity", text, "must be X:Y:Z, three numbers (m/s^2)") from None
+    return x, y, z
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the arm of a robot's file and print what it has and lacks."""
+    out = to_file("--out", args.out, (".toml",))
+    found = import_arm(
+        args.file, root=args.root, tip=args.tip, flexible=dict(_flexible(text) for text in args.flexible or ()),
+        tau_d=check.number("--tau-d", args.tau_d, "s", minimum=0.0), gear_ratio=args.gear_ratio,
+    )  # fmt: skip
+    arm = found.arm
+    write_text(out, arms.to_toml(arm))
+    values: dict[str, Any] = {"import": args.file, "arm": str(out), "links": list(found.links)}
+    values |= {"joints": list(found.joints), "mass_kg": arm.mass, "length_m": arm.total_length}
+    values |= {"root_m": list(found.root), "tip": found.tip or "center of mass of the last link"}
+    values |= {"gravity_m_s2": list(found.gravity), "torque_limits": list(arm.torque_limits or ()) or "none"}
+    for name, change in found.flexible.items():
+        values |= {f"{name}.{key}": value for key, value in change.items()}
+    show(values | {"left_out": list(found.left_out)}, args.json)
+    return DONE
+
+
+def _flexible(text: str) -> tuple[str, Section]:
+    """Read BODY=SECTION."""
+    name, mark, table = text.partition("=")
+    try:
+        given = tomllib.loads(f"section = {table}")["section"] if mark else None
+    except tomllib.TOMLDecodeError:
+        given = None
+    if not isinstance(given, dict) or not name.strip():
+        what = "must be BODY={...}, an inline table of TOML with a section's keys"
+        raise check.InvalidValue("--flexible", text, what)
+    with check.under("--flexible"):
+        return name.strip(), arms.section_of(name.strip(), given)

@@ -1,0 +1,46 @@
+"""Background compilation: a value that a thread makes after a number of calls, so that it is ready when needed."""
+
+import contextlib
+import threading
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+from .waiting import unannounced
+
+T = TypeVar("T")
+
+
+class Beside(Generic[T]):
+    """A value that is made once: in a thread after `calls` calls of `count`, or by `get` if that comes first.
+
+    calls = 0: by `get` only. The thread is no daemon, so the process ends after it: LLVM cannot be interrupted.
+    """
+
+    def __init__(self, calls: int) -> None:
+        """calls: number of calls of `count` before the thread starts."""
+        self._left = calls
+        self._found: T | None = None
+        self._thread: threading.Thread | None = None
+
+    def count(self, make: Callable[[], T]) -> None:
+        """Count a call; the last of `calls` starts the thread that makes the value by `make`."""
+        if self._left > 0:
+            self._left -= 1
+            if self._left == 0 and self._found is None:
+                self._thread = threading.Thread(target=self._run, args=(make,), name="flexarm-compile")
+                self._thread.start()
+
+    def _run(self, make: Callable[[], T]) -> None:
+        """Thread function: make the value, unannounced; an exception is dropped, since `get` raises it again."""
+        # nobody waits for it
+        with unannounced(), contextlib.suppress(Exception):
+            self._found = make()
+
+    def get(self, make: Callable[[], T]) -> T:
+        """Return the value: wait for a running thread, or make it now where there is none."""
+        thread, self._thread = self._thread, None
+        if thread is not None:
+            thread.join()
+        if self._found is None:
+            self._found = make()
+        return self._found

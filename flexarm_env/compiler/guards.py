@@ -1,0 +1,145 @@
+"""Guards of the reverse sweep: masks that stop a zero cotangent from becoming NaN in a branch that was not chosen.
+
+In the reverse sweep the operand that a select did not choose gets the cotangent 0, and 0 times an infinite slope is
+NaN. Cotangents that leave the part of the graph used by that operand alone are therefore selected once more: unchanged
+for the chosen operand, 0 for the other. In forward mode the select itself does that, as it selects between tangents.
+
+A node's *path* lists the conditions under which its cotangent matters: sides of selects (`Side`), or that it is not 0
+at all (`Live`), where a value is used by several selects, within a branch, or from memory that a select reads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+Path = tuple[Any, ...]
+
+ROUNDS = 8
+"""Largest number of passes over all nodes to find which arrays are read under a guard."""
+
+_ELSEWHERE = object()
+"""First entry of the path of a use that is guarded in another region or through memory."""
+
+
+class Side:
+    """Guard: one operand of a select was chosen. test: the condition (i1). first: whether it is the first operand."""
+
+    steep_alone = False
+
+    def __init__(self, test: Any, first: bool) -> None:
+        self.test, self.first = test, first
+
+    def masked(self, tape: Any, value: Any, zero: Any) -> Any:
+        """Write a select in the reverse sweep: value where this side was chosen, otherwise zero."""
+        test = tape.back(self.test)
+        return tape.select(test, value, zero) if self.first else tape.select(test, zero, value)
+
+
+class Live:
+    """Guard: a node's cotangent is not 0. test: that comparison (i1), written once the cotangent is known.
+
+    steep_alone: the guard is needed by quotients and roots only, not by products.
+    """
+
+    test: Any = None
+    steep_alone = False
+
+    def masked(self, tape: Any, value: Any, zero: Any) -> Any:
+        """Write a select: value where the node's cotangent is not 0, otherwise zero."""
+        return tape.select(self.test, value, zero)
+
+
+class Guards:
+    """Paths of all nodes of a `Tape`, and the guards that are needed.
+
+    nodes: in program order. names: ids of stack slots of a single number. paths: by id of a node, its guards.
+    used: the guards on the path of a node whose pullback may make NaN of 0; all others are left out.
+    """
+
+    def __init__(self, nodes: Iterable[Any], names: set[int]) -> None:
+        """Compute paths and needed guards; nodes: in program order, gone through from the last to the first."""
+        self._nodes, self._names = list(nodes)[::-1], names
+        self._sides: dict[tuple[int, bool], Side] = {}
+        self._lives: dict[int, Live] = {}
+        # users of each node with the edge to it
+        self._users: dict[int, list[tuple[Any, Any]]] = {}
+        for node in self._nodes:
+            for pull in node.pulls:
+                if pull.parent is not None:
+                    self._users.setdefault(id(pull.parent), []).append((node, pull))
+        # fixed point: a load under a guard makes the stores to its array guarded uses as well
+        self._read: set[int] = set()
+        for _ in range(ROUNDS):
+            self.paths: dict[int, Path] = {}
+            for node in self._nodes:
+                self.paths[id(node)] = self._path(node)
+            read = {node.base for node in self._nodes if node.base is not None and self._is_guarded(node)}
+            if read == self._read:
+                break
+            self._read = read
+        # a guard is needed on the path of a risky node
+        self.used = {
+            guard
+            for node in self._nodes
+            for guard in self.paths[id(node)]
+            if node.risky and (node.steep or not guard.steep_alone)
+        }
+
+    def _is_guarded(self, load: Any) -> bool:
+        """Return whether a load may get a zero cotangent because a select or a branch did not choose it."""
+        return bool(self.paths[id(load)]) or (load.base in self._names and load.region.is_within_branch())
+
+    def side(self, node: Any, pull: Any) -> Path:
+        """Return the guard that a select adds to the path of its operand, as a tuple; () for other edges."""
+        if pull.first is None:
+            return ()
+        return (self._sides.setdefault((id(node.test), pull.first), Side(node.test, pull.first)),)
+
+    def _path(self, node: Any) -> Path:
+        """Return a node's path: the guards that all of its uses share from the beginning.
+
+        Where uses differ a `Live` guard of the node itself follows. A node that is not used has the path ().
+        """
+        uses: list[Path] = []
+        for user, pull in self._users.get(id(node), ()):
+            path = (*self.paths[id(user)], *self.side(user, pull))
+            # use in another region, across lanes or through memory: guarded by conditions not known here
+            if user.region is not node.region:
+                path = (_ELSEWHERE, user) if path or user.region.is_within_branch(node.region) else ()
+            elif pull.gathers and path:
+                path = (_ELSEWHERE, user)
+            uses.append(path)
+        uses += [(_ELSEWHERE, base) for base in node.stored]
+        # common beginning of all paths
+        shared = () if not uses or uses[0][:1] == (_ELSEWHERE,) else _common(uses)
+        if not uses or any(path == shared for path in uses):
+            return shared
+        # paths differ: test at run time whether the cotangent is 0
+        live = self._lives.setdefault(id(node), Live())
+        live.steep_alone = not any(base in self._read or base in self._names for base in node.stored)
+        live.steep_alone &= all(path[:1] == (_ELSEWHERE,) and isinstance(path[1], int) for path in uses)
+        return (*shared, live)
+
+    def live(self, node: Any) -> Live | None:
+        """Return the `Live` guard of a node if one is needed, otherwise None."""
+        found = self._lives.get(id(node))
+        return found if found in self.used and found in self.paths[id(node)] else None
+
+    def left(self, node: Any, parent: Any) -> list[Any]:
+        """Return the needed guards on a node's path that are not on its parent's; all of them where parent is None."""
+        path: Path = self.paths[id(node)]
+        if parent is not None and parent.region is node.region:
+            path = path[len(_common([path, self.paths[id(parent)]])) :]
+        return [guard for guard in path if guard in self.used]
+
+
+def _common(paths: list[Path]) -> Path:
+    """Return the longest common beginning of paths, compared by identity."""
+    shared = paths[0]
+    for path in paths[1:]:
+        k = 0
+        while k < min(len(shared), len(path)) and shared[k] is path[k]:
+            k += 1
+        shared = shared[:k]
+    return shared

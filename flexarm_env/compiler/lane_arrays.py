@@ -1,0 +1,52 @@
+"""Arrays of lanes: `x[k]` in a kernel is element k of every lane where an annotation says that x holds lanes.
+
+    @kernel
+    def axpy(lane, n, x: Lanes, y: Lanes, scale):
+        for k in range(n):
+            y[k] += scale * x[k]
+
+`Lanes` annotates parameters, assignments and fields of named tuples. The fields count for parameters and assignments
+that are annotated with a type (`w: Work`) and for named tuples that the kernel makes. Other names of a lane array, its
+slices `x[i:]`, tuples with it and results of `stack` hold lanes, too. A kernel that is called with one sees what its
+own annotations say. The number of lanes is that of the kernel's argument `lane`. In uncompiled mode there is one lane,
+for which NumPy's indexing means the same.
+"""
+
+from __future__ import annotations
+
+import types
+import typing
+from functools import cache
+from typing import Annotated, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Lanes: TypeAlias = Annotated[NDArray[np.float64], "lanes"]
+"""Contiguous float64 array whose element k is the vector of entry k of all lanes."""
+
+
+def is_lanes(annotation: Any) -> bool:
+    """Return whether an annotation, an object or its text, is `Lanes` or a union with it."""
+    if isinstance(annotation, str):
+        return any(part.strip().rpartition(".")[2] == "Lanes" for part in annotation.split("|"))
+    if isinstance(annotation, typing.ForwardRef):
+        return is_lanes(annotation.__forward_arg__)
+    if typing.get_origin(annotation) in (typing.Union, types.UnionType):
+        return any(map(is_lanes, typing.get_args(annotation)))
+    return annotation == Lanes
+
+
+@cache
+def lane_parameters(function: Any) -> dict[str, bool]:
+    """Return the annotated parameters of a Python function by name: True for `Lanes`, False for other types."""
+    return {name: is_lanes(one) for name, one in function.__annotations__.items() if name != "return"}
+
+
+@cache
+def lane_fields(cls: Any) -> frozenset[str]:
+    """Return the fields of a named tuple class that are annotated `Lanes`, those of its base classes included."""
+    found: dict[str, Any] = {}
+    for base in reversed(cls.__mro__):
+        found.update(vars(base).get("__annotations__", {}))
+    return frozenset(name for name, one in found.items() if name in cls._fields and is_lanes(one))

@@ -1,0 +1,35 @@
+"""Loops of kernels: limits of `range`, and where `break` and `continue` lead."""
+
+from __future__ import annotations
+
+import ast
+from typing import Any
+
+from .arithmetic import known
+from .kinds import Refused
+from .merging import Names
+
+
+def limits_of(node: ast.For, limits: list[Any], keywords: bool) -> tuple[str, Any, Any, Any]:
+    """Return (counter name, start, stop, step) of a range loop. Refused: tuple targets, bad argument count, step 0."""
+    if not isinstance(node.target, ast.Name):
+        raise Refused("a loop over a range counts by one name")
+    if not 1 <= len(limits) <= 3 or keywords:
+        raise Refused("range takes one to three numbers")
+    start, stop, step = (0, limits[0], 1) if len(limits) == 1 else (*limits, 1) if len(limits) == 2 else limits
+    if known(step) and step == 0:
+        raise Refused("range() by 0")
+    return node.target.id, start, stop, step
+
+
+class Loop:
+    """Targets of `continue` (block nxt) and `break` (block end), and the names at the end of all paths to them.
+
+    nexts: names on paths to nxt. ends: names on paths to end.
+    """
+
+    def __init__(self, nxt: Any, end: Any) -> None:
+        """Make the targets, with no paths to them yet."""
+        self.nxt, self.end = nxt, end
+        self.nexts: list[Names] = []
+        self.ends: list[Names] = []

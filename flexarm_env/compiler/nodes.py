@@ -1,0 +1,91 @@
+"""Nodes and regions of a `Tape`: differentiable instructions with their pullbacks, and the code that they lie in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+
+class Pull(NamedTuple):
+    """Edge from a node to one operand: how the node's cotangent contributes to the operand's cotangent.
+
+    parent: the operand's `Node`; None: the operand is memory, and `apply` itself adds to the cotangents there.
+    apply: writes the instructions of the pullback; maps the node's cotangent (LLVM value) to the operand's share.
+    first: for a select, whether this operand is the first of the two choices; None otherwise.
+    gathers: the pullback mixes lanes (sum over lanes, insert or extract an element).
+    """
+
+    parent: Any
+    apply: Callable[[Any], Any]
+    first: bool | None = None
+    gathers: bool = False
+
+
+class Node:
+    """A float64 LLVM value that depends on a differentiated input, with its edges to the operands.
+
+    value: the LLVM value. pulls: edges to active operands. region: the code stretch that it was written in.
+    test: condition (i1) of a select. risky: the pullback may turn a cotangent of 0 into NaN (0 * inf).
+    steep: the slope may be infinite at finite operands (quotient, square root). base: id of the array that a load
+    reads. stored: ids of the arrays that the value is stored to. cotangent: sum of the shares so far, on the way back.
+    """
+
+    def __init__(
+        self, value: Any, pulls: list[Pull], region: Any, test: Any = None, risky: bool = False, steep: bool = False
+    ) -> None:
+        """Record the value with its edges; cotangents are set later, by the reverse sweep."""
+        self.value, self.pulls, self.region = value, pulls, region
+        self.test, self.risky, self.steep = test, risky, steep
+        self.base: int | None = None
+        self.stored: list[int] = []
+        self.cotangent: Any = None
+        # stack slot in which cotangents from other regions are summed
+        self.total: Any = None
+
+
+class Region:
+    """A stretch of code that is reversed as a unit: a function, a loop body or one side of a branch.
+
+    items: nodes and callables in program order; the reverse sweep goes through them backwards.
+    kept: by id of a forward value, the LLVM value that stands for it on the way back.
+    entry: basic block where the reverse code of the region begins; forward values are recomputed or reloaded there.
+    """
+
+    entry: Any
+    is_branch = False
+
+    def __init__(self, tape: Any, code: Any, first: Any) -> None:
+        """Open the region at the basic block `first`, inside the tape's current region."""
+        self.tape, self._code, self._begin = tape, code, len(code.blocks)
+        self.items: list[Any] = []
+        self.kept: dict[int, Any] = {}
+        # the region opens now: instructions recorded from here on are its items
+        self._outer, tape.region = tape.region, self
+        tape.home[id(first)] = self
+
+    def close(self) -> None:
+        """Assign the basic blocks written since the region opened to it, except those of inner regions."""
+        for block in self._code.blocks[self._begin :]:
+            self.tape.home.setdefault(id(block), self)
+        self.tape.region = self._outer
+
+    def is_within_branch(self, outer: Region | None = None) -> bool:
+        """Return whether the region, or one between it and `outer` (None: the outermost), is one side of a branch."""
+        here: Any = self
+        while here is not None and here is not outer:
+            if here.is_branch:
+                return True
+            here = here._outer
+        return False
+
+    def again(self, value: Any) -> Any:
+        """Return the reverse-sweep copy of a forward value of this region: recomputed if cheap, else restored."""
+        if id(value) not in self.kept:
+            found = self.tape.copied(value, self.entry) if self.tape.found_again(value) else self.brought(value)
+            # one copy per region: later uses in the same reverse code share it
+            self.kept[id(value)] = found
+        return self.kept[id(value)]
+
+    def brought(self, value: Any) -> Any:
+        """Save a forward value during the forward pass and return the value loaded again in the reverse sweep."""
+        raise NotImplementedError

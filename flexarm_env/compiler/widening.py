@@ -1,0 +1,38 @@
+"""Arrays of float32, uint8 and bool in kernels that Python runs: their elements read as in compiled kernels.
+
+NumPy computes with uint8 in 8 bits and with float32 in 32, and its truth values are no numbers. In a kernel an element
+is a float64, a 64-bit integer or a truth value.
+"""
+
+from typing import Any
+
+import numpy as np
+
+READ = {"f": np.float64, "B": np.int64, "?": bool}
+"""Type of an element that is read, by the NumPy dtype character of the array."""
+
+
+class Widened(np.ndarray[Any, Any]):
+    """View of an array of float32, uint8 or bool whose elements are read as float64, int64 or bool."""
+
+    def __getitem__(self, at: Any) -> Any:
+        """Return an element as float64, int64 or bool; slices remain views."""
+        found = super().__getitem__(at)
+        return found if isinstance(found, np.ndarray) else READ[self.dtype.char](found)
+
+    def __setitem__(self, at: Any, value: Any) -> None:
+        """Store an element as compiled code does: an integer into uint8 by its low 8 bits."""
+        whole = self.dtype.char == "B" and isinstance(value, int | np.integer)
+        super().__setitem__(at, int(value) & 255 if whole else value)
+
+
+def widened(item: Any) -> Any:
+    """Return a kernel argument with its arrays of float32, uint8 and bool as `Widened`, those within tuples too."""
+    if type(item) is np.ndarray:
+        return item.view(Widened) if item.dtype.char in READ and item.dtype.isnative and item.ndim > 0 else item
+    if not isinstance(item, tuple):
+        return item
+    parts = [widened(part) for part in item]
+    if all(one is other for one, other in zip(parts, item, strict=True)):
+        return item
+    return type(item)._make(parts) if hasattr(item, "_make") else tuple(parts)

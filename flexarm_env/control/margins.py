@@ -1,0 +1,79 @@
+"""Gain and delay margins of the controllers' loops, and a warning if an environment's delay exceeds them."""
+
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+from .arm_model import arm_model
+from .base import Setup
+from .loop import Law, delay_margin, gain_margin, observer_law, pd_law, plant
+from .lqr import LQRGains, design, spread_of
+from .pd import PDGains, postures_of
+
+SAFE = 0.6
+"""Share of the delay margin above which a loop rings too much to settle."""
+
+
+MARGINS_OF = ("pd", "zvd", "lqr", "time_optimal")
+"""Controllers of planar arms whose margins are computed here."""
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Smallest margins of a controller's loop over all postures. gain: factor on the torques. delay: s."""
+
+    gain: float
+    delay: float
+
+
+def margins(setup: Setup, gains: Any) -> Margins | None:
+    """Compute the margins of a PD or LQR loop on the setup's arm, with its motor lag and without its delay.
+
+    Returns the minima over all postures; None for other gains and for arms in space.
+    """
+    found, dt = [], setup.control_dt
+    if setup.arm.spatial or not isinstance(gains, PDGains | LQRGains):
+        return None
+    for posture in postures_of(setup.arm):
+        model, law = arm_model(setup.arm, posture), _law(setup, gains, posture)
+        if isinstance(gains, LQRGains):
+            model = arm_model(setup.arm, posture, gains.flexible)
+        gain = gain_margin(plant(model, dt, 0.0, setup.lag), law)
+        found.append(Margins(gain, delay_margin(model, dt, law, setup.lag)))
+    return Margins(min(one.gain for one in found), min(one.delay for one in found))
+
+
+def _law(setup: Setup, gains: PDGains | LQRGains, posture: tuple[float, ...]) -> Law:
+    """Return the controller (P, Q, K, D), see `loop.Law`, of PD or LQR gains at a posture (elbow angles, rad)."""
+    if isinstance(gains, PDGains):
+        return pd_law(*gains.of(setup.arm))
+    made = design(setup.arm, setup.torque_limits, setup.control_dt, gains, posture, spread_of(setup))
+    return observer_law(made.A, made.B, made.C, made.K, made.L)
+
+
+def warn_of_delay(name: str, setup: Setup, gains: Any) -> None:
+    """Warn if the setup's delay exceeds `SAFE` times the delay margin, or if its motor lag destabilizes the loop.
+
+    PD warns by itself if it is unstable. name: of the controller.
+    """
+    if not (setup.delay or setup.lag) or setup.arm.spatial:
+        return
+    # controllers that follow plans are judged by a comparable LQR
+    if not isinstance(gains, PDGains | LQRGains):
+        gains = stand_in(setup)
+    found = margins(setup, gains)
+    if found is None or (isinstance(gains, PDGains) and not gains.stable(setup)):
+        return
+    if setup.delay > SAFE * found.delay or found.gain <= 1.0:
+        what = f"{name} does not know of delays; on arm {setup.arm.name!r} its loop bears {found.delay:.3g} s"
+        now = f"here torques and readings come {setup.delay:.3g} s late"
+        now += f" and motors lag by {setup.lag:.3g} s" if setup.lag else ""
+        warnings.warn(f"{what}, {now}: tune it for that (flexarm tune), or lower its gains", UserWarning, stacklevel=4)
+
+
+def stand_in(setup: Setup) -> LQRGains:
+    """Gains of an LQR about as fast as the controllers that follow plans.
+
+    These are the gains of time-optimal control, whose loop about its plan is an LQR; receding horizons are comparable.
+    """
+    return LQRGains(angle=10.0, rate=10.0, bend=10.0, bend_rate=10.0)

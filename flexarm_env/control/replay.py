@@ -1,0 +1,124 @@
+"""Replay of plans on a finer mesh with shorter steps, observed between control instants too."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..physics.elastica.chain import MOST_IN_PIECE, Line, chain, nodes
+from ..validation import Array
+from .dynamics import Dynamics
+
+FINER = 4
+"""Replay steps per step of a plan."""
+
+BENT, LEAST, OTHERS = 0.05, 5e-4, 0.01
+"""Tolerances of a replay: excess over the deflection bound, as a share of it; smallest such tolerance over a link's
+length; violation of the other limits and of the goal (rad, rates over the arm's own, distances over its length)."""
+
+Missed = Callable[[Dynamics, Array], Array]
+"""Function of a plant and states (T, n, S) that returns each arm's largest violation of limits, (n,)."""
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Replay of a plan's controls with a quarter of the step and, in the plane, twice as many nodes; SI units.
+
+    Attributes:
+        deflection (n, D): largest magnitude of `Dynamics.bends`, at the plan's control instants and between them.
+        off (n, N): joint angles minus those of the goal at the plan's arrival, rad; nan without a goal.
+        rates (n, N): joint rates at the arrival, rad/s; nan without a goal.
+        missed (n,): largest violation of the bounds and the goal, in the units of `Motion.missed`.
+        kept (n,): whether the deflection bound is exceeded by at most 5 % or 5e-4, and the other limits and the goal
+            are missed by at most 0.01 (`BENT`, `LEAST`, `OTHERS`).
+    """
+
+    deflection: Array
+    off: Array
+    rates: Array
+    missed: Array
+    kept: NDArray[np.bool_]
+
+
+@lru_cache(maxsize=16)
+def finer(plant: Dynamics) -> Dynamics:
+    """Return a plant with a quarter of the plan's step as its period; planar: with twice as many nodes, at most 12."""
+    assert plant.settings.dt is not None
+    period = plant.settings.dt / FINER
+    if plant.arm.spatial:
+        return type(plant)(plant.arm, period, plant.nodes, plant.gravity)  # type: ignore[arg-type]
+    return Dynamics(plant.arm, period, max(plant.nodes, min(MOST_IN_PIECE, 2 * plant.nodes)), period)
+
+
+def _places(line: Line, tip: bool) -> Array:
+    """Arc-length positions (nodes,), m, of a link's nodes from its root; tip: whether the last node is at the tip."""
+    found = np.zeros(line.n)
+    for a, b, first, functions in line.pieces:
+        k = len(functions.own)
+        found[first : first + k] = a + 0.5 * (b - a) * (1.0 + nodes(k, tip or b < line.length))
+    return found
+
+
+def refined(plant: Dynamics, fine: Dynamics, x: Array) -> Array:
+    """Interpolate states (n, S) of a plant to the finer plant's nodes, by the polynomials of the node angles."""
+    if plant.nodes == fine.nodes:
+        return x
+    known, wanted = chain(plant.arm, plant.nodes), chain(fine.arm, fine.nodes)
+    out = np.zeros((len(x), fine.size))
+    for part in range(2):  # angles, rates
+        before = np.zeros(len(x))  # of the tip of the link before
+        for k, (line, more) in enumerate(zip(known.lines, wanted.lines, strict=True)):
+            own = x[:, part * plant.half + k * plant.nodes : part * plant.half + (k + 1) * plant.nodes].copy()
+            joint = own[:, 0].copy()
+            # from joint angle to absolute tangent angle of the first node
+            own[:, 0] += before
+            # evaluate the interpolating polynomial at the finer nodes
+            values = own @ line.lagrange(_places(more, k < plant.n_inputs - 1)).T
+            at = part * fine.half + k * fine.nodes
+            out[:, at : at + fine.nodes] = values
+            out[:, at] = joint
+            before = own @ line.tip_angle
+    return out
+
+
+def replay(
+    plant: Dynamics, start: Array, controls: Array, ends: NDArray[np.int64], goal: Array | None, bound: float,
+    missed: Missed, rate: float,
+) -> Replay:  # fmt: skip
+    """Replay controls (T, n, N) from states start (n, S) on the finer plant.
+
+    Args:
+        plant: of the plan. ends (n,): control periods after which each arm has to be at rest at the goal (n, S); goal
+            None: no goal. bound: on deflections; infinite: none. missed: violation of the other limits. rate: divisor
+            of joint rates, 1/s.
+    """
+    fine = finer(plant)
+    x, shares = refined(plant, fine, start), round(plant.period / fine.period)
+    count, joints = len(x), fine.joints
+    deflection, worst = np.abs(fine.deflections(x)), np.zeros(count)
+    off, rates = np.full((2, count, plant.n_inputs), np.nan)
+    for k, u in enumerate(controls):
+        # fine steps within one control period
+        states = np.empty((shares, *x.shape))
+        for i in range(shares):
+            x = states[i] = fine.advance(x, u)
+        on = k < ends  # what follows is not the plan's
+        # extremes over the fine steps
+        deflection[on] = np.maximum(deflection, np.abs(fine.deflections(states)).max(axis=0))[on]
+        worst[on] = np.maximum(worst, missed(fine, states))[on]
+        # goal error at each arm's arrival
+        there = ends == k + 1
+        if goal is not None and there.any():
+            off[there] = (x[:, joints] - goal[:, plant.joints])[there]
+            rates[there] = x[there][:, fine.half + joints]
+    if goal is not None:
+        worst = np.max([worst, np.abs(off).max(axis=1), np.abs(rates).max(axis=1) / rate], axis=0)
+    bent = np.maximum(0.0, deflection.max(axis=1) / bound - 1.0)
+    # a failed simulation violates everything
+    failed = ~np.isfinite(deflection).all(axis=1) | np.isnan(worst)
+    bent, worst = np.where(failed, np.inf, bent), np.where(failed, np.inf, worst)
+    return Replay(
+        deflection, off, rates, np.maximum(bent, worst), (bent <= max(BENT, LEAST / bound)) & (worst <= OTHERS)
+    )

@@ -1,0 +1,346 @@
+"""Policies by name: a controller, a file, a run folder, a policy of the package, or your own function.
+
+Every command and :func:`load_policy` accept the same words:
+
+| word | policy |
+|---|---|
+| `pd`, `zv`, `zvd`, `lqr`, `lqg`, `mpc`, `time_optimal` | a controller, made for the environment |
+| `lqr@gains.toml` | the same with gains written by `flexarm tune` |
+| `flexible_arm`, `two_link`, ... | a trained policy that ships with the package |
+| `runs/my-run` | a run folder: its `policy.npz`, or else its `model.zip` |
+| `policy.npz`, `model.zip`, `policy.onnx` | a file of this package, of Stable-Baselines3, or an ONNX model |
+| `module:name` | a function of observations, an object with `reset` and `act`, or its class |
+"""
+
+from __future__ import annotations
+
+import inspect
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import validation as check
+from ..files import from_json, imported, in_words, read_json, read_toml
+from ..validation import Array32
+from .base import Controller, Setup
+from .catalogue import NAMES, gains_from, make
+from .models import load_model
+from .policy import HOME, NumpyPolicy, fitted, load_npz, names
+
+KINDS = {"tensor(float)": np.float32, "tensor(double)": np.float64}
+"""Supported input types of ONNX models, with their NumPy types."""
+
+
+@dataclass(frozen=True)
+class NamedPolicy:
+    """A policy that is not yet bound to an environment.
+
+    Attributes:
+        name: for display. env_id, env_kwargs: training environment and its keywords ("" and {}: any).
+            make: environment -> policy, with `reset` and `act`; ValueError if they do not fit. kind: "controller",
+            "policy" (a network run by NumPy), "onnx" or "function". policy: of the last three kinds, not yet checked.
+            path: its file, if any. asked: keywords that the user gave to training; evaluation uses them too.
+    """
+
+    name: str
+    env_id: str
+    env_kwargs: Mapping[str, Any]
+    make: Callable[[Any], Any]
+    kind: str = "controller"
+    policy: Any = None
+    path: Path | None = None
+    asked: Mapping[str, Any] = field(default_factory=dict)
+
+
+def load_policy(source: str | os.PathLike[str], env: Any = None) -> Any:
+    """Load the policy named by a word or a path (the table of :mod:`flexarm_env.control.sources`).
+
+    Args:
+        source: the word. env: the environment, or vector environment, in which it acts. Controllers need one; every
+            other policy is checked against it.
+    Returns:
+        an object with `reset(observation)` and `act(observation)`; observations (entries,) or (n, entries).
+    Raises:
+        ValueError: the word names nothing, the file is damaged, or the policy does not fit the environment.
+    """
+    found = find_policy(os.fspath(source), "policy")
+    if env is not None:
+        return found.make(env)
+    if found.kind == "controller":
+        what = "is a controller, which needs its environment: load_policy(name, env)"
+        raise check.InvalidValue("policy", found.name, what)
+    return found.policy
+
+
+def find_policy(word: str, flag: str = "--policy") -> NamedPolicy:
+    """Find the policy that a word names, without binding it to an environment.
+
+    flag: the option's name in messages. Raises ValueError for an unknown word or a damaged file.
+    """
+    word = word.strip()
+    # a controller, with tuned gains or those of a file
+    if word in NAMES:
+        return NamedPolicy(word, "", {}, lambda env: controller(word, env))
+    path, (name, _, file) = Path(word), word.partition("@")
+    if file and name in NAMES:
+        path, gains = Path(file), _gains(name, Path(file))
+        return NamedPolicy(f"{name}@{path.stem}", "", {}, lambda env: controller(name, env, gains), path=path)
+    # an ONNX file, then module:name
+    if path.suffix.lower() == ".onnx" and path.is_file():
+        onnx = OnnxPolicy(path)
+        env_id, kwargs = str(onnx.meta.get("env_id", "")), onnx.meta.get("env_kwargs", {})
+        return NamedPolicy(path.stem, env_id, kwargs, onnx.fitted, "onnx", onnx, path)
+    if ":" in word and not path.exists():
+        function = FunctionPolicy(word, function_named(word, flag), flag)
+        return NamedPolicy(word, "", {}, function.fitted, "function", function)
+    # a policy of the package
+    if not path.exists() and word in names():
+        return _of_network(word, load_npz(Path(str(HOME / word / "policy.npz"))), path)
+    if not path.exists():
+        known = ", ".join((*NAMES, *names()))
+        what = f"must be a run folder, a file (.npz, .zip, .onnx) that exists, module:name, or one of {known}"
+        raise check.InvalidValue(flag, word, what)
+    # a run folder, then a file of Stable-Baselines3 or of this package
+    if path.is_dir():
+        inside = [path / one for one in ("policy.npz", "model.zip") if (path / one).is_file()]
+        if not inside:
+            raise check.InvalidValue(flag, word, "must hold a policy.npz or a model.zip, and has no policy.npz there")
+        path = inside[0]
+    shown = Path(word).stem if Path(word).is_file() else Path(word).resolve().name
+    if path.suffix.lower() == ".zip":
+        return _of_network(shown, load_model(path, _trained(path)), path)
+    return _of_network(shown, load_npz(path), path)
+
+
+def _of_network(name: str, policy: NumpyPolicy, path: Path) -> NamedPolicy:
+    """Wrap a network as `NamedPolicy`, with its file's record of the training."""
+    env_id, kwargs = str(policy.meta.get("env_id", "")), policy.meta.get("env_kwargs", {})
+    asked = policy.meta.get("asked", {})
+    return NamedPolicy(name, env_id, kwargs, lambda env: policy.check(Setup.of(env)), "policy", policy, path, asked)
+
+
+def _trained(path: Path) -> dict[str, Any]:
+    """Read the training record from the run.json beside a model; {} without one."""
+    beside = path.with_name("run.json")
+    if not beside.is_file():
+        return {}
+    record = check.table_of(str(beside), read_json(beside))
+    known = ("env_id", "env_kwargs", "asked", "layout", "scales", "torque_limits", "seed", "algorithm")
+    return {key: record[key] for key in known if key in record}
+
+
+def _gains(name: str, path: Path) -> Any:
+    """Read a controller's table of gains from a file of `flexarm tune`; ValueError if it is missing or invalid."""
+    try:
+        tables, _ = read_toml(path)
+    except OSError as error:
+        raise ValueError(f"{path}: {error.strerror}") from error
+    if not isinstance(tables.get(name), dict):
+        raise ValueError(f"{path}: no table [{name}]; it has {', '.join(tables) or 'none'}")
+    try:
+        gains_from(name, tables[name])
+    except ValueError:
+        if name == "time_optimal" or not _gains_in_space(name, tables[name]):
+            raise
+    return tables[name]
+
+
+def _gains_in_space(name: str, table: Mapping[str, Any]) -> bool:
+    """Whether a table contains valid gains for an arm in space."""
+    try:
+        gains_from(name, table, True)
+    except ValueError:
+        return False
+    return True
+
+
+# ------------------------------------------------------------------ controllers
+class Following:
+    """Restart a memoryless controller in every period, so that it follows a moving target or a moving root."""
+
+    def __init__(self, controller: Controller) -> None:
+        self.controller = controller
+
+    def reset(self, observation: NDArray[np.floating]) -> None:
+        """Do nothing: there is no memory."""
+
+    def act(self, observation: NDArray[np.floating]) -> Any:
+        """Compute actions (n, N) in [-1, 1] as if the episode began at this observation."""
+        self.controller.reset(observation)
+        return self.controller.act(observation)
+
+
+def controller(name: str, env: Any, gains: Any = None) -> Controller | Following:
+    """Create a controller as :func:`flexarm_env.control.make` does; PD also for moving targets and floating bases."""
+    plan = env.unwrapped.plan
+    following = name == "pd" and (plan.task == "track" or plan.arm.base is not None)
+    made = make(name, Setup.of(env) if following else env, gains)
+    return Following(made) if following else made
+
+
+# ------------------------------------------------------------------ ONNX
+class OnnxPolicy:
+    """Policy run by ONNX Runtime: first input observations (n, entries), first output actions (n, joints).
+
+    `meta`: training record written by `flexarm export`; {} for models of other programs.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Load the model with one CPU thread and validate its input."""
+        with check.needs("an ONNX policy", "onnxruntime", "export"):
+            import onnxruntime
+        options = onnxruntime.SessionOptions()
+        options.log_severity_level, options.intra_op_num_threads = 4, 1
+        try:
+            self.session = onnxruntime.InferenceSession(
+                os.fspath(path), sess_options=options, providers=["CPUExecutionProvider"]
+            )
+            own = self.session.get_modelmeta().custom_metadata_map.get("flexarm_env")
+        except Exception as error:  # of the runtime's own many kinds
+            raise ValueError(f"{path}: no ONNX model that can be run ({type(error).__name__})") from None
+        with check.in_file(path):
+            self.meta = {} if own is None else check.table_of("flexarm_env", from_json(own, "flexarm_env"))
+            check.table_of("env_kwargs", self.meta.get("env_kwargs", {}))
+        # exactly one input (n, entries) of a supported type
+        given = self.session.get_inputs()
+        if len(given) != 1:
+            raise ValueError(f"{path}: takes {len(given)} inputs; a policy takes one, observations (n, entries)")
+        self.path, self.name, self.shape = path, given[0].name, given[0].shape
+        if len(self.shape) != 2:
+            raise ValueError(f"{path}: takes observations of shape {self.shape}; a policy's is (n, entries)")
+        self.one_by_one = self.shape[0] == 1
+        if given[0].type not in KINDS:
+            raise ValueError(f"{path}: takes {given[0].type}; a policy takes {' or '.join(KINDS)}")
+        self.kind = KINDS[given[0].type]
+        self.ratio: NDArray[np.float64] | None = None
+
+    def fitted(self, env: Any) -> OnnxPolicy:
+        """Return the policy; ValueError unless it fits the environment's observations and actions."""
+        one = getattr(env, "single_observation_space", None)
+        size = (env.observation_space if one is None else one).shape[-1]
+        if isinstance(self.shape[1], int) and self.shape[1] != size:
+            raise ValueError(f"{self.path}: takes observations of shape {self.shape}; the task's is (n, {size})")
+        # scales of another arm's observations are converted
+        if self.meta:
+            setup = Setup.of(env)
+            self.ratio = fitted(self.meta, setup, setup.size, setup.n_joints)
+        return self
+
+    def reset(self, observation: NDArray[np.floating]) -> None:
+        """Do nothing: there is no memory."""
+
+    def act(self, observation: NDArray[np.floating]) -> Any:
+        """Run the model on observations (n, entries) or (entries,); models of batch size 1 row by row."""
+        rows = np.atleast_2d(observation)
+        rows = (rows if self.ratio is None else rows * self.ratio).astype(self.kind)
+        try:
+            if self.one_by_one:
+                found = np.concatenate([self.session.run(None, {self.name: row[None]})[0] for row in rows])
+            else:
+                found = self.session.run(None, {self.name: rows})[0]
+        except Exception as error:
+            raise ValueError(f"{self.path}: the model failed ({' '.join(str(error).split())[:200]})") from None
+        return found[0] if np.ndim(observation) == 1 else found
+
+
+# ------------------------------------------------------------------ functions
+class FunctionPolicy:
+    """Policy given by a function of observations: of all rows (n, entries) at once if it accepts them, else row by row.
+
+    For an object with `reset` and `act` the function is `act`. `reset`, if present, is called with the first
+    observations, and again if the function turns out to take single rows, since the trial may have changed its memory.
+    """
+
+    def __init__(self, word: str, function: Any, flag: str = "--policy") -> None:
+        """Store the function and its reset. word: its name in messages. flag: the option's name in messages."""
+        self.word, self.flag, self.begin = word, flag, getattr(function, "reset", None)
+        self.function: Callable[[Any], Any] = function.act if _is_policy(function) else function
+        self.joints: int | None = None
+        self.at_once: bool | None = None
+        self.tried = ""
+
+    def fitted(self, env: Any) -> FunctionPolicy:
+        """Return the policy bound to an environment, whose number of joints its actions must have."""
+        bound = FunctionPolicy(self.word, self.function, self.flag)
+        bound.begin, bound.joints = self.begin, int(env.action_space.shape[-1])
+        return bound
+
+    def reset(self, observation: Array32) -> None:
+        """Begin episodes with their first observations."""
+        if self.begin is not None:
+            self._call(self.begin, observation)
+
+    def act(self, observation: Array32) -> Any:
+        """Return the function's actions for observations (n, entries) or (entries,)."""
+        # the first call finds out which form the function takes
+        if self.at_once is None:
+            actions = self._tried(observation)
+            self.at_once = actions is not None
+            if self.at_once:
+                return actions
+            self.reset(observation)
+        if self.at_once:
+            actions = self._call(self.function, observation)
+            return self._fitting(actions) if observation.ndim == 1 else actions
+        if observation.ndim == 1:  # it takes rows alone
+            return self._fitting(self._call(self.function, observation[None]))
+        return np.stack([self._fitting(self._call(self.function, row)) for row in observation])
+
+    def _tried(self, observation: Array32) -> Any:
+        """Call the function with all observations; return its actions, or None and a note in `tried` if it fails."""
+        try:
+            actions = self.function(observation.copy())
+            # accept a flat action of one observation, or one row per observation
+            shape = np.shape(actions)
+            if observation.ndim == 1 and self.joints in (None, np.size(actions)):
+                return np.reshape(actions, -1)
+            if observation.ndim == 2 and shape == (len(observation), self.joints or shape[-1]):
+                return actions
+            came = f"gave shape {shape}"
+        except (Exception, SystemExit) as error:  # it may take the other form
+            came = f"raised {in_words(error)}"
+        what = "all observations {0} at once" if observation.ndim == 2 else "one observation {0}"
+        self.tried = f"of {what.format(observation.shape)} it {came}; of one {'row ' * (observation.ndim == 1)}alone "
+        return None
+
+    def _fitting(self, given: Any) -> NDArray[Any]:
+        """Flatten one observation's actions (N,); ValueError for a wrong number."""
+        found = np.asarray(given)
+        if self.joints is not None and found.size != self.joints:
+            what = f"must give (n, {self.joints}) for n observations, or ({self.joints},) for one"
+            raise check.InvalidValue(f"{self.flag} {self.word}: {self.tried}shape of its actions", found.shape, what)
+        return found.reshape(-1)
+
+    def _call(self, function: Callable[[Any], Any], given: Array32) -> Any:
+        """Call the user's function with a copy of the observation; convert any exception into a ValueError."""
+        try:
+            return function(given.copy())
+        except (Exception, SystemExit) as error:
+            raise ValueError(f"{self.flag} {self.word}: {self.tried}it raised {in_words(error)}") from error
+
+
+def _is_policy(found: Any) -> bool:
+    """Whether an object has both `reset` and `act`; a plain function may have an attribute `reset`."""
+    return all(callable(getattr(found, name, None)) for name in ("reset", "act"))
+
+
+def function_named(word: str, flag: str = "--policy") -> Any:
+    """Import module:name, also from the current folder: a function, a policy, or a class of either, instantiated.
+
+    flag: the option's name in the message of a ValueError.
+    """
+    found = imported(flag, word)
+    # a class is instantiated without arguments
+    if inspect.isclass(found):
+        try:
+            found = found()
+        except (Exception, SystemExit) as error:
+            raise ValueError(f"{flag} {word}: cannot be made without arguments ({in_words(error)})") from None
+    if not callable(found) and not _is_policy(found):
+        raise check.InvalidValue(flag, word, "must name a function of observations, or a policy: reset and act")
+    return found

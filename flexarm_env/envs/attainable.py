@@ -1,0 +1,249 @@
+"""Which of the targets that are drawn an arm can take up: within its joint limits, held by its motors."""
+
+import dataclasses
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+
+from .. import validation as check
+from ..batch import GOAL, Attainable, Starts, Task, attainable, draw_attainable, first_unattainable
+from ..compiler import uncompiled
+from ..control.space import INVERSE, chain_of, holding, lost_at, lumps
+from ..parameters import Arm
+from ..rigid import mass_moments
+from .features import Frame
+from .targets import Pair
+
+SAMPLES = 1000
+"""Draws among which one at least has to be attainable."""
+
+PATHS = 100
+"""Drawn paths among which one at least has to be attainable."""
+
+TRIED = 4
+"""Drawn starts from which a given path in space is followed, where it cannot be from the middle one."""
+
+_ELBOWS = 9
+"""Angles of each elbow at which distances of the tip are looked at."""
+_SURE = 0.98
+"""Share of the largest torque that is needed by no sampled posture where none is checked when it is drawn."""
+
+
+def needs_of(frame: Frame, task: Task, starts: Starts, extras: Any) -> Attainable | None:
+    """Return the conditions on drawn targets, or None if all possible draws meet them or the base floats.
+
+    Raises:
+        ValueError: none of `SAMPLES` drawn targets is attainable.
+    """
+    arm = frame.arm
+    if arm.base is not None:
+        return None
+    arm, torques = _worst(arm, task, starts, extras)
+    if frame.kind.space:
+        return _in_space(frame, arm, starts, torques)
+    needs, surely_held = _in_plane(frame, arm, torques)
+    if surely_held and _all_within(arm, frame, task, starts):
+        return None
+    rng, ask = np.random.default_rng(0), uncompiled(attainable)
+    begin, aims = np.array(starts.start, np.float64), np.array(starts.target, np.float64)
+    for _ in range(SAMPLES):
+        angles = rng.uniform(begin[:, 0], begin[:, 1]) * (rng.uniform() >= starts.straight)
+        first, second = rng.uniform(aims[:, 0], aims[:, 1]).tolist()
+        if frame.kind.target.numbers == 1:
+            first, second = task.relative * angles[0] + first, 0.0
+        else:
+            first, second = first * math.cos(second), first * math.sin(second)
+        if ask(task, needs, angles, first, second) > 0.5:
+            return needs
+    raise _none(starts, arm, needs.gravity)
+
+
+def path_needs(frame: Frame, task: Task, starts: Starts, extras: Any, periods: int) -> Any:
+    """Return the moving target (`Extras.reference`) with the conditions that drawn paths must meet.
+
+    Raises:
+        ValueError: the joint limits do not let the arm follow a given path, or none of `PATHS` drawn ones is
+            attainable.
+    """
+    moving, arm = extras.reference, frame.arm
+    if moving is None or arm.base is not None:
+        return moving
+    begin, numbers = np.array(starts.start, np.float64), frame.kind.target.numbers
+    if len(moving.table):
+        points = moving.table.reshape(-1, 2 * numbers)[: periods + 1, :numbers]
+        at = _first_lost(arm, begin, points) if frame.kind.space else _first_out(task, begin, points)
+        if at is not None:
+            unit = "rad" if numbers == 1 else "m"
+            where = ", ".join(f"{x:g}" for x in points[at])
+            what = f"must stay where {arm.name!r} can follow within its joint limits"
+            raise ValueError(f"reference = ({where}) {unit} at {at * frame.period:g} s: {what}")
+        return moving
+    if frame.kind.space or (numbers == 1 and moving.line is not None):  # `Place.check_ranges`; an endless line
+        return moving
+    arm, torques = _worst(arm, task, starts, extras)
+    needs, surely_held = _in_plane(frame, arm, torques)
+    if surely_held and _surely_followed(arm, frame, moving, begin):
+        return moving
+    moving = moving._replace(needs=needs, lasting=periods * frame.period)
+    rng, ask, path = np.random.default_rng(0), uncompiled(draw_attainable), np.zeros(GOAL)
+    stream = np.zeros(1, np.uint64)
+    with np.errstate(over="ignore"):
+        for _ in range(PATHS):
+            angles = rng.uniform(begin[:, 0], begin[:, 1]) * (rng.uniform() >= starts.straight)
+            stream[0] = rng.integers(2**63)
+            if ask(moving, task, stream, 0, angles, path, 1) > 0.5:
+                return moving
+    what = f"must hold paths that {arm.name!r} can follow within its joint limits"
+    what += " and that its motors hold against gravity" * bool(needs.gravity.any())
+    raise check.InvalidValue("reference", moving.ranges.tolist(), f"{what}: none of {PATHS} drawn ones is")
+
+
+def _first_out(task: Task, begin: np.ndarray, points: np.ndarray) -> int | None:
+    """Return the index of the first point (n, 1 or 2) of a path that a planar arm cannot follow; None: it can.
+
+    begin (N, 2): ranges of the joints' starts, rad; the arm starts in their middles.
+    """
+    flat = np.zeros((len(points), 2))
+    flat[:, : points.shape[1]] = points
+    at = uncompiled(first_unattainable)(task, _free(task), begin.mean(axis=1), flat.ravel())
+    return None if at < 0 else int(at)
+
+
+def _first_lost(arm: Arm, begin: np.ndarray, points: np.ndarray) -> int | None:
+    """Return the index of the first point (n, 3), m, that an arm in space loses from its joint limits; None: none.
+
+    The posture starts at the middles of begin (N, 2), rad, and where the path is lost from there, at `TRIED` drawn
+    starts; the latest index of all counts.
+    """
+    if arm.joint_limits is None:
+        return None
+    rng, latest = np.random.default_rng(0), 0
+    for start in (begin.mean(axis=1), *rng.uniform(begin[:, 0], begin[:, 1], (TRIED, len(begin)))):
+        at = lost_at(arm, start, points, *map(uncompiled, INVERSE))
+        if at is None:
+            return None
+        latest = max(latest, at)
+    return latest
+
+
+def check_target(task: Task, angles: np.ndarray, target: Pair, arm: Arm) -> None:
+    """Raise `InvalidValue` if the joint limits of a planar arm exclude a given target.
+
+    angles (N,): of the joints at the start, rad; NaN where they are drawn.
+    """
+    if uncompiled(attainable)(task, _free(task), np.nan_to_num(angles), *target) < 0.5:
+        given = target if len(task.targets) > 1 else target[0]
+        raise check.InvalidValue("options.target", given, f"must be within the joint limits of {arm.name!r}")
+
+
+def _free(task: Task) -> Attainable:
+    """Return the conditions on a target at which no torque is needed."""
+    n = len(task.links)
+    return Attainable(np.zeros(2 * n), np.zeros(2), np.full(n, np.inf), None)
+
+
+def _worst(arm: Arm, task: Task, starts: Starts, extras: Any) -> tuple[Arm, np.ndarray]:
+    """Return the arm with the heaviest payload that can be drawn, and the smallest torque limits (N,), N m."""
+    factors, change = starts.drawn, extras.payload_change
+    heavy = factors["payload"][1] * (1.0 if change is None else max(1.0, float(change.factor.max())))
+    weak = factors["torque_constant"][0]
+    torques = weak * np.array(task.torque_limits if extras.actuator is None else extras.actuator.limits)
+    return _with_payload(arm, heavy), torques
+
+
+def _in_plane(frame: Frame, arm: Arm, torques: np.ndarray) -> tuple[Attainable, bool]:
+    """Return the conditions on targets of a planar arm, and whether its motors hold it in every posture."""
+    gravity = np.array(frame.gravity or (0.0, 0.0))
+    moments = np.array(mass_moments(arm), complex)
+    bodies = np.stack([moments.real, moments.imag], axis=1).ravel()
+    most = np.cumsum(np.abs(moments)[::-1])[::-1] * float(np.hypot(*gravity))
+    return Attainable(bodies, gravity, torques, None), bool((most <= torques).all())
+
+
+def _surely_followed(arm: Arm, frame: Frame, moving: Any, begin: np.ndarray) -> bool:
+    """Return whether the joint limits certainly let the arm follow every path that can be drawn."""
+    limits = [(-math.inf, math.inf) if pair is None else pair for pair in arm.joint_limits or (None,) * arm.n_links]
+    ranges = moving.ranges.reshape(-1, 2)
+    if frame.kind.target.numbers == 1:  # a swing from the start to either side
+        wide = ranges[0, 1]
+        return bool(limits[0][0] <= begin[0, 0] - wide and begin[0, 1] + wide <= limits[0][1])
+    nearest, farthest = _distances(arm, limits[1:])
+    wide = 0.0 if moving.line is not None else ranges[2, 1]
+    endless = all(math.isinf(limit) for limit in limits[0])
+    return bool(endless and nearest <= ranges[0, 0] - wide and ranges[0, 1] + wide <= farthest)
+
+
+def _none(starts: Starts, arm: Arm, gravity: np.ndarray) -> check.InvalidValue:
+    what = f"must hold targets that {arm.name!r} reaches within its joint limits"
+    if gravity.any():
+        what += " and that its motors hold against gravity"
+    return check.InvalidValue("starts.target", list(starts.target), f"{what}: none of {SAMPLES} drawn ones is")
+
+
+def _with_payload(arm: Arm, factor: float) -> Arm:
+    """Return the arm with its payload's mass multiplied by a factor."""
+    if factor == 1.0:
+        return arm
+    return dataclasses.replace(arm, payload=dataclasses.replace(arm.payload, mass=factor * arm.payload.mass))
+
+
+def _all_within(arm: Arm, frame: Frame, task: Task, starts: Starts) -> bool:
+    """Return whether a planar arm certainly reaches every target that can be drawn within its joint limits."""
+    limits = [(-math.inf, math.inf) if pair is None else pair for pair in arm.joint_limits or (None,) * arm.n_links]
+    low, high = starts.target[0]
+    if frame.kind.target.numbers == 1:
+        first, last = starts.start[0] if task.relative else (0.0, 0.0)
+        if starts.straight > 0.0 and task.relative:
+            first, last = min(first, 0.0), max(last, 0.0)
+        return limits[0][0] <= first + low and last + high <= limits[0][1]
+    if limits[0][1] - limits[0][0] < 2.0 * math.pi:
+        return False
+    nearest, farthest = _distances(arm, limits[1:])
+    # distances change continuously with the elbows, so that all between two that are reached are reached too
+    return nearest <= low and high <= farthest
+
+
+def _distances(arm: Arm, limits: list[Pair]) -> Pair:
+    """Return the smallest and largest distance of the tip from the root, m.
+
+    Elbows are on a grid within their limits.
+    """
+    grids = [np.linspace(max(low, -math.pi), min(high, math.pi), _ELBOWS) for low, high in limits]
+    grids = [np.append(grid, np.clip(0.0, grid[0], grid[-1])) for grid in grids]
+    many = len(grids) > 3  # all alike, and turned to and fro
+    elbows = np.array([*zip(*grids, strict=True)] if many else [*itertools.product(*grids)])
+    if many:
+        sides = np.where(np.arange(len(grids)) % 2 == 0, 1.0, -1.0)
+        low, high = (np.array([grid.min() for grid in grids]), np.array([grid.max() for grid in grids]))
+        elbows = np.concatenate([elbows, np.clip(elbows * sides, low, high)])
+    bearings = np.concatenate([np.zeros((len(elbows), 1)), np.cumsum(elbows, axis=1)], axis=1)
+    found = np.abs(np.exp(1j * bearings) @ np.array([link.span for link in arm.links]))
+    return float(found.min()), float(found.max())
+
+
+def _in_space(frame: Frame, arm: Arm, starts: Starts, torques: np.ndarray) -> Attainable | None:
+    """Return the conditions on targets of an arm in space, drawn as joint angles, or None if its motors hold all.
+
+    `Attainable.bodies` gets each link's mass (kg) and center of mass (m, link axes); torques (N,): N m, the largest.
+    Raises ValueError if the motors hold none of `SAMPLES` drawn targets.
+    """
+    gravity = np.array(frame.gravity or (0.0, 0.0, 0.0))
+    if not gravity.any():
+        return None
+    ranges, parts = np.array(starts.target), lumps(arm)
+    drawn = np.random.default_rng(0).uniform(ranges[:, 0], ranges[:, 1], (SAMPLES, arm.n_links))
+    corners = np.array([*itertools.product(*ranges[:6])])
+    rest = np.broadcast_to(ranges[6:].mean(axis=1), (len(corners), max(0, arm.n_links - 6)))
+    needed = np.abs(holding(arm, gravity, np.concatenate([drawn, np.hstack([corners, rest])]), parts)[0]) / torques
+    if needed.max() <= _SURE:
+        return None
+    if needed[:SAMPLES].max(axis=1).min() > 1.0:
+        raise _none(starts, arm, gravity)
+    bodies = np.zeros((arm.n_links, 4))
+    for k, part in parts:
+        bodies[k, 0] += part.mass
+        bodies[k, 1:] += part.mass * part.centre
+    bodies[:, 1:] /= np.maximum(bodies[:, :1], 1e-300)
+    return Attainable(bodies.ravel(), gravity, torques, chain_of(frame.arm))

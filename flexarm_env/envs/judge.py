@@ -1,0 +1,303 @@
+"""The error of an environment's tip in small motions: the quantities of the rule in `resolution`, for one arm."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+
+from ..parameters import Arm
+from ..physics.elastica.chain import Chain, chain
+from ..rigid import inertia_beyond
+from ..settings import Settings
+from ..validation import Array
+from .small_motions import HELD, PERIODS, Drive, Motion, actions, cut, fine, frequency_unless_damped, poses
+from .small_motions_space import of_space, poses_in_space
+
+OF_ELBOWS = 0.1  # weight of the spin of elbows, which links that hardly bend follow to higher order
+MARGIN, MARGIN_OF_FRICTION = 3.0, 10.0
+"""Error of 99 % of the episodes over G e_1, and over e_2."""
+
+MESHES: Mapping[str, tuple[str, tuple[int, ...]]] = {
+    "elastica": ("nodes", (4, 6, 8, 12)),
+    "geometrically_exact": ("elements", (3, 5, 8, 12)),
+    "floating_frame": ("segments", (2, 4, 6, 10)),
+}
+"""Option and sizes of a formulation's mesh, from the usual one on."""
+
+AMPLIFIED, AMPLIFIED_IN_SPACE, POWER = 0.55, 1.1, 3
+"""Constants of G, rad; in space links turn against each other's planes, and gravity holds the swing of the whole."""
+
+CONTACT = 0.3  # largest omega_c h
+THIRD, DAMPED, STEADY = 2, 0.1, 0.45
+"""Vibration of a chain of elasticas, from 0, that steps must resolve below this damping ratio; its largest omega h."""
+
+TURNED = 2.0  # largest angle of an element in space at rest, rad; from pi on a moving one has no rotation vector
+SELDOM = 0.25  # weight of the arms that are drawn farthest from the nominal one
+TRAVEL = 1.0  # time for which a rate stays wrong after a reversal, s
+SLENDER = 0.1  # largest radius of gyration of a section over its link's length: small motions have no shear
+REFERENCE = 8  # elements of a link of the reference in space
+STIFFEST = 1e8
+"""Largest w^2 T, 1/s, of a vibration w over a control period T: the exponential loses 1e-16 of it."""
+
+SETTLED, CHATTER = 20, 0.3
+"""A PD loop chatters if its torques change by this share of the limits in so many last periods, without action."""
+
+
+class Judge:
+    """The rule for one arm, drive and control period (s), with the errors e and factors of the module's docstring.
+
+    stiffness: factor on EI, in space on EI_y and GJ too. theta: largest bend of a link, rad.
+    """
+
+    def __init__(self, arm: Arm, drive: Drive, period: float, stiffness: float = 1.0) -> None:
+        self.arm, self.drive, self.period, self.stiffness = arm, drive, period, stiffness
+        limits = arm.torque_limits
+        assert limits is not None
+        n = arm.n_links
+        self.inertia: Array = np.array([inertia_beyond(arm, k) for k in range(n)])
+        self.friction = sum(arm.joint(k).friction_coulomb / float(self.inertia[k]) for k in range(n))
+        # frequencies of rotors on their gears, and of those that play makes contacts of, rad/s
+        self.swing = max(self._swing(k) for k in range(n))
+        self.contact = max(self._swing(k) if arm.joint(k).backlash else 0.0 for k in range(n))
+        self.poses = poses_in_space(n) if arm.spatial else poses(n)
+        self.places = 3 if arm.spatial else 2  # coordinates of the tip
+        self.asked: list[Array] = []  # torques of the first run
+        # responses of the reference (PERIODS, tip, joint angles, bends; runs), one for each posture
+        self.fine = [self._response(self._fine(pose)) for pose in self.poses]
+        self.spun, self.bent = (max(self._spun(one, inner) for one in self.fine) for inner in (False, True))
+        # third vibration frequency of a chain, rad/s, 0 where it is well damped
+        self.unsteady = (
+            0.0 if arm.spatial or n == 1 else frequency_unless_damped(self._fine(self.poses[0]), THIRD, DAMPED)
+        )
+        # the last run counts for its spin alone
+        self.theta = max(float(np.abs(one[:, self.places + n :, :-1]).max(initial=0.0)) for one in self.fine)
+        self._known: dict[tuple[Any, ...], float] = {}
+
+    @property
+    def slender(self) -> bool:
+        """Whether small motions, which have no shear, represent the arm: slender links."""
+        radii = [math.sqrt(link.rotary / link.mass) / link.length for link in self.arm.links if link.mass > 0.0]
+        return max(radii, default=0.0) <= SLENDER
+
+    @cached_property
+    def chatters(self) -> tuple[bool, bool]:
+        """Whether a PD loop does not come to rest without action: (in one of the postures, in all of them)."""
+        if self.drive.residual is None:
+            return False, False
+        limits = CHATTER * np.array(self.drive.limits)
+        found = [bool((np.abs(np.diff(u[-SETTLED:], axis=0)).mean(axis=0) > limits).any()) for u in self.asked]
+        return any(found), all(found)
+
+    def _swing(self, k: int) -> float:
+        """Return the frequency omega_c of joint k's rotor on its gear, rad/s; 0 for a rigid gear or without rotor."""
+        joint = self.arm.joint(k)
+        if not joint.elastic or not joint.rotor:
+            return 0.0
+        return math.sqrt(joint.stiffness * (1.0 / joint.rotor + 1.0 / (self.inertia[k] - joint.rotor)))
+
+    def _response(self, motion: Motion) -> Array:
+        """Return the reference's response to all runs (`Motion.respond`); store the torques of the first run."""
+        asked = []
+
+        def torques(k: int, angles: Array, rates: Array) -> Array:
+            u = self._torques(k, angles, rates)
+            asked.append(u[:, 0])
+            return u
+
+        found = motion.respond(motion.exact(self.period), torques, PERIODS, len(HELD))
+        self.asked.append(np.array(asked))
+        return found
+
+    def _spun(self, response: Array, inner: bool) -> float:
+        """Return int Omega^3 dt, rad^3/s^2, of the fastest link, or (inner) of the fastest elbow without joint limits.
+
+        response: of `Motion.respond`, with joint angles (rad) of each control period and run. Omega: rate of the link's
+        angle (in space of the joint's), or of the elbow's, rad/s.
+        """
+        count, limits = self.arm.n_links, self.arm.joint_limits or (None,) * self.arm.n_links
+        angles = response[:, self.places : self.places + count]
+        if inner:
+            angles = angles[:, [k for k in range(1, count) if limits[k] is None]]
+        elif not self.arm.spatial:
+            angles = np.cumsum(angles, axis=1)
+        turns = np.abs(np.diff(angles, axis=0)) / self.period
+        return float((turns**3).sum(axis=0).max(initial=0.0) * self.period)
+
+    def _torques(self, k: int, angles: Array, rates: Array) -> Array:
+        """Return the torques of period k (N, runs), N m, from joint angles (rad) and rates (rad/s) at its start."""
+        drive, action = self.drive, actions(self.arm.n_links)[k]
+        full = np.array(drive.torques)[:, None]
+        limits = np.array(drive.limits)[:, None]
+        # PD loop of critical damping about goals of +-1 and 0.5 rad; the first run has no action
+        if drive.residual is not None:
+            stiffness = limits / (0.25 * math.pi)
+            damping = 2.0 * np.sqrt(stiffness * self.inertia[:, None])
+            # one column a run of `HELD`
+            goal = np.array([1.0, 1.0, -1.0, 0.5])
+            share = drive.residual * np.array([0.0, 1.0, 1.0, 1.0])
+            asked = share * full * action + stiffness * (goal - angles) - damping * rates
+            return np.asarray(np.clip(asked, -limits, limits))
+        # voltage: back-emf acts as friction in the period, limits apply to torque less back-emf
+        if drive.emf is not None:
+            held = np.array(drive.emf)[:, None] * rates
+            return np.asarray(np.clip(full * action - held, -limits, limits) + held)
+        return np.asarray(np.clip(full * action, -limits, limits))
+
+    def _fine(self, pose: Array) -> Motion:
+        """Return the small motions of the reference mesh about a posture, frequencies limited (`_softened`).
+
+        pose (N,), rad: absolute link angles in the plane, joint angles in space.
+        """
+        if self.arm.spatial:
+            return self._softened(of_space(self.arm, REFERENCE, pose, stiffness=self.stiffness))
+        return self._softened(Motion.of(self.arm, self._scaled(fine(self.arm)), pose))
+
+    def _softened(self, motion: Motion) -> Motion:
+        """Return the motion with frequencies limited to those that double precision can carry through a period."""
+        return motion.softened(math.sqrt(STIFFEST / self.period))
+
+    def _scaled(self, parts: Chain) -> Chain:
+        """Return a chain with its bending stiffness times the factor."""
+        return parts if self.stiffness == 1.0 else replace(parts, K=self.stiffness * parts.K)
+
+    def _motion(self, settings: Settings, pose: Array, h: float) -> Motion:
+        """Return the small motions about a posture on the settings' mesh, with the inertia that steps of h (s) see."""
+        elements = (settings.segments or 1) * (settings.elements or 1)
+        if self.arm.spatial:
+            elements = REFERENCE if settings.modes else elements
+            return self._softened(of_space(self.arm, elements, pose, settings, h, self.stiffness))
+        parts = fine(self.arm) if settings.modes else cut(self.arm, elements)
+        if settings.nodes is not None:
+            parts = chain(self.arm, settings.nodes)
+        return self._softened(Motion.of(self.arm, self._scaled(parts), pose, settings, h))
+
+    def small(self, settings: Settings, h: float) -> float:
+        """Return e_1: the largest distance of the tip from the reference in small motions, over the arm's length."""
+        name, _ = MESHES[settings.formulation]
+        size = getattr(settings, name)
+        key = (settings.formulation, size, settings.elements, settings.modes, settings.period_error, h)
+        if key not in self._known:
+            self._known[key] = self._small(settings, h)
+        return self._known[key]
+
+    def halved(self, settings: Settings, h: float) -> float:
+        """Return the largest distance, over L, between the tips of small motions in steps of h and of h/2 (s)."""
+        worst = 0.0
+        for pose in self.poses:
+            one, two = (self._stepped(settings, pose, k) for k in (h, 0.5 * h))
+            worst = max(worst, self._apart(one, two))
+        return worst
+
+    def _stepped(self, settings: Settings, pose: Array, h: float) -> Array:
+        """Return the response of small motions about `pose` (rad) on the settings' mesh, in steps of h (s).
+
+        Response: tip, joint angles and bends of each control period and run (`Motion.respond`).
+        """
+        motion = self._motion(settings, pose, h)
+        return motion.respond(motion.stepped(h, round(self.period / h)), self._torques, PERIODS, len(HELD))
+
+    def _apart(self, one: Array, two: Array) -> float:
+        """Return the largest distance between the tips of two responses (`Motion.respond`), over the arm's length.
+
+        The last run is left out; inf where a response is not finite.
+        """
+        apart = np.linalg.norm((one - two)[:, : self.places, :-1], axis=1).max() / self.arm.total_length
+        return float(apart) if math.isfinite(apart) else math.inf
+
+    def _small(self, settings: Settings, h: float) -> float:
+        """Return e_1 of steps of h (s) on the settings' mesh, over all postures and runs; inf for unstable steps."""
+        runs = zip(self.poses, self.fine, strict=True)
+        return max(self._apart(self._stepped(settings, pose, h), fine_one) for pose, fine_one in runs)
+
+    @property
+    def gain(self) -> float:
+        """The factor G by which large bends amplify e_1."""
+        return 1.0 + (self.theta / (AMPLIFIED_IN_SPACE if self.arm.spatial else AMPLIFIED)) ** POWER
+
+    def spin(self, settings: Settings, h: float) -> float:
+        """Return e_3: the error of a fast turn in steps of h (s), over the arm's length."""
+        if self.arm.spatial:
+            return 0.0
+        turned = self.spun if settings.formulation == "geometrically_exact" else OF_ELBOWS * self.bent
+        return settings.period_error * h * h * turned
+
+    def bound(self, settings: Settings, h: float) -> float:
+        """Return e = G e_1 + e_2 over the arm's length; inf for steps that leave a contact or vibration unresolved."""
+        steady = settings.formulation != "elastica" or self.unsteady * h <= STEADY
+        if not steady or self.contact * h > CONTACT * (1.0 + 1e-9):
+            return math.inf
+        return self.gain * self.small(settings, h) + self.friction * h * TRAVEL
+
+    def estimate(self, settings: Settings, h: float) -> float:
+        """Return the estimated error of the tip, over the arm's length: MARGIN G e_1 + MARGIN_OF_FRICTION e_2 + e_3."""
+        more = (MARGIN_OF_FRICTION - MARGIN) * self.friction * h * TRAVEL
+        return min(1.0, MARGIN * self.bound(settings, h) + self.spin(settings, h) + more)
+
+
+class Worst:
+    """The maximum over several rules: that of an arm, and those of drawn extremes, which count by the weight SELDOM."""
+
+    def __init__(self, rules: Sequence[Judge]) -> None:
+        self.rules, self.arm, self.period = rules, rules[0].arm, rules[0].period
+        # drawn extremes count by a smaller weight
+        self.theta = max(rules[0].theta, *(SELDOM * rule.theta for rule in rules))
+        self.slender, self.chatters, self.inertia = rules[0].slender, rules[0].chatters, rules[0].inertia
+        self.swing = rules[0].swing
+
+    @property
+    def elements(self) -> int:
+        """Number of elements of a link in space.
+
+        At rest the full torque of the link's joint turns each element by at most `TURNED` (rad).
+        """
+        arm, most = self.arm, 1
+        for k, link in enumerate(arm.links if arm.spatial else ()):
+            if not link.rigid:
+                s = np.linspace(0.0, link.length, 9)
+                softest = min(float(link.along(s).EI.min()), float(link.across(s)["EI_y"].min()))
+                soft = softest * min(rule.stiffness for rule in self.rules)
+                most = max(most, math.ceil((arm.torque_limits or ())[k] * link.length / (TURNED * soft)))
+        return most
+
+    def bound(self, settings: Settings, h: float) -> float:
+        """Return e over the arm's length, the largest of all rules."""
+        return max(self.rules[0].bound(settings, h), *(SELDOM * rule.bound(settings, h) for rule in self.rules))
+
+    def spin(self, settings: Settings, h: float) -> float:
+        """Return e_3 over the arm's length, the largest of all rules."""
+        return max(self.rules[0].spin(settings, h), *(SELDOM * rule.spin(settings, h) for rule in self.rules))
+
+    def estimate(self, settings: Settings, h: float) -> float:
+        """Return the error that mesh and step may leave, over the arm's length, the largest of all rules."""
+        return max(self.rules[0].estimate(settings, h), *(SELDOM * rule.estimate(settings, h) for rule in self.rules))
+
+
+@lru_cache(32)
+def judge(arm: Arm, drive: Drive, period: float, stiffness: float = 1.0) -> Judge:
+    """Return the rule for an arm, from a cache."""
+    return Judge(arm, drive, period, stiffness)
+
+
+def worst(arm: Arm, drive: Drive, period: float, drawn: Mapping[str, tuple[float, float]]) -> Worst:
+    """Return the rule for an arm and its drawn extremes: the softest, and the stiffest with the least payload.
+
+    period: of control, s. drawn: ranges (low, high) of factors on EI, payload and torque_constant; others do not count.
+    """
+    (soft, stiff), (light, _), (_, strong) = (
+        drawn.get(name, (1.0, 1.0)) for name in ("EI", "payload", "torque_constant")
+    )
+    rules = [judge(arm, drive, period)]
+    # largest bends: softest links under the strongest torques
+    if soft < 1.0 or strong > 1.0:
+        harder = replace(drive, torques=tuple(strong * torque for torque in drive.torques))
+        rules.append(judge(arm, replace(harder, limits=tuple(strong * one for one in drive.limits)), period, soft))
+    # largest frequencies: stiffest links with the lightest payload
+    if stiff > 1.0 or light < 1.0:
+        payload = replace(arm.payload, mass=light * arm.payload.mass)
+        rules.append(judge(replace(arm, payload=payload), drive, period, stiff))
+    return Worst(rules)

@@ -1,0 +1,191 @@
+"""Vector environments whose arms have links of several lengths.
+
+The arms of a batch share their mesh and mass matrix, which depend on lengths: a length cannot be drawn anew for each
+episode, as factors of `randomization` are. `LengthsVectorEnv` steps one native vector environment for each length as
+one vector environment.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.envs.registration import load_env_creator
+from gymnasium.vector import VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from .. import arms
+from .. import validation as check
+from ..bodies import RigidLink
+from ..parameters import Arm
+from ..sections import Link, Section, Taper
+from ..validation import Array32
+from .spec import same
+from .vector import VectorArmEnv
+
+Factor = float | Sequence[float]
+
+
+def scaled(arm: Arm, factor: Factor) -> Arm:
+    """Return the arm with its links' lengths multiplied by a factor, one for all links or one for each.
+
+    Sections stay, and where they vary, the places at which they do are scaled; so are places of curvature. Rigid ends
+    and the mass and inertia of rigid links stay.
+    """
+    given = factor if check.several(factor) else [factor] * arm.n_links
+    factors = check.numbers("lengths", given, f"a number, or {arm.n_links} of them", arm.n_links, "", above=0.0)
+    return dataclasses.replace(arm, links=tuple(map(_scaled_link, arm.links, factors)))
+
+
+def _scaled_link(link: Link, factor: float) -> Link:
+    """Return a link with its length, and the places of its section and curvature, multiplied by a factor.
+
+    Of a rigid link the center of mass moves in proportion, too; its mass and inertia stay.
+    """
+    if factor == 1.0:
+        return link
+    if isinstance(link, RigidLink):
+        x, y, z = link.centre
+        return dataclasses.replace(link, length=factor * link.length, centre=(factor * x, factor * y, factor * z))
+    changes: dict[str, Any] = {}
+    if not isinstance(link.section, Section | Taper):
+        changes["section"] = tuple((factor * s, section) for s, section in link.section)
+    if isinstance(link.curvature, tuple):
+        changes["curvature"] = tuple((factor * s, value) for s, value in link.curvature)
+    return dataclasses.replace(link, length=factor * link.length, **changes)
+
+
+class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
+    """Arms with links of several lengths as one vector environment.
+
+    Args:
+        env_id: a registered id. num_envs: number of arms, at least one for each length.
+        lengths: factors on the lengths of all links, or for each arm a factor for each link. The arms are divided
+            evenly among them: the first ones have the first factor.
+        keywords: of the environment, with `autoreset_mode` and `threads`.
+    Attributes:
+        parts: a native vector environment for each length, in order. lengths: as given. plan: of the first part.
+    Raises:
+        ValueError: fewer arms than lengths, a length that is not positive, or whatever the environment raises.
+    """
+
+    def __init__(self, env_id: str, num_envs: int, lengths: Sequence[Factor], **keywords: Any) -> None:
+        """Check the arguments (see the class) and make a native vector environment for each length."""
+        self.lengths = tuple(check.sequence("lengths", lengths, "at least one factor on lengths"))
+        if not self.lengths:
+            raise check.InvalidValue("lengths", lengths, "must hold at least one factor on lengths")
+        n, count = check.integer("num_envs", num_envs, minimum=1), len(self.lengths)
+        if n < count:
+            raise check.InvalidValue("num_envs", n, f"must be at least {count}, one for each of `lengths`")
+        spec = gym.spec(env_id)
+        entry = spec.vector_entry_point
+        creator: Any = load_env_creator(entry) if isinstance(entry, str) else None
+        if not (isinstance(creator, type) and issubclass(creator, VectorArmEnv)):
+            raise check.InvalidValue("env_id", env_id, "must be an environment of this package whose arm simulates")
+        named = keywords.pop("arm", None) or spec.kwargs.get("arm") or creator.kind.arm
+        arm, kind = arms.resolve(named), "vector_entry_point"
+        self.parts: list[VectorArmEnv] = []
+        for k, factor in enumerate(self.lengths):
+            own, some = scaled(arm, factor), n // count + (k < n % count)
+            made: Any = gym.make_vec(env_id, num_envs=some, vectorization_mode=kind, arm=own, **keywords)
+            self.parts.append(made.unwrapped)
+        first = self.parts[0]
+        self.plan, self.metadata, self.render_mode = first.plan, first.metadata, first.render_mode
+        self.num_envs, self.closed, self.spec = n, False, first.spec
+        self.single_observation_space, self.single_action_space = (
+            first.single_observation_space, first.single_action_space,
+        )  # fmt: skip
+        self.observation_space = batch_space(self.single_observation_space, n)
+        self.action_space = batch_space(self.single_action_space, n)
+        ends = np.cumsum([part.num_envs for part in self.parts]).tolist()
+        self._slices = [(part, slice(end - part.num_envs, end)) for part, end in zip(self.parts, ends, strict=True)]
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array32, dict[str, Any]]:
+        """Start episodes: of all arms, or of those in options["reset_mask"]. Arm i gets seed + i, or seed[i]."""
+        mask = None if options is None else options.get("reset_mask")
+        if mask is not None and np.shape(mask) != (self.num_envs,):
+            raise check.InvalidValue("options.reset_mask", mask, f"must be a numpy array of {self.num_envs} bools")
+        seen: list[Array32] = []
+        infos: list[dict[str, Any]] = []
+        for part, own in self._slices:
+            if mask is not None and not mask[own].any():
+                seen.append(part.batch.observation.copy())
+                infos.append({})
+                continue
+            more = options if mask is None else {**(options or {}), "reset_mask": mask[own]}
+            some = seed[own] if isinstance(seed, Sequence) else None if seed is None else seed + own.start
+            observation, info = part.reset(seed=some, options=more)
+            seen.append(observation)
+            infos.append(info)
+        return np.concatenate(seen), self._joined(infos)
+
+    def step(
+        self, actions: Array32
+    ) -> tuple[Array32, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Advance all arms by one control period."""
+        out = [part.step(np.ascontiguousarray(actions[own])) for part, own in self._slices]
+        seen, reward, terminated, truncated = (np.concatenate([one[k] for one in out]) for k in range(4))
+        return seen, reward, terminated, truncated, self._joined([one[4] for one in out])
+
+    def _joined(self, infos: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+        """Concatenate the parts' infos; a key that a part lacks is zeros, or None, and False in its mask."""
+        joined: dict[str, Any] = {}
+        masks: dict[tuple[int, ...], tuple[list[Any], NDArray[Any]]] = {}  # most keys share one mask
+        for key in dict.fromkeys(key for info in infos for key in info):
+            known = next(info[key] for info in infos if key in info)
+            if isinstance(known, Mapping):
+                joined[key] = self._joined([info.get(key, {}) for info in infos])
+                continue
+            rows = [
+                info[key] if key in info else np.full((part.num_envs, *known.shape[1:]), _blank(known), known.dtype)
+                for info, part in zip(infos, self.parts, strict=True)
+            ]
+            if not key.startswith("_"):
+                joined[key] = np.concatenate(rows)
+                continue
+            which = tuple(map(id, rows))
+            if which not in masks:
+                masks[which] = rows, np.concatenate(rows)
+            joined[key] = masks[which][1]
+        return joined
+
+    def call(self, name: str, *args: Any, indices: Sequence[int] | None = None, **kwargs: Any) -> tuple[Any, ...]:
+        """Call a method, or return an attribute, of the single environment for each arm, or for those in `indices`."""
+        found = [value for part in self.parts for value in part.call(name, *args, **kwargs)]
+        return tuple(found if indices is None else (found[i] for i in indices))
+
+    def get_state(self) -> list[dict[str, Any]]:
+        """Return a copy of everything that determines the future of each arm; see `set_state`."""
+        return [state for part in self.parts for state in part.get_state()]
+
+    def set_state(self, states: Sequence[dict[str, Any]]) -> None:
+        """Continue bit for bit from states of `get_state`, of this or an equal environment."""
+        for part, own in self._slices:
+            part.set_state(states[own])
+
+    def set_attr(self, name: str, values: Sequence[Any]) -> None:
+        """Set an attribute of all arms, such as `starts`; arms of one length share one value."""
+        for part, own in self._slices:
+            first, *others = values[own]
+            if not all(one is first or same(one, first) for one in others):
+                raise check.InvalidValue(name, values, "must be one value for all arms of a length")
+            setattr(part, name, first)
+
+    def render(self) -> tuple[Any, ...] | None:
+        """Return a picture (height, width, 3) uint8 of each arm in "rgb_array" mode."""
+        frames = [part.render() for part in self.parts]
+        return None if any(frame is None for frame in frames) else tuple(one for some in frames for one in some or ())
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Close the parts."""
+        for part in self.parts:
+            part.close()
+
+
+def _blank(known: NDArray[Any]) -> Any:
+    """Return the entry of an array for arms without a value."""
+    return None if known.dtype == object else 0

@@ -1,0 +1,73 @@
+"""What a user is told about a step or mesh that may not be good enough."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Protocol
+
+from ..settings import Settings
+
+COARSE, COARSE_IF_GIVEN = 0.05, 0.2
+"""Estimates above which `make` warns: of its own settings, and of a step or mesh that a user gives."""
+
+FINEST = 1e-3
+"""Step over control period below which none is advised."""
+
+
+class ResolutionWarning(UserWarning):
+    """An environment's step or mesh may leave its tip off by more than `COARSE` of the arm's length."""
+
+
+class Rule(Protocol):
+    """What `resolution.Worst` knows of an arm."""
+
+    period: float
+
+    def estimate(self, settings: Settings, h: float) -> float:
+        """Error that mesh and step may leave, over L."""
+
+
+def too_coarse(rule: Rule, settings: Settings, estimate: float, name: str, most: float) -> str:
+    """Return a sentence about settings whose estimate is above `most`: the tip's error and advice; "" for others.
+
+    estimate: error of the tip over the arm's length. name: of the settings' field with the mesh. A shorter step is
+    advised if it brings the rule's estimate to COARSE, otherwise a finer mesh.
+    """
+    if estimate <= most:
+        return ""
+    assert settings.dt is not None
+    size = "its length" if estimate >= 1.0 else f"{100.0 * estimate:.2g} % of its length"
+    h = settings.dt
+    while h > FINEST * rule.period and rule.estimate(settings, h) > COARSE:
+        h *= 0.5
+    if h <= FINEST * rule.period:
+        return f"the arm's tip may be off by {size} with {name}={getattr(settings, name)}: take more"
+    return f"the arm's tip may be off by {size} with dt={settings.dt:.3g} s: take dt={h:.3g} s, or a step_tolerance"
+
+
+def amplified(estimate: float, formulation: str) -> str:
+    """Return a sentence about an arm whose motions amplify errors more than settings can make up for.
+
+    estimate: error of the tip over the arm's length.
+    """
+    instead = "formulation='geometrically_exact'" if formulation == "elastica" else "a smaller dt"
+    size = "its length" if estimate >= 1.0 else f"{100.0 * estimate:.2g} % of its length"
+    return f"the arm's tip may be off by {size}, since links that whip or buckle amplify errors: try {instead}"
+
+
+def unsettled(period: float, estimate: float) -> str:
+    """Return a sentence about a PD loop that chatters with an arm: its effect on the tip, and the settings to change.
+
+    period: of control, s. estimate: error of the tip over the arm's length.
+    """
+    what = "the PD loop of action_mode='residual_pd' does not settle with this arm, whatever the solver's step"
+    size = "" if estimate <= COARSE else ", and the arm's tip may be off by " + (
+        "its length" if estimate >= 1.0 else f"{100.0 * estimate:.2g} % of its length"
+    )
+    return f"{what}{size}: take control_dt less than {period:g} s, or another action_mode"
+
+
+def warn(sentence: str) -> None:
+    """Issue the sentence as a `ResolutionWarning`; no-op for ""."""
+    if sentence:
+        warnings.warn(sentence, ResolutionWarning, stacklevel=4)

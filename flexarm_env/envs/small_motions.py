@@ -1,0 +1,319 @@
+"""Small motions of an arm in the plane: how a mesh and a step answer torques that change at control instants.
+
+The links are elasticas about straight lines. The coordinates x are the tangent angles phi at the nodes of
+`physics.elastica.chain` (rad), the angles psi of motors behind elastic gears, and, where the base floats, its position
+(m) and attitude (rad):
+
+    M x'' + C x' + K x = B u,    tip = c x,    motor and joint angles = B^T x
+
+`Motion.of` assembles these matrices from polynomials of a whole link (the elastica's own) or of elements (the other
+formulations: quadratic angles are the cubic displacements of a beam element). `exact` and `stepped` advance them by
+a control period, by the matrix exponential and by the integrator's steps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+
+from ..batch import Amplifier
+from ..bodies import about_z
+from ..control.base import RESIDUAL_SHARE
+from ..parameters import Arm
+from ..physics.elastica.build import payload_arm, phase_correction
+from ..physics.elastica.chain import Chain, Line, basis, chain, chain_of, gauss
+from ..sections import Link
+from ..settings import Settings
+from ..validation import Array
+
+CARRIED = 1e13
+"""Largest squared frequency, rad^2/s^2; beyond it round-off (1e-16 of it) gives rigid turns a frequency as well."""
+
+FINE = 12
+"""Nodes of a reference link: FINE less 2 for each link of the arm, at least 6."""
+
+PERIODS = 100
+"""Number of control periods simulated."""
+
+HELD = (1, 8, 8, 25)
+"""Periods for which each run holds its actions; the last run is used for its spin alone."""
+
+
+@lru_cache(8)
+def actions(count: int) -> Array:
+    """Return bang-bang actions of +-1, (PERIODS, N, runs): run r holds each random sign for HELD[r] periods."""
+    draw, found = np.random.default_rng(5), []
+    for held in HELD:
+        signs = np.where(draw.random((-(-PERIODS // held), count)) < 0.5, -1.0, 1.0)
+        found.append(np.repeat(signs, held, axis=0)[:PERIODS])
+    return np.stack(found, axis=2)
+
+
+class Elements(Line):
+    """A link whose tangent angle is continuous and quadratic in each of n elements, so that displacements are cubic."""
+
+    @classmethod
+    def cut(cls, link: Link, n: int) -> Elements:
+        """Return a link cut into at least n elements with ends at the jumps of its section."""
+        ends = link.mesh(max(n, len(link.jumps) + 1), "elements")
+        pieces = tuple((a, b, 2 * i, basis(3, True)) for i, (a, b) in enumerate(pairwise(ends.tolist())))
+        return cls(link, 2 * len(pieces) + 1, pieces)
+
+    def quadrature(self) -> tuple[Array, Array]:
+        """Return five Gauss points (m from the root) and weights (m) of each element, one after the other."""
+        x, weights = gauss(5)
+        spans = [(a, 0.5 * (b - a)) for a, b, *_ in self.pieces]
+        points = [a + half * (x + 1.0) for a, half in spans]
+        return np.concatenate(points), np.concatenate([half * weights for _, half in spans])
+
+
+@lru_cache(64)
+def fine(arm: Arm) -> Chain:
+    """Return the reference's matrices: polynomials of high order on each smooth piece of a link."""
+    nodes = max(FINE - 2 * arm.n_links, 6)
+    pieces = max(len(link.jumps) for link in arm.links) + 1
+    return chain(arm, nodes if pieces == 1 else 5 * pieces + 1)
+
+
+@lru_cache(64)
+def cut(arm: Arm, elements: int) -> Chain:
+    """Return the matrices of an arm whose links have so many beam elements, all links as many as the one with most."""
+    lines = [Elements.cut(link, elements) for link in arm.links]
+    most = max(line.n for line in lines)
+    return chain_of(arm, [Elements.cut(line.link, (most - 1) // 2) for line in lines])
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Matrices of small motions about a posture: M x'' + C x' + K x = B u; n coordinates, N joints, SI units."""
+
+    M: Array  # (n, n) inertia
+    C: Array  # (n, n) damping
+    K: Array  # (n, n) stiffness
+    S: Array  # (n, n) inertia that steps of h see; M where the period is not corrected
+    B: Array  # (n, N): generalized forces of the joint torques; B^T x: motor or joint angles, rad
+    tip: Array  # (2, n), in space (3, n): displacement of the tip, m, inertial axes
+    bend: Array  # (N, n) rad: rotation of each link's tip against its root; in space (3 flexible links, n)
+
+    @classmethod
+    def of(cls, arm: Arm, parts: Chain, pose: Array, settings: Settings | None = None, h: float = 0.0) -> Motion:
+        """Return the small motions of a planar arm about absolute link angles `pose` (N,), rad.
+
+        parts: matrices of its links. settings, h: of the integrator's steps; None for the continuous equations.
+        """
+        n, count, m = parts.n, arm.n_links, parts.w.size
+        # M_ij = P_ij cos(alpha_i - alpha_j), payload and rotary inertia (theory, eq. 5.2), about straight links
+        alpha = np.repeat(pose, n)
+        to = payload_arm(parts, arm.payload) * np.exp(1j * alpha)
+        M = parts.P * np.cos(alpha[:, None] - alpha) + arm.payload.mass * np.outer(to.conj(), to).real
+        K, C, correction = np.zeros((m, m)), np.zeros((m, m)), np.zeros((m, m))
+        B, bend = np.zeros((m, count)), np.zeros((count, m))
+        for k, (line, link) in enumerate(zip(parts.lines, arm.links, strict=True)):
+            own = slice(k * n, (k + 1) * n)
+            M[own, own] += parts.R[k]
+            K[own, own] = parts.K[k]
+            C[own, own] = (arm.tau_d if link.tau_d is None else link.tau_d) * parts.K[k]
+            # the joint turns its link's root against the tip of the link before
+            B[k * n, k] = 1.0
+            bend[k, own], bend[k, k * n] = line.tip_angle, line.tip_angle[0] - 1.0
+            if k + 1 < count:
+                B[own, k + 1] = -line.tip_angle
+        M[own, own] += about_z(arm.payload.inertia) * np.outer(line.tip_angle, line.tip_angle)
+        # inertia that steps of h see: S = M - correction (theory, eq. 5.3)
+        if settings is not None and settings.formulation == "elastica":
+            found = phase_correction(parts, arm.payload.mass, payload_arm(parts, arm.payload), None, h, settings)
+            for k in range(count):
+                correction[k * n : (k + 1) * n, k * n : (k + 1) * n] = found[k]
+        elif settings is not None:  # the scheme's period is longer than the trapezoidal rule's
+            correction = -2.0 * (settings.period_error - 1.0 / 12.0) * h * h * K
+        # a node's angle moves the tip by w_i n_i, n_i normal to the tangent
+        tip = np.stack([-parts.w * np.sin(alpha), parts.w * np.cos(alpha)])
+        made = cls(M, C, K, M - correction, B, tip, bend)
+        if arm.base is not None:
+            first = parts.b * np.exp(1j * alpha) + arm.payload.mass * to
+            made = made.floating(arm, 1j * first, parts.mass + arm.payload.mass)
+        return made.jointed(arm)
+
+    def grown(self, more: int) -> Motion:
+        """Return the motions with `more` further coordinates, whose rows and columns are 0."""
+        M, C, K, S = (np.pad(x, ((0, more), (0, more))) for x in (self.M, self.C, self.K, self.S))
+        tip, bend = (np.pad(x, ((0, 0), (0, more))) for x in (self.tip, self.bend))
+        return Motion(M, C, K, S, np.pad(self.B, ((0, more), (0, 0))), tip, bend)
+
+    def floating(self, arm: Arm, first: Array, mass: float) -> Motion:
+        """Return the motions with the position (m) and attitude (rad) of a floating base as three more coordinates.
+
+        first (n,): momentum of the arm per rate of each coordinate, complex x + i y, kg m. mass: of the arm, kg. The
+        hub's torque acts on the base with the opposite sign.
+        """
+        assert arm.base is not None
+        made, n = self.grown(3), len(self.M)
+        for matrix in (made.M, made.S):
+            # rows of the momenta in x and y, then the base's attitude
+            for i, row in enumerate((first.real, first.imag)):
+                matrix[n + i, :n] = matrix[:n, n + i] = row
+                matrix[n + i, n + i] = mass + arm.base.mass
+            matrix[n + 2, n + 2] = arm.base.inertia
+        made.B[n + 2, 0] = -1.0
+        made.tip[:, n : n + 2] = np.eye(2)
+        return made
+
+    def jointed(self, arm: Arm) -> Motion:
+        """Return the motions with rotors, elastic gears and viscous friction of the joints.
+
+        Backlash and Coulomb friction are left out.
+        """
+        made = self
+        for k in range(arm.n_links):
+            joint = arm.joint(k)
+            if not joint.moves:
+                continue
+            # turns^T x: the angle that the torque turns, of the joint or its motor
+            turns = made.B[:, k].copy()
+            # elastic gear: a motor angle of its own, on which the torque acts, coupled by stiffness and damping
+            if joint.elastic:
+                made = made.grown(1)
+                motor = np.zeros(len(made.M))
+                motor[-1] = 1.0
+                give = motor - np.append(turns, 0.0)
+                made.K[...] += joint.stiffness * np.outer(give, give)
+                made.C[...] += joint.damping * np.outer(give, give)
+                made.B[:, k] = turns = motor
+            # rotor and friction act on the angle that the torque turns
+            for matrix in (made.M, made.S):
+                matrix += joint.rotor * np.outer(turns, turns)
+            made.C[...] += joint.friction_viscous * np.outer(turns, turns)
+        return made
+
+    def softened(self, most: float) -> Motion:
+        """Return the motions with all vibration frequencies limited to `most` rad/s.
+
+        Stiffer vibrations lose double precision and hardly move anything. In M-normalized shapes V, K = M V diag(w^2)
+        V^T M. Rows and columns of the shapes with w > most are scaled by most / w, in K, in C and in M - S.
+        """
+        squares, V = vibrations(self.M, self.K)
+        if not squares[-1] < CARRIED:
+            raise np.linalg.LinAlgError("stiffness that double precision does not carry beside free turns")
+        scale = np.minimum(1.0, most / np.sqrt(np.maximum(squares, 1e-300)))
+        if scale.min() == 1.0:
+            return self
+        MV = self.M @ V
+
+        def soft(X: Array) -> Array:
+            """Scale rows and columns of X, in modal coordinates."""
+            return np.asarray(MV @ (scale[:, None] * (V.T @ X @ V) * scale) @ MV.T, np.float64)
+
+        return replace(self, C=soft(self.C), K=soft(self.K), S=self.M - soft(self.M - self.S))
+
+    def _rates(self, M: Array) -> Array:
+        """Return the state-space matrices (A, B) side by side: (x, x')' = A (x, x') + B u, with inertia M."""
+        n = len(M)
+        solved = np.linalg.solve(M, np.hstack([-self.K, -self.C, self.B]))
+        return np.vstack([np.hstack([np.zeros((n, n)), np.eye(n), np.zeros_like(self.B)]), solved])
+
+    def exact(self, period: float) -> Array:
+        """Return the exact transition (2 n, 2 n + N), by state (x, x') and torques, over a period (s)."""
+        return self._whole(exponential, self._rates(self.M) * period)
+
+    def stepped(self, h: float, steps: int) -> Array:
+        """Return the transition (2 n, 2 n + N) over `steps` trapezoidal steps of h seconds, with inertia S."""
+        # (1 - h/2 A) z+ = (1 + h/2 A) z + h B u
+        A = self._rates(self.S) * (0.5 * h)
+        rows = len(A)
+        ahead = np.hstack([np.eye(rows) + A[:, :rows], 2.0 * A[:, rows:]])
+        one = np.asarray(np.linalg.solve(np.eye(rows) - A[:, :rows], ahead), np.float64)
+        below: Array = np.eye(one.shape[1] - rows)
+        return self._whole(lambda whole: np.asarray(np.linalg.matrix_power(whole, steps), np.float64), one, below)
+
+    def _whole(self, power: Callable[[Array], Array], rows: Array, below: Array | None = None) -> Array:
+        """Return the upper rows of a matrix function of the square matrix (rows; below) in state and torques.
+
+        power: matrix function, exponential or power. below: (N, N) block for the torques, None for 0 (of an
+        exponential).
+        """
+        size, count = rows.shape[1], rows.shape[1] - len(rows)
+        whole = np.zeros((size, size))
+        whole[: len(rows)] = rows
+        if below is not None:
+            whole[-count:, -count:] = below
+        return np.asarray(power(whole)[: len(rows)])
+
+    def respond(self, advance: Array, torques: Callable[[int, Array, Array], Array], periods: int, runs: int) -> Array:
+        """Return the response to torques over control periods, (periods, 2 + 2 N, runs).
+
+        Rows: tip displacement (m; in space three rows), motor or joint angles (rad), bends of the links (rad). advance:
+        transition from `exact` or `stepped`. torques: function of (period, angles (N, runs), rates (N, runs)) that
+        returns torques (N, runs), N m.
+        """
+        n = len(self.M)
+        seen = np.vstack([self.tip, self.B.T, self.bend])
+        state, found = np.zeros((2 * n, runs)), np.empty((periods, len(seen), runs))
+        for k in range(periods):
+            u = torques(k, self.B.T @ state[:n], self.B.T @ state[n:])
+            state = advance @ np.vstack([state, u])
+            found[k] = seen @ state[:n]
+        return found
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Actuation of the joints for small motions: direct torques, a PD loop, or an amplifier with back-emf; N joints."""
+
+    torques: tuple[float, ...]  # (N,) N m at full action
+    residual: float | None = None  # share of the action's torque beside the PD loop; None: no loop
+    emf: tuple[float, ...] | None = None  # (N,) N m s/rad, back-emf of motors under voltage; None: none
+    limits: tuple[float, ...] = ()  # (N,) N m
+
+    @classmethod
+    def of(cls, arm: Arm, mode: str, share: float | None, amplifier: Amplifier | None) -> Drive:
+        """Return the drive for an environment's arguments: action mode, share of the residual, amplifier or None."""
+        limits = arm.torque_limits
+        assert limits is not None
+        if amplifier is not None:
+            emf = None if amplifier.emf is None else tuple(amplifier.emf.tolist())
+            return cls(tuple(amplifier.gain.tolist()), None, emf, tuple(amplifier.limits.tolist()))
+        if mode == "residual_pd":
+            return cls(limits, RESIDUAL_SHARE if share is None else share, None, limits)
+        return cls(limits, limits=limits)
+
+
+def exponential(A: Array) -> Array:
+    """Return exp(A) by scaling and squaring of a Taylor polynomial of degree 8."""
+    halvings = max(0, math.ceil(math.log2(max(float(np.abs(A).sum(axis=1).max()), 1e-300))) + 4)
+    small, one = A * 0.5**halvings, np.eye(len(A))
+    found: Array = np.eye(len(A))
+    for k in range(8, 0, -1):
+        found = one + small @ found / k
+    for _ in range(halvings):
+        found = found @ found
+    return found
+
+
+def vibrations(M: Array, K: Array) -> tuple[Array, Array]:
+    """Return squared frequencies (rad^2/s^2, ascending, at least 0) and M-normalized shapes of M x'' + K x = 0."""
+    # symmetric standard form L^-1 K L^-T with M = L L^T
+    factor = np.linalg.cholesky(M)
+    half = np.linalg.solve(factor, K)
+    squares, turned = np.linalg.eigh(np.linalg.solve(factor, half.T))
+    return np.maximum(squares, 0.0), np.asarray(np.linalg.solve(factor.T, turned), np.float64)
+
+
+def frequency_unless_damped(motion: Motion, number: int, most: float) -> float:
+    """Return the frequency (rad/s) of vibration `number`, from 0; 0.0 where its damping ratio exceeds `most`."""
+    squares, shapes = vibrations(motion.M, motion.K)
+    rates = np.sqrt(squares)
+    # rigid turns, with frequency 0, do not count
+    k = min(len(rates) - 1, int((rates < 1e-6 * rates[-1]).sum()) + number)
+    damping = float(shapes[:, k] @ motion.C @ shapes[:, k]) / (2.0 * rates[k])
+    return 0.0 if damping > most else float(rates[k])
+
+
+def poses(n_links: int) -> Sequence[Array]:
+    """Return absolute link angles (N,), rad, about which small motions are evaluated: straight, and square elbows."""
+    square: Array = 0.5 * np.pi * (np.arange(n_links, dtype=np.float64) % 2.0)
+    return [np.zeros(1)] if n_links == 1 else [np.zeros(n_links), square]

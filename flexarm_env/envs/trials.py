@@ -1,0 +1,265 @@
+"""Trials of a step and a mesh: how much the motions of an arm of one's own amplify the errors of small motions.
+
+Links that others push on buckle, and chains whip: no linear theory knows of it. Episodes of bang-bang torques, held
+for 1 and for 8 of 100 control periods, are therefore run in steps of h and of h/2. With
+
+    d    the largest distance of the tip between both, over L, infinite where one of them fails,
+    d_1  that of small motions, and the tolerance,
+    e_1  the error of small motions (`resolution`), of step and mesh,
+
+errors are amplified d / d_1 times, and the trial's error is max(d, e_1 d / d_1). Above `GROWN` times, an error that is
+small enough also needs the distance from episodes on the next mesh in steps of h/2 to be small. Where a PD loop
+chatters, small motions tell nothing, and that distance is the error.
+
+Of drawn factors (`randomization`) the softest arm with the heaviest payload under the strongest torques, and the
+stiffest with the lightest payload, run the same episodes beside the nominal arm.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any, Protocol
+
+import numpy as np
+
+from .. import arms
+from ..batch import ACTION_NOT_FINITE, Amplifier, Batch, Extras
+from ..parameters import Arm
+from ..settings import Settings
+from ..validation import Array
+from .features import Frame, controller
+from .judge import MARGIN
+from .small_motions import PERIODS
+from .task import Kind, reward_weights
+
+LANES, LANES_IN_SPACE, LANES_AT_CORNERS, HELD = 16, 8, 8, (1, 8)
+"""Episodes of a trial, half of which begin straight; periods that their actions are held for."""
+
+TRIED = 2e-3
+"""Error of a trial, over L, down to which steps and meshes are made finer."""
+
+TRIALS, TRIALS_IN_SPACE = 6, 4
+"""Settings that are tried at most."""
+
+NOISE = 2.0
+"""A finer setting replaces the best one unless its error is larger by this factor: chaotic errors scatter."""
+
+TAIL, SCATTER = 3.0, 1e-3
+"""Deviations of log d from its mean that 99.9 % of episodes keep to, if normal; least d of a lane over the largest."""
+
+GROWN = 10.0
+"""Amplification above which a trial that is good enough is checked on the next mesh."""
+
+IDLE = 4
+"""One of so many episodes has no action where a PD loop moves the arm, so that it has to settle."""
+
+Trial = Callable[[Settings], Array]
+"""Tips (PERIODS, lanes, 2 or 3), m, of settings; nan after an end, inf at a failure."""
+
+
+class Rule(Protocol):
+    """What `resolution.Judge` knows of small motions."""
+
+    def small(self, settings: Settings, h: float) -> float:
+        """e_1."""
+
+    def halved(self, settings: Settings, h: float) -> float:
+        """Largest distance, over L, between the tips of small motions in steps of h and of h/2."""
+
+
+KEPT = 16
+"""Arms whose trials are kept: environments of one arm are often made one after the other."""
+
+_kept: dict[Any, Trial] = {}
+
+
+@lru_cache(1)
+def shipped() -> frozenset[Arm]:
+    """Return the arms of the package, whose default settings have been measured."""
+    return frozenset(arms.named(name) for name in arms.names())
+
+
+def trials_of(
+    kind: Kind, arm: Arm, period: float, gravity: tuple[float, ...] | None, mode: str, share: float | None,
+    amplifier: Amplifier | None, drawn: Mapping[str, tuple[float, float]] | None = None,
+) -> Trial:  # fmt: skip
+    """Return a function of settings that runs the trial episodes of an environment's arm and drive.
+
+    It returns the tips, a `Trial`; it is kept for the latest arms. Rewards do not matter to the episodes. period: of
+    control, s. mode, share: action mode and share of the residual action under a PD loop. amplifier: or None. drawn:
+    ranges (low, high) of factors by name (`starts.FACTORS`), whose softest and stiffest arm run too.
+    """
+    drive = None if amplifier is None else tuple(None if x is None else tuple(x.tolist()) for x in amplifier)
+    ends = corners(drawn or {})
+    key = kind.id, kind.space, arm, period, gravity, mode, share, drive, repr(ends)
+    if key in _kept:
+        return _kept[key]
+    nominal = LANES_IN_SPACE if arm.spatial else LANES
+
+    @lru_cache(2 * TRIALS + 2)
+    def tips(settings: Settings) -> Array:
+        # corners of the drawn factors as further lanes
+        parts = [episodes(settings, nominal, {}), *(episodes(settings, LANES_AT_CORNERS, one) for one in ends)]
+        return np.concatenate(parts, axis=1)
+
+    def episodes(settings: Settings, lanes: int, factors: Mapping[str, float]) -> Array:
+        """Run `lanes` episodes of bang-bang torques with these settings and factors on nominal values, by name.
+
+        Returns the tips (PERIODS, lanes, 2 or 3), m; nan after an episode's end, inf in the period of a failure.
+        """
+        starts = kind.starts(arm)
+        starts = replace(starts, drawn=dict(starts.drawn) | {name: (x, x) for name, x in factors.items()})
+        record = kind.build(arm, reward_weights(kind, None, arm.n_links, period, PERIODS, 2), period, {})
+        loop = controller(Frame(kind, arm, settings, period, gravity), mode, share)
+        batch = Batch(
+            arm, settings, lanes, record, starts, period=period, gravity=gravity,
+            extras=Extras(controller=loop, amplifier=amplifier),
+        )  # fmt: skip
+        batch.start(range(lanes // 2, lanes), range(lanes // 2), limit=PERIODS + 1)
+        batch.request[: arm.n_links] = 0.0  # straight
+        batch.start(range(lanes // 2), range(lanes // 2), limit=PERIODS + 1)
+        at = batch.info_at
+        found: Array = np.full((PERIODS, lanes, at.deflection - at.tip), np.nan)
+        live = np.ones(lanes, bool)
+        for k, action in enumerate(_actions(arm.n_links, lanes)):
+            batch.action[...] = action
+            if loop is not None:
+                batch.action[::IDLE] = 0.0
+            batch.step()
+            failed = live & batch.terminated & (batch.table[at.reason, :lanes] < ACTION_NOT_FINITE)
+            live &= ~batch.terminated
+            found[k, live] = batch.table[at.tip : at.deflection, :lanes].T[live]
+            found[k, failed] = np.inf
+        batch.close()
+        return found
+
+    while len(_kept) >= KEPT:
+        _kept.pop(next(iter(_kept)))
+    return _kept.setdefault(key, tips)
+
+
+def corners(drawn: Mapping[str, tuple[float, float]]) -> list[dict[str, float]]:
+    """Return the factors of the arms drawn farthest from the nominal one: the softest and the stiffest, if they differ.
+
+    drawn: ranges (low, high) by name (`starts.FACTORS`).
+    """
+    soft = {"EI": 0, "payload": 1, "torque_constant": 1, "damping": 0}  # ends of the ranges
+    found = []
+    for ends in (soft, {"EI": 1, "payload": 0, "torque_constant": 1, "damping": 0}):
+        factors = {name: float(drawn[name][end]) for name, end in ends.items() if name in drawn}
+        if any(factor != 1.0 for factor in factors.values()) and factors not in found:
+            found.append(factors)
+    return found
+
+
+@lru_cache(8)
+def _actions(count: int, lanes: int) -> Array:
+    """Return bang-bang actions (PERIODS, lanes, N), each +-1 and held for a number of periods from `HELD`."""
+    draw, found = np.random.default_rng(11), np.zeros((PERIODS, lanes, count))
+    for i in range(lanes):
+        held = HELD[i % len(HELD)]
+        signs = np.where(draw.random((-(-PERIODS // held), count)) < 0.5, -1.0, 1.0)
+        found[:, i] = np.repeat(signs, held, axis=0)[:PERIODS]
+    return found
+
+
+def _apart(one: Array, two: Array, length: float) -> float:
+    """Return d: the largest distance of the tips of two trials over `length`, up to the end of either episode.
+
+    It is the largest of the lanes or, if larger, that of many more episodes over MARGIN: errors that grow exponentially
+    have logarithms that scatter about normally; `TAIL` of their deviations above the mean is the distance of almost all
+    episodes. one, two: results of a `Trial`. length: of the arm, m. inf where an episode failed.
+    """
+    if np.isinf(one).any() or np.isinf(two).any():
+        return math.inf
+    lanes = np.nan_to_num(np.linalg.norm(one - two, axis=2)).max(axis=0) / length
+    largest = float(lanes.max())
+    if largest == 0.0:
+        return 0.0
+    # episodes that hardly move do not widen the scatter
+    logs = np.log(np.maximum(lanes, SCATTER * largest))
+    return max(largest, math.exp(float(logs.mean()) + TAIL * float(logs.std())) / MARGIN)
+
+
+def error(trial: Trial, rule: Rule, settings: Settings, finer: Settings, length: float) -> tuple[float, float]:
+    """Return (error of a trial over the arm's length, factor by which its motions amplify errors of small motions).
+
+    The error is max(d, e_1 d / d_1), the factor d / d_1 (module docstring). finer: the settings with half the step, for
+    d. length: of the arm, m.
+    """
+    assert settings.dt is not None
+    apart = _apart(trial(settings), trial(finer), length)
+    gain = apart / (rule.halved(settings, settings.dt) + settings.tolerance)
+    return max(apart, gain * rule.small(settings, settings.dt)), gain
+
+
+def refined(
+    trial: Trial, rule: Rule, first: Settings, meshes: Sequence[Settings], at: Callable[[Settings, float], Settings],
+    least: float, length: float, most: int,
+) -> tuple[Settings, float]:  # fmt: skip
+    """Return the settings from `first` on whose trial is good enough, or the best ones, and the trial's error over L.
+
+    Good enough: an error of at most `TRIED`. meshes: settings with finer meshes, the coarsest first. at: function of
+    (settings, step, s) that returns the settings with this step and a suitable Newton tolerance. least: shortest step,
+    s. length: L of the arm, m. most: number of settings that are tried.
+    """
+    # meshes that small motions find worse, as many nodes on short pieces of a link are, do not help
+    worst = NOISE * rule.small(first, least)
+    settings, left = first, [mesh for mesh in meshes if rule.small(mesh, least) <= worst]
+    tried: list[tuple[Settings, float]] = []
+    for _ in range(most):
+        h = settings.dt
+        assert h is not None
+        finest = at(settings, 0.5 * h)
+        found, gain = error(trial, rule, settings, finest, length)
+        of_mesh = gain * rule.small(settings, least) if math.isfinite(gain) else 0.0
+        if found <= TRIED and left and gain > GROWN:
+            # the next mesh runs too: small motions may miss the mesh's share
+            of_mesh = _apart(trial(settings), trial(at(left[0], 0.5 * h)), length)
+            found = max(found, of_mesh)
+        tried.append((settings, found))
+        more = 0.5 * h >= least * (1.0 - 1e-9)
+        if found <= TRIED:
+            # near a step that fails other episodes fail too
+            failed = any(math.isinf(one) for _, one in tried)
+            return (finest if failed and more else settings), found
+        if left and of_mesh > 0.5 * TRIED:
+            settings = at(left.pop(0), h)
+        elif more:
+            settings = at(settings, 0.5 * h)
+        else:
+            break
+    # errors of all, by the finest run too, which is free of what small motions say about meshes
+    best, chosen, lowest = first, math.inf, math.inf
+    for one, found in tried:
+        known = max(found, _apart(trial(one), trial(finest), length))
+        if known <= NOISE * lowest:
+            best, chosen = one, known
+        lowest = min(lowest, known)
+    return best, chosen
+
+
+def settled(
+    trial: Trial, settings: Settings, finer: Settings, at: Callable[[Settings, float], Settings], least: float,
+    length: float,
+) -> tuple[Settings, float]:  # fmt: skip
+    """Return the settings with the longest step whose episodes are those of a finer mesh in half the step.
+
+    Also returns their distance from these, over L. The step is halved from that of `settings` until the distance is at
+    most `TRIED`, or down to `least` (s). finer: settings with the finer mesh. at: as in `refined`. length: L of the
+    arm, m.
+    """
+    best, chosen = settings, math.inf
+    while True:
+        h = settings.dt
+        assert h is not None
+        found = _apart(trial(settings), trial(at(finer, 0.5 * h)), length)
+        # the finest that runs: a loop that chatters is bounded, and so are the errors of steps that do not resolve it
+        if math.isfinite(found) or math.isinf(chosen):
+            best, chosen = settings, found
+        if found <= TRIED or 0.5 * h < least * (1.0 - 1e-9):
+            return best, chosen
+        settings = at(settings, 0.5 * h)

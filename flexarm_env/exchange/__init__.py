@@ -1,0 +1,19 @@
+"""Exchange of arms with other programs: chains of rigid bodies for MuJoCo (MJCF) and ROS (URDF), and arms from both.
+
+    chain_of        an arm as rigid bodies that springs join
+    mjcf, urdf      texts of these files
+    import_arm      an arm from a robot's URDF or MJCF file
+    differences     how far a chain is off its arm
+"""
+
+from .chain import Body, Chain, Hinge, chain_of
+from .linear import chain_modes, tip_compliance
+from .mjcf import choose_integrator, mjcf
+from .reader import Imported, import_arm
+from .report import calibrated, differences
+from .urdf import urdf
+
+__all__ = [
+    "Body", "Chain", "Hinge", "Imported", "calibrated", "chain_modes", "chain_of", "choose_integrator", "differences",
+    "import_arm", "mjcf", "tip_compliance", "urdf",
+]  # fmt: skip

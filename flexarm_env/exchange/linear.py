@@ -1,0 +1,106 @@
+"""Small motions of a chain about its stress-free posture: frequencies, and how far the tip gives under a force."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from flexarm_env.sections import GAUSS
+from flexarm_env.validation import Array
+
+from .chain import Chain, chain_of
+
+
+class Posture(NamedTuple):
+    """Chain with all hinge angles at 0, in the ground's axes.
+
+    anchors, axes (h, 3): of each hinge, m. frames (n, 3, 3), origins (n, 3): of the bodies. body_of (h,): index of each
+    hinge's body. tip (3,): m.
+    """
+
+    anchors: Array
+    axes: Array
+    frames: Array
+    origins: Array
+    body_of: list[int]
+    tip: Array
+
+
+def posture(chain: Chain) -> Posture:
+    """Place the chain with all hinge angles at 0."""
+    R, origin = np.eye(3), np.zeros(3)
+    anchors, axes, frames, origins, body_of = [], [], [], [], []
+    for i, body in enumerate(chain.bodies):
+        origin, R = origin + R @ body.position, R @ body.rotation
+        frames.append(R)
+        origins.append(origin)
+        for hinge in body.hinges:
+            anchors.append(origin)
+            axes.append(R @ hinge.axis)
+            body_of.append(i)
+    tip = origin + R @ chain.tip
+    return Posture(np.array(anchors), np.array(axes), np.array(frames), np.array(origins), body_of, tip)
+
+
+def mass_matrix(chain: Chain) -> Array:
+    """Return the inertia matrix (h, h), kg m^2, in the hinge angles, all of them 0; armature included."""
+    at = posture(chain)
+    M = np.diag([hinge.armature for hinge in chain.hinges])
+    for i, body in enumerate(chain.bodies):
+        R, centre = at.frames[i], at.origins[i] + at.frames[i] @ body.centre
+        moved = np.array([j <= i for j in at.body_of])[:, None]
+        # Jacobians of the center of mass and of the rotation
+        turning = np.where(moved, at.axes, 0.0)
+        moving = np.cross(turning, centre - at.anchors)
+        M += body.mass * moving @ moving.T + turning @ R @ body.inertia @ R.T @ turning.T
+    return M
+
+
+def chain_modes(chain: Chain, clamped: bool = True) -> tuple[Array, Array]:
+    """Return natural frequencies (Hz, ascending) and damping ratios of a chain about its stress-free posture.
+
+    clamped: whether the joints are held, behind an elastic gear its motor; otherwise they are free, and frequencies 0
+    are left out. Proportional damping is assumed for the ratios.
+    """
+    hinges = chain.hinges
+    kept = [i for i, hinge in enumerate(hinges) if not (clamped and hinge.driven)]
+    if not kept or not any(hinges[i].stiffness for i in kept):
+        return np.zeros(0), np.zeros(0)
+    M = mass_matrix(chain)[np.ix_(kept, kept)]
+    K, C = (np.diag([getattr(hinges[i], name) for i in kept]) for name in ("stiffness", "damping"))
+    k = np.diag(K)
+    if k.min() > 0.0:
+        # K x = w^2 M x as K^-1/2 M K^-1/2 y = y / w^2: the lowest frequencies are its largest eigenvalues, to round-off
+        root = 1.0 / np.sqrt(k)
+        inverse, y = np.linalg.eigh(root[:, None] * M * root)
+        # eigenvalues below round-off of the largest are frequencies that double precision does not resolve
+        kept_modes = inverse > 1e-15 * inverse[-1]
+        omega, x = 1.0 / np.sqrt(inverse[kept_modes][::-1]), (root[:, None] * y[:, kept_modes])[:, ::-1]
+        # y^T y = x^T K x = 1: damping ratio (x^T C x / x^T K x) w / 2
+        return omega / (2.0 * np.pi), 0.5 * omega * np.einsum("ik,ij,jk->k", x, C, x)
+    # M = L L^T: K x = w^2 M x becomes the symmetric L^-1 K L^-T y = w^2 y
+    L = np.linalg.inv(np.linalg.cholesky(M))
+    squares, y = np.linalg.eigh(L @ K @ L.T)
+    omega = np.sqrt(np.maximum(squares, 0.0))
+    flexible = omega > 1e-5 * omega.max()
+    x = (L.T @ y)[:, flexible]
+    omega = omega[flexible]
+    ratios = np.einsum("ik,ij,jk->k", x, C, x) / (2.0 * omega)
+    return omega / (2.0 * np.pi), ratios
+
+
+def tip_compliance(chain: Chain) -> Array:
+    """Return the tip's displacement per force, (3, 3) m/N in the ground's axes, joints held, about the stress-free
+    posture: sum over springs of (axis x lever) (axis x lever)^T / k."""
+    at, hinges = posture(chain), chain.hinges
+    levers = np.cross(at.axes, at.tip - at.anchors)
+    give = np.array([1.0 / hinge.stiffness if hinge.stiffness else 0.0 for hinge in hinges])
+    return np.asarray(np.einsum("h,hi,hj->ij", give, levers, levers))
+
+
+def exact_compliance(chain: Chain) -> Array:
+    """Return `tip_compliance` of the arm itself in bending and torsion, by 16 Gauss points a smooth piece of a link."""
+    arm = chain.arm
+    pieces = max((len(link.breaks) - 1 for link in arm.links if not link.rigid), default=1)
+    return tip_compliance(chain_of(arm, len(GAUSS[0]) * pieces))

@@ -1,0 +1,241 @@
+"""Read a robot's URDF or MJCF file, by MuJoCo's own reader, as an arm of rigid links."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from flexarm_env import bodies
+from flexarm_env import validation as check
+from flexarm_env.parameters import Arm, Elbow, Joint, Link, RigidLink, Section
+from flexarm_env.validation import Array
+
+from .serial import Part, serial
+
+ROUND = 1e-12
+"""Entries of rotations and axes below this are round-off of the file's numbers."""
+GEAR_RATIO = 100.0
+"""Gear ratio assumed for a rotor, whose inertia a file states at the joint alone (armature)."""
+
+
+@dataclass(frozen=True)
+class Imported:
+    """An arm from a file.
+
+    Attributes:
+        arm: with rigid links, flexible where asked for.
+        links: names of each link's bodies in the file, joined by "+".
+        joints: names of the file's joints, in the arm's order.
+        root (3,): m, where the first joint is in the file; the arm's root is at the origin.
+        tip: name of the body or site at the arm's tip; empty: the last link's center of mass.
+        gravity (3,): m/s^2, of the file.
+        left_out: what the file has and the arm does not.
+        flexible: by link, what changed: shift of the center of mass, m, and inertia about the joint, ratio.
+    """
+
+    arm: Arm
+    links: tuple[str, ...]
+    joints: tuple[str, ...]
+    root: tuple[float, float, float]
+    tip: str
+    gravity: tuple[float, float, float]
+    left_out: tuple[str, ...] = ()
+    flexible: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+
+def import_arm(
+    path: str | os.PathLike[str],
+    *,
+    root: str | None = None,
+    tip: str | None = None,
+    flexible: Mapping[str, Section] | None = None,
+    tau_d: float = 0.0,
+    gear_ratio: float = GEAR_RATIO,
+) -> Imported:
+    """Read a serial chain of hinges from a URDF (.urdf) or MJCF (.xml, .mjcf) file.
+
+    Link k's x axis leads from joint k to joint k+1 or the tip; its z axis lies as near to the joint's axis as x lets
+    it. Bodies that are fixed to each other become one link. Angles are 0 where the file's model is in its first
+    posture.
+
+    Args:
+        root: body in which the chain begins, where the file has several mechanisms.
+        tip: body or site at the arm's tip. None: of those fixed to the last link the one farthest from its joint, or
+            the last link's center of mass.
+        flexible: sections by the name of a body of the link. The link keeps its mass, evenly spread along the line
+            from joint to joint: the section's m and J are scaled to it.
+        tau_d: s, damping of the flexible links.
+        gear_ratio: assumed for joints with armature, which becomes a motor inertia of armature / gear_ratio^2.
+    Raises:
+        ValueError: what a serial chain cannot represent, by its name in the file. OSError: no such file. ImportError:
+            no MuJoCo.
+    """
+    gear_ratio = check.number("gear_ratio", gear_ratio, above=0.0, maximum=1e9)
+    with check.in_file(path):
+        model = _model(Path(path))
+        found = serial(model, root, tip)
+        frames = _frames(found.parts, found.tip)
+        arm = _arm(Path(path).stem, found.parts, frames, found.tip, gear_ratio)
+        changes: dict[str, Mapping[str, float]] = {}
+        for name, section in (flexible or {}).items():
+            k = _link_of(found.parts, name)
+            arm, changes[name] = made_flexible(arm, k, section, tau_d)
+        return Imported(
+            arm, tuple("+".join(part.names) for part in found.parts), tuple(part.joint for part in found.parts),
+            _three(found.parts[0].anchor), found.tip_name, _three(found.gravity), found.left_out, changes,
+        )  # fmt: skip
+
+
+def _three(values: Array) -> tuple[float, float, float]:
+    x, y, z = (float(value) + 0.0 for value in values)
+    return x, y, z
+
+
+def _model(path: Path) -> Any:
+    """Return the compiled model of a file."""
+    with check.needs("reading of URDF and MJCF files", "mujoco", "mujoco"):
+        import mujoco
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")
+    try:
+        text = path.read_text(encoding="utf-8")
+        top = ElementTree.fromstring(text)
+    except (UnicodeDecodeError, ElementTree.ParseError) as error:
+        raise check.Unreadable("", f"is no XML: {error}") from None
+    if top.tag not in ("robot", "mujoco"):
+        raise check.InvalidValue("<root element>", top.tag, 'must be "robot" (URDF) or "mujoco" (MJCF)')
+    try:
+        if top.tag == "mujoco":
+            return mujoco.MjModel.from_xml_path(str(path))
+        return mujoco.MjModel.from_xml_string(_bare(top))
+    except ValueError as error:
+        raise check.Unreadable("", f"MuJoCo cannot read it: {' '.join(str(error).split())}") from None
+
+
+def _bare(robot: ElementTree.Element) -> str:
+    """Return a URDF text without shapes, whose files need not be there, and with each fixed link kept as a body."""
+    joints = {joint.get("name", ""): joint.get("type", "") for joint in robot.iter("joint") if joint.get("type")}
+    for name, kind in joints.items():
+        if kind not in ("revolute", "continuous", "fixed"):
+            raise check.InvalidValue(f"joint {name}", kind, 'must be "revolute", "continuous" or "fixed"')
+    for joint in robot.iter("joint"):
+        if joint.find("mimic") is not None:
+            what = "must not follow another joint (mimic): each joint of an arm turns by itself"
+            raise check.InvalidValue(f"joint {joint.get('name', '')}", "mimic", what)
+    for link in robot.iter("link"):
+        for part in [*link.findall("visual"), *link.findall("collision")]:
+            link.remove(part)
+        # links without mass are frames; an inertial of zeros is one as well
+        inertial = link.find("inertial")
+        mass = None if inertial is None else inertial.find("mass")
+        if inertial is not None and mass is not None and float(mass.get("value", "0")) == 0.0:
+            link.remove(inertial)
+    own = robot.find("mujoco")
+    if own is not None:
+        robot.remove(own)
+    ElementTree.SubElement(
+        ElementTree.SubElement(robot, "mujoco"), "compiler", fusestatic="false", balanceinertia="false"
+    )
+    return ElementTree.tostring(robot, encoding="unicode")
+
+
+def _frames(parts: tuple[Part, ...], tip: Array) -> list[Array]:
+    """Return each link's axes (3, 3) in the ground's: x to the next joint, z as near to the joint's axis as x lets."""
+    anchors = [part.anchor for part in parts] + [tip]
+    found: list[Array] = []
+    for k, part in enumerate(parts):
+        span = anchors[k + 1] - anchors[k]
+        length = float(np.linalg.norm(span))
+        before = found[-1] if found else np.eye(3)
+        # candidates for the third axis: the joint's, then those of the link before
+        for z in (part.axis, *before.T[::-1]):
+            x = span / length if length > 0.0 else before[:, int(np.argmin(np.abs(before.T @ z)))]
+            z = z - (x @ z) * x
+            if np.linalg.norm(z) > 1e-6:
+                z /= np.linalg.norm(z)
+                x = x - (x @ z) * z
+                x /= np.linalg.norm(x)
+                found.append(np.column_stack([x, np.cross(z, x), z]))
+                break
+    return found
+
+
+def _clean(values: Array) -> Array:
+    """Round entries of directions that are off 0, 1 or -1 by round-off alone."""
+    nearest = np.round(values)
+    return np.where(np.abs(values - nearest) < ROUND, nearest, values)
+
+
+def _arm(name: str, parts: tuple[Part, ...], frames: list[Array], tip: Array, gear_ratio: float) -> Arm:
+    anchors = [part.anchor for part in parts] + [tip]
+    links, elbows, joints = [], [], []
+    mounts = [_clean(a.T @ b) for a, b in zip([np.eye(3), *frames[:-1]], frames, strict=True)]
+    axes = [_clean(frame.T @ part.axis) for frame, part in zip(frames, parts, strict=True)]
+    for k, part in enumerate(parts):
+        R = frames[k]
+        mass, centre, inertia = part.mass, R.T @ (part.centre - part.anchor), R.T @ part.inertia @ R
+        # components that are round-off of the link's size
+        size = max(float(np.abs(centre).max()), 1e-3)
+        centre = np.where(np.abs(centre) < ROUND * size, 0.0, centre)
+        inertia = np.where(np.abs(inertia) < ROUND * np.abs(inertia).max(), 0.0, 0.5 * (inertia + inertia.T))
+        length = float(np.linalg.norm(anchors[k + 1] - anchors[k]))
+        with check.under(f"link {'+'.join(part.names)}"):
+            links.append(RigidLink(length, mass, _three(centre), inertia))
+        if k:
+            elbows.append(Elbow(axis=_three(axes[k]), mount=mounts[k]))
+        rotor, ratio = (part.armature / gear_ratio**2, gear_ratio) if part.armature else (0.0, 1.0)
+        joints.append(Joint(
+            motor_inertia=rotor, gear_ratio=ratio, friction_viscous=part.damping, friction_coulomb=part.friction,
+        ))  # fmt: skip
+    torques, ranges = [part.torque for part in parts], [part.limits for part in parts]
+    named = ", ".join("+".join(part.names) for part in parts)
+    return Arm(
+        name, tuple(links), source=f"Imported from a robot's description; links: {named}.",
+        hub_axis=_three(axes[0]), hub_mount=mounts[0], elbows=tuple(elbows),
+        joints=tuple(joints) if any(joint != Joint() for joint in joints) else (),
+        torque_limits=None if any(torque is None for torque in torques) else tuple(torques),  # type: ignore[arg-type]
+        joint_limits=tuple(ranges) if any(ranges) else None,
+    )  # fmt: skip
+
+
+def _link_of(parts: tuple[Part, ...], name: str) -> int:
+    for k, part in enumerate(parts):
+        if name in part.names:
+            return k
+    raise check.UnknownKey(name, [own for part in parts for own in part.names], "link")
+
+
+def made_flexible(arm: Arm, k: int, section: Section, tau_d: float = 0.0) -> tuple[Arm, dict[str, float]]:
+    """Replace rigid link k by a beam along its x axis with the same mass, evenly spread.
+
+    Args:
+        section: its m and J, J_y are scaled to the link's mass. tau_d: s.
+    Returns:
+        The arm, and what changed: centre_shift (m), inertia_ratio: beam to rigid link, largest principal moments about
+        the joint.
+    Raises:
+        ValueError: a link that is flexible already, or without length or mass.
+    """
+    rigid = arm.links[k]
+    if not isinstance(rigid, RigidLink):
+        raise check.InvalidValue(f"links[{k}]", "flexible", "must be a rigid link")
+    for name in ("length", "mass"):
+        if not getattr(rigid, name) > 0.0:
+            what = "must be positive for a link that bends"
+            raise check.InvalidValue(f"links[{k}].{name}", getattr(rigid, name), what)
+    scale = rigid.mass / rigid.length / section.m
+    across = None if section.J_y is None else section.J_y * scale
+    section = replace(section, m=section.m * scale, J=section.J * scale, J_y=across)
+    beam = Link(rigid.length, section, tau_d=tau_d or None)
+    own = bodies.about(bodies.tensor(rigid.inertia), rigid.mass, np.array(rigid.centre))
+    new = beam.moment(2) + beam.rotary
+    shift = float(np.linalg.norm(np.array(rigid.centre) - [0.5 * rigid.length, 0.0, 0.0]))
+    links = tuple(beam if i == k else link for i, link in enumerate(arm.links))
+    change = {"centre_shift_m": shift, "inertia_ratio": float(new / np.linalg.eigvalsh(own)[-1])}
+    return replace(arm, links=links), change

@@ -1,0 +1,119 @@
+"""How far a chain of hinges is off the arm that it stands for, and its calibration to the arm's first frequency."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from flexarm_env import validation as check
+from flexarm_env.linear import modes
+from flexarm_env.parameters import Arm
+from flexarm_env.scene import JointTorque, Scene
+from flexarm_env.simulation import simulate
+from flexarm_env.time_functions import steps
+from flexarm_env.validation import Array
+
+from .chain import Chain
+from .linear import chain_modes, exact_compliance, tip_compliance
+from .mjcf import choose_integrator, mjcf
+
+FORMULATION = "geometrically_exact"
+COUNT = 3
+"""Frequencies that are compared."""
+PUSH = 0.25
+"""Share of the torque limits that the tips are compared under."""
+DURATION = 1.0
+"""s, of that comparison."""
+
+
+def arm_modes(arm: Arm, count: int = COUNT) -> tuple[Array, Array]:
+    """Return the arm's lowest natural frequencies (Hz) and damping ratios, joints held, without gravity."""
+    if all(link.rigid for link in arm.links) and not any(joint.elastic for joint in arm.joints):
+        return np.zeros(0), np.zeros(0)
+    scene = Scene("modes", arm.taut, duration=1.0, dt=1e-3)
+    found = modes(scene, count, FORMULATION, clamped=tuple(range(arm.n_links)))
+    return found.frequencies / (2.0 * np.pi), found.damping
+
+
+def calibrated(chain: Chain) -> tuple[Chain, float]:
+    """Scale the springs so that the lowest frequency, joints held, is the arm's; return the chain and the factor."""
+    own, target = chain_modes(chain)[0], arm_modes(chain.arm)[0]
+    if not len(own) or not len(target):
+        return chain, 1.0
+    factor = 1.0
+    # a spring of a gear is not scaled, so that the frequency is no square root of the factor: secant steps
+    for _ in range(20):
+        now = chain_modes(chain.stiffened(factor))[0][0]
+        if abs(now / target[0] - 1.0) < 1e-12:
+            break
+        factor *= (target[0] / now) ** 2
+    return chain.stiffened(factor), float(factor)
+
+
+def differences(chain: Chain, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> dict[str, Any]:
+    """Compare a chain with its arm.
+
+    Returns:
+        frequency_K_hz: of the arm, joints held; chain_frequency_K_hz: of the chain, as many as it has.
+        tip_compliance_error: largest relative error of the tip's displacement under a static tip force.
+        tip_apart: largest distance of the two tips over the arm's length in `DURATION` s, under `PUSH` of the torque
+        limits, reversed halfway; by MuJoCo, where it is installed and the arm has torque limits.
+        left_out: features of the arm that the chain lacks.
+    """
+    found: dict[str, Any] = {}
+    own, _ = chain_modes(chain)
+    for k, frequency in enumerate(arm_modes(chain.arm)[0], 1):
+        found[f"frequency_{k}_hz"] = float(frequency)
+        if k <= len(own):
+            found[f"chain_frequency_{k}_hz"] = float(own[k - 1])
+    exact = exact_compliance(chain)
+    if np.abs(exact).max() > 0.0:
+        found["tip_compliance_error"] = float(np.abs(tip_compliance(chain) - exact).max() / np.abs(exact).max())
+    if chain.arm.torque_limits is not None:
+        if check.installed("mujoco") is not None:
+            found["tip_apart"] = tip_apart(chain, gravity)
+        else:
+            found["tip_apart"] = "not computed: it needs mujoco (pip install mujoco)"
+    found["left_out"] = list(chain.left_out)
+    return found
+
+
+def pushed(arm: Arm, gravity: tuple[float, float, float]) -> Scene:
+    """Return the scene of the comparison: `PUSH` of the torque limits, reversed after half of `DURATION`."""
+    assert arm.torque_limits is not None
+    loads = tuple(
+        JointTorque(k, steps([0.0, 0.5 * DURATION], [PUSH * limit, -PUSH * limit]))
+        for k, limit in enumerate(arm.torque_limits)
+    )
+    weight = gravity if any(gravity) else None
+    return Scene("pushed", replace(arm, sensors=None), duration=DURATION, dt=1e-3, sample=0.02, loads=loads,
+                 gravity=weight)  # fmt: skip
+
+
+def tip_apart(chain: Chain, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> float:
+    """Return the largest distance of the chain's tip, by MuJoCo, from the arm's, over the arm's length; see
+    `differences`. ImportError without MuJoCo."""
+    with check.needs("the comparison of tips", "mujoco", "mujoco"):
+        import mujoco
+    scene = pushed(chain.arm, gravity)
+    run = simulate(scene, FORMULATION, estimate_error=False)
+    if not run.finished:
+        return float("nan")
+    model = mujoco.MjModel.from_xml_string(mjcf(chain, gravity=gravity))
+    # a whole number of steps a sample; short ones for the implicit integrator, which is of first order
+    longest = model.opt.timestep if choose_integrator(chain)[0] == "RK4" else 1e-4
+    per_sample = int(np.ceil(0.02 / longest))
+    model.opt.timestep = 0.02 / per_sample
+    data, site = mujoco.MjData(model), model.site("tip").id
+    limits = np.array(chain.arm.torque_limits)
+    apart = 0.0
+    for k, tip in enumerate(run.tip[1:]):
+        data.ctrl[:] = PUSH * limits * (1.0 if run.t[k] < 0.5 * DURATION - 1e-9 else -1.0)
+        for _ in range(per_sample):
+            mujoco.mj_step(model, data)
+        mujoco.mj_kinematics(model, data)
+        place = tip if scene.spatial else np.array([*tip[:2], 0.0])
+        apart = max(apart, float(np.linalg.norm(data.site_xpos[site] - place)))
+    return apart / chain.arm.total_length

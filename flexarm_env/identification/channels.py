@@ -1,0 +1,123 @@
+"""Consistency tests of a log's columns: wrong gains, delayed readings, a clock with a wrong rate.
+
+Each test adds one more parameter e to a finished fit. To first order its value is the last component of
+-(K'K)^-1 K' r, where r are the residuals and K = [J, g] their derivatives by the fitted parameters and by e. A log is
+suspect if e is larger than its own 95 % interval explains, and large enough to matter.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..validation import Array
+from .fit import Problem
+from .uncertainty import interval_of_last
+
+CERTAIN = 2.0
+"""A deviation is significant above this many half widths of its 95 % interval."""
+
+LEAST_GAIN = 0.02
+LEAST_DELAY = 0.25
+"""In sampling intervals of the log."""
+LEAST_CLOCK = 0.005
+"""Smaller deviations of a gain, a delay and a clock are not reported."""
+
+CLOCK_STEP = 1e-4
+"""Relative change of the time axis for the derivative by the clock."""
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """Estimated deviation of a column from its description in the config.
+
+    Attributes:
+        value, half: the deviation and the half width of its 95 % interval. least: smallest deviation that matters.
+        sentence: description with numbers. remedy: advice.
+    """
+
+    value: float
+    half: float
+    least: float
+    sentence: str
+    remedy: str
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the deviation is significant and large enough to matter."""
+        return abs(self.value) > max(CERTAIN * self.half, self.least)
+
+
+Candidate = tuple[float, str, str, list[Array]]
+"""Smallest deviation that matters, sentence with a placeholder, remedy, derivatives of each run's residuals (kept,
+outputs)."""
+
+
+def deviations(problem: Problem, z: Array) -> list[Deviation]:
+    """Estimate gain and delay of each output and the clock of the logs, unless fitted; the most significant first.
+
+    z (p,): fitted parameters, relative.
+    """
+    J, errors = problem.slopes(z), problem.errors(z)
+    found = []
+    # append each candidate's derivative g to J; its Gauss-Newton value and interval
+    for least, sentence, remedy, columns in (*_of_outputs(problem, z), _of_clock(problem, z)):
+        g = np.concatenate([column.ravel() for column in columns])
+        if np.isfinite(g).all() and g.any():
+            value, half = interval_of_last(np.column_stack([J, g]), errors)
+            found.append(Deviation(value, half, least, _sentence(sentence, value, half), remedy))
+    return sorted(found, key=lambda one: -abs(one.value) / max(one.half, 1e-300))
+
+
+def _sentence(pattern: str, value: float, half: float) -> str:
+    """Fill in the value in ms (pattern with "[ms]") or % ("[%]"), and the word for its sign ("{less|more}")."""
+    scale, unit = (1e3, "ms") if "[ms]" in pattern else (100.0, "%")
+    less, more = pattern[pattern.index("{") + 1 : pattern.index("}")].split("|")
+    pattern = pattern.replace(f"[{unit}]", f"{scale * abs(value):.3g} +- {scale * half:.2g} {unit}")
+    return pattern.replace(f"{{{less}|{more}}}", more if value > 0.0 else less)
+
+
+def _of_outputs(problem: Problem, z: Array) -> Iterator[Candidate]:
+    """Yield for each output a `Candidate` for an error of its gain and one for a delay, unless they are fitted."""
+    experiment = problem.experiment
+    outputs = experiment.config.outputs
+    predicted = [experiment.predict(problem.values(z), run) for run in problem.runs]
+    for k, channel in enumerate(outputs):
+        name, column = channel.name, channel.column
+        own = [p.path for p in experiment.parameters if name in p.path]
+        readings = [one[name] for one in predicted]
+        # a gain changes the reading in proportion
+        if not any(path.endswith("gain") for path in own):
+            sentence = f"column {column!r} reads [%] {{less|more}} than the fitted arm's {name}"
+            remedy = f"check its unit and scale, or fit `outputs.{name}.gain`"
+            yield LEAST_GAIN, sentence, remedy, _of_one(problem, k, readings)
+        if not any(path.endswith(("shift", "delay")) for path in own):
+            sentence = f"column {column!r} comes [ms] {{earlier|later}} than the fitted arm's {name}"
+            remedy = f"check its timing, or fit `outputs.{name}.shift`"
+            # a delay changes the reading by minus its rate
+            rates = [-np.gradient(y, run.t) for y, run in zip(readings, problem.runs, strict=True)]
+            yield LEAST_DELAY * problem.runs[0].period, sentence, remedy, _of_one(problem, k, rates)
+
+
+def _of_one(problem: Problem, k: int, changes: list[Array]) -> list[Array]:
+    """Derivatives of each run's residuals (kept, outputs) if only output k changes, by `changes` (n,) of each run."""
+    blocks, outputs = [], problem.experiment.config.outputs
+    for run, change in zip(problem.runs, changes, strict=True):
+        # residuals are relative to the reading's standard deviation; a fitted offset removes the mean
+        kept, y = change[run.kept], run.outputs[outputs[k].name][run.kept]
+        block = np.zeros((len(kept), len(outputs)))
+        block[:, k] = (kept - kept.mean() if outputs[k].offset is None else kept) / y.std()
+        blocks.append(block)
+    return blocks
+
+
+def _of_clock(problem: Problem, z: Array) -> Candidate:
+    """Return the candidate of a clock that is fast by e: derivative of the residuals by a stretched time axis."""
+    longer = [dataclasses.replace(run, t=run.t * (1.0 + CLOCK_STEP)) for run in problem.runs]
+    pairs = zip(Problem(problem.experiment.anew(), longer).errors(z), problem.errors(z), strict=True)
+    column = problem.experiment.config.time.column
+    sentence = f"the clock of column {column!r} runs [%] {{fast|slow}} against the fitted arm"
+    return LEAST_CLOCK, sentence, "check its unit and rate", [(there - here) / CLOCK_STEP for there, here in pairs]

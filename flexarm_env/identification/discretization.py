@@ -1,0 +1,122 @@
+"""Time step and mesh of a fit, refined until they change no parameter by more than a share of its interval.
+
+A companion model with half the step, or with a finer mesh, predicts other readings at the same parameters. To first
+order the best parameters z then change by the Gauss-Newton step -(J'J)^-1 J' d, where J is the derivative of the
+residuals by z and d the difference of the residuals. The error of a step is of second order in dt, so that the shift
+to dt = 0 is 4/3 of the shift by half the step (Richardson). If a shift exceeds `SHARE` of the 95 % half width, the
+model is refined and fitted again from there. The remaining shift is finally added to the parameters, and half of its
+magnitude to the interval.
+"""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..validation import Array
+from .fit import Fit, Problem, Solver
+from .uncertainty import Uncertainty, uncertainty
+
+SHARE = 0.2
+"""Largest accepted shift of a parameter over the half width of its 95 % interval."""
+
+LEAST = 1e-4
+"""Shifts below this share of a parameter's size are never refined."""
+
+MOST = {"step": 5, "mesh": 2}
+"""Largest numbers of refinements of time step and mesh."""
+
+FACTOR = {"step": 4.0 / 3.0, "mesh": 1.0}
+"""Remaining shift to dt = 0, or to the exact mesh, over the shift by one refinement."""
+
+WORSE = 2.0
+"""A refinement is rejected if it increases the cost by more than this factor."""
+
+EVALUATIONS = 8
+"""Largest number of evaluations of a fit after a refinement, which starts close to its solution."""
+
+FAR = 3.0
+"""A shift by more than this many sizes of a parameter means that the companion failed."""
+
+
+@dataclass(frozen=True)
+class Resolved:
+    """Fit with known discretization error.
+
+    Attributes:
+        problem: at the last step and mesh. fit: its z (p,) corrected for the shifts. uncertainty: intervals that
+            include the remaining shifts. shifts: by "step" and "mesh", (p,), in the parameters' sizes. coarse: names of
+            parameters that step or mesh change by more than their interval, although both were refined.
+    """
+
+    problem: Problem
+    fit: Fit
+    uncertainty: Uncertainty
+    shifts: dict[str, Array]
+    coarse: tuple[str, ...]
+
+
+def resolve(solver: Solver, found: Fit) -> Resolved:
+    """Refine step and mesh of a fit as far as its intervals require. Fits of arms in space are not refined."""
+    problem, z, left = solver.problem, found.z, dict(MOST)
+    if problem.experiment.config.space:
+        return Resolved(problem, found, uncertainty(problem, z), {}, ())
+    while True:
+        # shifts by one refinement, and their limits from the present intervals
+        worth = uncertainty(problem, z)
+        values = np.abs(problem.values(z) / problem.sizes)
+        limit = np.maximum(SHARE * worth.half / problem.sizes, LEAST * np.maximum(1.0, values))
+        limit[np.isnan(limit)] = np.inf  # of a parameter at its bound, which has no interval
+        shifts = {kind: _shift(problem, z, kind) for kind in MOST}
+        wanted = [kind for kind in MOST if left[kind] > 0 and (np.abs(shifts[kind]) > limit).any()]
+        if not wanted:
+            break
+        # refine the insufficient kinds and fit again from the shifted parameters
+        finer, moved = problem, z
+        for kind in wanted:
+            finer, left[kind] = refined(finer, kind), left[kind] - 1
+            moved = moved + shifts[kind]
+        # fit again from the shifted parameters; reject a refinement that fits much worse
+        moved, cost, ended = solver.polish(finer, moved, EVALUATIONS)
+        if cost > WORSE * found.cost:  # a finer model that fails, or a fit that was led astray: keep the one before
+            left = dict.fromkeys(left, 0)
+            continue
+        problem, z = finer, moved
+        found = dataclasses.replace(found, cost=cost, ended=ended, evaluations=solver.count)
+    # correct z by the remaining shifts; widen the intervals by half their magnitudes
+    low, high = problem.bounds
+    change = np.where(np.isinf(limit), 0.0, sum(shifts.values()))
+    size = np.where(np.isinf(limit), 0.0, sum(np.abs(shift) for shift in shifts.values()))
+    far = size > worth.half / problem.sizes
+    far &= size > LEAST * np.maximum(1.0, values)
+    names = [p.name for p in problem.experiment.parameters]
+    coarse = tuple(name for name, beyond in zip(names, far, strict=True) if beyond)
+    half = worth.half + 0.5 * size * problem.sizes
+    own = problem.experiment
+    fit = dataclasses.replace(
+        found, z=np.clip(z + change, low, high), runs=own.runs, by_differences=dict(own.by_differences)
+    )
+    return Resolved(problem, fit, dataclasses.replace(worth, half=half), shifts, coarse)
+
+
+def refined(problem: Problem, kind: str) -> Problem:
+    """Return the problem with half the time step (kind "step") or with a finer mesh ("mesh")."""
+    return Problem(problem.experiment.anew(kind), problem.runs)
+
+
+def _shift(problem: Problem, z: Array, kind: str) -> Array:
+    """Predict the change of z (p,) to dt = 0, or to the exact mesh; 0 if the companion model fails.
+
+    -FACTOR (J'J)^-1 J' d over the parameters that are not at a bound; d: residuals of the companion minus the model's.
+    """
+    finer = refined(problem, kind)
+    here, there = (np.concatenate([e.ravel() for e in one.errors(z)]) for one in (problem, finer))
+    problem.experiment.runs += len(problem.runs)
+    low, high = problem.bounds
+    free = (z > low) & (z < high)
+    noise = float(here.std())
+    J = problem.jacobian(z, noise)[:, free]
+    d = np.concatenate([there - here, np.zeros(len(z))])  # priors do not depend on the mesh
+    found = np.zeros(len(z))
+    found[free] = -FACTOR[kind] * np.linalg.lstsq(J, d, rcond=1e-6)[0]
+    return found if np.isfinite(found).all() and np.abs(found).max(initial=0.0) < FAR else np.zeros(len(z))

@@ -1,0 +1,170 @@
+"""Division of a link into cells (elements, segments, node intervals) that follow jumps and kinks of its section.
+
+A smooth piece of a link lies between two neighboring places where its section jumps or kinks, or its curvature jumps.
+Cells of a link that is one smooth piece are even. Elsewhere cells end at jumps and kinks, and their size follows the
+density
+
+    d(s) = EI(s)^(-1/2) / int EI^(-1/2) ds + KINKED |d ln EI / ds|                  (1/m)
+
+The integral of its first term is 1. The length l of a cell should follow both the angle M l / EI by which it bends
+(l ~ EI) and the length of bending waves (l ~ EI^(1/4)); the power 1/2 lies between. The second term gives cells to a
+piece whose stiffness changes by a large factor: its curvature M / EI is not the polynomial that a cell represents.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import pairwise
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from flexarm_env import validation as check
+from flexarm_env.validation import Array
+
+KINKED = 0.2
+"""Weight of a change of ln EI by 1, relative to the whole link's EI^(-1/2) term."""
+
+SAMPLES = 64
+"""Number of intervals of a smooth piece in the trapezoidal rule for the density."""
+
+
+class Stiffnesses(Protocol):
+    """The properties of sections that the density reads."""
+
+    @property
+    def EI(self) -> Array:
+        """Bending stiffness, N m^2."""
+        ...
+
+
+class Divisible(Protocol):
+    """The attributes of a link that its division reads (see `sections.Link`)."""
+
+    def __hash__(self) -> int: ...
+
+    @property
+    def length(self) -> float:
+        """m."""
+        ...
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Places of jumps and kinks, the ends among them, m from the root."""
+        ...
+
+    @property
+    def jumps(self) -> tuple[float, ...]:
+        """Places of jumps, m from the root."""
+        ...
+
+    def along(self, s: Array | float, before: bool = False) -> Stiffnesses:
+        """The section's properties at places s, m; before: on the root's side of a jump."""
+        ...
+
+
+class Piece(NamedTuple):
+    """A smooth piece of a link, with the integral of the cell density over it."""
+
+    first: float  # start, m from the link's root
+    last: float  # end, m from the link's root
+    places: Array  # (SAMPLES + 1,) m from the root
+    below: Array  # (SAMPLES + 1,): integral of the density from `first` to each place
+    even: bool  # whether the density is constant
+
+    @property
+    def weight(self) -> float:
+        """The integral of the density over the piece."""
+        return float(self.below[-1])
+
+    def ends(self, count: int) -> Array:
+        """Return the places where `count` cells of equal weight begin, (count,) m from the link's root."""
+        if self.even:
+            return np.linspace(self.first, self.last, count, endpoint=False)
+        # invert the integral of the density
+        return np.interp(np.arange(count) / count * self.weight, self.below, self.places)
+
+
+@lru_cache(512)
+def _pieces(link: Divisible, kinks: bool) -> tuple[Piece, ...]:
+    """Return the smooth pieces of a link, between jumps and kinks, or between jumps alone where `kinks` is False."""
+    ends = link.breaks if kinks else (0.0, *link.jumps, link.length)
+    sampled, spans = [], []
+    # EI^(-1/2) along each piece; at its end the value before the jump
+    for first, last in pairwise(ends):
+        places = np.linspace(first, last, SAMPLES + 1)
+        EI = link.along(places).EI
+        EI[-1] = link.along(places[-1], before=True).EI
+        root = 1.0 / np.sqrt(EI)
+        spans.append(0.5 * (root[1:] + root[:-1]) * np.diff(places))  # trapezoidal rule
+        sampled.append((first, last, places, EI))
+    total = sum(float(span.sum()) for span in spans)
+    found = []
+    # integral of the density: first term by the trapezoidal rule, second term exactly from ln EI
+    for (first, last, places, EI), span in zip(sampled, spans, strict=True):
+        own = span / total + KINKED * abs(np.diff(np.log(EI)))
+        even = bool(np.ptp(EI) <= 1e-12 * EI[0])
+        found.append(Piece(first, last, places, np.concatenate([[0.0], np.cumsum(own)]), even))
+    return tuple(found)
+
+
+def pieces(link: Divisible, n: int, option: str) -> tuple[Piece, ...]:
+    """Return the pieces that n cells can separate: between jumps and kinks, or between jumps if n is too small.
+
+    option: name of the user's option that gave n. Raises ValueError, which names it, where n is too small for the
+    jumps.
+    """
+    # a cell cannot span a jump
+    least = len(link.jumps) + 1
+    if n < least:
+        more = option == "nodes"  # one more than there are cells
+        what = f"must be at least {least + more} for a link whose sections jump {least - 1} times"
+        raise check.InvalidValue(option, n + more, what)
+    return _pieces(link, n >= len(link.breaks) - 1)
+
+
+def counts(found: Sequence[Piece], n: int, most: int | None = None) -> list[int]:
+    """Return how many of n cells each piece gets: one, and each further cell where the weight per cell is largest.
+
+    most: largest number of cells of a piece, or None; n must not exceed `most` times the number of pieces.
+    """
+    weights, cells = np.array([piece.weight for piece in found]), np.ones(len(found), np.int64)
+    for _ in range(n - len(found)):
+        # pieces that have `most` cells get no further one
+        full = cells >= (n if most is None else most)
+        cells[np.argmax(np.where(full, 0.0, weights / cells))] += 1
+    return [int(count) for count in cells]
+
+
+def ends(link: Divisible, n: int, option: str) -> Array:
+    """Return the ends of n cells, (n + 1,) m from the link's root; option: as in `pieces`."""
+    if len(link.breaks) == 2:
+        return np.linspace(0.0, link.length, n + 1)
+    found = pieces(link, n, option)
+    starts = [piece.ends(count) for piece, count in zip(found, counts(found, n), strict=True)]
+    return np.concatenate([*starts, [link.length]])
+
+
+def cells_like(link: Divisible, n: int) -> int:
+    """Return the number of cells that resolves a link with jumps and kinks as n cells resolve a uniform one."""
+    if len(link.breaks) == 2:
+        return n
+    return sum(max(1, int(np.ceil(n * piece.weight - 1e-9))) for piece in _pieces(link, True))
+
+
+def middles(link: Divisible, n: int) -> list[float]:
+    """Return the places, m from the root, that halve by weight the pieces that n cells (more than jumps) separate."""
+    return [float(piece.ends(2)[1]) for piece in _pieces(link, n >= len(link.breaks) - 1)]
+
+
+def divides(fine: Divisible, m: int, link: Divisible, n: int) -> bool:
+    """Return whether m cells of `fine` give each half piece as many cells as n cells of `link` give a piece.
+
+    fine: a link whose pieces are the halves of the pieces of `link`.
+    """
+    found, halves = (_pieces(one, k >= len(one.breaks) - 1) for one, k in ((link, n), (fine, m)))
+    whole, own = counts(found, n), counts(halves, m)
+    if len(own) != 2 * len(whole):
+        return m >= 2 * n
+    return all(count >= least for count, least in zip(own, np.repeat(whole, 2), strict=True))

@@ -1,0 +1,90 @@
+"""The contract of a contribution: what acts on an arm beside its links, in every formulation without multipliers.
+
+A contribution is a NamedTuple class with kernels registered for it (`register`), each of which adds its terms to what
+the arm's formulation has computed. `joints.equations` composes arm and contributions to one Model, `model.Jointed`:
+each function of `physics.protocol` calls the arm's, then those of the contributions in their order. A contribution
+registers only what it has; the defaults do nothing.
+
+Arguments that recur (others as in `protocol`)
+    part        the contribution's own record
+    model       the `Jointed` Model; `model.arm` is that of the arm alone, whose rows come first
+    S           the arm's matrix array, then entries that the assembly gave to contributions (`joints.build`)
+
+Residual
+    prepare(lane, part, model, par, state, weights, S)      Before the arm's residual: store in S what it depends on.
+    point_forces(lane, part, model, par, state, inputs)     Add forces on points of the arm (N, N m) to its inputs.
+    assemble(lane, part, model, par, state, u, weights, r, S)
+        Add the contribution's terms to r, and, with weights.with_matrix, write its entries of S.
+
+Linear system, hooks around the arm's own `factor` and `solve`
+    fix_coordinate(lane, part, model, S, k)                 Row k is fixed or prescribed.
+    before_factor(lane, part, model, S)                     Condense own rows onto the arm's.
+    after_factor(lane, part, model, S)                      `protocol.solve` of the Model can be used.
+    before_solve(lane, part, model, S, x, transposed)       Eliminate own rows from the right side x; transposed: S^T.
+    after_solve(lane, part, model, S, x, transposed)        Complete or correct the solution x.
+
+Work and energy
+    energy(lane, part, model, par, q, v, sums)              Return sums (kinetic, strain, gravitational; J) with own.
+    damping_power(lane, part, model, par, q, v, x, total)   Return total + x^T C v, W.
+    input_displacements(lane, part, model, q, y)            Change the displacements on which inputs do work.
+    inertia_forces(lane, part, model, par, a, r)            Add M a (period correction).
+    conserve_momentum(lane, part, model, par, before, h, q, v, u, r, S)     As in `protocol`, or None.
+
+Configuration and output
+    set_joint_configuration(lane, part, model, live, rates, q, v)           Own rows after the arm's joints were set.
+    poses(lane, part, model, q, v, out)                     Add what tasks read, at the end of out.
+
+Reverse derivatives, where `Jointed.derived` does not leave them to the compiler
+    vjp_residual(lane, part, model, par, state, bar, u_bar, r_bar)          That of `assemble`; own rows of r_bar <- 0.
+    multiply(lane, part, model, S, x, y)                    Add S x of own entries to y, before `factor`.
+
+Coulomb friction is no force of the state: the integrator solves for it, with its own functions (`joints.friction`).
+"""
+
+from __future__ import annotations
+
+from ..compiler import Family, kernel, returns_none
+
+CONTRIBUTIONS = Family("part")
+"""The registered kernels of each contribution, by the class of its record."""
+
+register = CONTRIBUTIONS.register
+
+_TERMS = "lane, part, model, par, state"
+prepare = CONTRIBUTIONS.function("prepare", f"{_TERMS}, weights, S")
+point_forces = CONTRIBUTIONS.function("point_forces", f"{_TERMS}, inputs")
+assemble = CONTRIBUTIONS.function("assemble", f"{_TERMS}, u, weights, r, S")
+fix_coordinate = CONTRIBUTIONS.function("fix_coordinate", "lane, part, model, S, k")
+before_factor = CONTRIBUTIONS.function("before_factor", "lane, part, model, S")
+after_factor = CONTRIBUTIONS.function("after_factor", "lane, part, model, S")
+before_solve = CONTRIBUTIONS.function("before_solve", "lane, part, model, S, x, transposed")
+after_solve = CONTRIBUTIONS.function("after_solve", "lane, part, model, S, x, transposed")
+energy = CONTRIBUTIONS.function("energy", "lane, part, model, par, q, v, sums")
+damping_power = CONTRIBUTIONS.function("damping_power", "lane, part, model, par, q, v, x, total")
+input_displacements = CONTRIBUTIONS.function("input_displacements", "lane, part, model, q, y")
+inertia_forces = CONTRIBUTIONS.function("inertia_forces", "lane, part, model, par, a, r")
+conserve_momentum = CONTRIBUTIONS.function(
+    "conserve_momentum", "lane, part, model, par, before, h, q, v, u, r, S"
+)
+set_joint_configuration = CONTRIBUTIONS.function("set_joint_configuration", "lane, part, model, live, rates, q, v")
+poses = CONTRIBUTIONS.function("poses", "lane, part, model, q, v, out")
+vjp_residual = CONTRIBUTIONS.function("vjp_residual", "lane, part, model, par, state, bar, u_bar, r_bar")
+multiply = CONTRIBUTIONS.function("multiply", "lane, part, model, S, x, y")
+
+
+@kernel
+def _no_energy(lane, part, model, par, q, v, sums):
+    """Return the energies `sums` (kinetic, strain, gravitational; J) unchanged: default `energy` of a contribution."""
+    return sums
+
+
+@kernel
+def _no_power(lane, part, model, par, q, v, x, total):
+    """Return the damping power `total` (W) unchanged: default `damping_power` of a contribution."""
+    return total
+
+
+CONTRIBUTIONS.defaults.update(
+    dict.fromkeys(CONTRIBUTIONS.names, returns_none), energy=_no_energy, damping_power=_no_power
+)
+"""A contribution without any terms."""

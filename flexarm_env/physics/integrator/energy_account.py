@@ -1,0 +1,66 @@
+"""The energy account: work of inputs and motions and energy dissipated by damping, from a step's mean forces."""
+
+from __future__ import annotations
+
+from ...compiler import kernel, size
+from ..joints.friction import account_for_friction, store_friction
+from ..layout import BEYOND, DISSIPATED, OF_MOTION, WORK_DONE
+from ..protocol import input_displacements, local_difference, mean_damping_power
+from .work import Work, copy_rows, state_of
+
+
+@kernel
+def start_energy_account(lane, model, drive, par, w):
+    """Store inputs, their displacements, motions, reactions and friction at the start of a smooth stretch of steps.
+
+    # in        w.q, w.v, w.a, w.u, w.psi, w.reaction
+    # out       w.u0, w.y0, w.psi0, w.reaction0; friction torques in w.S (`joints.friction.store_friction`)
+    # scratch   w.r
+    """
+    copy_rows(lane, size(model.n_inputs), w.u, w.u0)
+    input_displacements(lane, model, par, w.q, w.y0)
+    store_friction(lane, model, par, state_of(w), w.u, w.r, w.S)
+    if drive is not None:
+        copy_rows(lane, OF_MOTION.end * drive.known.shape[0], w.psi, w.psi0)
+        copy_rows(lane, drive.known.shape[0], w.reaction, w.reaction0)
+
+
+@kernel
+def account_for_step(lane, model, drive, par, w: Work, h):
+    """Add work and dissipation of a step of h (s) to w.books (J): mean force times displacement, as Newmark does.
+
+    Damping dissipates the power of the step's mean strain rates. Rates at the ends of the step differ from the mean by
+    second order of h. In strains so stiff that this difference outweighs the rates, the damping forces also do work,
+    the entry BEYOND of w.books, which the strain energy absorbs and returns. drive: `Drive`, or None without motions in
+    time.
+
+    # state     w.q0, w.v0, w.u0, w.y0, w.psi0, w.reaction0 at the start; w.q, w.v, w.u, w.psi, w.reaction at the end
+    # out       w.books; w.u0, w.y0, w.psi0, w.reaction0 <- values at the end, for the next step
+    # scratch   w.r, which is free once the step has succeeded
+    """
+    # work of inputs: (u0 + u) / 2 . (y - y0)
+    input_displacements(lane, model, par, w.q, w.y, (w.q0, w.y0))
+    work = w.books[WORK_DONE]
+    for i in range(size(model.n_inputs)):
+        force = (w.u0[i] + w.u[i]) * 0.5
+        work = work + force * (w.y[i] - w.y0[i])
+        w.u0[i] = w.u[i]
+        w.y0[i] = w.y[i]
+    # work of motions: mean reaction times change of the prescribed value
+    if drive is not None:
+        for i in range(drive.known.shape[0]):
+            k = OF_MOTION.end * i + OF_MOTION.value
+            force = (w.reaction0[i] + w.reaction[i]) * 0.5
+            work = work + force * (w.psi[k] - w.psi0[k])
+        copy_rows(lane, OF_MOTION.end * drive.known.shape[0], w.psi, w.psi0)
+        copy_rows(lane, drive.known.shape[0], w.reaction, w.reaction0)
+    w.books[WORK_DONE] = work
+    # dissipation at the mean rates w.r = (q - q0) / h; theory, section 6, "Work and energy"
+    local_difference(lane, model, w.q0, w.q, w.r)
+    for k in range(size(model.n)):
+        w.r[k] *= 1.0 / h
+    power, beyond = mean_damping_power(lane, model, par, w.q0, w.v0, w.q, w.v, w.r, h)
+    w.books[DISSIPATED] += power * h
+    if beyond is not None:
+        w.books[BEYOND] += beyond * h
+    account_for_friction(lane, model, par, state_of(w), w.u, w.r, w.S, w.q0, w.books)

@@ -1,0 +1,350 @@
+"""Rotors, elastic gears and viscous friction in an arm's joints, a contribution (theory, (6.5)):
+
+    J psi'' + k (psi - q) + d (psi' - q') + friction = u,    the arm's row of q:  ... - k (psi - q) - d (psi' - q') = 0
+
+The motor angle psi has a row of its own, coupled with the joint angle q alone: it is eliminated before the arm's matrix
+is factored. Rigid gear: J acts on q. Backlash b: spring torque k (x - clip(x, b/2)), x = psi - q; damping acts in the
+gap as well (if it began with contact, contact would begin with a jump of the torque and end with a pull).
+"""
+
+from __future__ import annotations
+
+from ...compiler import Lanes, absolute, inlined, kernel, load_lane, select_lt
+from .. import protocol
+from ..arithmetic import add_to, clip, load_vector, store_where
+from ..contributions import register
+from ..layout import ROTOR
+from ..model import Gears
+from ..protocol import State
+from .friction import count, direction, gear_at, hub_of, joint_law
+from .layout import GEAR, PLACE, PLACES
+
+
+@kernel
+def _friction_row(lane, model, i, own, state: State, total):
+    """Return `total` (N m) plus joint i's friction torque: viscous d v and, if its angle is prescribed, T_C sign(v).
+
+    own: the joint's `Law`; v: rate of the row that friction acts on. Where the angle is free, `friction` solves for
+    T_C.
+    """
+    rate = state.v[model.table[PLACES * i + PLACE.friction]]
+    total = total + rate * own.viscous
+    if model.table[PLACES * i + PLACE.known] != 0:
+        total = total + own.coulomb * direction(lane, rate)
+    return total
+
+
+@kernel
+def gear_torque(lane, play, stiffness, half, wound):
+    """Return (torque N m, slope N m/rad) of a gear spring wound by `wound` rad.
+
+    stiffness: N m/rad; half: half of the backlash, rad, which the spring turns without torque; play None: no backlash.
+    """
+    if play is None:
+        return wound * stiffness, stiffness
+    beyond = wound - clip(wound, half)
+    return beyond * stiffness, select_lt(0.0, absolute(beyond), stiffness, 0.0)
+
+
+@kernel
+def _through_gear(lane, part, model, i, one, state: State, u: Lanes, weights, r: Lanes, S: Lanes):
+    """Write the motor's row of r (N m) and S; in the joint's row the gear's torque replaces the input's, (6.5).
+
+    Of joint i of the table, with an elastic gear; one: its `Law`. Gear torque: k (psi - q) + d (psi' - q'), psi: motor
+    angle, q: joint angle. With weights.with_matrix S receives the `GEAR` fields pivot and slope.
+    """
+    at, g = PLACES * i, gear_at(model, i)
+    row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
+    damping, rotor, none = one.damping, one.rotor, 0.0
+    rate, second = state.v[motor], state.a[motor]
+    # gear torque k (psi - q) + d (psi' - q'), N m; the joint's row has it in place of the input
+    wound = state.q[motor] - state.q[row]
+    torque, steep = gear_torque(lane, part.play, one.stiffness, one.play, wound)
+    torque = torque + (rate - state.v[row]) * damping
+    asked = u[model.table[at + PLACE.joint]]
+    r[row] = r[row] + asked - torque
+    # slope = k c_k + d c_v; pivot of the motor's row: J c_m + slope, plus viscous friction
+    slope = steep * weights.stiffness + damping * weights.damping
+    pivot = rotor * weights.mass + slope
+    own = second * rotor + torque - asked
+    if model.table[at + PLACE.friction] == motor:
+        pivot = pivot + one.viscous * weights.damping
+        own = _friction_row(lane, model, i, one, state, own)
+    r[motor] = own
+    if weights.with_matrix:
+        S[g + GEAR.pivot] = none + pivot
+        S[g + GEAR.slope] = none + slope
+
+
+@kernel
+def _at_joint(lane, model, i, one, state: State, weights, r: Lanes, S: Lanes):
+    """Add rotor inertia of a rigid gear and friction on the link's side to the joint's row of r (N m) and of S.
+
+    Of joint i of the table; one: its `Law`. With weights.with_matrix S receives the `GEAR` field own.
+    """
+    at, g = PLACES * i, gear_at(model, i)
+    row = model.table[at + PLACE.row]
+    total, own = r[row], 0.0
+    if model.table[at + PLACE.motor] < 0:
+        total, own = total + state.a[row] * one.rotor, own + one.rotor * weights.mass
+    if model.table[at + PLACE.friction] == row:
+        total, own = _friction_row(lane, model, i, one, state, total), own + one.viscous * weights.damping
+    r[row] = total
+    if weights.with_matrix:
+        S[g + GEAR.own] = own
+
+
+@kernel
+def prepare(lane, part, model, par, state: State, weights, S: Lanes):
+    """Store the rotors' angular momenta (N m s, along joint axes, in space) in S for the arm's assembly.
+
+    Momentum: J r psi' of rotor inertia J, gear ratio r and motor angle psi (over r). With weights.with_matrix also
+    `GEAR.sway`, its derivative by the rate times weights.damping. No-op if part.spin is None.
+    """
+    if part.spin is None:
+        return
+    for i in range(count(model)):
+        at, share = PLACES * i, joint_law(lane, model, par, i).rotor * part.spin[i]
+        row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
+        rate = state.v[motor if motor >= 0 else row]
+        S[part.rotors[i] + ROTOR.momentum] = rate * share
+        if weights.with_matrix:
+            S[gear_at(model, i) + GEAR.sway] = 0.0 + share * weights.damping
+
+
+@kernel
+def assemble(lane, part, model, par, state: State, u, weights, r: Lanes, S: Lanes):
+    """Add gears, rotors, viscous friction and hub inertia to r (N m) and, with weights.with_matrix, their entries to S.
+
+    state: q, v, a; u: inputs, joint torques first. S receives one `GEAR` per joint.
+    """
+    for i in range(count(model)):
+        one = joint_law(lane, model, par, i)
+        if model.table[PLACES * i + PLACE.motor] >= 0:
+            _through_gear(lane, part, model, i, one, state, u, weights, r, S)
+        _at_joint(lane, model, i, one, state, weights, r, S)
+        if weights.with_matrix:
+            S[gear_at(model, i) + GEAR.pinned] = 0.0
+            S[gear_at(model, i) + GEAR.held] = 0.0
+    # additional hub inertia: J q'' at the first joint
+    if model.hub is not None:
+        row, hub = model.table[PLACE.row], hub_of(lane, model, par)
+        r[row] += state.a[row] * hub
+        if weights.with_matrix:
+            S[gear_at(model, 0) + GEAR.own] += hub * weights.mass
+
+
+@kernel
+def fix_coordinate(lane, part, model, S: Lanes, k):
+    """Flag row k as fixed or prescribed in the `GEAR` records of S: a motor's row as `pinned`, a joint's as `held`."""
+    for i in range(count(model)):
+        g = gear_at(model, i)
+        if model.table[PLACES * i + PLACE.motor] == k:
+            S[g + GEAR.pinned] = 1.0
+        if model.table[PLACES * i + PLACE.row] == k:
+            S[g + GEAR.held] = 1.0
+
+
+@kernel
+def before_factor(lane, part, model, S: Lanes):
+    """Eliminate the motors' rows: add their Schur complement slope - slope^2 / pivot to the joints' diagonal in S.
+
+    pivot: diagonal entry of the motor's row; -slope: its coupling with the joint's row (`GEAR`).
+    """
+    for i in range(count(model)):
+        g, row = gear_at(model, i), model.table[PLACES * i + PLACE.row]
+        # own: added to the joint's diagonal; through: d psi / d q of the eliminated motor
+        own, through = S[g + GEAR.own], 1.0
+        if model.table[PLACES * i + PLACE.motor] >= 0:
+            inverse, slope = 0.0, S[g + GEAR.slope]
+            if load_lane(lane, S, g + GEAR.pinned, 0) == 0.0:
+                inverse = 1.0 / S[g + GEAR.pivot]
+            S[g + GEAR.pivot] = inverse
+            own, through = own + (slope - slope * (slope * inverse)), slope * inverse
+        if part.spin is not None:
+            # in space: the moment h w x e, h = J r psi', as a column of q
+            share = S[g + GEAR.sway] * through
+            S[part.rotors[i] + ROTOR.factor] = share
+        if load_lane(lane, S, g + GEAR.held, 0) == 0.0:
+            protocol.add_stiffness(lane, model.arm, S, row, own)
+
+
+@kernel
+def _gyroscopic_column(lane, part, model, S: Lanes, i):
+    """Return the column of joint i's rotor in the three rows before its joint's, of the moment h w x e (N m)."""
+    a, b, c = load_vector(lane, S, part.rotors[i] + ROTOR.column)
+    share = S[gear_at(model, i) + GEAR.sway]
+    return a * share, b * share, c * share
+
+
+@kernel
+def before_solve(lane, part, model, S: Lanes, x: Lanes, transposed):
+    """Eliminate motors from x: joint rows += slope / pivot * motor rows (`GEAR` in S), in space with rotors' columns.
+
+    transposed: False for S x = b; True for S^T x = b, where `after_solve` treats the gyroscopic columns, as rows.
+    """
+    for i in range(count(model)):
+        at, g = PLACES * i, gear_at(model, i)
+        row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
+        if motor >= 0 and load_lane(lane, S, g + GEAR.held, 0) == 0.0:
+            share = S[g + GEAR.slope] * S[g + GEAR.pivot]
+            x[row] += share * x[motor]
+        if part.spin is not None and not transposed:
+            if motor >= 0:  # column of psi times x_m / pivot, from the three moment rows before the joint's
+                column, turned = (_gyroscopic_column(lane, part, model, S, i),
+                                  x[motor] * S[g + GEAR.pivot])  # fmt: skip
+                for j in range(len(column)):
+                    x[row - len(column) + j] -= column[j] * turned
+
+
+@kernel
+def after_solve(lane, part, model, S: Lanes, x: Lanes, transposed):
+    """Compute the motors' rows of x from the joints': (x_m + slope x_q) / pivot; a pinned motor keeps its value.
+
+    slope, pivot: `GEAR` in S. transposed: True for S^T x = b, where gyroscopic columns (in space) act as rows.
+    """
+    for i in range(count(model)):
+        at, g = PLACES * i, gear_at(model, i)
+        row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
+        if motor >= 0 and load_lane(lane, S, g + GEAR.pinned, 0) == 0.0:
+            turned = x[motor] + S[g + GEAR.slope] * x[row]
+            if part.spin is not None and transposed:
+                column = _gyroscopic_column(lane, part, model, S, i)
+                for j in range(len(column)):
+                    turned = turned - column[j] * x[row - len(column) + j]
+            x[motor] = turned * S[g + GEAR.pivot]
+
+
+@kernel
+def inertia_forces(lane, part, model, par, a: Lanes, r: Lanes):
+    """Add the inertia torques of rotors and hub at accelerations a to r (N m); rows of motors are written."""
+    for i in range(count(model)):
+        row, motor = model.table[PLACES * i + PLACE.row], model.table[PLACES * i + PLACE.motor]
+        rotor = joint_law(lane, model, par, i).rotor
+        if motor >= 0:
+            r[motor] = a[motor] * rotor
+        else:
+            r[row] += a[row] * rotor
+    if model.hub is not None:
+        r[model.table[PLACE.row]] += a[model.table[PLACE.row]] * hub_of(lane, model, par)
+
+
+@kernel
+def input_displacements(lane, part, model, q: Lanes, y: Lanes):
+    """Replace in y the joint angles (rad) of elastic gears by the motor angles, on which the joint torques work."""
+    for i in range(count(model)):
+        motor = model.table[PLACES * i + PLACE.motor]
+        if motor >= 0:
+            y[model.table[PLACES * i + PLACE.joint]] = q[motor]
+
+
+@inlined
+def damping_power(lane, part, model, par, q, v: Lanes, x: Lanes, total):
+    """Return `total` plus x^T C v (W) of gears and viscous friction: power at rates x of damping torques at rates v."""
+    for i in range(count(model)):
+        at, one = PLACES * i, joint_law(lane, model, par, i)
+        row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
+        if motor >= 0:
+            over = x[motor] - x[row]
+            total = total + (v[motor] - v[row]) * over * one.damping
+        own = model.table[at + PLACE.friction]
+        total = total + v[own] * x[own] * one.viscous
+    return total
+
+
+@kernel
+def _gear_deflection(play, half, wound):
+    """Return the deflection (rad) of a gear's spring wound by `wound` (rad).
+
+    half: half of the backlash, rad, which the spring turns without deflection; play None: no backlash.
+    """
+    if play is None:
+        return wound
+    return wound - clip(wound, half)
+
+
+@kernel
+def energy(lane, part, model, par, q: Lanes, v: Lanes, sums):
+    """Return sums, (kinetic, strain, gravitational; J), with rotors, gear springs and additional hub inertia added."""
+    kinetic, strain, gravity = sums
+    for i in range(count(model)):
+        row, motor = model.table[PLACES * i + PLACE.row], model.table[PLACES * i + PLACE.motor]
+        turns, one = row, joint_law(lane, model, par, i)
+        if motor >= 0:
+            turns, wound = motor, q[motor] - q[row]
+            wound = _gear_deflection(part.play, one.play, wound)
+            strain = strain + wound * wound * (one.stiffness * 0.5)
+        rate = v[turns]
+        kinetic = kinetic + rate * rate * (one.rotor * 0.5)
+    if model.hub is not None:
+        rate = v[model.table[PLACE.row]]
+        kinetic = kinetic + rate * rate * (hub_of(lane, model, par) * 0.5)
+    return kinetic, strain, gravity
+
+
+@kernel
+def set_joint_configuration(lane, part, model, live, rates: Lanes | None, q: Lanes, v: Lanes):
+    """Set the rows of motors in q to the joint angles where live > 1/2, so that gears have no torque.
+
+    rates: rates of all rows, of which those of motors go to v, or None (v stays).
+    """
+    for i in range(count(model)):
+        row, motor = model.table[PLACES * i + PLACE.row], model.table[PLACES * i + PLACE.motor]
+        if motor >= 0:
+            store_where(lane, live, q, motor, q[row], q[motor])
+            if rates is not None:
+                store_where(lane, live, v, motor, rates[motor], v[motor])
+
+
+@kernel
+def vjp_residual(lane, part, model, par, state: State, bar, u_bar: Lanes, r_bar: Lanes):
+    """Add to bar and u_bar the cotangents that r_bar causes through the joints' rows of r; motor rows of r_bar <- 0.
+
+    Eq. (6.5). r_bar: derivative of a scalar by the residual; bar (a `State`): by q, v, a; u_bar: by the inputs.
+    """
+    if model.hub is not None:
+        row = model.table[PLACE.row]
+        add_to(lane, bar.a, row, r_bar[row] * hub_of(lane, model, par))
+    for i in range(count(model)):
+        at, one = PLACES * i, joint_law(lane, model, par, i)
+        row, motor, own = model.table[at + PLACE.row], model.table[at + PLACE.motor], model.table[at + PLACE.friction]
+        turned = motor if motor >= 0 else row
+        add_to(lane, bar.a, turned, r_bar[turned] * one.rotor)
+        add_to(lane, bar.v, own, r_bar[own] * one.viscous)
+        if motor >= 0:
+            # cotangent of the gear's torque: +1 in the motor's row, -1 in the joint's
+            torque = r_bar[motor] - r_bar[row]
+            wound = state.q[motor] - state.q[row]
+            _, steep = gear_torque(lane, part.play, one.stiffness, one.play, wound)
+            u_bar[model.table[at + PLACE.joint]] -= torque
+            add_to(lane, bar.q, motor, torque * steep)
+            add_to(lane, bar.q, row, -(torque * steep))
+            add_to(lane, bar.v, motor, torque * one.damping)
+            add_to(lane, bar.v, row, -(torque * one.damping))
+            r_bar[motor] = 0.0
+
+
+@kernel
+def multiply(lane, part, model, S: Lanes, x: Lanes, y: Lanes):
+    """Add S x of motors, gears and rotors to y (n rows), S assembled and not factored."""
+    for i in range(count(model)):
+        at, g = PLACES * i, gear_at(model, i)
+        row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
+        # (q, psi) couple by [[own + slope, -slope], [-slope, pivot]]
+        turned = x[row]
+        y[row] += S[g + GEAR.own] * turned
+        if motor >= 0:
+            slope, wound = S[g + GEAR.slope], x[motor]
+            y[row] += slope * (turned - wound)
+            y[motor] += S[g + GEAR.pivot] * wound - slope * turned
+            turned = wound
+        if part.spin is not None:
+            column = _gyroscopic_column(lane, part, model, S, i)
+            for j in range(len(column)):
+                y[row - len(column) + j] += column[j] * turned
+
+
+register(
+    Gears, prepare, assemble, fix_coordinate, before_factor, before_solve, after_solve, inertia_forces,
+    input_displacements, damping_power, energy, set_joint_configuration, vjp_residual, multiply,
+)  # fmt: skip

@@ -1,0 +1,199 @@
+"""Whether an arm can take up a drawn target: the joint limits allow a posture there and the motors can hold it."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compiler import kernel, size, stack
+from ..physics.space.rotations import (
+    Matrix,
+    Vector,
+    cross,
+    dot,
+    matrix,
+    quaternion,
+)
+from .angles import nearest_turn
+from .program import GOAL, MOVING, TARGET
+from .space_angles import JOINT, rows_of
+from .stream import draw
+from .task import aim, draw_line, draw_path, path_at, pursue
+
+_AT = JOINT.places
+_TO = MOVING.places
+_ONE, _RECORD, _PLACE, _DRAWN = (0,), (0,) * GOAL, (0,) * _TO.end, (0,) * 5
+_INSTANTS = 32
+_POINTS = (0,) * (2 * _INSTANTS)
+"""A path is followed over this many instants of an episode."""
+_CLOSE = 1e-9
+"""Tolerance of a posture's tip on its target, over the arm's length, and of an angle on its limit, rad."""
+
+MOST_DRAWS = 10_000
+"""Largest number of draws of a target, of which the last is kept. (Environments with fewer hits are rejected.)"""
+
+
+class Attainable(NamedTuple):
+    """Conditions on a drawn target. N links, D = 2 or 3 dimensions."""
+
+    bodies: np.ndarray  # plane (2 N,): moments of mass along and across each link, kg m; space (4 N,): mass, centre
+    gravity: np.ndarray  # (D,) m/s^2
+    torques: np.ndarray  # (N,) N m, largest of each joint
+    chain: np.ndarray | None  # in space a `space_angles.JOINT` per joint
+
+
+@kernel
+def attainable(task, needs, angles, x, y):
+    """Return 1.0 where an arm of the plane can take up the target (x, y) and rest there, 0.0 elsewhere.
+
+    The posture is the one that the task aims at from joint angles `angles` (rad): its angles must be within their
+    limits, its tip at (x, y) (m; a target angle in rad needs no check), and no joint torque that gravity needs above
+    the largest. needs: an `Attainable`, with masses, gravity and largest torques.
+    """
+    mine = stack(_ONE, task.links + _RECORD)
+    mine[TARGET], mine[TARGET + 1] = x, y
+    for k in range(size(task.links)):
+        mine[GOAL + k] = angles[k]
+    # goal posture; an angle that counts modulo whole turns is taken nearest to the middle of its limits
+    aim(task, mine)
+    return _allowed(task, needs, mine)
+
+
+@kernel
+def first_unattainable(task, needs, angles, points):
+    """Return the number of the first point of a path where the arm cannot follow the target, or -1 if there is none.
+
+    points: (x, y; x, y; ...), m, or (angle, unused; ...), rad. angles: joint angles before the first point, rad; from
+    there on the posture follows the target by `pursue`. At such a point the posture does not reach it, passes joint
+    limits, or needs more than the largest torques against gravity (`_allowed`). needs: an `Attainable`.
+    """
+    mine = stack(_ONE, task.links + _RECORD)
+    for k in range(size(task.links)):
+        mine[GOAL + k] = angles[k]
+    for j in range(points.shape[0] // 2):
+        mine[TARGET], mine[TARGET + 1] = points[2 * j], points[2 * j + 1]
+        if j == 0:
+            aim(task, mine)
+        else:
+            pursue(task, mine)
+        if _allowed(task, needs, mine) < 0.5:
+            return j
+    return -1
+
+
+@kernel
+def _allowed(task, needs, mine):
+    """Return 1.0 where a posture reaches its target within the joint limits and the motors can hold it, 0.0 elsewhere.
+
+    mine: record of one arm with goal (joint angles, rad) and target (m, or an angle that needs no check). With
+    task.turns the hub's angle is first moved by whole turns to the middle of its limits. needs.bodies: moment of mass
+    along and across each link, kg m, all masses beyond counted at its far joint; needs.gravity: m/s^2; needs.torques: N
+    m, the largest.
+    """
+    n, limits, x, y = size(task.links), task.joint_limits, mine[TARGET], mine[TARGET + 1]
+    if task.turns is not None and limits[0] > -math.inf and limits[1] < math.inf:
+        mine[GOAL] = nearest_turn(mine[GOAL], 0.5 * (limits[0] + limits[1]))
+    good, alpha, px, py = 1.0, 0.0, 0.0, 0.0
+    # angles within their limits; tip of the straight links
+    for k in range(n):
+        angle = mine[GOAL + k]
+        if not (limits[2 * k] - _CLOSE <= angle <= limits[2 * k + 1] + _CLOSE):
+            good = 0.0
+        alpha += angle
+        px, py = px + task.lengths[k] * math.cos(alpha), py + task.lengths[k] * math.sin(alpha)
+    if size(task.targets) > 1 and not math.hypot(px - x, py - y) <= _CLOSE * task.length:
+        good = 0.0
+    # static torques from the tip inwards: a joint carries its own link and all links beyond
+    torque = 0.0
+    for j in range(n):
+        k = n - 1 - j
+        c, s, along, across = math.cos(alpha), math.sin(alpha), needs.bodies[2 * k], needs.bodies[2 * k + 1]
+        moment_x, moment_y = along * c - across * s, along * s + across * c
+        torque = torque - (needs.gravity[1] * moment_x - needs.gravity[0] * moment_y)
+        if not abs(torque) <= needs.torques[k]:
+            good = 0.0
+        alpha -= mine[GOAL + k]
+    return good
+
+
+@kernel
+def draw_attainable(reference, task, stream, arm, angles, path, most):
+    """Draw a path until the arm can follow it; return 1.0, or 0.0 where none of `most` draws is attainable.
+
+    The last draw stays in that case. reference.ranges: low and high of each drawn number; reference.line: straight
+    lines are drawn; reference.needs: an `Attainable`, or None, where the first draw counts.
+    # in        angles, joint angles at the start, rad;  arm, number in the batch
+    # in, out   stream[arm]
+    # out       path, a `PATH`
+    """
+    drawn = stack(_ONE, _DRAWN)
+    for _ in range(most):
+        for k in range(reference.ranges.shape[0] // 2):
+            drawn[k] = draw(stream, arm, reference.ranges, k)
+        for k in range(path.shape[0]):
+            path[k] = 0.0
+        if reference.line is not None:
+            draw_line(task, stream, arm, angles[0], drawn, path)
+        else:
+            draw_path(task, stream, arm, angles[0], drawn, path)
+        if reference.needs is None:
+            return 1.0
+        if _can_follow(reference, task, angles, drawn, path):
+            return 1.0
+    return 0.0
+
+
+@kernel
+def _can_follow(reference, task, angles, drawn, path):
+    """Return whether an arm with its joints at `angles` (rad) can follow a drawn path for the length of an episode.
+
+    A line leads out of reach: there the arm must reach the point nearest to the root, at t = drawn[1] (s). path: a
+    `PATH`; drawn: the numbers from which it was made. reference.lasting: s, length of an episode.
+    """
+    points, out = stack(_ONE, _POINTS), stack(_ONE, _PLACE)
+    for j in range(_INSTANTS):
+        t = reference.lasting * (j / (_INSTANTS - 1.0))
+        if reference.line is not None:
+            t = drawn[1]
+        path_at(task, path, t, out)
+        points[2 * j], points[2 * j + 1] = out[_TO.x], out[_TO.y]
+    return first_unattainable(task, reference.needs, angles, points) < 0
+
+
+@kernel
+def held_in_space(needs, links, angles):
+    """Return 1.0 where the rigid arm in space can rest at joint angles with at most the largest torques, 0.0 elsewhere.
+
+    links: a tag of N zeros. angles (N,): rad. Gravity alone acts. needs: an `Attainable` with gravity (m/s^2, inertial
+    axes), torques (N m, the largest), chain (a `JOINT` per joint) and bodies: mass (kg) and center of mass (m, link
+    axes) of each link.
+    """
+    lines, torques = stack(_ONE, links + links + links + links + links + links), stack(_ONE, links)
+    g = Vector(needs.gravity[0], needs.gravity[1], needs.gravity[2])
+    A, r = Matrix(Vector(1.0, 0.0, 0.0), Vector(0.0, 1.0, 0.0), Vector(0.0, 0.0, 1.0)), Vector(0.0, 0.0, 0.0)
+    for k in range(size(links)):
+        # axes A and root r of link k, inertial; joint axis and place are stored as a line
+        o, torques[k] = _AT.end * k, 0.0
+        axis = Vector(needs.chain[o + _AT.axis], needs.chain[o + _AT.axis + 1], needs.chain[o + _AT.axis + 2])
+        angle = nearest_turn(angles[k], 0.0)
+        A = A @ rows_of(needs.chain, o) @ matrix(quaternion(angle * axis))
+        turn = A @ axis
+        for d in range(3):
+            lines[6 * k + d], lines[6 * k + 3 + d] = r[d], turn[d]
+        # moment of link k's weight about each joint axis before it
+        centre = Vector(needs.bodies[4 * k + 1], needs.bodies[4 * k + 2], needs.bodies[4 * k + 3])
+        place, weight = r + A @ centre, needs.bodies[4 * k] * g
+        for j in range(k + 1):
+            lever = place - Vector(lines[6 * j], lines[6 * j + 1], lines[6 * j + 2])
+            torques[j] = (
+                torques[j] - dot(cross(Vector(lines[6 * j + 3], lines[6 * j + 4], lines[6 * j + 5]), lever), weight)
+            )
+        span = needs.chain[o + _AT.span]
+        r = r + Vector(A[0][0] * span, A[1][0] * span, A[2][0] * span)
+    good = 1.0
+    for k in range(size(links)):
+        if not abs(torques[k]) <= needs.torques[k]:
+            good = 0.0
+    return good

@@ -1,0 +1,57 @@
+"""Reward terms of the user's own, which are paid beside those of a task.
+
+A term is a kernel `term(lane, task, poses, action, record)` that returns the term's value for a lane of arms. It is a
+constant of the record's class, which the compiler knows: a class of its own for each choice of terms.
+"""
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+from ..compiler import kernel, size
+from .task import TASKS, Task, judge, reward_term
+
+TERM_ARGUMENTS = ("lane", "task", "poses", "action", "record")
+"""What a term is called with: see `tasks.task`."""
+
+
+@kernel
+def judge_with_terms(lane, task, poses, action, record, live, info):
+    """Judge an instant of a task, with the user's own reward terms; return (reward, joint limit passed: 1.0 or 0.0).
+
+    `judge` writes success and the task's terms into info, where live > 1/2. task.own_terms: kernels term(lane, task,
+    poses, action, record), whose weighted values are added to the reward and written into info.terms before the terms
+    of cost, change of actions and failure. poses: of the links, inertial axes; action (joints, lanes), in [-1, 1].
+    """
+    total, past = judge(lane, task, poses, action, record, live, info)
+    k = size(task.terms) - 1 - min(size(task.acted), 1) - len(task.own_terms)
+    if task.charged is not None:
+        k = k - 1
+    for term in task.own_terms:
+        total = total + reward_term(lane, task, live, info, k, term(lane, task, poses, action, record))
+        k = k + 1
+    return total, past
+
+
+def with_terms(record: Any, terms: Sequence[Any]) -> type[Task]:
+    """The class of a task's record with these terms of one's own; the same class for the same terms."""
+    found: type[Task] = _with_terms(record, tuple(terms))
+    return found
+
+
+@cache
+def _with_terms(record: Any, terms: tuple[Any, ...]) -> Any:
+    words = "+".join(f"{term.__module__}.{term.__qualname__}" for term in terms)
+    made: Any = type(f"{record.__name__}+{words}", (record,), {"__slots__": (), "own_terms": terms})
+    made.__module__, made.__reduce__ = __name__, _reduced
+    TASKS.register(made, **TASKS.members[record])
+    return made
+
+
+def _reduced(record: Any) -> Any:
+    """How a record of such a class is pickled: its class has no name to be found by."""
+    return _remade, (type(record).__mro__[1], type(record).own_terms, tuple(record))
+
+
+def _remade(record: type[Task], terms: tuple[Any, ...], values: tuple[Any, ...]) -> Any:
+    return with_terms(record, terms)._make(values)

@@ -1,0 +1,37 @@
+"""Number of threads of the BLAS libraries loaded by NumPy and SciPy."""
+
+import ctypes
+import os
+from pathlib import Path
+
+KINDS = (*(f"{front}openblas_{{}}_num_threads{back}" for front in ("", "scipy_") for back in ("", "64_")),)
+"""C functions that read and set the threads of an OpenBLAS, for its builds (the Fortran ones take pointers)."""
+VARIABLES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
+
+def set_threads(count: int) -> None:
+    """Set the number of threads of matrix products.
+
+    Applies to every loaded OpenBLAS, and by environment variables to libraries loaded later. One thread multiplies the
+    matrices of small networks faster than several.
+    """
+    os.environ.update(dict.fromkeys(VARIABLES, str(count)))
+    for library, kind in _libraries():
+        getattr(library, kind.format("set"))(ctypes.c_int(count))
+
+
+def threads() -> list[int]:
+    """Return the number of threads of each loaded OpenBLAS."""
+    return [int(getattr(library, kind.format("get"))()) for library, kind in _libraries()]
+
+
+def _libraries() -> list[tuple[ctypes.CDLL, str]]:
+    """Return the OpenBLAS libraries of this process with their naming scheme; none on systems other than Linux."""
+    try:
+        lines = Path("/proc/self/maps").read_text().splitlines()
+    except OSError:
+        return []
+    rows = [line.split(maxsplit=5) for line in lines]
+    paths = sorted({row[5] for row in rows if len(row) == 6 and "openblas" in Path(row[5]).name})
+    found = [ctypes.CDLL(path) for path in paths]
+    return [(one, kind) for one in found for kind in KINDS if hasattr(one, kind.format("set"))]
