@@ -21,7 +21,7 @@ from ..parameters import Arm, Base
 from ..physics import precision
 from ..physics.gauges import Spot
 from ..sensors import Law, Sensors
-from ..settings import FORMULATIONS, PRESETS, Settings, default_options, expand_preset, merged
+from ..settings import PRESETS, Settings, expand_preset, merged
 from ..shapes import Shape
 from . import events, resolution
 from .attainable import needs_of, path_needs
@@ -30,6 +30,7 @@ from .features import actuator as make_actuator
 from .features import reference as make_reference
 from .features import sensors as make_sensors
 from .floating import check_afloat, with_base
+from .keywords import SOLVER_OPTIONS
 from .motion import Prescribed, prescribed
 from .observation import ACTED, checked_observation, sensors_of, sight
 from .resolution_warnings import warn
@@ -432,7 +433,4 @@ def _factors(value: Any, arm: Arm) -> dict[str, events.Pair]:
     return {name: found[name] for name in names[:count]}
 
 
-ARGUMENTS = (
-    *list(inspect.signature(plan).parameters)[1:-1],
-    *dict.fromkeys(name for f in FORMULATIONS for name in default_options(f)),
-)
+ARGUMENTS = (*list(inspect.signature(plan).parameters)[1:-1], *SOLVER_OPTIONS)

@@ -1,6 +1,6 @@
 """One arm as a `gymnasium.Env`: a batch of one."""
 
-from typing import Any
+from typing import Any, Unpack
 
 import gymnasium as gym
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..batch import CROWDED, MODE, OVER, REASONS, RUNNING, STATUS_WORDS, SUCCESS, View
 from ..validation import Array32
+from .keywords import Keywords
 from .motion import Guide
 from .resets import follow, guide_of, request_of, start_episode
 from .spec import Specified
@@ -28,7 +29,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
     skrl, recognize an environment by its class's direct bases.
     """
 
-    def __init__(self, **arguments: Any) -> None:
+    def __init__(self, **arguments: Unpack[Keywords]) -> None:
         """Check the keywords (`options.plan`) and compile or load the batch of one arm."""
         self.action_space, self.observation_space = self._prepare(arguments)
         self.batch = self.plan.batch(1)

@@ -13,6 +13,7 @@ from gymnasium.envs.registration import EnvSpec, registry
 from gymnasium.spaces import Box
 
 from ..batch import Batch
+from .keywords import Keywords, signature_of
 from .options import Plan, plan, with_starts
 from .task import Kind
 
@@ -89,7 +90,12 @@ class Specified:
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012
     _spec: ArmSpec | None = None
 
-    def _prepare(self, arguments: dict[str, Any]) -> tuple[Any, Any]:
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        """Give the class a signature that names every keyword, for `help` and completion."""
+        super().__init_subclass__(**arguments)
+        cls.__signature__ = signature_of(cls.__init__, plan)  # type: ignore[attr-defined]
+
+    def _prepare(self, arguments: Keywords) -> tuple[Any, Any]:
         """Check the arguments and store the plan; return the spaces of one arm's actions and observations."""
         self.plan = plan(self.kind, **arguments)
         self._starts = arguments.get("starts")

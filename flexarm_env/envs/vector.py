@@ -1,7 +1,7 @@
 """Many arms as a `gymnasium.vector.VectorEnv`, each the very environment that `single` is, bit for bit."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, overload
+from typing import Any, Unpack, overload
 
 import gymnasium as gym
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..batch import FRESH, REASONS, RUNNING, STATUS_WORDS, SUCCESS, Batch, OneAtATime, Sheet, View, one_at_a_time
 from ..validation import Array32
+from .keywords import Keywords
 from .motion import Guide, is_table
 from .resets import Request, follow, guide_of, request_of, start_episode
 from .single import F32, checked_action
@@ -40,7 +41,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         num_envs: int = 1,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
-        **arguments: Any,
+        **arguments: Unpack[Keywords],
     ) -> None:
         """Check the keywords (`options.plan`) and compile or load the batch.
 
