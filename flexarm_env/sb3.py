@@ -70,13 +70,14 @@ def make_sb3_vec(
         around = check.sequence("wrappers", wrappers, "functions of an environment")
         vectorization_mode = "sync" if vectorization_mode == "vector_entry_point" else vectorization_mode
         kwargs = {"wrappers": around} | kwargs
-    if len(lengths) and vectorization_mode != "vector_entry_point":
+    lengths = check.sequence("lengths", lengths, "factors on lengths")
+    if lengths and vectorization_mode != "vector_entry_point":
         what = "must be left out with wrappers or another vectorization_mode than 'vector_entry_point'"
         raise check.InvalidValue("lengths", lengths, what)
     kwargs = mode | kwargs if vectorization_mode == "vector_entry_point" else {"vector_kwargs": mode} | kwargs
     native: VectorEnv[Any, Any, Any]
     try:
-        if len(lengths):
+        if lengths:
             native = LengthsVectorEnv(env_id, n_envs, lengths, **kwargs)
         else:
             native = gym.make_vec(env_id, num_envs=n_envs, vectorization_mode=vectorization_mode, **kwargs)

@@ -91,7 +91,7 @@ class Unreadable(BadKey):
         self.why = why
 
     def __str__(self) -> str:
-        return f"{self.path or 'text'}: {self.why}"
+        return f"{self.path.removesuffix(': ') or 'text'}: {self.why}"
 
 
 def lacking(what: str, package: str, extra: str) -> str:

@@ -355,6 +355,13 @@ def truncated(b: Any, x: Any) -> Any:
     return Integer(b.call(function, [value.value]))
 
 
+def truncated_unsigned(b: Any, x: Any, signed: Any) -> Any:
+    """Return the 64 bits of float x as an unsigned integer: its truncation from 2^63 on, saturated, below `signed`."""
+    value, kind = number(b, x).value, ir.FunctionType(WORD, [DOUBLE])
+    above = b.call(b.module.declare_intrinsic("llvm.fptoui.sat.i64.f64", (), kind), [value])
+    return b.select(b.fcmp_ordered(">=", value, ir.Constant(DOUBLE, 2.0**63)), above, signed.value)
+
+
 def absolute(b: Any, x: Any) -> Any:
     """Write abs(x) of an integer or of float64 lanes."""
     _reckonable(x)
