@@ -123,11 +123,18 @@ def _reason(simulation: Any, last: float) -> str:
     """Return why no rest was found. last: status of the last failed step."""
     if last == OUT_OF_RANGE:
         return f"{out_of_range(simulation.model)}; start=\"unloaded\" lets it begin without stress"
-    buckles = ""
-    if simulation.scene.spatial and simulation.settings.formulation == "floating_frame":
-        buckles = ", or be just below what it buckles under, where floating frames find none (geometrically_exact does)"
-    held = 'start="held" holds its joints, start="unloaded" lets it begin without stress'
-    return f"its loads may be too large, or turn it on and on{buckles}; {held}"
+    scene, frames = simulation.scene, simulation.settings.formulation == "floating_frame"
+    why = "its loads may be too large"
+    if frames and simulation.settings.frame == "root":
+        why += ' for frame="root" (frame="chord" bears more)'
+    instead = 'start="unloaded" lets it begin without stress'
+    moved = {motion.coordinate[5:] for motion in scene.motions}
+    if not moved.issuperset(str(k) for k in range(scene.arm.n_links) if k not in scene.rigid_joints):
+        why += ", or turn it on and on"
+        instead = f'start="held" holds its joints, {instead}'
+    if scene.spatial and frames:
+        why += ", or be just below what it buckles under, where floating frames find none (geometrically_exact does)"
+    return f"{why}; {instead}"
 
 
 def out_of_range(model: Any, share: str = "") -> str:
