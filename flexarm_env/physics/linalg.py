@@ -29,7 +29,7 @@ def solve(a: ArrayLike, b: ArrayLike) -> NDArray[Any]:
     """
     a, x = np.array(a, np.float64), np.array(b, np.float64)
     for k in range(len(a)):
-        # partial pivoting
+        # pivot: the largest |a_ik|, because minors may vanish
         best = k + int(np.argmax(abs(a[k:, k])))
         for rows in (a, x):
             rows[[k, best]] = rows[[best, k]]

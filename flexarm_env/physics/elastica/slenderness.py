@@ -242,7 +242,8 @@ class _Modes:
             last = k == arm.n_links - 1
             force = force + (arm.payload.mass if last else arm.elbow(k + 1).mass) * starts[k + 1]
             force = force + link.tip_mass * starts[k + 1]
-            # displacement at 65 places, inertia force of each interval, and the force beyond each place
+            # u at 65 places, inertia force m u ds of each interval, and the force beyond each place, whose parts are N
+            # and Q
             finer = np.linspace(0.0, link.length, 65)
             field = starts[k][:, None] + move[:, own] @ line.position(finer).T
             masses = link.along(0.5 * (finer[1:] + finer[:-1])).m
@@ -278,7 +279,7 @@ class _Modes:
             if isinstance(load, JointTorque):
                 force += joints[load.joint] * load.function(t)
                 continue
-            # point load: virtual work with the displacement and the angle of its point
+            # generalized force by virtual work: F . du + tau dphi of the loaded point (inertial axes)
             ends = arm.links[load.link]
             s = -ends.root_offset if load.end == "root" else ends.length + ends.tip_offset
             point = across @ (self.chain.arms_to(load.link, np.array([s]))[0] * shape) + root

@@ -48,7 +48,7 @@ def _multiply_mass(lane, model, par: Lanes, a: Lanes, r: Lanes):
             left = momentum(lane, model.order, a[j:], left, section, r[j:])
             i += AXES * len(model.order)
             section = next_section(model, section)
-        # the moment on psi + delta belongs to the rows of psi and of delta
+        # moment on psi + delta: by virtual work on the rows of psi and of delta
         if k > 0:
             moment = r[root]
             r[root] = before + moment
@@ -75,7 +75,8 @@ def rotate_vectors(lane, model, start: Lanes, q: Lanes, share, x: Lanes):
         for _ in range(model.elements):
             last = i + AXES * p
             right = q[last + T] - start[last + T]
-            # interior nodes, then the right vertex
+            # (a_x, a_y) of the interior nodes and the right vertex, turned by share times their section's rotation in
+            # the step
             for j in range(1, p):
                 rotate_by_small_angle(lane, order, x[i + AXES * j :], (left + right) * (0.5 * share))
             rotate_by_small_angle(lane, order, x[last:], right * share)

@@ -127,7 +127,7 @@ def beam_start(lane, model, state: State, k, tip, i):
     omega = state.v[i + T]
     zero = 0.0
     if k > 0:
-        # tip lever of the link before, then the hinge
+        # lever e of link k - 1's tip end: r + e, v + w n; then psi + delta behind the hinge (inertial axes)
         d = rows_of(model).hinges + k - 1
         lever = lever_vector(lane, model, k - 1, TIP_END, psi)
         x, y, vx, vy = lever_end_velocity(lane, lever, turning, x, y, vx, vy)
@@ -155,7 +155,7 @@ def _through(lane, model, k, end, lever, motion, force, moment, far, weights, S)
     ex, ey = lever
     own = lever_at(k, end)
     mass, inertia = model.rigid[own + OF_LEVER.mass], model.rigid[own + OF_LEVER.inertia]
-    # inertia force of the lever's mass, in its middle
+    # inertia force m (a + alpha n/2 - w^2 e/2) of the lever's mass, in its middle (inertial axes)
     mx, my = _lever_acceleration(lever, rate, second, ax, ay, 0.5)
     mx, my = mx * mass, my * mass
     fx, fy = force
@@ -189,12 +189,13 @@ def beam_start_rows(lane, model, state: State, u: Lanes, k, tip, i, r: Lanes, we
         d, elbow = rows_of(model).hinges + k - 1, elbow_of(model, k)
         before = lever_vector(lane, model, k - 1, TIP_END, psi)
         jx, jy = _lever_acceleration(before, omega, alpha, ax, ay, 1.0)
-        # beam start -> joint
+        # force and moment on the beam's first vertex, carried through the lever e to the joint: M + e x f
         motion = omega + state.v[d], alpha + state.a[d], jx, jy
         lever = lever_vector(lane, model, k, ROOT_END, psi + state.q[d])
         fx, fy, turn = _through(lane, model, k, ROOT_END, lever, motion, (fx, fy), turn, zero, weights, S)
         r[d] = turn - u[k]
-        # joint, with the elbow's mass -> vertex, with the force of the beam before it
+        # at the joint m (a - g) of the elbow; then through the tip lever to the vertex before it, with that beam's
+        # force
         fx, fy = fx + jx * elbow.mass, fy + jy * elbow.mass
         fx, fy, turn = _through(
             lane, model, k - 1, TIP_END, before, (omega, alpha, ax, ay), (fx, fy),
@@ -212,7 +213,7 @@ def last_vertex_force(lane, model, par: Lanes, state: State, tip, i, weights, S)
     omega, mass, k = state.v[i + T], par[PAYLOAD_MASS], model.links - 1
     lever = lever_vector(lane, model, k, TIP_END, tip.place[T])
     px, py = _lever_acceleration(lever, omega, alpha, ax, ay, 1.0)
-    # payload -> end of the tip lever -> last vertex
+    # m_p (a - g) at the payload's center, carried through its lever to the end of the tip lever and to the last vertex
     motion = omega, alpha, px, py
     px, py, more, there = _payload_force(lane, model, tip.place[T], motion, mass, weights, S)
     motion, moment = (omega, alpha, ax, ay), moment + more
@@ -220,7 +221,7 @@ def last_vertex_force(lane, model, par: Lanes, state: State, tip, i, weights, S)
     return fx + gx, fy + gy, turn
 
 
-# --- factors -----------------------------------------------------------------------------------------
+# factors: far point (x, y, psi) of a lever e condensed to the near one by n = (-e_y, e_x)
 
 
 @kernel
@@ -308,7 +309,7 @@ def about_tip(lane, model, S, k, x: Lanes, i, tx, ty, tt):
     return tt - moment_about(lane, model, S, k, TIP_END, x[i + X] - tx, x[i + Y] - ty)
 
 
-# --- what is read off --------------------------------------------------------------------------------
+# motions of far points from near ones: r + e, v + w n
 
 
 @kernel

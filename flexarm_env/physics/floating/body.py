@@ -202,7 +202,7 @@ def forces(
     """
     own, n = constants(model), size(model.n)
     now, vec = factors_at(0, n).now, vectors_at(0, n)
-    # R'' - g (frame axes), w, alpha; force and moment at the tip
+    # R'' - g (frame axes), w, alpha; g = A^T G (frame axes) and the moment M at the tip (3.2)
     cos, sin = load_pair(lane, S, now + NOW.cos)
     ax, ay = load_pair(lane, S, now + NOW.a)
     w, alpha = load_pair(lane, S, now + NOW.rate)
@@ -274,7 +274,7 @@ def forces(
         if model.chord is not None:
             total = total - turning * D[own.root + i]
         r[i] = total
-    # axial forces of the elements times the gradients of their stretches
+    # axial forces N of the elements times d(stretch)/dq, the gradient of (1.2)
     wide = len(model.window)
     kept = strain_at(0, wide)
     for e in range(len(model.elements)):

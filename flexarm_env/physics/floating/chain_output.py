@@ -180,7 +180,7 @@ def _damping(lane, model, D, par: Lanes, q, v: Lanes, x: Lanes, total):
                 part = part + (rate * other) * D[span.stiffness]
                 span = span_at(span.end, wide)
         total = total + part * damping_time(lane, model, D, par)
-    # mass-proportional damping on rates in the frame
+    # alpha x^T M_ff v: drag on rates relative to the frame
     if model.drag is not None:
         total = total + product(lane, model, D, own.M_ff, x, v) * D[own.drag]
     return (total,)
@@ -299,10 +299,10 @@ def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
             place(lane, model.mesh, D, q[e:], v[e:], pose, frame)
             moving, bent, mx, my = _energies(lane, model.mesh, D, par, q[e:], v[e:], frame)
             kinetic, strain = kinetic + moving, strain + bent
-            # -g.(first moment about the inertial origin)
+            # V = -g . (first moment about the inertial origin)
             gravity = gravity - (mx + x * mass) * gx - (my + y * mass) * gy
         add_rigid_end(lane, end_of(model, k, TIP_END), pose, ends)
-    # payload at its center
+    # T and V of m_p, J_p at the payload's center (inertial axes)
     far_point_pose(lane, to_payload(model), pose)
     x, y = load_pair(lane, pose, POSE.x)
     vx, vy, w = load_vector(lane, pose, POSE.vx)

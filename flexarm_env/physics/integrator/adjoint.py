@@ -48,6 +48,7 @@ def vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, passes):
     again.
     """
     weights, half = Weights(slopes.a, slopes.v, 1.0, newton_share=1.0), slopes.v / slopes.a
+    # friction takes the branch of the values: which joints stick, and to which side the others slide
     store_branch(lane, model, par, state_of(w), weights, half, w.r, w.S)
     if model.newton.rotations is None:
         _vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, weights, half, passes)
@@ -72,6 +73,7 @@ def _vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, weights, half, 
     for k in range(n):
         # back through v+, a+, b+ to q, v, a, b of the start
         v, a = load(lane, bar.v, k), load(lane, bar.a, k)
+        # ahead: cotangent of q + h v + h^2 (1/2 - beta) b, from which q+ departs in (6.1)
         ahead = -load(lane, bar.b, k) * slopes.b - v * slopes.v - a * slopes.a
         store(bar.q, k, ahead)
         store(bar.v, k, v + ahead * h)

@@ -34,7 +34,7 @@ def change_payload(lane, model, resting, par, new, live: Lanes, w: Work, h, book
     n, here = size(model.n), live[0]
     before = energy(lane, model, par, w.q, w.v)
     struck = _is_gripped_at_rest(lane, resting, par, new, here)
-    # r-, v-, a- before the change
+    # r-, v-, a- with the old payload, from which the jump is computed
     assemble(lane, model, par, state_of(w), w.u, RESIDUAL_ALONE, w.r, w.S)
     copy_rows(lane, n, w.r, w.b0)
     copy_rows(lane, n, w.v, w.v0)

@@ -169,7 +169,7 @@ def _apply_newton_increment(lane, model, par, w: Work, active, slopes, tolerance
             follow_displacement(lane, w, k, d, slopes)
         else:
             w.r[k] = d
-    # one arm: separate loops, which the compiler vectorizes
+    # v, a, b for one arm: loops apart from the check above, so that the compiler vectorizes them
     if len(lane) == 1:
         for k in range(size(model.n)):
             follow_displacement(lane, w, k, w.r[k], slopes)

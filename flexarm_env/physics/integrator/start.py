@@ -322,7 +322,7 @@ def restart_within(lane, model, drive, par, w: Work, t, h, fresh):
         # u0 <- inputs before the jump; entries that are set from outside hold theirs already
         for i in range(drive.entries.shape[0]):
             w.u0[drive.entries[i]] = w.u[drive.entries[i]]
-    # friction torques before the jump, then inputs, motions and velocities after it
+    # T of friction before the jump (it decides which joints slide), then u, psi and v after it
     store_friction(lane, model, par, state_of(w), w.u0, w.r, w.S)
     if drive is not None:
         if not fresh:
@@ -350,7 +350,7 @@ def restart_within(lane, model, drive, par, w: Work, t, h, fresh):
         assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
         constraint_residual(lane, model, w.psi, state_of(w), 2, 1.0, w.r)
         solve_unknown_rows(lane, model, drive, w, matrix)
-        # Coulomb friction for the rates half a step ahead
+        # Coulomb friction (6.6) for rates w = v + h/2 a, half a step ahead
         apply_friction(lane, model, par, state_of(w), MASS_ALONE, 0.5 * h, w.S, w.r)
         for k in range(n):
             w.a[k] -= w.r[k]

@@ -20,7 +20,7 @@ _X, _Y, _TURN, _MOTIONS = range(4)
 _REST, _MOVING, _TURNED, _CASES = range(4)
 """Residuals that are projected on them: at rest (v = a = 0); with a = v; with a = the rates of a turn at 1 rad/s."""
 
-# size of the stack array of projections: case by motion
+# t^T r of each case (rest, moving, turned) for each rigid motion (x, y, psi)
 _SUMS = (0,) * (_CASES * _MOTIONS)
 
 

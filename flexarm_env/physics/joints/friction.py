@@ -270,7 +270,7 @@ def _solve_torques(lane, model, S: Lanes, transposed):
     for i in range(joints):
         g, row = gear_at(model, i), array_slice(lane, S, _row_at(model, i), joints + 1)
         sticks, own = S[g + GEAR.sticks], model.table[PLACES * i + PLACE.friction]
-        # row i: W_ij or the identity, and the right-hand side
+        # row i: sum_j W_ij T_j = gap where joint i sticks, T_i = +-T_C where it slides
         for j in range(joints):
             at = column_at(model, j) + own
             if transposed:
@@ -283,7 +283,7 @@ def _solve_torques(lane, model, S: Lanes, transposed):
             factor_of = row[j] / above[j]
             for k in range(j + 1, joints + 1):
                 row[k] -= above[k] * factor_of
-    # back substitution
+    # T from the last row to the first
     for i in range(joints - 1, -1, -1):
         row = array_slice(lane, S, _row_at(model, i), joints + 1)
         total = row[joints]
@@ -329,7 +329,7 @@ def hold_sticking_joints(lane, model, S: Lanes, x: Lanes):
         _add_torques(lane, model, S, x)
 
 
-# --- derivatives, of joints that stick or slide as they did -------------------------------------------
+# derivatives take the branch of the values: a joint that stuck sticks, one that slid keeps its T
 @kernel
 def store_branch(lane, model, par, state, weights, ahead, r, S: Lanes):
     """Store in S which joints stick and in which direction the others slide (slides = +-1) at the end of a step.

@@ -106,6 +106,7 @@ def prepare(lane, part, model, par, state: State, weights, S: Lanes):
     for i in range(count(model)):
         at, share = PLACES * i, joint_law(lane, model, par, i).rotor * part.spin[i]
         row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
+        # h = J r psi', along the joint's axis; a rigid gear turns the rotor with q'
         rate = state.v[motor if motor >= 0 else row]
         S[part.rotors[i] + ROTOR.momentum] = rate * share
         if weights.with_matrix:

@@ -95,6 +95,7 @@ def store_block(lane, point, model, par, state, u: Lanes, stiffness, S: Lanes):
     inputs, still, moved = stack(lane, model.points), stack(lane, point.room), stack(lane, point.room)
     for k in range(size(model.n_inputs)):
         inputs[k] = u[k]
+    # r at the forces f that act now; below at f + e_i, so that column i of B is their difference, r being linear in f
     protocol.residual(lane, model.arm, par, state, inputs, still, S)
     for i in range(axes):
         force = inputs[point.input + i]
@@ -135,6 +136,7 @@ def after_factor(lane, part, model, S: Lanes):
     """
     point, axes, n = part.point, len(part.point.axes), size(model.n)
     for i in range(axes):
+        # W e_i = S^-1 B e_i, with factors that do not contain the block yet
         column = _column(lane, point, S, axes + i)
         for k in range(n):
             column[k] = _column(lane, point, S, i)[k]
@@ -149,6 +151,7 @@ def after_factor(lane, part, model, S: Lanes):
             S[a + axes * i + j] = own + stiffness * work
             S[c + axes * i + j] = own * stiffness
     for i in range(axes):
+        # Gauss-Jordan: no pivoting, because 1 + k B^T W has eigenvalues of at least 1 where S is positive definite
         inverse = 1.0 / S[a + axes * i + i]
         for j in range(axes):
             S[a + axes * i + j] *= inverse
@@ -179,6 +182,7 @@ def _subtract(lane, point, n, S: Lanes, along, target, transposed, x: Lanes):
     axes, c = len(point.axes), _inverse_at(point)
     parts = stack(lane, point.axes)
     for j in range(axes):
+        # B^T x (or W^T x) before x changes, because all columns of C need it
         parts[j] = _dot(lane, n, _column(lane, point, S, along + j), x)
     for i in range(axes):
         share = 0.0
@@ -216,6 +220,7 @@ def multiply(lane, part, model, S: Lanes, x, y: Lanes):
     point, n = part.point, size(model.n)
     for i in range(len(point.axes)):
         column = _column(lane, point, S, i)
+        # k b_i^T x, N: the spring's answer along axis i (inertial) to the displacement x
         share = S[_stiffness_at(point)] * _dot(lane, n, column, x)
         for k in range(n):
             y[k] += column[k] * share

@@ -29,7 +29,8 @@ def multiply(lane, model, S, x, y):
 
     x: position increments (inertial), rotation increments (body axes), joint angles; y: forces, moments, joint torques.
     """
-    # outward: motion (a, b) of each link's root, then the elements' blocks times the motions of their ends
+    # from the base outward: (a, b), motion of each link's root (inertial, body axes); then each element's block times
+    # it
     for k in range(model.links):
         h, row, under = hinge_at(k), joint_row(model, k), rows_before(model, k)
         axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
@@ -40,7 +41,7 @@ def multiply(lane, model, S, x, y):
             frame, swing = matrix_in(lane, S, h + H.frame), swing_of(lane, model, k, axis, turn)
             moved = own * swing - cross(load_vector(lane, S, h + H.lever), turned_by)
             a = a + frame @ moved
-        # rigid link: its one block
+        # a rigid link has one block, its root's
         first = factor_at(model, k, 0)
         force, moment = block_times(lane, S, first + F.LL, a, b)
         for e in range(count_of(model, k)):
@@ -63,7 +64,7 @@ def multiply(lane, model, S, x, y):
             a, b = c, d
         store_vector(lane, S, h + H.now_force, force)
         store_vector(lane, S, h + H.now_moment, moment)
-    # inward: wrenches on the roots go to the joints' rows and to the sections before
+    # from the tip inward: wrenches on roots onto the joint's row and the section before, by the transpose of (9.1)
     for back_k in range(model.links):
         k = model.links - 1 - back_k
         h, row, under = hinge_at(k), joint_row(model, k), rows_before(model, k)
@@ -77,7 +78,7 @@ def multiply(lane, model, S, x, y):
         on_joint = dot(axis, moment)
         on_section = turn @ (moment + own * cross(axis, load_vector(lane, S, h + H.moment)))
         if has_lever(model, k):
-            # levers: as in `matrix.eliminate_joint`
+            # levers t, o: shift X and swing c of the place, as in `matrix.eliminate_joint`
             frame, swing = matrix_in(lane, S, h + H.frame), swing_of(lane, model, k, axis, turn)
             lever, pull = load_vector(lane, S, h + H.lever), load_vector(lane, S, h + H.force)
             inner = frame.T @ force + cross(pull, load_vector(lane, x, under + 3))
@@ -86,7 +87,7 @@ def multiply(lane, model, S, x, y):
         add_to(lane, y, row, on_joint)
         add_vector(lane, y, under, force)
         add_vector(lane, y, under + 3, on_section)
-    # the base's own block
+    # S of the base times (dr, dtheta), the first six rows of x
     force, moment = block_times(lane, S, B.matrix, load_vector(lane, x, 0), load_vector(lane, x, 3))
     add_vector(lane, y, 0, force)
     add_vector(lane, y, 3, moment)
@@ -156,7 +157,7 @@ def _down(lane, model, S, k, x):
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
     own, a, turned_by = load(lane, x, row), load_vector(lane, x, under), load_vector(lane, x, under + 3)
     b = turn.T @ turned_by
-    # the joint's row
+    # own = (own - column . x) / pivot: transpose of the elimination of the joint's row
     if S[(h + H.pinned) * len(lane)] == 0.0:
         for j in range(6):
             own = own - load(lane, S, h + H.column + j) * load(lane, x, under + j)
@@ -171,7 +172,7 @@ def _down(lane, model, S, k, x):
     if count_of(model, k) == 0:
         store_vector(lane, x, i, a)
         store_vector(lane, x, i + 3, b)
-    # vertex by vertex: transposed LR, then RR^-T
+    # transposed back substitution: x <- RR^-T (x - LR^T (a, b)), vertex by vertex
     for e in range(count_of(model, k)):
         o = factor_at(model, k, e)
         _take(lane, x, i, S, o + F.LR, a, b)

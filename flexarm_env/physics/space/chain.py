@@ -235,7 +235,7 @@ def joint_placement(lane, model, q: Lanes, v: Lanes, k, tip):
     if model.levers is None:
         return turn, None, Place(tip.r, tip.v, p, spin), rate
     zero = 0.0
-    # levers: t before the joint (near), o behind it (far)
+    # r_L = r + A (t + E o), v_L likewise (9.1): t before the joint (near), o behind it (far)
     lever, place, moved = Vector(zero, zero, zero), tip.r, tip.v
     if has_lever(model, k):
         near, far = three_of(lane, model.joints, o + J.before), three_of(lane, model.joints, o + J.beyond)
@@ -371,7 +371,7 @@ def rotor_moment(lane, model, S: Lanes, k, at, weights, o):
     sway, spin = cross(at.place.spin, axis), S[h + H.rotor + ROTOR.momentum]
     if weights.with_matrix:
         store_vector(lane, S, h + H.sway, sway)
-        # where strains are coordinates the section before has no rows
+        # strains as coordinates: the section before has no rows for the column h w x e to act on
         store_vector(lane, S, h + H.rotor + ROTOR.column, sway if model.strains is None else Vector(zero, zero, zero))
         add_block(lane, S, o, 1, 1, -(spin * weights.damping) * skew(axis))
     return Vector(zero, zero, zero), spin * sway

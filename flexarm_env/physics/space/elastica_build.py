@@ -116,7 +116,7 @@ def _inertia(packed: dict[str, Array]) -> Array:
         if axis > 0:
             moved = np.hstack([along[:-1, None], aside[:-1]])
             M += np.einsum("p,pi,pj->ij", packed["mass"], moved, moved)
-        # condense the rotation of the root
+        # M of free ends: the root's rotation theta condensed, M_cc - M_ct M_tt^-1 M_tc
         found.append(M[1:, 1:] - np.outer(M[1:, 0], M[0, 1:]) / M[0, 0])
     return np.array(found)
 

@@ -68,7 +68,7 @@ def _condense_elements(lane, model, S: Lanes, k):
         o = factor_at(model, k, count_of(model, k) - 1 - back_e)
         left, right = part_of(lane, S, o + F.LL, 36), part_of(lane, S, o + F.RR, 36)
         eliminate(lane, left, part_of(lane, S, o + F.LR, 36), part_of(lane, S, o + F.RL, 36), right)
-        # LL is a part of the diagonal block of the vertex before
+        # LL += on the diagonal block RR of the vertex before: both are rows of the same vertex
         if back_e < count_of(model, k) - 1:
             for i in range(36):
                 S[o - F.end + F.RR + i] += S[o + F.LL + i]
@@ -165,7 +165,7 @@ def _joint_down(lane, model, S: Lanes, k, x: Lanes, of):
     h, row, (a, b) = hinge_at(k), joint_row(model, k), of
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
     on_section, on_joint = turn @ b, dot(axis, b)
-    # moment + X^T force
+    # X^T f: the lever's moment of the force, on the section before
     if has_lever(model, k):
         on_section = on_section + matrix_in(lane, S, h + H.shift).T @ a
         on_joint = on_joint + dot(load_vector(lane, S, h + H.swing), a)
@@ -222,7 +222,7 @@ def _down(lane, model, S, k, x):
     """
     if model.strains is not None:
         return _strains_down(lane, model, S, k, x)
-    # a rigid link's rows are those of its root
+    # a rigid link: its rows are those of its root, (force, moment) = (a, b)
     row, count = joint_row(model, k), count_of(model, k)
     a, b = load_vector(lane, x, row + 1), load_vector(lane, x, row + 4)
     for back_e in range(count):
@@ -242,7 +242,7 @@ def _down(lane, model, S, k, x):
             push, turn_by = block_times(lane, S, o + F.LR, load_vector(lane, x, i), load_vector(lane, x, i + 3))
             add_vector(lane, x, i - 6, -push)
             add_vector(lane, x, i - 3, -turn_by)
-    # the first element's left end is the root
+    # the first element's left end is the root: LR times (push, turn_by) goes to its wrench
     if count > 0:
         push, turn_by = load_vector(lane, x, row + 1), load_vector(lane, x, row + 4)
         push, turn_by = block_times(lane, S, factor_at(model, k, 0) + F.LR, push, turn_by)
@@ -273,7 +273,7 @@ def _strains_down(lane, model, S, k, x: Lanes):
             last = to.last + 6 * c
             x[i + c] += dot(load_vector(lane, S, last), a) + dot(load_vector(lane, S, last + 3), b)
         a, b = _to_root(lane, S, to, a, b)
-        # eliminate the strains
+        # c <- matrix^-1 x, then what the strains require of the root: (a, b) - on_root c
         solution(lane, n, S, to.matrix, x, i, 1)
         for c in range(n):
             own, on = x[i + c], to.on_root + 6 * c
@@ -292,7 +292,7 @@ def _up(lane, model, S, k, x, moved):
         _strains_up(lane, model, S, k, x, moved)
         return
     i, (a, b) = joint_row(model, k) + 1, moved
-    # a rigid link's rows are those of its root
+    # a rigid link: the motion of its rows is that of its root
     if count_of(model, k) == 0:
         store_vector(lane, x, i, a)
         store_vector(lane, x, i + 3, b)

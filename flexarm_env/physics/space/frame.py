@@ -126,7 +126,7 @@ def frame_of(left, right):
     d, own_l, own_r = right.r - left.r, matrix(left.p), matrix(right.p)
     length = square_root(dot(d, d))
     over = 1.0 / length
-    # x along the chord; z normal to x and p; y completes the frame
+    # A: x along the chord; z = x x p normalized, with p the sum of both y axes; y completes it
     x, p = over * d, Vector(own_l[0][1] + own_r[0][1], own_l[1][1] + own_r[1][1], own_l[2][1] + own_r[2][1])
     z = cross(x, p)
     share = 1.0 / square_root(dot(z, z))

@@ -183,7 +183,7 @@ def _inner_forces(lane, model, par: Lanes, frame, tau, pull, second, at, state, 
         # stretch: pull H phi
         slope = inner_by(lane, model, at.inner_coupling, 2, i, frame.left.phi, frame.right.phi, q, row)
         found = found + pull * slope
-        # rotary inertia
+        # rotary inertia int J h_i (alpha of the section), about x, y, z in frame axes
         turn = inner_by(lane, model, at.inner_rotary, 3, i, second[0], second[1], a, row)
         turn = turn + scale(second[2], constant(lane, model, at.inner_rotary, width * i + 2))
         add_vector(lane, r, row + 3 * i, found + turn)
@@ -242,7 +242,7 @@ def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
     the rows of the segment's inner modes to r and, with weights.with_matrix, stores the tangent in the `FACTOR` at
     offset f of S.
     """
-    # frame, its rates, and second rates of frame and phi
+    # w, alpha of the frame; phi', phi'' of both ends against it (frame axes)
     at, row = frame_at(model, i), inner_row(model, i)
     frame = frame_of(left.place, right.place)
     rates = rates_of(frame, left.place, right.place)
@@ -250,7 +250,7 @@ def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
     alpha = frame_second_rates(frame, rates, left, right)
     second_l = phi_second(a, rates.left, left.place.spin, left.alpha, spin, alpha)
     second_r = phi_second(b, rates.right, right.place.spin, right.alpha, spin, alpha)
-    # elastic coordinates; accelerations of the ends in frame axes
+    # moments K phi_bar and pull EA (e + phi H phi / 2) / l of (1.3); a of the ends in frame axes
     stiff = _elastic(lane, model, par, frame, rates, section.tau, at, state, row)
     al, ar = frame.A.T @ left.a, frame.A.T @ right.a
     zero = 0.0
@@ -272,7 +272,7 @@ def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
         for j in range(inner_of(model)):
             share = three_of(lane, model.frames, to + W.inner + 3 * j)
             add_vector(lane, r, row + 3 * j, ex_cross(scale(force, share)))
-    # inner modes: elastic, damping and rotary inertia
+    # r of inner modes: K phi_bar, H phi pull, tau_d and rotary inertia
     if model.inner is not None:
         turns = left.alpha, right.alpha, alpha
         _inner_forces(lane, model, par, frame, section.tau, stiff.pull, turns, at, state, row, r)
@@ -343,10 +343,10 @@ def frame_sums(lane, model, par: Lanes, q, v, left, right, i):
     l, r = _bent(lane, model, par, at.bend, near, far)
     strain = (e * e * model.frames[at.pull] + dot(l, near) + dot(r, far)) * 0.5
     natural = dot(constant(lane, model, at.moment, 0), near) + dot(constant(lane, model, at.moment, 1), far)
-    # rotary inertia
+    # T of rotary inertia, 1/2 w^T J w of a w_l + b w_r + c w
     tl, tr, tc = _momenta(lane, model, at, left.spin, right.spin, spin, v, row)
     kinetic = dot(tl, left.spin) + dot(tr, right.spin) + dot(tc, spin)
-    # inner modes: strain energy and rotary inertia
+    # the same with inner amplitudes: 1/2 p^T K p, less moments without stress, and T of their rates
     for j in range(inner_of(model)):
         own, rate = load_vector(lane, q, row + 3 * j), load_vector(lane, v, row + 3 * j)
         strain = strain + dot(_inner_bent(lane, model, par, at, j, q, row), own) * 0.5
@@ -431,7 +431,7 @@ def frame_damping_over(lane, model, par, before, after, share, i):
     # mean of the end rates less the mean rate
     near, far = (0.5 * (near_rate_0 + near_rate) - near, 0.5 * (far_rate_0 + far_rate) - far)
     beyond = pull * ((e_rate_0 + e_rate) * 0.5 - e) + dot(l, near) + dot(r, far)
-    # the same of the inner modes
+    # inner modes p: dissipation K (dp/h)^2, and what the mean of the end rates does beyond it
     factors = factors_of(lane, par)
     for j in range(inner_of(model)):
         o = row + 3 * j

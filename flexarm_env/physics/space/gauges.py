@@ -56,7 +56,7 @@ def strained_rows(scene: Scene, settings: Settings, system: Any, spots: Sequence
     n, names, found = polynomials(settings), list(system.names), np.zeros((len(spots), len(system.q0)))
     for row, (k, place, *more) in zip(found, spots, strict=True):
         axis, sign = AXIS[more[0] if more else "xy"]
-        # Legendre polynomials at the station
+        # kappa = sum_j c_j P_j(2 s/L - 1) / L (9.4)
         first = names.index(f"link{k}.{AXES_OF_STRAINS[axis]}1")
         values = np.polynomial.legendre.legvander(2.0 * place - 1.0, n - 1).ravel() / scene.arm.links[k].length
         row[first : first + 3 * n : 3] = sign * values

@@ -115,7 +115,7 @@ def condense(lane, model, S: Lanes, f, inner):
     """
     n, o = 3 * inner_of(model), inner.matrix
     factors(lane, n, S, o)
-    # over <- matrix^-1 over, column by column
+    # over = matrix^-1 (rows by the ends' 12 motions)
     for j in range(12):
         solution(lane, n, S, o, S, inner.over + j, 12)
     # Schur complement: rows and columns 0 to 5 are the left end's, 6 to 11 the right end's

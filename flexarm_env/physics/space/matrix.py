@@ -123,7 +123,7 @@ def eliminate(lane, LL: Lanes, LR: Lanes, RL: Lanes, RR):
     """
     _factors(lane, RR)
     for j in range(6):
-        # column j of RR^-1 RL, then of the Schur complement
+        # RR^-1 RL by columns, then the Schur complement LL - LR RR^-1 RL
         column = _solution(lane, RR, [RL[6 * i + j] for i in range(6)])
         for i in range(6):
             RL[6 * i + j] = column[i]
@@ -189,7 +189,7 @@ def eliminate_joint(lane, model, S: Lanes, k):
             load_vector(lane, S, h + H.lever),
             load_vector(lane, S, h + H.force),
         )
-        # levers: the first section also moves by c per unit angle, and pull turns with s
+        # levers: the root's place also follows c b (inertial axes); c in the section's axes is swing
         swing = swing_of(lane, model, k, axis, turn)
         c = frame @ swing
         drift = c
@@ -200,15 +200,15 @@ def eliminate_joint(lane, model, S: Lanes, k):
         store_vector(lane, S, h + H.drift, drift)
         pivot = pivot + dot(axis, tx @ drift) + dot(c, force) + dot(c, xx @ drift)
         pivot = pivot + dot(swing, cross(pull, turn @ axis))
-    # a fixed angle has no column and pivot 1
+    # a fixed angle: no column, pivot 1, so that its increment is its right side 0
     free = load_lane(lane, S, h + H.pinned, 0) == 0.0
     if k == 0:
         if _base_is_held(lane, S):
-            # nothing to condense onto: the base does not move
+            # the base does not move: no block to condense onto
             fill_zeros(lane, S, h + H.column, 12)
             S[h + H.pivot] = 1.0 / pivot if free else 1.0
             return
-    # block of the section before: position and rotation of the root follow (1, E^T)
+    # block of the section before: (dr, dtheta) of the root are (1, E^T) times its own
     upper, lower = xt @ to_root, turn @ tx
     inner = turn @ tt @ to_root
     if has_lever(model, k):
@@ -218,14 +218,14 @@ def eliminate_joint(lane, model, S: Lanes, k):
             load_vector(lane, S, h + H.drift),
         )
         lever, pull = load_vector(lane, S, h + H.lever), load_vector(lane, S, h + H.force)
-        # levers: position of the root follows X d_rotation
+        # levers: dr of the root also follows X d, with the rotation d of the section before
         Xt, swing = X.T, swing_of(lane, model, k, axis, turn)
         sideways, aside = xx @ drift, tx @ drift
         inner = inner + (lower @ X + (Xt @ upper + Xt @ (xx @ X)))
-        # geometric: the lever turns with the section before
+        # geometric stiffness lever^ pull^: the lever turns with the section before
         inner = inner + skew(lever) @ skew(pull)
         upper, lower = upper + xx @ X, lower + Xt @ xx
-        # row and column of the joint with c
+        # the joint's row and column with c: c . f and f = xx c in the block of the section before
         by_turn = by_turn + (turn @ (xt.T @ c) + Xt @ by_place)
         by_turn = by_turn + (Xt @ (xx.T @ c) + cross(swing, pull))
         by_place = by_place + xx.T @ c
@@ -235,7 +235,7 @@ def eliminate_joint(lane, model, S: Lanes, k):
         if model.rotors[k] > 0:
             share = S[h + H.rotor + ROTOR.factor]
             on_section = on_section + share * load_vector(lane, S, h + H.sway)
-    # add to the section before, then subtract column row^T
+    # add to the section before, then subtract column row^T / pivot
     add_block(lane, S, below, 0, 0, xx)
     add_block(lane, S, below, 0, 1, upper)
     add_block(lane, S, below, 1, 0, lower)

@@ -131,7 +131,7 @@ def correct_positions(lane, model, par, w: Work, active, slopes, predicted):
         _add_forces(lane, model, w, active)
     else:
         _hold_forces(lane, model, par, w)
-    # from the base outward: each right end relative to the left end already corrected
+    # from the base outward, because r of a right end is relative to the left one that is already corrected
     tip, (total, begin) = place_at(lane, w.q, w.v, 0), accumulated_increment(lane, w)
     for k in range(model.links):
         left, first = joint_placement(lane, model, w.q, w.v, k, tip)[2], elements_before(model, k)

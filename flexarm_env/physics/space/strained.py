@@ -102,6 +102,7 @@ def bend_of(lane, model, at, i, row, q, v, a):
     at: `strained_at` of the link; q, v, a: coordinates, rates, accelerations, with the link's strains from `row` on.
     """
     s, d = _sum(lane, model, at.sums, i, q, row), _sum(lane, model, at.slants, i, q, row)
+    # s and d of kappa_0 add, which lies in the link's x-y plane: bending about z
     if model.curved is not None:
         s = Vector(s[0], s[1], s[2] + model.strains[at.natural + 2 * i])
         d = Vector(d[0], d[1], d[2] + model.strains[at.natural + 2 * i + 1])
@@ -186,7 +187,7 @@ def sweep_outward(lane, model, k, state, root, S):
     store_matrix(lane, S, to.frame, frame)
     store_vector(lane, S, to.a, a0)
     store_vector(lane, S, to.spin, w)
-    # sections: A, w, alpha behind each interval, and t'' and rotary inertia at its point
+    # A, w, alpha (link axes) behind each interval; t'' and J of its point
     for i in range(n + 1):
         bend = bend_of(lane, model, at, i, row, q, v, a)
         p = turned_by(bend, p)
@@ -221,7 +222,7 @@ def sweep_outward(lane, model, k, state, root, S):
         store_vector(lane, S, to.r + 3 * i, r)
         if i < n:
             store_vector(lane, S, to.force + 3 * i, model.strains[at.mass + i] * found)
-    # last section: back to inertial axes
+    # back to inertial axes: r, v, a of the last section
     place, A = root.place, matrix(p)
     r, u = place.r + frame @ r, place.v + frame @ u
     last = Place(r, u, compose(place.p, p), A.T @ w)
@@ -271,11 +272,13 @@ def elastic(lane, model, par: Lanes, k, state, r):
         for j in range(n):
             x = load_vector(lane, state.q, row + 3 * j)
             if model.damped is not None:
+                # K (c + tau_d c'): damping by the strain rates
                 x = x + tau * load_vector(lane, state.v, row + 3 * j)
             total = total + scale(x, _three(lane, model, at.stiffness, i, j))
         total = scale(total, factors)
         for j in range(n):
             a = load_vector(lane, state.a, row + 3 * j)
+            # - (M - M*) c'': the inertia that steps see (5.3)
             total = total - scale(a, _three(lane, model, at.correction, i, j))
         add_vector(lane, r, row + 3 * i, total)
 
@@ -331,7 +334,7 @@ def sweep_inward(lane, model, k, r, S):
         t = noted_tangent(lane, S, to, j)
         g = g + (cross(t, on) + load_vector(lane, S, to.moment + 3 * j))
         store_vector(lane, S, to.bend + 3 * j, g)
-    # generalized forces of the strains, through s and d of each interval
+    # generalized forces on c_j: int P_j times the moments on s and d of each interval (9.5)
     row = strain_row(model, k)
     for i in range(n + 1):
         on_s, on_d = _own_force(lane, S, to, i, load_vector(lane, S, to.bend + 3 * i))
@@ -362,7 +365,7 @@ def strained_sums(lane, model, par, k, q, v, root):
         store_vector(lane, tangents, 3 * i, t)
         store_vector(lane, rates, 3 * i, cross(w, t))
         kinetic = kinetic + dot(own, scale(own, three_of(lane, model.strains, at.inertia + 3 * i))) * 0.5
-    # points: translational energy, momentum, weight
+    # 1/2 m |v|^2, m v and m r of the points (inertial axes)
     for i in range(n):
         r, u = Vector(zero, zero, zero), Vector(zero, zero, zero)
         for j in range(n):

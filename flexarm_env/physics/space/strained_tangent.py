@@ -98,7 +98,7 @@ def _turned_on(lane, S, to, i, c, by_s, by_d):
     y0 = share * (own + cross(x, own))
     z, on = dot(psi, psi), dot(psi, y0) * 2.0
     y = f * y0 + slope * on * psi
-    # their derivatives
+    # derivatives of x = psi f / 2, y_0 and y; steeper: d(slope)
     dx = 0.5 * (f * dpsi + slope * along * psi)
     dy0 = share * cross(dx, own) - dot(x, dx) * share * 2.0 * y0
     steeper = slope_of_slope(z) * along
@@ -139,7 +139,7 @@ def _on_strains(lane, model, S: Lanes, at, to, force, moment, ck, theta_too, col
         if i < n:
             own, turn = load_vector(lane, S, to.change + 3 * i), load_vector(lane, S, to.second + 3 * i)
             t = noted_tangent(lane, S, to, i)
-            # force on the root and moment about its origin
+            # df on the root and dm about its origin (root axes)
             total = total + own
             couple = couple + (cross(load_vector(lane, S, to.r + 3 * i), own) + turn)
             # change of the generalized force on the tangent, as in `strained.sweep_inward`
@@ -249,7 +249,7 @@ def _by_turn(lane, model, weights, S: Lanes, f, at, to, axis, c):
         forces = forces + load_vector(lane, S, to.force + 3 * i)
     held = -ck * cross(axis, frame.T @ load_vector(lane, S, to.on))
     force, couple = _on_strains(lane, model, S, at, to, held, Vector(zero, zero, zero), ck, None, to.by_root + 3 + c, 6)
-    # back to inertial axes; rotated forces of all points
+    # back to inertial axes; f of all points turns with the root
     force = frame @ (force - held + ck * cross(axis, forces))
     for i in range(3):
         S[f + F.LL + 6 * i + 3 + c] += force[i]
@@ -271,7 +271,7 @@ def strained_tangent(lane, model, par: Lanes, k, weights, S: Lanes, f):
     end = load_vector(lane, S, to.r + 3 * n)
     store_matrix(lane, S, to.last_turn, matrix_in(lane, S, to.turn + 9 * n))
     store_matrix(lane, S, to.shift, -(frame @ skew(end)))
-    # derivatives of the intervals' rotations, velocities of the points, mass and first moment
+    # dpsi of the intervals, v of the points relative to the root (root axes), sum m and sum m r
     lever, mass = Vector(zero, zero, zero), zero
     for i in range(n + 1):
         _turns(lane, S, to, i)
@@ -283,7 +283,7 @@ def strained_tangent(lane, model, par: Lanes, k, weights, S: Lanes, f):
             store_vector(lane, S, to.slip + 3 * i, 2.0 * u - cross(spin, r))
             mass = mass + model.strains[at.mass + i]
             lever = lever + model.strains[at.mass + i] * r
-    # columns of strains, then of root rotations and translations
+    # columns by c_j, then by the root's rotation (root axes) and translation, c_m sum m
     for j in range(m):
         for c in range(3):
             _by_strain(lane, model, weights, S, at, to, j, c)
@@ -293,7 +293,7 @@ def strained_tangent(lane, model, par: Lanes, k, weights, S: Lanes, f):
     for i in range(3):
         S[f + F.LL + 7 * i] += mass * cm
     add_block(lane, S, f + F.LL, 1, 0, skew(cm * lever) @ frame.T)
-    # stiffness and damping of the strains, less the inertia that steps leave out
+    # K_ij (c_k + tau_d c_v) - (M - M*) c_m, because steps see the inertia M* (5.3)
     share = weights.stiffness + zero
     if model.damped is not None:
         share = share + par[TAU_D] * (model.strains[at.damping] * weights.damping)
