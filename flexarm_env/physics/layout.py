@@ -99,5 +99,5 @@ WORK_DONE, DISSIPATED, BEYOND, *_ = BOOKS.places
 COUNTS = Layout(
     "Counts", "", *(Field(name, (), "", "") for name in ("iterations", "factorisations", "halvings", "steps"))
 )
-# counts of one run; lanes share the steps
+# counts of Newton iterations, factorizations, halvings and steps: lanes share them, since they iterate together
 ITERATIONS, FACTORISATIONS, HALVINGS, STEPS, *_ = COUNTS.places

@@ -68,7 +68,6 @@ def complete(model: Any) -> Any:
         return model._replace(mesh=complete(model.mesh))
     # None leaves a term out, a tag (0,) includes it: one compiled kernel then serves all arms
     absent = [name for name in ("payload", "payload_turns", "damping", "damped") if getattr(model, name, 0) is None]
-    # a tag is a tuple of zeros, whose length the compiler knows
     return model._replace(**dict.fromkeys(absent, (0,)))
 
 

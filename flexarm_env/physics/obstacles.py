@@ -80,7 +80,7 @@ def distance(table, s, x, y, z):
     a = (dx * table[A] + dy * table[A + 3]) + dz * table[A + 6]
     b = (dx * table[A + 1] + dy * table[A + 4]) + dz * table[A + 7]
     c = (dx * table[A + 2] + dy * table[A + 5]) + dz * table[A + 8]
-    # half-space: component along the normal
+    # half-space: distance a along its normal
     far = a
     if kind == SPHERE:
         far = square_root((a * a + b * b) + c * c) - table[h]

@@ -122,7 +122,7 @@ def _period(lane, d, g, block, bars, tape):
     w, bar = unpack(lane, model, block, 0), unpack(lane, model, bars, 0)
     par, poses, record, action, seen, info, saved, _ = sections(layout, block)
     par_bar, poses_bar, record_bar, action_bar, seen_bar, reward_bar, _, _ = sections(layout, bars)
-    # forward pass: the reverse pass needs the state at the end of each step, so each goes onto the tape
+    # forward: q, v, a at each step's end go onto the tape, since its matrix and residual are needed backwards
     fill(lane, d, d.places, layout, g, block)
     save_lanes(w, record, saved)
     command_motors(lane, p, model, par, poses, record, action, w)
@@ -163,7 +163,7 @@ def _period(lane, d, g, block, bars, tape):
             read_parts(_of_jump(w), start[s * (length + more) + length :])
             _vjp_torques_jump(lane, p, par, par_bar, s, record, saved, block, w, bar)
         _vjp_turn(lane, model, p.task, p.actuator, s, record, record_bar, w, bar, tape[s * length :])
-    # and back to those of rotation vectors
+    # back to cotangents of rotation vectors: T^T, the inverse of the map above
     if model.newton.rotations is not None:
         tangent_map(lane, model, w.q, False, bar.q)
     # commands in the record come from the actions, and through a PD controller from q and v

@@ -187,7 +187,7 @@ def _some_columns(d, model, parts, level, g, begin, end, block, moves, anew):
     """
     for j in range(begin, end, at_once(d)):
         last, w = min(j + at_once(d), end), unpack(d.dual, model, block, 0)
-        # one column: tangent 1 in one entry, 0 in all others; after the period the tangents of its outcome
+        # dx/dz_j: tangent 1 in entry j, 0 in all others; after the period the tangents of its outcome
         fill(d.dual, d, d.twice, d.both, g, block)
         seed(d.dual, d, j, last, block)
         _go(d.dual, d.program, d.guide, None, model, parts, d.both, block, w, moves, anew)

@@ -272,7 +272,7 @@ def record_energies(lane, p, par, w: Work, live, info):
 @kernel
 def copy_info(lane, p, g, info: Lanes):
     """Copy the info of group g from lanes into p.table (INFO, groups, lanes), which the caller reads entry by entry."""
-    # entry 0 of group g; the next entry of the same group is `groups` rows of lanes further on
+    # entry k of group g is k `groups` rows of lanes after entry 0: the table has arms as columns
     column: Lanes = p.table[g * len(lane) :]
     groups = p.block.shape[0] // p.layout.row
     for k in range(info.shape[0]):
@@ -341,13 +341,13 @@ def finish_arm(lane, p, arm, outcome, reason, poses, record, seen, info):
         total = 0.0
     if reason == OUT_OF_RANGE:
         info[at.in_range * lanes + i] = 0.0
-    # last reward term: failure
+    # the last term is the failure's: minus its weight in the period in which the arm fails, otherwise 0
     lost = 0.0
     if reason != OK:
         lost = -task.weights[n_terms - 1]
     info[(at.terms + n_terms - 1) * lanes + i] = lost
     info[at.reason * lanes + i] = reason
-    # truncation after the periods allowed
+    # truncated once periods >= periods_allowed; an arm that fails in that period is terminated as well
     steps = record[PERIODS * lanes + i] + 1.0
     record[PERIODS * lanes + i] = steps
     over = steps > record[PERIODS_ALLOWED * lanes + i] - 0.5

@@ -149,7 +149,7 @@ def record_events(lane, p, par: Lanes, record: Lanes, w: Work, live, info: Lanes
         at, first = info_of(p.task).further, size(p.task.links)
         if p.cost is not None or p.keep_out is not None:
             passed = _cost(lane, p, w.q, info)
-            # clearance below the margin costs as well
+            # cost 1 where clearance (m) < margin as well
             if p.keep_out is not None:
                 close = info[at + FURTHER.clearance]
                 passed = select_lt(close, p.keep_out.margin, 1.0, passed)
@@ -178,7 +178,7 @@ def _cost(lane, p, q, info: Lanes):
     """
     most, task, cost = 0.0, p.task, p.cost
     if cost is not None:
-        # deflection of each link over its limit
+        # |deflection| / L of each link over its limit; cost 1 where any ratio is above 1
         if cost.deflection is not None:
             at, links = info_of(task).deflection, size(task.links)
             for k in range(links):
@@ -187,7 +187,7 @@ def _cost(lane, p, q, info: Lanes):
                     across = info[at + links + k]
                     bend = square_root(bend * bend + across * across)
                 most = maximum(most, bend / cost.deflection[k])
-        # strain at each station over its limit
+        # |strain| at each station over its limit, a gauge row divided by it
         if cost.strain is not None:
             n, planes = size(p.model.n), 1 + size(task.targets) // 3
             for g in range(0, cost.strain.shape[0] // n, planes):

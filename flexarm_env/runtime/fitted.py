@@ -177,7 +177,7 @@ def _compare(lanes, i, k, links, allowed, period, poses, record, scratch, result
         return
     # a Newton failure in lanes ends the fit, because the arm is repeated alone, where steps can be halved
     lost = flag == NEWTON_FAILED and lanes > 1
-    # error of the finer run, m; infinite for a coarse or failed run
+    # e_k L (m) of the finer run (6.4); infinite for a coarse or failed run
     error = math.inf
     if fine == k and flag == OK:
         error = _apart(lanes, i, links, period, poses, scratch)
@@ -213,7 +213,7 @@ def _apart(lanes, i, links, period, poses, scratch):
             at = (_TIPS + 4 * j + c) * lanes + i
             way = abs(poses[(POSE.end * j + POSE.tip_x + c) * lanes + i] - scratch[at])
             way += period * abs(poses[(POSE.end * j + POSE.tip_vx + c) * lanes + i] - scratch[at + 2 * lanes])
-            # negated comparison: nan counts as infinite
+            # `not <=`: nan counts as infinite
             if not way <= most:
                 most = way if math.isfinite(way) else math.inf
     return most

@@ -143,7 +143,7 @@ def read(lane, laws, room, c, memory, base, stream, arm, value, first):
         store_lane(lane, memory, at.slope, i, laws[o + _LAW.own + 2] * y + laws[o + _LAW.own + 3] * s + held)
         since = memory[at.since * len(lane) + i] + 1.0
         here = load_lane(lane, memory, at.output, i)
-        # fractional delay: straight line between outputs plus the bow of the filtered line
+        # y(t - share) = y + share (y_0 - y) + bow, because the filtered line is not straight
         if share > 0.0:
             here = here + (y - here) * share
             here = here + (laws[bow] * y + laws[bow + 1] * s + laws[bow + 2] * u + laws[bow + 3] * value)

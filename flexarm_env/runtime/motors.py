@@ -187,7 +187,7 @@ def start_stiff(lane, p, model, par, s, record, saved: Lanes, block, w: Work):
     """
     n, first = size(model.n), is_starting(lane, s, record)
     if max_over_lanes(first) > 0.5:
-        # all lanes are solved; those that do not begin are then restored
+        # a of all lanes is solved; lanes that do not begin get theirs back
         restart(lane, model, None, par, block, 0, 0.0, p.h, True)
         for k in range(size(model.n_inputs)):
             store_where(lane, first, w.u0, k, w.u[k], w.u0[k])
@@ -253,7 +253,7 @@ def update_motor_torques(lane, task, actuator, s, record: Lanes, w: Work):
     # row of the command that acts in step s: in the first `late` steps of a period that of the period before
     age = actuator.age + 1 if s < actuator.late else actuator.age
     for k in range(n):
-        # command that has arrived by step s without jitter
+        # command (N m) that acts without jitter
         asked = record[at.commands + age * n + k]
         if actuator.jitter is not None:
             _, period, oldest = actuator.jitter
@@ -263,7 +263,7 @@ def update_motor_torques(lane, task, actuator, s, record: Lanes, w: Work):
                 due = s + (older - 1 - actuator.age) * period - actuator.late
                 before = record[at.commands + older * n + k]
                 asked = select_lt(due + 0.5, late, before, asked)
-        # first-order lag and saturation: end of the step, then mean over it
+        # tau+ = clip(tau + share (c - tau)), and the mean over the step
         torque = record[at.torque + k]
         left = asked - torque
         record[at.torque + k] = clip(torque + left * share, actuator.limits[k])

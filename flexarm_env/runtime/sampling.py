@@ -208,6 +208,6 @@ def sample_rows(
                 if moving and has_gained_energy(kinetic, strain, gravity, start, gross, w.books[DISSIPATED], gain):
                     w.flag[0] = DIVERGED
                     return i
-        # v, a jump at the kink before the run continues
+        # a kink was reached: v and a jump there before the next interval
         if kinked and i < instants.shape[0]:
             stretch[_AT.starts] = AT_KINK

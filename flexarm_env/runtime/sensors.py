@@ -182,7 +182,7 @@ def _turned(lane, p, instruments, who, poses, record, seen):
     if instruments.encoders is not None:
         if p.reference is not None:
             i, first, count = who.i, size(p.task.entries), p.reference.scales.shape[0]
-            # in space: rotation about the axis of joint 0 by true less measured angle
+            # in space: exp(axis (true - measured)), axis of joint 0 (inertial): the target as the encoder sees it
             if p.reference.axis is not None:
                 axis = Vector(p.reference.axis[0], p.reference.axis[1], p.reference.axis[2])
                 read_as = _angle(lane, p.task, instruments, who, 0, poses, record)
@@ -199,7 +199,7 @@ def _turned(lane, p, instruments, who, poses, record, seen):
             elif size(p.task.targets) == 2:
                 off = _angle(lane, p.task, instruments, who, 0, poses, record)
                 sine, cosine = sincos(off - load_lane(lane, poses, POSE.angle, i))
-                # in the plane: rotate back by measured less true angle
+                # in the plane: rotated by measured - true, the target as the encoder sees it
                 for k in range(first, first + count, 2):
                     x, y = load_lane(lane, seen, k, i), load_lane(lane, seen, k + 1, i)
                     store_lane(lane, seen, k, i, clip(cosine * x + sine * y, CLIP))
@@ -283,7 +283,7 @@ def _acceleration(lane, p, instruments, who, c, poses, record):
             who.first,
         )  # fmt: skip
         return Vector(x / accelerometer[3], y / accelerometer[3], z / accelerometer[3])
-    # in the plane: x, y, angle of the tip and their rates
+    # in the plane: x, y (m, inertial axes), psi (rad) of the tip and their rates
     o = POSE.end * (size(p.task.links) - 1)
     x, vx = load_lane(lane, poses, o + POSE.tip_x, i), load_lane(lane, poses, o + POSE.tip_vx, i)
     y, vy = load_lane(lane, poses, o + POSE.tip_y, i), load_lane(lane, poses, o + POSE.tip_vy, i)
@@ -357,7 +357,7 @@ def _select(lanes, p, arm, record, seen, first):
     """
     selection, observation = p.selection, p.observation
     if selection is not None:
-        # older: how many entries all frames have but the newest
+        # older: entries of all frames but the newest
         count, older = selection.chosen.shape[0], selection.chosen.shape[0] * (selection.frames - 1)
         out = arm * (count + older)
         # history: all frames move one place, the oldest drops out
@@ -427,7 +427,7 @@ def _entry(lanes, p, arm, k, record, seen, first):
     value, sensors = seen[k * lanes + arm % lanes], p.sensors
     if sensors is not None:
         if sensors.noise[k] > 0.0:
-            # normal noise, standard deviation in scales
+            # value + sigma N(0, 1), sigma in scales of the entry
             value = min(CLIP, max(-CLIP, value + sensors.noise[k] * normal(p.stream, arm)))
         # `value` moves through the past: newest in, oldest out
         past = _past_at(lanes, p, record)

@@ -153,7 +153,7 @@ def _draw(task, ranges, stream, request, arm, own):
     for k in range(n):
         angle = draw(stream, arm, ranges.start, k)
         own[at.angles + k] = _given(request[asked.angles + k], 0.0 if straight else angle)
-    # target; in the plane drawn again until the arm can hold itself there
+    # target (m or rad); in the plane drawn again until tau_k of its posture are within the limits
     first, second = draw(stream, arm, ranges.target, 0), draw(stream, arm, ranges.target, 1)
     first, second = target_from(task, own[at.angles : at.end], first, second)
     if ranges.attainable is not None and ranges.pose is not None:

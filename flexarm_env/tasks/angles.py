@@ -57,14 +57,14 @@ def sooner_angles(lengths, rates, limits, x, y, angles):
     rad. angles (2,): present joint angles in, those at the target out, rad.
     """
     a, b = lengths[0], lengths[1]
-    # elbow angle by the law of cosines (clamped: targets out of reach), bearing of the target
+    # cos(bend) = (r^2 - a^2 - b^2) / 2ab, clamped where the target is out of reach; bearing of the target
     cosine = (x * x + y * y - a * a - b * b) / (2.0 * a * b)
     bend = math.acos(min(1.0, max(-1.0, cosine)))
     bearing, inner = math.atan2(y, x), math.atan2(b * math.sin(bend), a + b * math.cos(bend))
     hub_now, elbow_now = angles[0], angles[1]
     least = math.inf
     for side in (1.0, -1.0):
-        # squared time of the slower joint, up to a factor
+        # max_k (dtheta_k / rate_k^2): squared time of the slower joint, up to a factor
         elbow, hub = side * bend, _within(nearest_turn(bearing - side * inner, hub_now), limits)
         way = max(abs(hub - hub_now) / (rates[0] * rates[0]), abs(elbow - elbow_now) / (rates[1] * rates[1]))
         if elbow < limits[2] or elbow > limits[3] or hub < limits[0] or hub > limits[1]:
@@ -152,7 +152,7 @@ def _guess(lengths, x, y, angles):
         alpha += angles[k]
         px, py = px + lengths[k] * math.cos(alpha), py + lengths[k] * math.sin(alpha)
     determinant = xx * yy - xy * xy
-    # singular: joints and point in a line
+    # determinant 0: joints and point in a line, where moments of f are not independent
     if determinant <= 1e-12 * xx * yy:
         return 0.0, 0.0
     return (yy * gx - xy * gy) / determinant, (xx * gy - xy * gx) / determinant

@@ -13,7 +13,6 @@ from ..physics.model import OWN, STATUS
 from ..physics.obstacles import KeepOut
 from .starts import FACTORS, Ranges
 
-# par in the plane: m_p, J_p, EI factor, tau_d
 PARAMETERS = len(OWN)
 """Length of an arm's own parameters `par` in the plane, see `physics.model.PAYLOAD_MASS`."""
 

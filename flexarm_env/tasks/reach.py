@@ -59,7 +59,7 @@ def reach_observe(lane, task, poses: Lanes, record: Lanes, out):
     for k in range(n):
         o = POSE.end * k
         normal, _, rate, _, _, _, _, sine, cosine = deflection(lane, poses, k)
-        # joint angles: hub relative to a floating base, elbow relative to the tip section before it
+        # theta_k (rad): the hub's against a floating base, an elbow's against the tip section before it
         if k == 0:
             hub_sine, hub_cosine = sine, cosine
             sine, cosine = hub_angle(lane, task, poses, sine, cosine)

@@ -85,12 +85,12 @@ def slew_judge(lane, task, poses, action, record: Lanes, live, info):
     attitude) over their success bands. poses: of the link, inertial axes; info is written where live > 1/2. Joint limit
     passed: 1.0 where the joint is beyond its limits, otherwise 0.0.
     """
-    # tip relative to the root: polar angle, its rate; deflection
+    # tip less root: polar angle and its rate (inertial axes), deflection (root axes)
     normal, along, rate, dx, dy, dvx, dvy, _, _ = deflection(lane, poses, 0)
-    # angle error; distance pays by it in half turns where whole turns do not matter: no way is longer than one
+    # e (rad); `way` in half turns where whole turns do not matter: no way is longer than one
     error = absolute(_error(lane, task, poses, record, normal, along))
     way = error if task.turns is None else error * (1.0 / math.pi)
-    # rate of the tip's polar angle, rad/s
+    # (r x v) / r^2: rate of the tip's polar angle, rad/s
     turning = (dx * dvy - dy * dvx) / (dx * dx + dy * dy)
     rate = absolute(rate / task.length)
     put_info(lane, live, info, DEFLECTION, normal / task.length)

@@ -279,7 +279,7 @@ def reward_change(lane, task, action: Lanes, record: Lanes, live, info, total):
     """
     change = 0.0
     for j in range(size(task.acted)):
-        # last action of joint j, stored behind the goal angles
+        # sum_j (u_j - u_j of the last period)^2; last actions are behind the goal angles
         at = GOAL + size(task.links) + j
         before, now = record[at], action[j]
         change = change + (now - before) * (now - before)

@@ -26,7 +26,7 @@ def _on_path(reference, task, record, lanes, i, t, k, out):
         for d in range(targets):
             out[_MOVING.x + d], out[_MOVING.vx + d] = reference.table[row + d], reference.table[row + targets + d]
         return
-    # drawn path: its numbers of this arm, without lanes
+    # drawn path: the PATH of this arm, copied from its lane because `path_at` has none
     path = stack(_ONE, _PATH)
     for j in range(GOAL - PATH_AT):
         path[j] = record[(PATH_AT + j) * lanes + i]

@@ -145,7 +145,7 @@ class Line:
         table = self.integral(np.clip(s, 0.0, self.length))
         if not self.link.rigid_ends:
             return table
-        # root end along the first tangent, tip end along the last one
+        # rigid ends are levers along the beam's tangent: at the root along phi_0, at the tip along phi(L)
         table[:, 0] += self.link.root_offset + np.minimum(s, 0.0)
         return np.asarray(table + np.outer(np.maximum(s - self.length, 0.0), self.tip_angle))
 

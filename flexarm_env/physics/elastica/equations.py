@@ -105,7 +105,7 @@ def _forces(lane, model, par: Lanes, state, u: Lanes, on: Nodes, r: Lanes):
         if model.damping is not None:
             angle = viscoelastic(angle, rate, scaled_by_share(model.damping, i // n, tau_d))
         x[i] = angle * stiffness
-    # acceleration of the root less gravity
+    # a - g of the root, inertial axes (equivalence principle)
     frame_x, frame_y = 0.0, 0.0
     if model.root is not None:
         frame_x, frame_y = root_position(lane, model, a, ex, ey)
@@ -335,7 +335,7 @@ def _to_relative(lane, model, S: Lanes):
     """
     n, rows = size(model.nodes), size(model.n)
     for k in range(size(model.links) - 1, 0, -1):
-        # columns, then rows
+        # S <- T^T S T: columns of both nodes of a joint add, then rows
         for j in range(rows):
             o = j * rows + k * n
             S[o - 1] += S[o]

@@ -60,7 +60,7 @@ def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
     """
     n, links = size(model.nodes), size(model.links)
     m = n * links
-    # joint k is the coordinate of the first node of link k
+    # y_k = q_(k n): the first node's coordinate of link k is its joint angle beta_k
     for k in range(links):
         y[k] = q[k * n]
     if model.loads is not None:
@@ -150,7 +150,7 @@ def energy(lane, model, par: Lanes, q, v):
         px = payload * tip_x + weighted_sum(lane, D, at.b, ex, m)
         py = payload * tip_y + weighted_sum(lane, D, at.b, ey, m)
         twice = twice + (mass * (vx * vx + vy * vy) + (vx * px + vy * py) * 2.0)
-    # -mass center . g, (cx, cy): first moment of mass about the origin
+    # V = -g . (c_x, c_y), first moment of mass about the origin (kg m, inertial axes)
     gravity = 0.0
     if model.gravity is not None:
         root_x, root_y = _root(lane, model, q, c, s)

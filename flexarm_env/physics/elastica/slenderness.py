@@ -88,7 +88,7 @@ def stretch_and_shear(scene: Scene, n: int) -> float:
         bent = _response(square, damping, force, t)
         sheared = _response(square / (1.0 + square * modes.section_work(shape)), damping, force, t)
         bow = modes.deflection(shape) / length
-        # a deflection is bounded, its linear model is not
+        # over max(1, bow |q|): a deflection is bounded, which its linear model is not
         off = (sheared - bent) / max(1.0, bow * np.abs(bent).max())
         tip += np.outer(modes.tip(shape) / length, off)
         deflection += bow * np.abs(off)
@@ -172,7 +172,7 @@ class _Modes:
             K[own, own] = chain.K[k]
         tip = chain.lines[-1].tip_angle
         self.M[m - n :, m - n :] += (payload.inertia + payload.mass * payload.offset[1] ** 2) * np.outer(tip, tip)
-        # free root: inertia about the center of mass; joints that do not move have no coordinate
+        # M - b b^T / m: a free root moves with the center of mass; rigid joints have no coordinate
         free_root = scene.root == "free"
         M = self.M - np.outer(self.b, self.b) * cosines / self.mass if free_root else self.M
         held = {int(k.joint) for k in scene.motions if k.joint is not None} | set(scene.rigid_joints)

@@ -280,7 +280,7 @@ def tangent(lane, order, points, section, weights, S: Lanes):
         at += 1
         rows.append(row)
         ratios.append(ratio)
-    # Schur complement on both vertices, in the order of `layout.CONDENSED`
+    # K_oo - K_oi K_ii^-1 K_io on both vertices o, in the order of `layout.CONDENSED`
     lefts, rights = outer[:AXES], outer[AXES:]
     assert at == ELEMENT_FACTORS.offsets(0, p).condensed
     pairs = [(lefts[i], lefts[j]) for i in range(AXES) for j in range(i, AXES)]

@@ -408,7 +408,7 @@ def solve(lane, model, S: Lanes, x: Lanes):
                 tx, ty = tx - S[h + OF_HINGE.x] * both, ty - S[h + OF_HINGE.y] * both
                 x[d] = both
             tt = about_tip(lane, model, S, k - 1, x, i, tx, ty, tt)
-    # root: solution from its 3x3 factors
+    # (x, y, psi) of the root: L D L^T of its 3 x 3 matrix
     pinned, root = factors.pinned, factors.root
     if load_lane(lane, S, pinned + X, 0) != 0.0:
         tx = x[X]

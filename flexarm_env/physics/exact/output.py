@@ -167,7 +167,7 @@ def centerline(model, q, points):
                 if model.rigid is not None and e % model.elements == 0:
                     x, y, _, _ = beam_start_motion((0,), model, q, q, e // model.elements)
                     left = x, y
-                # linear functions of both vertices, then the interior functions
+                # x, y (inertial axes) = (1 - share) left + share right + interior functions
                 for axis in range(2):
                     value = left[axis] * (1.0 - share) + q[i + at.right + axis] * share
                     for k in range(p - 1):
@@ -192,7 +192,7 @@ def restore_strains(lane, model, start: Lanes, q: Lanes):
     i = rows_of(model).elements
     x, y, _ = load_vector(lane, q, i)
     for k in range(model.links):
-        # left section angle at the start of the step and in q
+        # psi (rad) of the beam's first section, in `start` and in q
         psi, new_psi = root_angle(lane, model, start, k), root_angle(lane, model, q, k)
         for _ in range(model.elements):
             j = i

@@ -234,7 +234,7 @@ def condense_to_near_point(lane, model, S, k, end, tail):
     """
     if model.rigid is None:
         return tail
-    # mass at the far point, then congruence by n
+    # S_near = T^T S_far T with (x, y, psi)_far = (x, y, psi) + psi n, n = (-e_y, e_x)
     at = _factors_at(model, k, end)
     nx, ny = load_pair(lane, S, at + OF_FACTORS.x)
     far, mass, turn = load_vector(lane, S, at + OF_FACTORS.far)
@@ -370,7 +370,7 @@ def rigid_end_sums(lane, model, q: Lanes, v: Lanes, k):
         else:
             x, y, vx, vy = vertex_motion(lane, q, v, i)
             psi, spin = q[i + T], v[i + T]
-        # middle of the lever, where its mass is
+        # r + e/2, v + w n/2: the lever's mass is in its middle (inertial axes)
         ax, ay = lever_vector(lane, model, k, side, psi)
         x, y, vx, vy = lever_end_velocity(lane, (ax * 0.5, ay * 0.5), spin, x, y, vx, vy)
         kinetic = kinetic + ((vx * vx + vy * vy) * mass + (spin * spin) * inertia) * 0.5

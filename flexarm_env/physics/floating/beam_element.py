@@ -58,7 +58,7 @@ class Element:
         """Return quadrature points xi in (0, 1), their weights (sum 1) and the sections there."""
         if self.link.uniform is not None:
             return [(x, weight, self.link.uniform) for x, weight in zip(*QUADRATURE, strict=True)]
-        # Gauss points of each smooth piece between the places where sections jump
+        # Gauss points piece by piece, because EI, m jump between pieces and no rule is exact across a jump
         x, weights = FINER
         ends = np.array(self.link.points)
         half = 0.5 * np.diff(ends)[:, None]

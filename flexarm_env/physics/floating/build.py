@@ -287,7 +287,7 @@ def _chain(scene: Scene, settings: Settings) -> System:
         fixed=fixed_rows(scene, coordinates),
         algebraic=None,
         weight=weight,
-        # with stretch, what Newton leaves is small in length but not in force: nothing is trusted
+        # with stretch an increment small in length leaves large forces EA u': no error bound is trusted
         newton=NewtonPolicy(
             acceleration_share=1.0,
             first_error=None if settings.modes is None else 10.0,

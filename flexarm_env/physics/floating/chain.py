@@ -213,7 +213,7 @@ def factor(lane, model, S: Lanes):
     condense_to_near_point(lane, to_payload(model), S, levers, tail)
     for k in range(model.links - 1, -1, -1):
         condense_to_near_point(lane, end_of(model, k, TIP_END), S, levers, tail)
-        # bodies of link k from the tip inward, then the lever of its root end
+        # d(G, M) by (R'', theta) at the tip of link k becomes that at its root, body by body, then by its lever
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
             condense(lane, model.mesh, model.data[model.block * b :], S[first + stride * b :], tail)
         condense_to_near_point(lane, end_of(model, k, ROOT_END), S, levers, tail)
@@ -223,7 +223,7 @@ def factor(lane, model, S: Lanes):
             if load_lane(lane, S, o + JOINT.pinned, 0) == 0.0:
                 inverse = one / _with_own(lane, model, S, o + JOINT.own, tail[cell(2, 2)], 1.0)
                 S[o + JOINT.inverse] = inverse
-                # column and row of the pivot, divided by it
+                # column S_xb / pivot and row S_bx of the elbow's angle beta
                 for i in range(2):
                     S[o + JOINT.column + i] = tail[cell(i, 2)] * inverse
                     S[o + JOINT.row + i] = tail[cell(2, i)] * inverse
@@ -237,15 +237,14 @@ def factor(lane, model, S: Lanes):
                         tail[cell(i, 2)] = zero
                         tail[cell(2, i)] = zero
                 else:
-                    # joint stiffness s couples both sections: entries of the angle before the elbow are s / pivot times
-                    # those after it
+                    # s couples theta before and behind: S_(x, before) = (s / pivot) S_(x, behind)
                     share = S[o + JOINT.own] * inverse
                     S[o + JOINT.own] = share
                     for i in range(2):
                         tail[cell(i, 2)] *= share
                         tail[cell(2, i)] *= share
                     tail[cell(2, 2)] *= share
-    # root: joint stiffness of the hub; fixed rows and columns become those of the identity
+    # hub: S_theta += s; fixed rows and columns become those of the identity
     tail[cell(2, 2)] = _with_own(lane, model, S, ROOT.own, tail[cell(2, 2)], 1.0)
     for i in range(3):
         for j in range(3):
@@ -315,7 +314,7 @@ def solve(lane, model, S: Lanes, x: Lanes):
             for j in range(i + 1, 3):
                 total = total - S[F + cell(i, j)] * flow[j]
             flow[i] = total * S[F + cell(i, i)]
-    # unknowns of the root: accelerations x, y are cm times the increments of x, y
+    # the unknown of x, y is R'', c_m times their increment: divided here
     (dx, dy, turn), inverse = load_vector(lane, flow, 0), S[ROOT.scale + 1]
     store_vector(lane, x, 0, (dx * inverse, dy * inverse, turn))
     # back substitution from root to tip: each body's q from the motion (dR'', dtheta) of its root

@@ -252,7 +252,7 @@ def _energies(lane, model, D, par: Lanes, q: Lanes, v, frame):
     if model.modal is None:
         spun = spun + product(lane, model, D, own.B, v, q)
     kinetic = kinetic + w * spun
-    # bending with the factor on EI, relative to the shape without stress
+    # U = 1/2 q^T K_bend q times the EI factor, less q^T K_bend q_0 of a curved body
     strain = product(lane, model, D, own.K_bend, q, q) * (par[STIFFNESS_FACTOR] * 0.5)
     if model.curved is not None:
         strain = strain + (D[own.spent] - dot(lane, model, D, own.moment, q)) * par[STIFFNESS_FACTOR]

@@ -204,7 +204,7 @@ def add_outboard(lane, model, D, S: Lanes, tail: Lanes):
     c, s = load_pair(lane, S, at.frame)
     _turn_matrix(lane, tail, c, -s)
     for j in range(wide):
-        # acceleration and angle of the tip by column j, and with tail the force (fx, fy) and moment m
+        # (R'', theta) of the tip by column j (frame axes), and tail times it: the force (f_x, f_y) and moment m
         if j < n:
             bx, by = load_pair(lane, S, at.swept + 2 * j)
             fx, fy, m = _times(lane, tail, bx, by, D[own.tip_phi + j])
@@ -216,7 +216,7 @@ def add_outboard(lane, model, D, S: Lanes, tail: Lanes):
             fx, fy, m = tail[cell(0, k)], tail[cell(1, k)], tail[cell(2, k)]
         for i in range(wide):
             k = W + i * wide + j
-            # their virtual work on row i: lever arms of the force, angle of the tip section
+            # virtual work on q_i: p_i . f + phi_t,i m
             if i < n:
                 px, py = load_pair(lane, S, at.arm + 2 * i)
                 part = px * fx + py * fy + m * D[own.tip_phi + i]
@@ -259,7 +259,7 @@ def condense(lane, model, D, S: Lanes, tail: Lanes):
             for i in range(n):
                 k = W + i * wide + j
                 S[k] -= last * D[own.root + i]
-    # Gaussian elimination of the n elastic rows
+    # L U of the n rows of q, without pivoting: their block is near a positive definite K + c_m M
     for k in range(n):
         inverse = 1.0 / S[W + k * wide + k]
         S[W + k * wide + k] = inverse
@@ -294,12 +294,12 @@ def _turn_matrix(lane, tail: Lanes, c, s):
 
     (c, s) of a frame: from its axes to inertial ones; (c, -s): the other way.
     """
-    # rows x and y
+    # A T: rows x, y
     for j in range(3):
         x, y = rotate_2d(c, s, tail[cell(0, j)], tail[cell(1, j)])
         tail[cell(0, j)] = x
         tail[cell(1, j)] = y
-    # columns x and y
+    # T A^T: columns x, y
     for i in range(3):
         x, y = load_pair(lane, tail, cell(i, 0))
         store_pair(lane, tail, cell(i, 0), rotate_2d(c, s, x, y))
@@ -327,14 +327,14 @@ def reduce(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
     left_x, left_y, left_t = gx, gy, turning
     for i in range(n):
         px, py = load_pair(lane, S, at.arm + 2 * i)
-        # row i: their virtual work is subtracted, then the multiples of the rows before
+        # b_i - p_i . g - phi_t,i M, then less L_ik b_k of the rows before
         total = x[i] - (px * gx + py * gy) - moment * D[own.tip_phi + i]
         if model.chord is not None:
             total = total + turning * D[own.root + i]
         for j in range(i):
             total = total - S[W + i * wide + j] * x[j]
         x[i] = total
-        # contribution of the reduced row to force and moment at the root
+        # S_(root, i) U_ii^-1 b_i: what the eliminated rows require of (f, m) at the root
         left_x = left_x + S[W + n * wide + i] * total
         left_y = left_y + S[W + (n + 1) * wide + i] * total
         left_t = left_t + S[W + theta * wide + i] * total
@@ -369,7 +369,7 @@ def restore(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
     # angle of the frame: root section's less rho'x
     if model.chord is not None:
         turn = turn - turn_of_root(lane, model, D, x)
-    # acceleration of the tip by angle and elastic coordinates
+    # R'' of the tip (frame axes): swept_theta dtheta + sum_i swept_i dq_i
     wx, wy = load_pair(lane, S, at.swept + 2 * n)
     bx, by = bx + wx * turn, by + wy * turn
     for j in range(n):

@@ -198,7 +198,7 @@ def constraint_residual(lane, model, psi: Lanes, state: State, level, scale, r: 
         r[lam] = (x[at] - x[behind] + c * tx - s * ty) * scale
         r[lam + 1] = (x[at + 1] - x[behind + 1] + s * tx + c * ty) * scale
         if table[b, MULTIPLIERS] == 3:
-            # pose: angle, rate, acceleration of the tip section
+            # psi(t) in Phi_3 = theta_b + phi_t + psi - theta_(b+1), by its level: value, rate or second rate
             turn = pose[level] - x[behind + ANGLE]
             if table[b, MOTION] >= 0:
                 turn = turn + psi[OF_MOTION.end * table[b, MOTION] + level]

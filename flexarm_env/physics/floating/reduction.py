@@ -197,7 +197,7 @@ def inertia_margins(bodies: Sequence[Body], payload: Payload, root_moves: bool, 
         inertia[0, 1:] = inertia[1:, 0] = [body.s0, *body.s_bar[1]]
         inertia[1, 2:] = inertia[2:, 1] = body.c
         mass += own.T @ inertia @ own
-        # y and angle of the tip section, where the next body begins
+        # y (m, across the link) and angle of the tip section, where the next body begins
         across, turn = across + body.length * frame + body.tip[1] @ modes, frame + body.tip[2] @ modes
         if k + 1 == len(bodies):
             # m_p and J_p at the payload's center, behind the last tip, add J^T M J of its motion

@@ -136,7 +136,7 @@ def condense_to_near_point(lane, lever, S: Lanes, first, tail: Lanes):
         at, mass = _factors_at(first, lever), lever.mass
         nx, ny = load_pair(lane, S, at + OF_FACTORS.nx)
         wx, wy = load_pair(lane, S, at + OF_FACTORS.wx)
-        # mass at the far point
+        # S_xx, S_yy += m of the far point (unknown: R'', hence without c_m)
         for i in range(2):
             tail[cell(i, i)] += lever.far
         # far acceleration = near acceleration + w times the angle: columns; moment += n.f: rows
@@ -144,7 +144,7 @@ def condense_to_near_point(lane, lever, S: Lanes, first, tail: Lanes):
             tail[cell(i, 2)] += tail[cell(i, 0)] * wx + tail[cell(i, 1)] * wy
         for j in range(3):
             tail[cell(2, j)] += tail[cell(0, j)] * nx + tail[cell(1, j)] * ny
-        # mass in the middle: acceleration and moment with half the lever; derivative of lever arms at constant forces
+        # mass in the middle: n/2 in place of n, hence m/4 in theta-theta; -(e . f) at constant f
         half = 0.5 * mass
         for i in range(2):
             tail[cell(i, i)] += mass

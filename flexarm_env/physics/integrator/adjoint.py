@@ -71,7 +71,7 @@ def _vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, weights, half, 
         _multiply(lane, model, w, bar)
         vjp_residual(lane, model, par, par_bar, state_of(w), w.u, bar.S, state_of(bar), bar.u, bar.r)
     for k in range(n):
-        # back through v+, a+, b+ to q, v, a, b of the start
+        # (6.1) backwards: from v+, a+, b+ to q, v, a, b of the start
         v, a = load(lane, bar.v, k), load(lane, bar.a, k)
         # ahead: cotangent of q + h v + h^2 (1/2 - beta) b, from which q+ departs in (6.1)
         ahead = -load(lane, bar.b, k) * slopes.b - v * slopes.v - a * slopes.a
@@ -131,7 +131,7 @@ def _vjp_shift(lane, model, par, par_bar, w, bar, slopes, scheme, weights, ahead
         if k > 0 and tangents_have_converged(lane, scheme, first, before, left):
             break
         before = left
-    # cotangent of the prediction
+    # cotangent of the prediction p: -T(D)^-1 (s_v v + s_a a + s_b b)
     _follow(lane, model, bar, slopes, bar.q)
     for i in range(n):
         store(bar.q, i, -load(lane, bar.q, i))

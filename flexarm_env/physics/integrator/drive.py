@@ -58,7 +58,7 @@ def set_inputs(lane, drive, u: Lanes, t, side):
     before = -1
     for i in range(drive.entries.shape[0]):
         entry = drive.entries[i]
-        # terms of one entry follow each other: the first one clears it
+        # u_i = sum of its terms, which are neighbors: the first one overwrites
         if entry != before:
             u[entry] = 0.0
         u[entry] += evaluate(drive, drive.terms[i], t, side)[0]

@@ -156,7 +156,7 @@ def _apply_newton_increment(lane, model, par, w: Work, active, slopes, tolerance
     take_multipliers(lane, model.algebraic, w, active, slopes.a)
     largest_of = 0.0
     nothing = -0.0  # x + -0.0 is x to the last bit
-    # increments of all rows, their largest weighted size, and v, a, b
+    # d = -S^-1 r; largest |d_k| weight_k; v, a, b by their slopes
     for k in range(size(model.n)):
         d = -w.r[k]
         moved, increment = _shifted_increment(lane, model.newton.period_correction, w.shift, k, d)

@@ -199,7 +199,7 @@ def _solve_jump(lane, model, drive, par, w: Work):
     _residual_with_multipliers(lane, model, par, w, MASS_ALONE)
     _scaled_difference(lane, n, w.r, w.b0, 1.0)
     for k in range(n):
-        # constraints of the velocities (level 1) at v + the prescribed part
+        # Phi' (level 1) at v + dv of the prescribed rows
         w.v[k] = w.v0[k] + w.a0[k]
     constraint_residual(lane, model, w.psi, state_of(w), 1, 1.0, w.r)
     solve_unknown_rows(lane, model, drive, w, True)
@@ -241,7 +241,7 @@ def _remove_damping_layer(lane, model, drive, par, w: Work, h, fresh):
         e, dv = w.r[k], w.a0[k]
         w.v[k] -= e * part
         w.a[k] = e * -SMALL
-        # mean of the velocities before and after the layer: damping dissipates its impulse times this
+        # v_0 + dv - e/2: the layer's damping dissipates its impulse times this mean
         w.r[k] = w.v0[k] + dv - e * 0.5
         w.a0[k] = dv - e
     move_multipliers(lane, model.algebraic, w.v, w.v, True)
@@ -334,7 +334,7 @@ def restart_within(lane, model, drive, par, w: Work, t, h, fresh):
         _jump_velocities(lane, model, drive, par, w, h, fresh)
         release_reversed_joints(lane, model, w.v, w.S)
     for k in range(n):
-        # a fresh start solves for the accelerations from 0; a kink corrects those saved in q0
+        # a = 0: a fresh start solves M a = -r; a kink corrects the a saved in q0
         w.a[k] = 0.0
     move_multipliers(lane, model.algebraic, w.q, w.a, False)
     if drive is not None:
@@ -358,7 +358,7 @@ def restart_within(lane, model, drive, par, w: Work, t, h, fresh):
         move_multipliers(lane, model.algebraic, w.a, w.a, True)
     _restart_auxiliary_acceleration(lane, n, drive, w, fresh)
     if drive is not None:
-        # forces that enforce the motions at t+
+        # reactions at t+ (N, N m): r of prescribed rows, or their lambda
         assemble(lane, model, par, state_of(w), w.u, RESIDUAL_ALONE, w.r, w.S)
         store_reactions(lane, drive.known, model.algebraic, w.r, w.q, w.reaction)
         copy_rows(lane, size(model.n_inputs), w.u, w.u0)

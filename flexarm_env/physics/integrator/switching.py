@@ -32,7 +32,7 @@ def jump_accelerations(lane, model, par, flat, n_motions, h, first, kept=None):
     """
     w: Work = unpack(lane, model, flat, n_motions)
     n = size(model.n)
-    # residual before the jump, with Coulomb friction; 0 in lanes `first`
+    # r(u_0) before the jump, with Coulomb friction; 0 in lanes `first`, whose a is solved from rest
     assemble(lane, model, par, state_of(w), w.u0, RESIDUAL_ALONE, w.r, w.S)
     store_friction(lane, model, par, state_of(w), w.u0, w.r, w.S)
     for k in range(n):

@@ -132,7 +132,7 @@ def conserve_momentum(lane, part, model, par: Lanes, before, h, q, v: Lanes, u, 
     mx, my, inertia = turned[1] - y, x - turned[0], turned[2] - turn
     mass = par[PAYLOAD_MASS] + base.mass
     dx, dy = wanted[0] - now[0], wanted[1] - now[1]
-    # rigid motion (dx, dy, rate): 3 x 3 system, translation eliminated
+    # (P, L) wanted - now = [m, m, I] (dx, dy, rate): the translation eliminated from 3 x 3
     rate = (wanted[2] - now[2] - (mx * dy - my * dx) / mass) / (inertia - (mx * mx + my * my) / mass)
     _turn(lane, base, q, rate, v)
     dx, dy = (dx + my * rate) / mass, (dy - mx * rate) / mass

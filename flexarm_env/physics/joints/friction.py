@@ -248,7 +248,7 @@ def _choose_branch(lane, model, par, weights, i, S: Lanes):
         # torque that closes the gap; within T_C the joint sticks, otherwise T = +-T_C
         wanted = S[g + GEAR.torque] + left / S[column_at(model, i) + row]
         sticks, bound = select_lt(absolute(wanted), coulomb, one, zero), clip(wanted, coulomb)
-        # v stays: joints that slid keep sliding with the same torque
+        # torques jump, v does not: a joint that slid keeps its T_C
         if weights.damping == 0.0:
             slides = S[g + GEAR.slides]
             sticks = select_lt(0.5, slides, zero, sticks)

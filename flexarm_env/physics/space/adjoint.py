@@ -49,7 +49,7 @@ def multiply(lane, model, S, x, y):
             c, d = load_vector(lane, x, i), load_vector(lane, x, i + 3)
             left, right = block_times(lane, S, o + F.LL, a, b), block_times(lane, S, o + F.RL, a, b)
             more, far = block_times(lane, S, o + F.LR, c, d), block_times(lane, S, o + F.RR, c, d)
-            # the matrix after `condense` lacks the inner modes: add their part
+            # `condense` has eliminated the inner modes p from S: K_ep p + K_pe terms are added
             if model.inner is not None:
                 n = elements_before(model, k) + e
                 at, first_row = inner_at(model, n), inner_row(model, n)

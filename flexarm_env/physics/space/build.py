@@ -160,7 +160,7 @@ def _elements(link: Link, n: int, damping: float) -> list[Array]:
     J, J_y = plane.J @ share, across["J_y"] @ share
     rows = []
     for e, length in enumerate(lengths.tolist()):
-        # rotary inertia about x, y, z, with a lower bound, as ends of elements rotate by themselves
+        # J about x, y, z (section axes), at least LEAST_ROTARY m l^2: ends of elements rotate by J alone
         rotary = np.maximum([J[e] + J_y[e], J_y[e], J[e]], LEAST_ROTARY * masses[e].sum() * length)
         tilts = np.array([tilt["EI_y"][e], tilt["EI"][e]])
         rows.append(
@@ -181,7 +181,7 @@ def chords_of(link: Link, ends: Array) -> Array:
     if link.curved:
         angles = curves.angle(link.curvature, ends)
         middle = 0.5 * (angles[1:] + angles[:-1])
-        # as a complex number in the plane of the curvature, rotated to the mean tangent
+        # chord - e_x + bow as a complex number x + i y, axes of the mean tangent
         chord = np.diff(curves.place(link.curvature, ends)) / np.diff(ends) * np.exp(-1j * middle)
         found[:, 0], found[:, 1] = chord.real - 1.0 + BOW * np.diff(angles) ** 2, chord.imag
     return found
@@ -432,7 +432,7 @@ def build(scene: Scene, settings: Settings) -> System:
         newton=NewtonPolicy(
             first_error=10.0, predicts=(0,), max_increment=MAX_INCREMENT,
             tangent_error=(TANGENT_ERROR if floating else 0.0, TANGENT_ERROR),
-            # the second matrix, of a state close to the end of the step, serves two more iterations
+            # i = 2, j = 3: the second matrix belongs to a state near the step's end and serves two more iterations
             reuse=((0,) * 2, (0,) * 3), rotations=(0,),
             # ends of elements rotate by their sections' rotary inertia alone
             light_joints=(0,),

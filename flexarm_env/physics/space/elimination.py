@@ -228,7 +228,7 @@ def _down(lane, model, S, k, x):
     for back_e in range(count):
         e = count - 1 - back_e
         o, i = factor_at(model, k, e), row + 1 + AXES * e
-        # inner modes of a segment go first
+        # inner modes go first, since they were condensed first: x_e - K_ep K_pp^-1 x_p
         if model.inner is not None:
             n = elements_before(model, k) + e
             on_left = inner.down(lane, model, S, inner_at(model, n), x, inner_row(model, n), i)
@@ -292,7 +292,7 @@ def _up(lane, model, S, k, x, moved):
         _strains_up(lane, model, S, k, x, moved)
         return
     i, (a, b) = joint_row(model, k) + 1, moved
-    # a rigid link: the motion of its rows is that of its root
+    # a rigid link: its rows move as its root, (a, b)
     if count_of(model, k) == 0:
         store_vector(lane, x, i, a)
         store_vector(lane, x, i + 3, b)

@@ -164,7 +164,7 @@ def _gathered(lane, model, par, k, state, weights, r, S, of):
     i = joint_row(model, k) + 1
     if model.strains is not None:
         on = noted_at(model, k).on
-        # wrench on the last section, carried inward over the points to r of the strains
+        # (f, m) on the last section, carried inward over the points to r of the strains
         more = load_vector(lane, S, on), load_vector(lane, S, on + 3)
         if count_of(model, k) > 0:
             more = sweep_inward(lane, model, k, r, S)

@@ -280,7 +280,7 @@ def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
     turn_l, turn_r, turn = _rotary(lane, model, at, left, right, (spin, alpha), state, row)
     couple = couple + turn - (a.T @ ml + b.T @ mr)
     aside = Vector(stiff.pull, couple[2] * frame.over, (couple[1] + couple[0] * frame.k) * -frame.over)
-    # tangent, with its own forces bounded (`MOST`)
+    # S with pull at most EI/2l^2 and moments at most EI/2l (`MOST`): early iterates overestimate them
     if weights.with_matrix:
         most = _most_force(section, model.frames[at.mass] * 0.5, weights.mass)
         moment = most * section.length
@@ -357,7 +357,7 @@ def frame_sums(lane, model, par: Lanes, q, v, left, right, i):
     strain = strain + (model.frames[at.spent] - natural) * par[STIFFNESS_FACTOR]
     gravity = 0.0
     push = Vector(gravity, gravity, gravity)
-    # Gauss points: translational kinetic energy, momentum and weight
+    # Gauss points: 1/2 m |v|^2, m v, -m g . r (inertial axes)
     for p in range(points_of(model)):
         to = at.points + weight_end(model) * p
         mass, xi = model.frames[to + W.mass], model.frames[to + W.xi]
@@ -423,12 +423,12 @@ def frame_damping_over(lane, model, par, before, after, share, i):
         lane, model, (q0, v0), left_0, right_0, at, row
     )
     (e, near, far), (e_rate, near_rate, far_rate) = _strains(lane, model, (q, v), left, right, at, row)
-    # mean rates of strain over the step and the forces that they cause
+    # rates (strain_1 - strain_0) / h of e and phi_bar, and the forces that they cause
     e, near, far = (e - e_0) * share, share * (near - near_0), share * (far - far_0)
     l, r = _bent(lane, model, par, at.bend, near, far)
     pull = e * model.frames[at.pull]
     power = pull * e + dot(l, near) + dot(r, far)
-    # mean of the end rates less the mean rate
+    # (rate_0 + rate_1) / 2 less those: what end rates do beyond the dissipation
     near, far = (0.5 * (near_rate_0 + near_rate) - near, 0.5 * (far_rate_0 + far_rate) - far)
     beyond = pull * ((e_rate_0 + e_rate) * 0.5 - e) + dot(l, near) + dot(r, far)
     # inner modes p: dissipation K (dp/h)^2, and what the mean of the end rates does beyond it

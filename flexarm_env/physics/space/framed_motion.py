@@ -82,7 +82,7 @@ def late_of(lane, model, par, frame, rates, spins, stiff, late, at):
     e_b = Vector(zero, turn[1], turn[2]) + cross(both, b) - (dl + dr)
     e_b = Vector(e_b[0], e_b[1] + both[2] * spin[0], e_b[2] - both[1] * spin[0])
     e_l, e_r, e_b = strong * e_l, strong * e_r, strong * e_b
-    # moments of bending and torsion
+    # K d(phi_bar'), by the left, the right section and the frame (frame axes)
     on_l = bent_rows(lane, model, par, a, c, skew(l), skew(y), at)
     on_r = bent_rows(lane, model, par, a, c, skew(x), skew(r), at)
     on_b = bent_rows(lane, model, par, a, c, by_b, by_b, at)

@@ -225,7 +225,7 @@ def _turned(lane, model, frame, now, bending, late, bent, weights, at):
     ll, rl, bl = _rows_by(P, Q, ll_by, rl_by)
     lr, rr, br = _rows_by(P, Q, lr_by, rr_by)
     lb, rb, bb = _rows_by(P, Q, l_by, r_by)
-    # inertia about the chord; without inner modes as if h were one in both planes
+    # c_m int m n^2 about the chord (x of the frame); without inner modes as if h were one in both planes
     ul, ur = cm * bent.left, cm * bent.right
     vl, vr = ex_cross(ul), ex_cross(ur)
     vl, vr, roll = Pt @ vl, Qt @ vr, P @ vl + Q @ vr

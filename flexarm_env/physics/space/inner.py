@@ -81,7 +81,7 @@ def factors(lane, n, S: Lanes, o):
         inverse = 1.0 / S[o + (n + 1) * k]
         S[o + (n + 1) * k] = inverse
         for i in range(k + 1, n):
-            # eliminate column k from row i
+            # L_ik = S_ik / U_kk; row i less L_ik row k
             factor = S[o + n * i + k] * inverse
             S[o + n * i + k] = factor
             for j in range(k + 1, n):
@@ -184,7 +184,7 @@ def multiplied(lane, model, S, inner, x: Lanes, y: Lanes, row, left, right):
     a, b, c, d = nothing, nothing, nothing, nothing
     for k in range(n):
         over, at = inner.over + 12 * k, inner.ends + 12 * k
-        # x + over (motions of the ends): what the factored matrix acts on
+        # x + K_pp^-1 K_pe (motions of the ends): the factored K_pp acts on this sum
         moved = dot(load_vector(lane, S, over), left[0]) + dot(load_vector(lane, S, over + 3), left[1])
         moved = moved + dot(load_vector(lane, S, over + 6), right[0]) + dot(load_vector(lane, S, over + 9), right[1])
         moved = moved + x[row + k]

@@ -180,7 +180,7 @@ def eliminate_joint(lane, model, S: Lanes, k):
     moment = cross(axis, load_vector(lane, S, h + H.moment))
     on_root = tt @ way
     force, on_section = xt @ way, turn @ (on_root + moment)
-    # row: virtual work of the angle, without the lag
+    # row: virtual work axis . m of the angle, without the lag
     by_place, by_turn = tx.T @ axis, turn @ (tt.T @ axis)
     pivot = dot(axis, on_root) + S[h + H.own]
     if has_lever(model, k):

@@ -60,7 +60,7 @@ def retract(lane, model, q: Lanes, share, d, more):
         q[joint_row(model, k)] = added(lane, q, share, d, more, joint_row(model, k))
         for e in range(vertices_of(model, k)):
             move_vertex(lane, q, vertex_row(model, k, e), share, d, more)
-    # amplitudes of inner modes add up
+    # amplitudes of inner modes (rad): added
     for j in range(joint_row(model, model.links), model.n):
         q[j] = added(lane, q, share, d, more, j)
 
@@ -89,7 +89,7 @@ def local_difference(lane, model, start: Lanes, q: Lanes, d: Lanes):
         d[i] = q[i] - start[i]
         for e in range(vertices_of(model, k)):
             store_increment(lane, start, q, d, vertex_row(model, k, e))
-    # amplitudes of inner modes: differences
+    # amplitudes of inner modes (rad): differences
     for j in range(joint_row(model, model.links), model.n):
         d[j] = q[j] - start[j]
 

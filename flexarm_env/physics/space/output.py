@@ -66,7 +66,7 @@ def _element_sums(lane, model, par, left, right, element):
 
     left, right: `Place`s of its ends; element: its index over all links.
     """
-    # inlined, as for other links: where momentum alone is used, each step of a free arm, energies are not compiled
+    # inlined: each step of a free arm needs the momentum alone, and unused energies are then not compiled
     section = section_at(lane, model, par, element)
     gamma, bent = middle(section, left, right)[0]
     stretch = dot(gamma, scale(gamma, section.stretch)) * section.length

@@ -86,7 +86,7 @@ class _Plane:
         # static shapes: phi = 1 at one end, 0 at the other
         self.nodal[[1, 3], [0, 1]] = 1.0
         if modes is not None:
-            # modes between pins, less the end rotations that they cause, scaled by their largest slope
+            # modes between pins with phi = 0 at both ends (Craig and Bampton), scaled to a slope of 1
             K, nodal = pinned_modes(part.link, modes)
             basis = np.eye(modes)
             basis[:2, 2:] = -nodal[[1, -1], 2:]
@@ -146,10 +146,10 @@ def _frame(link: Link, plane: Element, across: Element, start: float, modes: int
     K, H, rotary = (np.zeros((n + k, n + k, 3)) for k in (0, 0, 1))  # the frame comes last
     moments = np.zeros((n, 3))
     twist = torsion(link, start, start + l) / l
-    # torsion: linear shape of the ends, sine waves inside
+    # torsion: phi = 1 - xi, xi of the ends, sin(k pi xi) inside
     K[:2, :2, 0] = twist * np.array([[1.0, -1.0], [-1.0, 1.0]])
     waves = np.pi * np.arange(1, inner + 1)[:, None]
-    # bending: stiffness, foreshortening, and rotary inertia with the rest of the section rotation for the frame
+    # bending: K, H, and J with 1 - sum of the shapes' rotation for the frame
     for axis, one in zip((1, 2), both, strict=True):
         K[..., axis], H[..., axis] = one.K, one.H
         rest = 1.0 - one.phi[0] - one.phi[1]
@@ -157,11 +157,11 @@ def _frame(link: Link, plane: Element, across: Element, start: float, modes: int
         moments[:, axis] = one.moment
         twisted = np.vstack([1.0 - one.at, one.at, np.sin(waves * one.at), 0.0 * one.at])
         rotary[..., 0] += _symmetric(one.dJ, twisted)
-    # torsional stiffness of the waves
+    # int GJ phi_j' phi_k' of the waves
     x, weights = np.polynomial.legendre.leggauss(32)
     at, slopes = 0.5 * (1.0 + x), waves * np.cos(waves * 0.5 * (1.0 + x)) / l
     K[2:, 2:, 0] = _symmetric(0.5 * l * weights * np.asarray(link.across(start + l * at)["GJ"]), np.asarray(slopes))
-    # lower bound of rotary inertia about the axis
+    # J about the axis at least LEAST_ROTARY m l^2: ends rotate by J alone
     least = LEAST_ROTARY * plane.section.m * l**3
     if rotary[0, 0, 0] < least / 3.0:
         rotary[..., 0] = 0.0

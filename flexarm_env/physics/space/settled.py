@@ -57,7 +57,7 @@ def _chord(section, left, right, n, cv):
         e = b
     else:
         share = 1.0 / section.length
-        # damping: slip is the velocity that the right end would have at the position of the left
+        # slip = v_r - v_l + c_v (r_l - r_r): v that the right end would have at the left end's place
         slip = right.v - left.v + cv * (left.r - right.r)
         bend = T @ right.spin - T.T @ left.spin
         known = share * (R.T @ slip) + arc_of(section.uneven, psi) @ bend
@@ -101,7 +101,7 @@ def _add_forces(lane, model, w: Work, active):
         for e in range(count_of(model, k)):
             f, i = factor_at(model, k, e), vertex_row(model, k, e)
             x, y = load_vector(lane, w.r, i), load_vector(lane, w.r, i + 3)
-            # dn of the element, from the motions of its ends
+            # dn = dn/dr (x - a) + dn/dtheta_l b + ..., from the motions of its ends
             n = matrix_in(lane, w.S, f + F.by_place) @ (x - a)
             n = n + matrix_in(lane, w.S, f + F.by_left) @ b
             n = n + matrix_in(lane, w.S, f + F.by_right) @ y
@@ -140,7 +140,7 @@ def correct_positions(lane, model, par, w: Work, active, slopes, predicted):
             section, right = section_at(lane, model, par, first + e), place_at(lane, w.q, w.v, i)
             r = _chord(section, left, right, load_vector(lane, w.S, factor_at(model, k, e) + F.force), slopes.v)
             for j in range(3):
-                # -0.0 where an arm is inactive keeps its values to the last bit
+                # -0.0 where an arm is inactive: x + -0.0 is x to the last bit
                 d = select_lt(0.5, active, r[j] - right.r[j], -0.0)
                 moved = total[i + j] + d
                 total[i + j] = moved

@@ -162,7 +162,7 @@ def last_place(lane, model, k, q, v, root):
     r, u = Vector(zero, zero, zero), Vector(zero, zero, zero)
     for i in range(n + 1):
         bend = bend_of(lane, model, at, i, row, q, v, None)
-        # orientation and angular velocity behind the interval, then position and velocity of the end
+        # p, w behind the interval, then r += way t, v += way (w x t) (root axes)
         p = turned_by(bend, p)
         w = w + matrix(p) @ bend.rel
         if i < n:
@@ -209,7 +209,7 @@ def sweep_outward(lane, model, k, state, root, S):
             I, own_w = three_of(lane, model.strains, at.inertia + 3 * i), A.T @ w
             turn = scale(A.T @ alpha, I) + cross(own_w, scale(own_w, I))
             store_vector(lane, S, to.moment + 3 * i, A @ turn)
-    # points: position, velocity of the end, acceleration and inertia force, sums over the tangents before
+    # r = sum ways t, a = a_0 + sum ways t'', f = m a of the points; v of the end (root axes)
     u, r, found = Vector(zero, zero, zero), Vector(zero, zero, zero), a0
     for i in range(n + 1):
         r, found = Vector(zero, zero, zero), a0

@@ -131,7 +131,7 @@ def _on_strains(lane, model, S: Lanes, at, to, force, moment, ck, theta_too, col
     n, m = size(model.points), size(model.polynomials)
     total, couple, g = force, moment + cross(load_vector(lane, S, to.r + 3 * n), force), moment
     if theta_too is not None:
-        # present forces act at displaced points
+        # c_k R x f: present forces act at displaced points
         held = matrix_in(lane, S, to.frame).T @ load_vector(lane, S, to.on)
         couple = couple + ck * cross(load_vector(lane, S, to.moved + 3 * n), held)
     for back_i in range(n + 1):
@@ -142,13 +142,13 @@ def _on_strains(lane, model, S: Lanes, at, to, force, moment, ck, theta_too, col
             # df on the root and dm about its origin (root axes)
             total = total + own
             couple = couple + (cross(load_vector(lane, S, to.r + 3 * i), own) + turn)
-            # change of the generalized force on the tangent, as in `strained.sweep_inward`
+            # dn_i = sum ways df beyond: on the tangent of point i, as in `strained.sweep_inward`
             on = model.strains[at.ways + n * n + i] * force
             for p in range(n):
                 on = on + model.strains[at.ways + n * p + i] * load_vector(lane, S, to.change + 3 * p)
             g = g + (cross(t, on) + turn)
             if theta_too is not None:
-                # the tangent rotates against the present force
+                # c_k theta x t . n: the tangent rotates against the present force
                 theta, moved = load_vector(lane, S, to.theta + 3 * i), load_vector(lane, S, to.moved + 3 * i)
                 couple = couple + ck * cross(moved, load_vector(lane, S, to.force + 3 * i))
                 g = g + ck * cross(cross(theta, t), load_vector(lane, S, to.pull + 3 * i))
@@ -156,7 +156,7 @@ def _on_strains(lane, model, S: Lanes, at, to, force, moment, ck, theta_too, col
         if theta_too is not None:
             held = load_vector(lane, S, to.bend + 3 * i)
             on = g + ck * cross(held, load_vector(lane, S, to.theta + 3 * i))
-        # generalized forces on s and d, then on the coefficients of the polynomials
+        # on s and d by their rotations' transpose, then sum over intervals onto c_j
         on_s = matrix_in(lane, S, to.by_sum + 9 * i) @ on
         on_d = matrix_in(lane, S, to.by_slant + 9 * i) @ on
         if theta_too is not None:
