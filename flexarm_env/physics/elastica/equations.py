@@ -312,7 +312,8 @@ def _root_tangent(lane, model, payload, on: Nodes, cm, S: Lanes):
     at = constants(model)
     if model.root is not None:
         m, rows = size(model.links) * size(model.nodes), size(model.n)
-        # by the nodes' angles: force rows, moment columns
+        # coupling of angles with the root: rows of force (inertial axes), columns of moment, (m_p w_j + b_j - m beta_j)
+        # de_j
         for j in range(m):
             moment = payload * D[at.w + j] + D[at.b + j] - (payload + D[at.mass]) * D[at.beta + j]
             S[(m + X) * rows + j] = moment * on.ex[j]

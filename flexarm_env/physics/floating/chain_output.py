@@ -244,8 +244,7 @@ def _energies(lane, model, D, par: Lanes, q: Lanes, v, frame):
         tx = tx - product(lane, model, D, own.D0, q, v)
     # I(q) = I0 + 2 c_u'q + q'G q
     inertia = along(lane, model, D, own.c_u, q) * 2.0 + D[own.I0] + product(lane, model, D, own.G, q, q)
-    # T: translation, coupling with the first moment's rate; rotation and elastic rates; angular momentum of elastic
-    # rates
+    # T (2.3): 1/2 m |v|^2 + v . (w E s + s'), 1/2 w^2 I + 1/2 q'^T M_ff q', w (c + B q) . q'
     kinetic = (vx * vx + vy * vy) * (0.5 * D[own.mass]) + vx * (tx - w * sy) + vy * (ty + w * sx)
     kinetic = kinetic + ((w * w) * inertia + product(lane, model, D, own.M_ff, v, v)) * 0.5
     spun = dot(lane, model, D, own.c, v)
