@@ -101,7 +101,10 @@ def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
 
 @kernel
 def damping_power(lane, model, par: Lanes, q: Lanes, v: Lanes, x: Lanes):
-    """Return x^T C(q) v, W: the power at rates x of the Kelvin-Voigt damping forces at rates v; 0 without damping."""
+    """Return x^T C(q) v, W: the power at rates x of the Kelvin-Voigt damping forces at rates v; 0 without damping.
+
+    Theory, (5.1).
+    """
     if model.damped is None:
         return 0.0
     i, total = rows_of(model).elements, 0.0

@@ -120,7 +120,7 @@ def beam_start(lane, model, state: State, k, tip, i):
 
     For k = 0 `tip` is the joint at the chain's root. The new vertex has no force. Its moment is the hub's inertia
     torque less the hub torque (k = 0), or the elbow's inertia torque behind the hinge. `beam_start_rows` later
-    transmits the beam's force back. state: q, v, a of the arm.
+    transmits the beam's force back. state: q, v, a of the arm. Theory, section 5, "Rigid ends".
     """
     (x, y, psi), (vx, vy, turning), (ax, ay, alpha), (_, _, moment) = tip.place, tip.rate, tip.acceleration, tip.force
     # omega is for centripetal terms, `turning` for strain rates, which a damped model alone reads
@@ -149,7 +149,7 @@ def _through(lane, model, k, end, lever, motion, force, moment, far, weights, S)
     The lever's own inertia is included. k, end: the lever is at this end of link k. lever: vector e, m, inertial axes.
     motion: rate, second rate of its angle, acceleration (x, y; less gravity) of the near point. force (N), moment (N
     m): at the far point. far: mass at the far point, kg, for the matrix alone. With weights.with_matrix the lever's
-    factors are written to S.
+    factors are written to S. Theory, section 5, "Rigid ends".
     """
     rate, second, ax, ay = motion
     ex, ey = lever
@@ -172,7 +172,7 @@ def _through(lane, model, k, end, lever, motion, force, moment, far, weights, S)
 
 @kernel
 def beam_start_rows(lane, model, state: State, u: Lanes, k, tip, i, r: Lanes, weights, S):
-    """Write the residual rows of the vertex before link k (row i) and of its hinge, with rigid ends.
+    """Write the residual rows of the vertex before link k (row i) and of its hinge, with rigid ends (theory, 5).
 
     In: r[i : i + 3], force (N, inertial axes) and moment (N m) on the start of the beam of link k. Out: the same rows
     for the vertex `tip`, which is the near point of the tip lever before the hinge (k = 0: of the root lever), and the
@@ -230,7 +230,7 @@ def condense_to_near_point(lane, model, S, k, end, tail):
 
     Order (xx, xy, xt, yy, yt, tt), t for psi. The lever is at the `end` of link k; its `LEVER_FACTORS` are in S. With n
     = (-e_y, e_x) the far point moves by dx + n dpsi, a map T, and the lever's middle by dx + n/2 dpsi: T^T (tail + far
-    mass) T + the lever's own mass + `turn` on psi. Without levers `tail` itself.
+    mass) T + the lever's own mass + `turn` on psi. Without levers `tail` itself. Theory, section 5, "Rigid ends".
     """
     if model.rigid is None:
         return tail
@@ -358,7 +358,10 @@ def next_vertex_motion(lane, model, q, v, i):
 
 @kernel
 def rigid_end_sums(lane, model, q: Lanes, v: Lanes, k):
-    """Return kinetic energy (J) and first moments of mass (x, y; kg m, inertial axes) of the rigid ends of link k."""
+    """Return kinetic energy (J) and first moments of mass (x, y; kg m, inertial axes) of the rigid ends of link k.
+
+    Theory, section 5, "Rigid ends".
+    """
     zero = 0.0
     kinetic, mx, my = zero, zero, zero
     for side in range(2):

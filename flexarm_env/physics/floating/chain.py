@@ -202,7 +202,7 @@ def factor(lane, model, S: Lanes):
     `tail` (9,), by rows, inertial axes: change of force and moment by the weighted acceleration (x, y) and the angle of
     a section, of all that lies beyond it. Pivots are stored inverted. At a free elbow the angle of the section beyond
     is eliminated: the moment there is the joint's torque, so that no change of moment passes; at a fixed one all
-    passes.
+    passes. Theory, (3.3).
     """
     stride, first = _stride(model), _bodies_at(model)
     tail, (inertia, mass) = stack(lane, NINE), load_pair(lane, S, ROOT.tail)
@@ -271,7 +271,7 @@ def solve(lane, model, S: Lanes, x: Lanes):
 
     Forward from tip to root, then the root's 3 x 3 system, then back from root to tip. flow (3,), inertial axes: force
     and moment that the reduced right sides beyond a section cause; on the way back the weighted acceleration and the
-    angle of a section.
+    angle of a section. Theory, (3.3).
     """
     mesh, stride, first = model.mesh, _stride(model), _bodies_at(model)
     flow, levers, zero = stack(lane, THREE), _levers_at(model), 0.0

@@ -130,6 +130,8 @@ def _stretching(lane, model, D, tau, cc, ck, strains: Lanes, S: Lanes):
 
     # in       tau: tau_d, s; cc, ck: weights of damping and stiffness; strains: a `STRAIN` per element
     # out      S: added to `FACTORS.matrix`
+
+    Theory, (1.2).
     """
     n, wide = size(model.n), len(model.window)
     W, own, kept = factors_at(0, n).matrix, span_at(constants(model).spans, wide), strain_at(0, wide)
@@ -165,6 +167,8 @@ def _drag_tangent(lane, model, D, carried: Lanes, cc, ck, v: Lanes, vectors: Lan
     # in       carried (2,): mass (kg), inertia (kg m^2) at the tip; v: elastic rates; vectors: x row of J
     #          cc, ck: weights of dr/dv, dr/dq
     # out      S: added to `FACTORS.matrix`
+
+    Theory, section 2.
     """
     own, n = constants(model), size(model.n)
     W, px = factors_at(0, n).matrix, vectors_at(0, n).px
@@ -188,7 +192,7 @@ def _drag_tangent(lane, model, D, carried: Lanes, cc, ck, v: Lanes, vectors: Lan
 @unrolled
 @kernel
 def add_outboard(lane, model, D, S: Lanes, tail: Lanes):
-    """Add the matrix of all bodies beyond the tip to the body's matrix: arm' tail swept.
+    """Add the matrix of all bodies beyond the tip to the body's matrix: arm' tail swept. Theory, (3.3).
 
     arm: displacement and rotation of the tip section by each coordinate. swept: its weighted acceleration (cm, cc, ck
     times the derivatives by accelerations, rates, coordinates) and its rotation by each coordinate. Frame axes.
@@ -242,6 +246,8 @@ def condense(lane, model, D, S: Lanes, tail: Lanes):
     # in, out  tail (9,): change of force and moment by acceleration and angle (inertial axes), in: at the tip section
     #          of the body, of all beyond; out: at its root section, the Schur complement of the elastic rows
     # in, out  S: `FACTORS.matrix`, then its factors
+
+    Theory, (3.3).
     """
     add_outboard(lane, model, D, S, tail)
     own, n = constants(model), size(model.n)
@@ -314,6 +320,8 @@ def reduce(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
     # in, out  x (n,): right side, then the reduced one
     # in, out  flow (3,): force and moment (inertial axes) that the reduced rows beyond cause, in: at the tip section;
     #          out: at the root section, to be subtracted from the right side there
+
+    Theory, (3.3).
     """
     own, n = constants(model), size(model.n)
     at = factors_at(0, n)
@@ -345,7 +353,7 @@ def reduce(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
 @unrolled
 @kernel
 def restore(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
-    """Back substitution for one body, root to tip: x <- its elastic coordinates.
+    """Back substitution for one body, root to tip: x <- its elastic coordinates. Theory, (3.3).
 
     # in       S: factors of `condense`, `FACTORS.swept`
     # in, out  x (n,): reduced right side, then the solution

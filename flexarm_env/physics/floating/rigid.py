@@ -96,6 +96,8 @@ def transmit_inward(lane, lever, force, weights, S: Lanes, first):
     # in       S: written by `propagate_outward`; weights: `Weights`; first: index in S of lever 0's `LEVER_FACTORS`
     # in, out  force (3,): force (N) and moment (N m) required at the far point, then at the near point
     # out      S, with weights.with_matrix: n, weighted change of the far acceleration, and `turn`, of `LEVER_FACTORS`
+
+    Theory, section 5, "Rigid ends".
     """
     if lever is not None:
         at = _factors_at(first, lever)
@@ -131,6 +133,8 @@ def condense_to_near_point(lane, lever, S: Lanes, first, tail: Lanes):
 
     # in       S: `LEVER_FACTORS` of `transmit_inward`; first: index of lever 0's
     # in, out  tail (9,), by rows: force x, y, moment; columns: acceleration x, y (weighted), angle
+
+    Theory, section 5, "Rigid ends".
     """
     if lever is not None:
         at, mass = _factors_at(first, lever), lever.mass

@@ -103,6 +103,7 @@ def _vjp_shift(lane, model, par, par_bar, w, bar, slopes, scheme, weights, ahead
 
     Theory, section 9: the cotangent of q at the end must vanish in total, so that forces of stiff strains, which
     cancel, are not summed up. What comes to the prediction is -T(D)^-1 (s_v v_bar + s_a a_bar + s_b b_bar).
+    Theory, section 9, "Derivatives".
     """
     n, moved = size(model.n), accumulated_increment(lane, w)[0]
     first, before = splat(lane, 0.0), splat(lane, 0.0)
@@ -182,7 +183,7 @@ def vjp_light(lane, model, par, par_bar, w, bar, h, first):
     """Transform cotangents as `vjp_switch` for models with `NewtonPolicy.light_joints` whose inputs are torques alone.
 
     Cotangents of q are of increments in body axes. first: lanes > 1/2 without a residual before the jump. The
-    derivative of the matrix M + h/2 C + h^2/4 K is included.
+    derivative of the matrix M + h/2 C + h^2/4 K is included. Theory, section 9, "Derivatives".
     """
     n, zero, one = size(model.n), splat(lane, 0.0), State(w.q, w.v, w.a0)
     after, before = State(bar.q0, bar.v0, bar.a0), State(w.q0, w.v0, w.b0)

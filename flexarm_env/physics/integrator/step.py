@@ -204,7 +204,7 @@ def advance_within(lane, model, drive, par, w: Work, t, h, n_steps, scheme, book
     # model     model, drive (None: no loads or motions in time), par: the arm's own parameters, scheme: `Scheme`
     # state     w.q, w.v, w.a, w.b and the other fields of w: in, at t; out, at the time reached
 
-    books: a tag, (0,), to account for work and dissipation in w.books; None compiles the account out.
+    books: a tag, (0,), to account for work and dissipation in w.books; None compiles the account out. Theory, (6.1).
     """
     if books is not None:
         start_energy_account(lane, model, drive, par, w)

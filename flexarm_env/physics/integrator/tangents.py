@@ -124,7 +124,7 @@ def _shift_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
     """Compute the tangents of q, v and a at the step's end, where the total increment d moves the predicted q: q (+) d.
 
     v and a follow d by `slopes`. x: in, tangents of the prediction; w.shift: d at the step's end. passes: see
-    `step_tangents`.
+    `step_tangents`. Theory, section 9, "Derivatives".
     """
     n, moved, total = size(model.n), accumulated_increment(lane, w)[0], accumulated_increment(wide, x)[0]
     reset_shift(wide, model, x)
@@ -209,6 +209,7 @@ def light_tangents(lane, wide, model, parx, w, x, h):
     """Compute tangents as `switch_tangents` for models with `NewtonPolicy.light_joints`, where S da = -(r(u) - r(u0)).
 
     S = M + h/2 C + h^2/4 K changes along the direction too; h: a step, s. w: the arm after the jump.
+    Theory, section 9, "Derivatives".
     """
     n = size(model.n)
     for k in range(n):

@@ -101,6 +101,8 @@ def conserve_momentum(lane, part, model, par: Lanes, before, h, q, v: Lanes, u, 
     and arm, which no strain sees, such that the momentum changes by h times the mean force.
 
     # state     q; v: in and out, (n,) lanes.   # scratch   r, S
+
+    Theory, section 6, "A floating base".
     """
     n, base, sums = size(model.n), part, stack(lane, _SUMS)
     a, still = stack(lane, base.room), stack(lane, base.room)

@@ -130,6 +130,8 @@ def store_friction(lane, model, par, state: State, u, r: Lanes, S: Lanes):
     # in        state, u: q, v, a and inputs
     # out       r (n,); `GEAR` fields before: the torque (N m), slides: 1 or 0, free: 1 if the joint does not slide and
     #           friction balances the other forces of its row, within T_C, otherwise 0
+
+    Theory, (6.6).
     """
     if model.newton.friction is not None:
         protocol.assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
@@ -264,7 +266,7 @@ def _solve_torques(lane, model, S: Lanes, transposed):
         sticks: sum_j W_ij T_j = gap_i,    slides: T_i = bound_i
 
     gap, bound: `GEAR` fields; W_ij: entry of S^-1 in the friction rows of joints i and j. transposed: True uses W^T,
-    for cotangents, where all bounds are 0. Gaussian elimination without pivoting.
+    for cotangents, where all bounds are 0. Gaussian elimination without pivoting. Theory, (6.6).
     """
     joints, one, zero = count(model), 1.0, 0.0
     for i in range(joints):
@@ -296,7 +298,7 @@ def _solve_torques(lane, model, S: Lanes, transposed):
 def _add_torques(lane, model, S: Lanes, x: Lanes):
     """Add the friction torques T (N m) to the solution, x <- x + W T; sticking joints get their exact value.
 
-    W: columns of S^-1. The exact value is the increment gap + x_i that brings the joint to rest.
+    W: columns of S^-1. The exact value is the increment gap + x_i that brings the joint to rest. Theory, (6.6).
     """
     n = size(model.n)
     # gap + x_i = w/c, before x changes
@@ -380,7 +382,7 @@ def friction_cotangents(lane, model, weights, ahead, S: Lanes, x: Lanes, v_bar: 
 
     Adds the cotangents of the rates w = v + ahead a to v_bar and a_bar. The cotangents W^T x of the torques (W: columns
     of S^-1) must vanish for sticking joints, a system with the transposed minors of W; torques of sliding joints are
-    constant.
+    constant. Theory, (6.6).
     """
     if model.newton.friction is not None:
         for i in range(count(model)):

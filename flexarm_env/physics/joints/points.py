@@ -89,7 +89,7 @@ def store_block(lane, point, model, par, state, u: Lanes, stiffness, S: Lanes):
     """Store B and k of the block B k B^T; the `assemble` of a contribution with a matrix calls it.
 
     stiffness: k (N/m) times the weight of dr/dq in the matrix. Column i of B: the generalized forces of a force of 1 N
-    on the point along axis i, which is how much that force lowers the arm's residual.
+    on the point along axis i, which is how much that force lowers the arm's residual. Theory, (6.7).
     """
     n, axes = size(model.arm.n), len(point.axes)
     inputs, still, moved = stack(lane, model.points), stack(lane, point.room), stack(lane, point.room)
@@ -133,6 +133,7 @@ def after_factor(lane, part, model, S: Lanes):
     """Compute W = S^-1 B and C = (1 + k B^T W)^-1 k from B and k in S, by Gauss-Jordan elimination without pivoting.
 
     With them `after_solve` adds the block B k B^T of the point's stiffness k to solutions with the factors in S.
+    Theory, (6.7).
     """
     point, axes, n = part.point, len(part.point.axes), size(model.n)
     for i in range(axes):
@@ -177,7 +178,7 @@ def _dot(lane, n, x: Lanes, y: Lanes):
 def _subtract(lane, point, n, S: Lanes, along, target, transposed, x: Lanes):
     """Compute x <- x - target C (along^T x), or with C^T (transposed True); C: axes x axes numbers in S.
 
-    along, target: number of the first column of each, 0 for B and `axes` for W = S^-1 B; n: rows of x.
+    along, target: number of the first column of each, 0 for B and `axes` for W = S^-1 B; n: rows of x. Theory, (6.7).
     """
     axes, c = len(point.axes), _inverse_at(point)
     parts = stack(lane, point.axes)

@@ -25,7 +25,7 @@ from .rotations import add_vector, cross, dot, load_vector
 
 @kernel
 def multiply(lane, model, S, x, y):
-    """Add S x to y, with S as `assemble` leaves it, inner modes condensed (`protocol.multiply`).
+    """Add S x to y, with S as `assemble` leaves it, inner modes condensed (`protocol.multiply`; theory, 9).
 
     x: position increments (inertial), rotation increments (body axes), joint angles; y: forces, moments, joint torques.
     """
@@ -123,7 +123,7 @@ def _up(lane, model, S, k, x):
     """Transpose of `elimination._up` and `_joint_up`: accumulate x of link k from its tip to the section before it.
 
     From each vertex to the one before: x <- x - RL^T x of that vertex (`FACTOR.RL`); then across the joint, whose row
-    of x gets its part.
+    of x gets its part. Theory, section 9, "Elimination".
     """
     h, row, under, count = hinge_at(k), joint_row(model, k), rows_before(model, k), count_of(model, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
@@ -151,7 +151,7 @@ def _down(lane, model, S, k, x):
     """Transpose of `elimination._down` and `_joint_down`: solve for x of link k, from the section before it to its tip.
 
     The joint's row of x, then vertex by vertex: subtract the transposed block LR of its `FACTOR` times the vertex
-    before, then solve with the transposed factors of RR.
+    before, then solve with the transposed factors of RR. Theory, section 9, "Elimination".
     """
     h, row, under = hinge_at(k), joint_row(model, k), rows_before(model, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)

@@ -109,6 +109,8 @@ def _condense_strains(lane, model, S: Lanes, k):
     # in, out   `matrix`, `on_root`, `by_root` of `NOTED` hold the strains' own parts, to which those of RR are added
     # out       `matrix` <- its factors, `over` <- matrix^-1 by_root;  LL <- LL + T^T RR T - on_root over (`FACTOR`)
     T: `_to_last`.
+
+    Theory, (9.4).
     """
     n, to, f = _rows(model), noted_at(model, k), factor_at(model, k, 0)
     zero = 0.0
@@ -161,6 +163,7 @@ def _joint_down(lane, model, S: Lanes, k, x: Lanes, of):
     Force inertial, moment in root axes. x of the joint's row becomes (x + axis . moment + c . force) / pivot, and that
     times the joint's column is subtracted from the section before; a fixed joint keeps its row of x. c: `HINGE.swing`,
     motion of the link's first section per angle; column: `HINGE.column`, wrench on the section before per angle.
+    Theory, (9.1).
     """
     h, row, (a, b) = hinge_at(k), joint_row(model, k), of
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
@@ -182,7 +185,7 @@ def _joint_up(lane, model, S: Lanes, k, x: Lanes):
     """Back substitution of joint k: x of its row <- the angle; return its link's root motion (position, rotation).
 
     Position along inertial axes, rotation in root axes. x <- x - row . (motion of the section before), row:
-    `HINGE.row`.
+    `HINGE.row`. Theory, (9.1).
     """
     h, row, (a, turned_by) = hinge_at(k), joint_row(model, k), _moved_before(lane, model, x, S, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
@@ -218,7 +221,7 @@ def _down(lane, model, S, k, x):
     """Forward elimination of link k in x: return the (force, moment) that remains on its root (inertial; root axes).
 
     Vertex by vertex from the tip: x of the vertex <- RR^-1 x, then LR times it is subtracted from the vertex before.
-    RR, LR: 6 x 6 blocks of each element's `FACTOR`, the former factored.
+    RR, LR: 6 x 6 blocks of each element's `FACTOR`, the former factored. Theory, section 9, "Elimination".
     """
     if model.strains is not None:
         return _strains_down(lane, model, S, k, x)
@@ -259,7 +262,7 @@ def _strains_down(lane, model, S, k, x: Lanes):
 
     Force inertial, moment in root axes. `NOTED.on` of link k is the wrench on its last section (0 at the tip); that of
     link k - 1 is set to zero here, for `_joint_down` to add to. The strains' rows of x become matrix^-1 x, with
-    `NOTED.matrix`.
+    `NOTED.matrix`. Theory, (9.4).
     """
     to, n, i, zero = noted_at(model, k), _rows(model), strain_row(model, k), 0.0
     a, b = load_vector(lane, S, to.on), load_vector(lane, S, to.on + 3)
@@ -286,7 +289,7 @@ def _up(lane, model, S, k, x, moved):
     """Back substitution of link k in x, from the motion `moved` = (position, rotation) of its root outward.
 
     Position along inertial axes, rotation in root axes. x of each vertex <- x - RR^-1 RL (motion of the vertex before);
-    `FACTOR.RL` holds RR^-1 RL.
+    `FACTOR.RL` holds RR^-1 RL. Theory, section 9, "Elimination".
     """
     if model.strains is not None:
         _strains_up(lane, model, S, k, x, moved)

@@ -90,7 +90,7 @@ def _turn(A, own, share):
     """Return the `Turn` of a section against the frame: rotation matrix E, rotation vector phi, T^-1(phi), roll g.
 
     A, own: rotation matrices of frame and section (their axes to inertial axes); share: 1 / p_y of the `Frame`. Valid
-    for rotations below a right angle.
+    for rotations below a right angle. Theory, (9.3).
     """
     E = A.T @ own
     # quaternion of E from its trace: cos(a/2) = sqrt(1 + tr E) / 2, sin(a/2) n = part (E - E^T)
@@ -197,7 +197,7 @@ def frame_second_rates(frame, rates, left, right):
     """Return the angular acceleration of a segment's frame (rad/s^2, frame axes), from its `Rates` and two `Vertex`es.
 
     y and z: rates of w_y = -d_z / l and w_z = d_y / l, whose axes rotate; d: velocity of the right end relative to the
-    left. x: from the condition that p, the sum of both sections' y axes, keeps p_z = 0 in frame axes.
+    left. x: from the condition that p, the sum of both sections' y axes, keeps p_z = 0 in frame axes. Theory, (9.3).
     """
     spin, share = rates.spin, frame.over
     # y and z, from the chord's second rate

@@ -171,7 +171,7 @@ def _inner_forces(lane, model, par: Lanes, frame, tau, pull, second, at, state, 
 
     The translational inertia is added in `framed`. tau: time constant (s) or None; pull: force along the chord (N);
     second: angular accelerations of the left section, the right section (section axes) and the frame (frame axes),
-    rad/s^2. at: `frame_at`; row: first row of the modes in state and r.
+    rad/s^2. at: `frame_at`; row: first row of the modes in state and r. Theory, (9.3).
     """
     q, v, a = state
     width, factor = inner_of(model) + 3, par[STIFFNESS_FACTOR]
@@ -240,7 +240,7 @@ def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
 
     left, right: `Vertex`; i: index over all links. Forces along inertial axes (N), moments in section axes (N m). Adds
     the rows of the segment's inner modes to r and, with weights.with_matrix, stores the tangent in the `FACTOR` at
-    offset f of S.
+    offset f of S. Theory, (9.3).
     """
     # w, alpha of the frame; phi', phi'' of both ends against it (frame axes)
     at, row = frame_at(model, i), inner_row(model, i)
@@ -331,7 +331,7 @@ def _rotary(lane, model, at, left, right, frame, state, row):
 def frame_sums(lane, model, par: Lanes, q, v, left, right, i):
     """Return ((kinetic, strain, gravitational) energy in J, momentum in kg m/s, inertial axes) of segment i.
 
-    left, right: `Place`s of its ends; q, v: coordinates and rates of the inner modes.
+    left, right: `Place`s of its ends; q, v: coordinates and rates of the inner modes. Theory, (9.3).
     """
     at, row = frame_at(model, i), inner_row(model, i)
     frame = frame_of(left, right)
@@ -375,7 +375,7 @@ def frame_damping(lane, model, par, state, left, right, other_l, other_r, i):
     """Return the power over tau_d (W/s) of segment i's damping forces, caused by one set of rates, at another set.
 
     left, right: `Place`s of the ends with the first rates; other_l, other_r: with the second rates, at the same
-    positions. Inner modes: state.v has the first, state.a the second rates. i: index over all links.
+    positions. Inner modes: state.v has the first, state.a the second rates. i: index over all links. Theory, (9.3).
     """
     at, row = frame_at(model, i), inner_row(model, i)
     q, v, x = state
@@ -415,7 +415,7 @@ def frame_damping_over(lane, model, par, before, after, share, i):
 
     before, after: (q, v, left `Place`, right `Place`) at the step's start and end; share: 1 / step (1/s). The first
     value takes mean strain rates, difference / step; the second is the power of the mean damping force beyond it, as in
-    `element.element_damping`.
+    `element.element_damping`. Theory, (9.3).
     """
     at, row = frame_at(model, i), inner_row(model, i)
     (q0, v0, left_0, right_0), (q, v, left, right) = before, after

@@ -64,7 +64,7 @@ class Bent(NamedTuple):
 
 @kernel
 def _bent_inertia(lane, model, frame, at, q, row):
-    """Return the `Bent` of a segment; q, row: coordinates and the first row of its inner modes; at: `FRAME` offsets."""
+    """Return the `Bent` of a segment, (9.3); q, row: coordinates, first row of its inner modes; at: `FRAME` offsets."""
     a, b = frame.left.phi, frame.right.phi
     x, y = cross_with_ex(a), cross_with_ex(b)
     near = scale(x, constant(lane, model, at.near, 0)) + scale(y, constant(lane, model, at.near, 1))
@@ -357,7 +357,7 @@ def tangent(lane, model, par, tau, frame, rates, spins, rate_l, stiff, pull, now
     Inertia of the unbent segment, material stiffness, rotation of the force between the ends, and, to first order of
     phi, velocity-dependent damping and inertia. spins: of the sections (section axes); rate_l: `own` of the left
     `Vertex`; tau: s, or None; stiff: `Stiff`; pull, now: bounded force along the chord; (force between the ends,
-    moments on phi).
+    moments on phi). Theory, (9.3).
     """
     at, row = frame_at(model, i), inner_row(model, i)
     rate = weights.stiffness

@@ -64,7 +64,7 @@ def restore_chords(lane, model, start, q):
 def _element_sums(lane, model, par, left, right, element):
     """Return ((kinetic, strain, gravitational) energy in J, momentum in kg m/s, inertial axes) of an exact element.
 
-    left, right: `Place`s of its ends; element: its index over all links.
+    left, right: `Place`s of its ends; element: its index over all links. Theory, (9.2).
     """
     # inlined: each step of a free arm needs the momentum alone, and unused energies are then not compiled
     section = section_at(lane, model, par, element)

@@ -44,7 +44,7 @@ def _chord(section, left, right, n, cv):
     """Return the position (m, inertial axes) of `right` at which the element has the section force n.
 
     n: N, axes of the middle; left, right: `Place`s with final rotations and spins; cv: change of velocity per change of
-    position (1/s). Solves n / D = Gamma + tau Gamma' for the chord e.
+    position (1/s). Solves n / D = Gamma + tau Gamma' for the chord e. Theory, section 9, "Increments".
     """
     relative = shortest_rotation(compose(inverse_rotation(left.p), right.p))
     psi, half, g, T = turn_of(relative)
@@ -87,7 +87,7 @@ def _hold_forces(lane, model, par, w):
 def _add_forces(lane, model, w: Work, active):
     """Add to each element's section force n its first-order change by the Newton increment w.r, where `active`.
 
-    dn = by_place (dr_r - dr_l) + by_left dth_l + by_right dth_r (N, axes of the middle).
+    dn = by_place (dr_r - dr_l) + by_left dth_l + by_right dth_r (N, axes of the middle); theory, 9, "Increments".
     """
     a, b = load_vector(lane, w.r, 0), load_vector(lane, w.r, 3)
     for k in range(model.links):
@@ -117,7 +117,7 @@ def correct_positions(lane, model, par, w: Work, active, slopes, predicted):
     active: lanes, above 1/2 where to correct. predicted None: after the Newton increment w.r, with the forces it causes
     to first order; a tag: after the prediction, with the forces at the step's start. Velocities and accelerations
     follow by `slopes`, their changes per change of position. Segments with floating frames keep the chords of the
-    step's start, after the prediction alone. Scratch after the prediction: w.r.
+    step's start, after the prediction alone. Scratch after the prediction: w.r. Theory, section 9, "Increments".
     """
     if predicted is not None:
         copy_rows(lane, model.n, w.q, w.r)
