@@ -116,7 +116,7 @@ def _check_honoured(part: Any, path: str, formulation: str, honours: Honours) ->
             _check_honoured(entry, f"{path}[{i}]", formulation, honours)
     elif dataclasses.is_dataclass(part):
         given: type = type(part)
-        # nearest base class that HONOURS names, so that a user's subclass keeps what its base class honours
+        # nearest base class that HONOURS names: its fields are checked first, then the subclass itself is rejected
         kind = next((kind for kind in given.__mro__ if kind in honours), None)
         known = honours[kind] if kind else ()
         for field in dataclasses.fields(part):

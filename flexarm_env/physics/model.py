@@ -368,6 +368,11 @@ class Jointed(NamedTuple):
     derived: tuple[int, ...] | None = None
 
 
+def has_play(model: Any) -> bool:
+    """Return whether a gear of the model has backlash (`Gears.play`); False for an arm with ideal joints."""
+    return any(isinstance(part, Gears) and part.play is not None for part in getattr(model, "contributions", ()))
+
+
 Honours = dict[type, tuple[str, ...]]
 """Fields of each description class that a formulation takes into account, by class (its `HONOURS`)."""
 

@@ -90,16 +90,17 @@ def _add_vertex_mass(lane, model, S: Lanes, o, mass):
 
 @kernel
 def _add_lumped_inertia(lane, model, par: Lanes, weights, S: Lanes):
-    """Add the weighted inertia of hub, elbows, payload to S and clear its `pinned` flags, with weights.with_matrix."""
+    """Add the weighted inertia of hub, elbows, payload to S and clear its `pinned`, `own`, with weights.with_matrix."""
     if weights.with_matrix:
         cm = weights.mass
         factors, own = factors_of(model), element_factors_at(0, len(model.order))
-        zero = 0.0
         for k in range(AXES):
-            S[factors.pinned + k] = zero
+            S[factors.pinned + k] = 0.0
         S[factors.elements + own.condensed + LL + TT] += cm * model.hub_inertia
         for k in range(1, model.links):
-            S[factors.hinges + OF_HINGE.end * (k - 1) + OF_HINGE.pinned] = zero
+            S[factors.hinges + OF_HINGE.end * (k - 1) + OF_HINGE.pinned] = 0.0
+            if model.jointed is not None:
+                S[factors.hinges + OF_HINGE.end * (k - 1) + OF_HINGE.own] = 0.0
             # elbow: m and the left J on the vertex before it; the right J on psi + delta behind it
             elbow = elbow_of(model, k)
             after = factors.elements + own.end * model.elements * k + own.condensed
@@ -268,14 +269,13 @@ def add_stiffness(lane, model, S: Lanes, k, x):
     """Add x (N m/rad) to the angle of joint row k: at the hub in S at once, at an elbow in `factor`.
 
     None: flag row k, of the root or of a hinge, so that `factor` and `solve` keep it fixed."""
-    factors = factors_of(model)
-    hinge = factors.hinges + OF_HINGE.end * (k - rows_of(model).hinges)
+    factors, hinge = factors_of(model), factors_of(model).hinges + OF_HINGE.end * (k - rows_of(model).hinges)
     if x is None:
         S[factors.pinned + k if k < AXES else hinge + OF_HINGE.pinned] = 1.0
     elif k < AXES:
         S[factors.elements + element_factors_at(0, len(model.order)).condensed + LL + TT] += x
     else:
-        S[hinge + OF_HINGE.own] = x
+        S[hinge + OF_HINGE.own] += x
 
 
 @kernel

@@ -159,13 +159,15 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
             S[ROOT.pinned + k] = 0.0
         for k in range(1, model.links):
             S[_joint_at(k) + JOINT.pinned] = 0.0
+            S[_joint_at(k) + JOINT.own] = 0.0
+        S[ROOT.own] = 0.0
         store_pair(lane, S, ROOT.scale, (cm, 1.0 / cm))
         store_pair(lane, S, ROOT.tail, (par[PAYLOAD_INERTIA] * cm, par[PAYLOAD_MASS]))
 
 
 @kernel
 def add_stiffness(lane, model, S: Lanes, k, x):
-    """Store x (N m/rad) for row k, the angle of the hub or of an elbow; `factor` adds it to the diagonal entry.
+    """Add x (N m/rad) to what `factor` adds to the diagonal entry of row k, the angle of the hub or of an elbow.
 
     None: mark row k, of the root (0 to 2) or of an elbow, as fixed; `factor` and `solve` treat it as the identity's.
     """
@@ -173,7 +175,7 @@ def add_stiffness(lane, model, S: Lanes, k, x):
     if x is None:
         S[elbow + JOINT.pinned if k > 2 else ROOT.pinned + k] = 1.0
     else:
-        S[elbow + JOINT.own if k > 2 else ROOT.own] = x
+        S[elbow + JOINT.own if k > 2 else ROOT.own] += x
 
 
 @kernel

@@ -209,12 +209,12 @@ def constraint_residual(lane, model, psi: Lanes, state: State, level, scale, r: 
 
 @kernel
 def add_stiffness(lane, model, S: Lanes, k, x):
-    """Replace row and column k of the band by those of the identity: coordinate k is prescribed or fixed.
-
-    x: not read, always None (infinitely stiff).
-    """
+    """Add x (N m/rad) to the diagonal entry k of the band; None: row and column k become those of the identity."""
     half, zero = model.half, 0.0
     width = band_width(half)
+    if x is not None:
+        S[k * width + half] += x
+        return
     for j in range(max(0, k - half), min(model.n, k + half + 1)):
         S[k * width + j - k + half] = zero
         S[j * width + k - j + half] = zero

@@ -52,15 +52,17 @@ def assemble(lane, model, par, state: State, u: Lanes, weights, r: Lanes, S: Lan
 
 @kernel
 def add_stiffness(lane, model, S, k, x):
-    """Fix row k of S, before `factor`: of the arm in its matrix, of contributions in their entries.
+    """Add x (N m/rad) to the diagonal of row k of S, before `factor`, or fix row k (x None).
 
-    Row and column k become those of the identity. x is not read: a `Jointed` model gets no other calls than with None.
+    x: k is a joint's angle, a row of the arm. None: row and column k become those of the identity, of the arm in its
+    matrix, of contributions in their entries.
     """
     # rows behind the arm's belong to contributions alone
     if k < size(model.arm.n):
-        protocol.add_stiffness(lane, model.arm, S, k, None)
-    for part in model.contributions:
-        contributions.fix_coordinate(lane, part, model, S, k)
+        protocol.add_stiffness(lane, model.arm, S, k, x)
+    if x is None:
+        for part in model.contributions:
+            contributions.fix_coordinate(lane, part, model, S, k)
 
 
 @kernel
@@ -239,7 +241,12 @@ def conserve_momentum(lane, model, par, before, h, q, v, u, r, S):
         found = contributions.conserve_momentum(lane, part, model, par, before, h, q, v, u, r, S)
         if found is not None:
             return found
-    return protocol.conserve_momentum(lane, model.arm, par, before, h, q, v, u, r, S)
+    if model.points is None:
+        return protocol.conserve_momentum(lane, model.arm, par, before, h, q, v, u, r, S)
+    # F of the arm includes the forces on its points; they do not depend on accelerations, which are not known here
+    inputs = stack(lane, model.points)
+    _add_point_forces(lane, model, par, State(q, v, v), u, inputs)
+    return protocol.conserve_momentum(lane, model.arm, par, before, h, q, v, inputs, r, S)
 
 
 register(

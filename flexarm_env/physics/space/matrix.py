@@ -45,7 +45,7 @@ def _joint_of(model, row):
 
 @kernel
 def add_stiffness(lane, model, S: Lanes, k, x):
-    """Store the stiffness x (N m/rad) of the joint angle in row k of q, which `factor` adds to that row's diagonal.
+    """Add x (N m/rad) to the stiffness of the joint angle in row k of q, which `factor` adds to that row's diagonal.
 
     x None: mark row k, one of the base's six or a joint's, as fixed; `factor` and `solve` treat it as the identity's.
     """
@@ -56,7 +56,7 @@ def add_stiffness(lane, model, S: Lanes, k, x):
         else:
             S[hinge_at(_joint_of(model, k)) + H.pinned] = one
     else:
-        S[hinge_at(_joint_of(model, k)) + H.own] = x
+        S[hinge_at(_joint_of(model, k)) + H.own] += x
 
 
 def _factors(lane, A: Lanes):
