@@ -10,7 +10,7 @@ import pytest
 from flexarm_env import arms
 from flexarm_env.compiler import UNCOMPILED
 from flexarm_env.derivatives import Arms
-from flexarm_env.parameters import Arm, Base, Joint
+from flexarm_env.parameters import Arm, Base, Joint, Link, Section
 from flexarm_env.scene import Scene
 from flexarm_env.simulation import simulate
 from tests.env_tools import assert_pair_same, pair
@@ -18,6 +18,7 @@ from tests.processes import uncompiled_tests
 from tests.springs import springs
 
 compiled = pytest.mark.skipif(UNCOMPILED, reason="the uncompiled tests have it")
+STRIP = Section(EI=2.0, EA=2e6, C=7e5, m=0.3, J=1e-7)
 GEAR = Joint(stiffness=20.0, damping=0.05, motor_inertia=1e-3, gear_ratio=5.0, friction_viscous=0.01)
 TWO = (((0, "tip"), 3.0, (0.3, 0.4, 0.0)), ((0, "tip"), 2.0, (-0.2, 0.5, 0.3)))
 OF_LINKS = (((0, "tip"), 3.0, (0.3, 0.4, 0.0)), ((1, "tip"), 2.0, (-0.2, 0.5, 0.3)))
@@ -25,7 +26,7 @@ OF_LINKS = (((0, "tip"), 3.0, (0.3, 0.4, 0.0)), ((1, "tip"), 2.0, (-0.2, 0.5, 0.
 
 def geared(name: str, **changes: Any) -> Arm:
     arm = arms.named(name)
-    return dataclasses.replace(arm, source="springs", joints=(GEAR,) * len(arm.links), **changes)
+    return dataclasses.replace(arm, **{"source": "springs", "joints": (GEAR,) * len(arm.links), **changes})
 
 
 @compiled
@@ -37,9 +38,10 @@ def test_on_plain_numbers() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["elastica", "geometrically_exact", "floating_frame"])
 def test_a_floating_base_among_springs_keeps_its_energy(formulation: str) -> None:
-    arm = geared("strip", base=Base(0.5, 0.02))
-    with springs(*TWO):
-        scene = Scene("s", arm, duration=0.5, dt=0.0025, root="free", sample=0.05)
+    two = geared("two_link_geared", base=Base(0.5, 0.02), joints=(Joint(), GEAR), tau_d=0.0)
+    arm = dataclasses.replace(two, links=tuple(Link(0.5, STRIP) for _ in two.links))
+    with springs(*OF_LINKS):
+        scene = Scene("s", arm, duration=0.3, dt=0.001, root="free", sample=0.05)
         run = simulate(scene, formulation, rho_inf=1.0, estimate_error=False)
     assert run.finished, run.message
     assert abs(run.balance).max() < 0.01 * run.turned_over
@@ -76,7 +78,7 @@ def test_derivatives_of_arms_with_springs_and_gears(name: str) -> None:
     one = name.startswith("Flex")
     with springs(*(TWO if one else OF_LINKS)):
         made = gym.spec(name).make() if one else None
-        arm = geared("strip") if one else geared("paper_two_link")
+        arm = geared("strip") if one else geared("two_link_geared")
         env, h = Arms(name, 1, arm=arm), 1e-4
         joints = len(arm.links)
         action = np.full((1, joints), 0.3)

@@ -184,7 +184,7 @@ def close_account(lane, p, par, record: Lanes, saved: Lanes, w: Work):
 
 
 @kernel
-def inertia_per_rate(lane, model, par, q, v):
+def inertia_per_rate(lane, model, par, q, v: Lanes):
     """Return the inertia (kg m^2) of the arm turning as a whole at q, divided by the number of rates that are 1 in v.
 
     q: coordinates (m, rad). v: rates of a rigid rotation at 1 rad/s, each 0 or 1. The result is 2 T / sum v with

@@ -68,7 +68,7 @@ def follow_motions(lane, guide, p, model, par, record: Lanes, action, w: Work, a
     if kinked and periods > 0.5:
         stretch[_AT.starts] = AT_KINK
         start_consistently(lane, model, drive, par, x, stretch)
-    if _set_torques(lane, guide, p.task, model, action, x, anew):
+    if _set_torques(lane, guide, p.task, action, x, anew):
         stretch[_AT.starts] = AT_KINK
     sample_rows(
         lane, model, drive, par, guide.room, guide.motions, size(p.task.links), stretch, end, guide.kinks, guide.chunk,
@@ -109,7 +109,7 @@ def _drop_known_tangents(lane, drive, x):
 
 
 @kernel
-def _set_torques(lane, guide, task, model, action: Lanes, x, anew):
+def _set_torques(lane, guide, task, action: Lanes, x, anew):
     """Set x.u to the joint torques (N m) that the action commands, where guide.takes is 1; return whether one changed.
 
     Torque = action (joints, lanes), in [-1, 1], times task.torque_limits. Entries of joints that are not free

@@ -216,7 +216,7 @@ def _stiff(lane, d, chunks, par, s, record, saved, block, scratch, w):
     for c in range(chunks):
         both, x = _chunk(d, c, scratch)
         if max_over_lanes(first) > 0.5:
-            _start_tangents(lane, d, model, p, both, w, x)
+            _start_tangents(lane, d, model, both, w, x)
         before_switch(lane, d.dual, model, _parameters(d, both), w, x)
     jump_accelerations(lane, model, par, block, 0, p.h, None)
     for c in range(chunks):
@@ -225,7 +225,7 @@ def _stiff(lane, d, chunks, par, s, record, saved, block, scratch, w):
 
 
 @kernel
-def _start_tangents(lane, d, model, p, both, w, x):
+def _start_tangents(lane, d, model, both, w, x):
     """Set the tangents of accelerations and inputs in lanes where an episode begins; other lanes keep theirs.
 
     both, x: a dual block and its work array. x.v0 is scratch.

@@ -142,7 +142,7 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
             forces(lane, mesh, D, par, carried, q[e:], v[e:], a[e:], force, known, vectors, strains, own, r[e:])
             # d(f_R, f_theta, r_q) of the body alone, at constant G and M; `condense` adds the bodies beyond
             if with_matrix:
-                tangent(lane, mesh, D, par, carried, cm, cc, ck, q[e:], v[e:], a[e:], known, vectors, strains, own)
+                tangent(lane, mesh, D, par, carried, cm, cc, ck, v[e:], a[e:], known, vectors, strains, own)
             # G and M hold the payload from here on: only the last body adds it in its own tip
             store_pair(lane, carried, 0, (0.0, 0.0))
         transmit_inward(lane, end_of(model, k, ROOT_END), force, weights, S, levers)

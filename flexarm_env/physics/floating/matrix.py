@@ -17,7 +17,7 @@ from .layout import KNOWN, NOW, cell, factors_at, span_at, strain_at, vectors_at
 
 @unrolled
 @kernel
-def tangent(lane, model, D, par: Lanes, carried, cm, cc, ck, q, v, a: Lanes, known, vectors: Lanes, strains, S: Lanes):
+def tangent(lane, model, D, par: Lanes, carried, cm, cc, ck, v, a: Lanes, known, vectors: Lanes, strains, S: Lanes):
     """Compute the body's matrix cm dr/da + cc dr/dv + ck dr/dq, eqs. [72]-[78], derivative of `body.forces`.
 
     Rows and columns: q, x and y of the origin's acceleration (frame axes), angle. Forces at the tip are constant here;
@@ -25,7 +25,7 @@ def tangent(lane, model, D, par: Lanes, carried, cm, cc, ck, q, v, a: Lanes, kno
     s_bar: first moment.
 
     # model    D; par: the arm's parameters; cm, cc, ck: `Weights`
-    # state    q, v, a; S: `NOW`; known, vectors, strains: written by `body.forces`; carried (2,): kg, kg m^2 at the tip
+    # state    v, a; S: `NOW`; known, vectors, strains: written by `body.forces`; carried (2,): kg, kg m^2 at the tip
     # out      S: `FACTORS.frame`; `arm` = (dt/dq, E t); `swept` = weighted change of the tip's acceleration relative to
     #          the origin by q and angle, the bracket of (theory, eq. 3.3); `matrix`
     """

@@ -90,7 +90,7 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
             r[at + i] += force[i]
         # dr/d(q, R, theta) of the body into the band, then Phi_q of the joint at its tip
         if with_matrix:
-            tangent(lane, mesh, D, par, carried, cm, cc, ck, q[e:], v[e:], a[e:], known, vectors, strains, own)
+            tangent(lane, mesh, D, par, carried, cm, cc, ck, v[e:], a[e:], known, vectors, strains, own)
             if b == last:
                 diagonal(lane, tail, zero, par[PAYLOAD_MASS], par[PAYLOAD_INERTIA] * cm)
                 add_outboard(lane, mesh, D, own, tail)
