@@ -156,8 +156,13 @@ def binary(b: Any, op: str, x: Any, y: Any) -> Any:
 
 
 def _of_tuples(op: str, x: Any, y: Any) -> Any:
-    """Concatenate two tuples, or repeat one a known number of times. Refused: other operations."""
+    """Concatenate two tuples, or repeat one a known number of times. Refused: other operations.
+
+    Refused as well: two tuples that both hold numbers of run time. Python joins them, where a vector's sum is meant.
+    """
     if op == "Add" and is_tuple(x) and is_tuple(y):
+        if all(any(isinstance(item, Value) for item in one) for one in (x, y)):
+            raise Refused(f"{told(x)} and {told(y)}: + joins tuples, it adds no vectors; write (*a, *b), or a record")
         return x + y
     if op == "Mult" and isinstance(x if is_tuple(y) else y, int):
         return KNOWN[op](x, y)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from .. import validation as check
-from ..physics.model import OK
+from ..physics.model import OK, has_play
 from ..rest import NoEquilibrium, out_of_range
 from ..scene import JointTorque, Load, Motion, Scene
 from ..settings import Settings
@@ -175,8 +175,8 @@ def find_rest(equations: Equations, start: Point, held: Sequence[int], spin: flo
     """
     search = _Search(equations, start, held, spin)
     point, followed = start, 0.0
-    touching = getattr(equations.model, "play", None) is None  # in a gear's play no load holds the link
-    if touching and len(held) == len(equations.turned):  # nothing can turn
+    # in a gear's play no load holds the link: rest cannot be followed from the unloaded arm
+    if not has_play(equations.model) and len(held) == len(equations.turned):  # nothing can turn
         point, followed = search.follow(start)
     if followed < 1.0:
         point = search.sink(point, followed)
