@@ -1,7 +1,7 @@
 """Static equilibrium of scenes that start at rest under their loads, by pseudo-transient continuation.
 
-Each integrator step begins without velocity, M c (q - q_before) + f(q) = 0, where c falls as the step grows. Short
-steps at first go downhill; long steps at last are Newton's iteration for f = 0.
+Each integrator step begins without velocity, M c (q - q_before) + f(q) = 0, where c falls as the step grows. The first,
+short steps reduce the energy; the last, long steps equal Newton's iteration for f = 0.
 """
 
 from dataclasses import replace
@@ -131,7 +131,8 @@ def _reason(simulation: Any, last: float) -> str:
 
 
 def out_of_range(model: Any, share: str = "") -> str:
-    """That an arm at rest is out of its formulation's range. share: from which share of its loads on."""
+    """Return an error message: the arm at rest exceeds its formulation's range. share: share of the loads at which it
+    does."""
     bound = float(getattr(model, "bound", 0.0))
     why = "beyond the range of the reduction to modes" if bound else "larger than a floating body can have"
     instead = "take more segments (no modes), or formulation='geometrically_exact'"

@@ -135,8 +135,9 @@ class Settings:
         step_tolerance: permitted error of the tip, a fraction of the arm's length, per control period of an environment
             or per interval between two samples or kinks of a scene. dt is then the longest step and is halved up to
             five times where the motion requires it; `Trajectory.step_error` and info report where that does not
-            suffice. It compares the tips of links in steps of h and h/2, and does not see motors behind elastic gears,
-            Coulomb friction that both reverse late, or the mesh. At least `tolerance`. None (default): constant dt.
+            suffice. It compares the tips of links in steps of h and h/2. It does not detect errors of motors behind
+            elastic gears, of Coulomb friction that both runs reverse late, or of the mesh. At least `tolerance`. None
+            (default): constant dt.
     """
 
     formulation: str

@@ -38,8 +38,8 @@ class DifferentiableArms:
         threads, parameters: see `flexarm_env.derivatives.Arms`.
     Attributes:
         arms: the `Arms` with names and sizes of states. n: number of arms. observation_space, action_space: of one arm.
-        failed (n,) bool: whether the solver failed in the last `step`; results are then NaN. past (n,) bool: whether a
-        joint was beyond its limits, where the environment would end the episode.
+        failed (n,) bool: whether the solver failed in the last `step`; results are then NaN.
+        past (n,) bool: whether a joint was beyond its limits, where the environment would end the episode.
     Raises:
         ValueError: a feature without derivatives (see `Arms`), tensors of wrong shapes, or tensors not on the CPU.
     """

@@ -265,7 +265,7 @@ def _given(b: Any, item: Any, out: Any, at: int) -> tuple[Any, int]:
 
 @cache
 def target_text() -> tuple[str, str, str]:
-    """Return what machine code depends on beside its sources: target triple, processor, processor features.
+    """Return the target of machine code as text: target triple, processor, processor features.
 
     FLEXARM_CPU names another processor to compile for, by LLVM's name ("x86-64-v3").
     """

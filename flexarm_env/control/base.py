@@ -66,8 +66,8 @@ class Setup:
         arm: the nominal arm. control_dt: control period, s. torque_limits (N,): N m at an action of 1.
         names, scales: of the observation's entries, in order; entry = value / scale.
         history: number of instants in an observation, the oldest first.
-        sensors: that produce the entries; None: ideal or unknown. noise: standard deviations added to all entries, in
-            their units; (): none.
+        sensors: sensors that produce the entries; None: ideal or unknown. noise: standard deviations added to all
+            entries, in their units; (): none.
         action_mode: meaning of an action; "": unknown. residual_share: of action_mode="residual_pd".
         gravity: m/s^2; None: none. keep_out: shapes that the arm has to avoid.
         delay: total delay of torques and readings, s; the largest one if it is random. lag: time constant of the

@@ -1,4 +1,4 @@
-"""Receding-horizon control: every period plans the torques of the next periods anew and applies the first.
+"""Receding-horizon control: plan the torques of the next periods in every period and apply the first.
 
 `ilqr` plans on the elastica, within the torque limits, from the estimated state. The cost is effort and, from an
 arrival instant on, the distance from rest at the goal; the terminal cost is that of the linear regulator at the goal.

@@ -43,13 +43,14 @@ class Arms(Periods):
             parameters follow the numbers that change with time, before stored observations.
         keywords: keywords of the environment and its solver.
     Attributes:
-        n, state_size, action_size, observation_size: sizes. moving: number of a state's leading entries that change
-        with time or are differentiated; the other entries are constants (targets, number of periods, ...). names: names
-        of a state's entries. observation_space, action_space: spaces of one arm. failed (n,): whether the solver failed
-        in the last call. past (n,): whether a joint was beyond its limits at the end of the last call.
+        n, state_size, action_size, observation_size: sizes. observation_space, action_space: spaces of one arm.
+        moving: number of a state's leading entries that change with time or are differentiated; the other entries are
+            constants (targets, number of periods, ...). names: names of a state's entries.
+        failed (n,): whether the solver failed in the last call. past (n,): whether a joint was beyond its limits at the
+            end of the last call.
     Raises:
         ValueError: an environment of another package; an invalid size; `reward.cost`; prescribed motions together with
-        `step_tolerance`; prescribed motions of different joints in different arms together with `multipliers`.
+            `step_tolerance`; prescribed motions of different joints in different arms together with `multipliers`.
     """
 
     def __init__(

@@ -21,9 +21,9 @@ class Memory:
     Args:
         batch: the arms. moving: X, number of a state's moving entries without stored observations.
     Attributes:
-        chosen (E,): indices of the observed entries. frames: number of observations stored in a state; 0 if an
-        observation follows from the rest of the state. size: O, length of an observation. moving: X with stored
-        observations.
+        chosen (E,): indices of the observed entries. size: O, length of an observation. moving: X with stored
+            observations.
+        frames: number of observations stored in a state; 0 if an observation follows from the rest of the state.
     """
 
     def __init__(self, batch: Any, moving: int) -> None:

@@ -1,4 +1,4 @@
-"""Which of the targets that are drawn an arm can take up: within its joint limits, held by its motors."""
+"""Conditions on drawn targets: the arm reaches them within its joint limits, and its motors hold it there."""
 
 import dataclasses
 import itertools

@@ -1,4 +1,4 @@
-"""Strokes, discs and words on a supersampled pygame surface: what pictures of arms are made of."""
+"""Strokes, discs and text on a supersampled pygame surface, for pictures of arms."""
 
 import math
 from functools import lru_cache
@@ -34,7 +34,7 @@ def pygame_module() -> Any:
 
 
 class Sheet:
-    """One picture while it is drawn.
+    """A picture in progress.
 
     Args:
         size: width and height of the picture, pixels. reach: half of the shorter side is `margin` reaches, m.

@@ -1,6 +1,6 @@
-"""Episodes with prescribed motion: what `reset(options={"motion": ...})` takes, and the arm that follows it.
+"""Episodes with prescribed motion: values of `reset(options={"motion": ...})`, and arms that follow them.
 
-Such an arm does not run in the batch but as a `Simulation` of its own, which lands on every kink: the very code path of
+Such an arm runs outside the batch in its own `Simulation`, which ends a step at every kink. This is the code path of
 `simulate`, so that the numbers are the same.
 """
 

@@ -30,8 +30,8 @@ tolerance: the usual one times (h / usual h)^2 for steps of half the usual one a
 
 The bound is e = G e_1 + e_2. The usual settings are kept where e <= `KEPT` and e_3 <= `SPUN`; otherwise settings with
 e <= `AIM` are taken. The estimate is `MARGIN` G e_1 + `MARGIN_OF_FRICTION` e_2 + e_3, to which `Batch.estimate` adds
-the error of leaving out stretch and shear. Of drawn factors the softest arm, and the stiffest with the least payload,
-count as well. Gravity and controllers other than the inner PD loop are not considered.
+the error of leaving out stretch and shear. With randomized factors, the softest arm and the stiffest arm with the
+smallest payload are also checked. Gravity and controllers other than the inner PD loop are not considered.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a user is told about a step or mesh that may not be good enough."""
+"""Warnings about a step or mesh that may be too coarse."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ FINEST = 1e-3
 
 
 class ResolutionWarning(UserWarning):
-    """An environment's step or mesh may leave its tip off by more than `COARSE` of the arm's length."""
+    """Warning: with this step or mesh the tip may have an error above `COARSE` of the arm's length."""
 
 
 class Rule(Protocol):
-    """What `resolution.Worst` knows of an arm."""
+    """Interface of `resolution.Worst`."""
 
     period: float
 
@@ -46,7 +46,7 @@ def too_coarse(rule: Rule, settings: Settings, estimate: float, name: str, most:
 
 
 def amplified(estimate: float, formulation: str) -> str:
-    """Return a sentence about an arm whose motions amplify errors more than settings can make up for.
+    """Return a sentence about an arm that amplifies errors more than any settings can compensate.
 
     estimate: error of the tip over the arm's length.
     """

@@ -1,4 +1,4 @@
-"""What a task's target is, an angle or a point: as an option of reset, where it moves, at rest, and in a picture."""
+"""Targets of tasks, an angle or a point: reset options, moving and resting targets, and their picture."""
 
 import math
 from abc import ABC, abstractmethod

@@ -1,4 +1,4 @@
-"""The tasks as data: arm, spaces, scales, rewards and starts; what single and vector environments share."""
+"""Tasks as data, shared by single and vector environments: arm, spaces, scales, rewards and starts."""
 
 import inspect
 import math

@@ -1,4 +1,4 @@
-"""Small motions of a chain about its stress-free posture: frequencies, and how far the tip gives under a force."""
+"""Small motions of a chain about its stress-free posture: frequencies and tip compliance."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ class Imported:
         root (3,): m, where the first joint is in the file; the arm's root is at the origin.
         tip: name of the body or site at the arm's tip; empty: the last link's center of mass.
         gravity (3,): m/s^2, of the file.
-        left_out: what the file has and the arm does not.
+        left_out: features of the file that the arm lacks.
         flexible: by link, what changed: shift of the center of mass, m, and inertia about the joint, ratio.
     """
 
@@ -60,9 +60,9 @@ def import_arm(
 ) -> Imported:
     """Read a serial chain of hinges from a URDF (.urdf) or MJCF (.xml, .mjcf) file.
 
-    Link k's x axis leads from joint k to joint k+1 or the tip; its z axis lies as near to the joint's axis as x lets
-    it. Bodies that are fixed to each other become one link. Angles are 0 where the file's model is in its first
-    posture.
+    Link k's x axis leads from joint k to joint k+1 or the tip; its z axis is perpendicular to x and as near as possible
+    to the joint's axis. Bodies that are fixed to each other become one link. Angles are 0 where the file's model is in
+    its first posture.
 
     Args:
         root: body in which the chain begins, where the file has several mechanisms.

@@ -1,4 +1,4 @@
-"""How far a chain of hinges is off the arm that it stands for, and its calibration to the arm's first frequency."""
+"""Deviation of a chain of hinges from its arm, and calibration to the arm's first frequency."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The serial chain of hinges in a compiled model of MuJoCo; whatever else it has is rejected or named."""
+"""Extract the serial chain of hinges from a compiled model of MuJoCo; other features are rejected or listed."""
 
 from __future__ import annotations
 

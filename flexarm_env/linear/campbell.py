@@ -26,7 +26,7 @@ class Campbell:
         at_rest (m, n): rad/s, in the fixed frame: frequency + spin for circles in the direction of the spin
             (`Modes.whirl` 1), spin - frequency for circles against it, the frequency itself if no point moves across
             the axis; positive: forward whirl (for a positive spin), negative: backward. NaN where points move on
-            ellipses or to and fro
+            ellipses or linearly
             across the axis: seen from rest, such a motion has several frequencies.
         growing (m,): number of unstable modes, among all modes (`Modes.growing`).
     """

@@ -61,9 +61,8 @@ class Equilibrium(Simulation):
 
     Attributes:
         stability: of the equilibrium, with the joints held or free according to `hold_joints`.
-        followed: share of the loads up to which the continuation from the unloaded arm succeeded: 1.0 if it succeeded
-            all the way; less where the arm snaps on the way to its full loads, and comes to rest elsewhere; 0.0 where
-            joints turn freely.
+        followed: share of the loads up to which the continuation from the unloaded arm succeeded: 1.0 for all of the
+            loads; less if the arm snaps through at a partial load; 0.0 if joints turn freely.
     """
 
     stability: Stability
@@ -83,8 +82,9 @@ def static_equilibrium(
     With held joints the equilibrium is followed from the unloaded arm while all loads grow together. With free joints
     it is a minimum of the potential energy; an initial state in equilibrium is kept, even if it is unstable (an upright
     arm).
-    In space the equilibrium is found from the unloaded arm under the whole load. Beyond the buckling load this may be
-    another rest than grows with the load, an unstable one, too (starts of scenes, `start="held"`, say nothing of that).
+    In space the equilibrium is found from the unloaded arm under the whole load. Beyond the buckling load this may
+    differ from the equilibrium that grows with the load, and may be unstable. Scenes with `start="held"` give no
+    warning in this case.
 
     Args:
         scene: the scene; motions keep their values at t = 0.

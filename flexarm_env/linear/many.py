@@ -64,8 +64,9 @@ def compiled(system: System) -> bool:
 
 
 class Linearizer:
-    """Computes linear models of n arms of a kind, given a system, its settings (with dt) and the period (None:
-    continuous)."""
+    """Computes linear models of n arms of one kind.
+
+    Its arguments are a system, its settings (with dt) and the period (None: continuous)."""
 
     def __init__(self, system: System, settings: Settings, n: int, links: int, discrete: float | None) -> None:
         assert settings.dt is not None

@@ -6,7 +6,7 @@ of the rates. Rotations do not commute: exp(d^) changes by d' = e - w x d with t
     d' = e - W d,        M e' + C e + K d = B u,
 
 M, C, K being the residual's slopes at constant other quantities. Over a step, the model is the derivative of the solver
-in dual lanes: its rotations depend, in second order of the step turns by, on Newton's way.
+in dual lanes, because its rotations depend on the Newton iterates, in second order of the rotation in a step.
 """
 
 from typing import Any
