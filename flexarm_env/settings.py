@@ -128,7 +128,7 @@ class Settings:
         dt: step, s; None: the scene's.
         rho_inf: spectral radius of generalized-alpha at infinite frequency, 0 to 1 (defaults 0.9, 0.7 and 1.0).
         newmark: (beta, gamma) of plain Newmark, in place of rho_inf.
-        tolerance: of the Newton iteration, default 1e-10.
+        tolerance: tolerance of the Newton iteration, default 1e-10.
         newton: "full" (default) or "modified".
         max_iterations: Newton iterations per step, at most 10,000, default 20.
         max_halvings: halvings of a step whose Newton iteration fails, default 8.

@@ -413,7 +413,7 @@ def judge(
     companions: bool = True,
 ) -> Trajectory:  # fmt: skip
     """Return the trajectory with its estimated error, "inaccurate" if that exceeds the limit; failures are unchanged.
-    interval: of the samples, s. companions: make the runs behind the estimate."""
+    interval: interval of the samples, s. companions: make the runs behind the estimate."""
     if trajectory.status != STATUS[OK]:
         return trajectory
     scene, settings, t, levels = trajectory.scene, trajectory.settings, trajectory.t, trajectory.step_levels

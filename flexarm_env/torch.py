@@ -34,10 +34,11 @@ class DifferentiableArms:
     (`torch.where`). Actions are clipped to +-1, beyond which nothing depends on them.
 
     Args:
-        id: id of an environment of this package. n: number of arms. keywords: of the environment and its solver;
-        threads, parameters: see `flexarm_env.derivatives.Arms`.
+        id: id of an environment of this package. n: number of arms. keywords: keywords of the environment and its
+            solver; threads, parameters: see `flexarm_env.derivatives.Arms`.
     Attributes:
-        arms: the `Arms` with names and sizes of states. n: number of arms. observation_space, action_space: of one arm.
+        arms: the `Arms` with names and sizes of states. n: number of arms. observation_space, action_space: spaces of
+            one arm.
         failed (n,) bool: whether the solver failed in the last `step`; results are then NaN.
         past (n,) bool: whether a joint was beyond its limits, where the environment would end the episode.
     Raises:

@@ -81,8 +81,8 @@ class Trajectory:
         tip_velocity (n, 3): m/s and rad/s. hinges (n, N-1, 2): positions of joints 1 to N-1, m.
         joint_angles, joint_rates (n, N): rad, rad/s; joint 0 from the x axis or the floating base, joint k from the tip
             of link k-1.
-        motor_angles, motor_rates (n, N): of the motors over the gear ratio, relative to the link before;
-            with a rigid gear those of the joint.
+        motor_angles, motor_rates (n, N): angles and rates of the motors over the gear ratio, relative to the link
+            before; with a rigid gear those of the joint.
         joint_torque (n, N): N m, applied torque, or the torque that enforces a prescribed angle.
         tip_deflection (n, N): each link's tip normal to its tangent at its root, over the link's length.
         kinetic, strain_energy, gravity (n,): energies, J.
@@ -100,7 +100,7 @@ class Trajectory:
         step_levels: with a step_tolerance, number of halvings of dt in each interval between samples and kinks.
         step_error: largest remaining error (a fraction of L) of these intervals; 0 without a step_tolerance.
         gross_work: J, work of the drives, with both directions counted as positive.
-        link_angles (n, N, 2): of the tangents at each link's root and tip, rad.
+        link_angles (n, N, 2): angles of the tangents at each link's root and tip, rad.
     """
 
     scene: Scene
@@ -223,7 +223,7 @@ class Trajectory:
 
         Args:
             sensors: the sensors or their table; None: the arm's own, or ideal sensors if it has none.
-            seed: of noise, gains and biases.
+            seed: seed of noise, gains and biases.
         Returns:
             Readings by name, (n,) each, SI: `hub_angle`, `hub_rate`, `elbow_angle`, ... (rad, rad/s),
             `tip_acceleration_x`, `_y` (m/s^2), `camera_x`, `_y` (m), `strain_gauge_1`, ... (1/m, or strain).

@@ -68,7 +68,7 @@ MAIN = "flexarm_main"
 class Program:
     """Machine code of one kernel for one specialization.
 
-    address: of its function. call: that function as a Python callable. words: 8-byte words of the result.
+    address: address of its function. call: that function as a Python callable. words: 8-byte words of the result.
     made: compiled in this process, not loaded from disk. The result's type is a spec, see `_given`.
     """
 

@@ -16,7 +16,7 @@ class Sheet:
     """An array with its views.
 
     Attributes:
-        array: the array, which owns its memory. address: of its first number.
+        array: the array, which owns its memory. address: address of its first number.
         told: named results for the caller, including views of the array. others: further views.
     """
 

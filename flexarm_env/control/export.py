@@ -154,7 +154,7 @@ def c_source(policy: NumpyPolicy, entries: Entries, name: str) -> str:
     """Generate the policy as one C99 file without `main`: float32, all arrays of fixed size.
 
     Args:
-        entries: of one instant; a policy whose observation contains several instants has a history.
+        entries: entries of one instant; a policy whose observation contains several instants has a history.
         name: prefix of the file's definitions: NAME_decide (the environment's observation to actions), NAME_reset and
             NAME_act (values in SI units, one instant after the other, to actions), NAME_memory, NAME_OBSERVATION, ...
     Raises:

@@ -46,8 +46,9 @@ def controller_source(
     """Generate a controller as one C99 file without `main`: double, arrays of fixed size, no allocation.
 
     Args:
-        controller: of `control.make`. name: prefix of the file's definitions: NAME_reset, NAME_act (values in SI units
-            to actions, once a control period), NAME_decide (the same from the environment's observation), ...
+        controller: made by `control.make`. name: prefix of the file's definitions: NAME_reset, NAME_act (values
+            in SI units to actions, once a control period), NAME_decide (the same from the environment's observation),
+            ...
         slew: rad, of TimeOptimal: the slew, to either side, whose plan the file contains.
         elbows: (low, high), rad, of each elbow's angle at the goal (of LQG: also on the way there): postures with
             tabulated gains; others use those of the nearest. None: the full range of a two-link arm.

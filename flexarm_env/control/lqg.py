@@ -162,7 +162,8 @@ def measured(setup: Setup, gains: LQGGains, own: Plant) -> Design:
 def designed(setup: Setup, gains: LQGGains, own: Plant, seen: Array, variances: Array, bias: Array) -> Design:
     """Compute regulator and time-varying Kalman gains for measurement rows `seen` (p, 2n).
 
-    variances (p,): of the measurements. bias (b,): standard deviations of the biases of the last b measurements.
+    variances (p,): variances of the measurements. bias (b,): standard deviations of the biases of the last b
+        measurements.
     """
     from scipy.linalg import block_diag
 

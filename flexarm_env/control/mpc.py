@@ -72,7 +72,7 @@ class MPCGains(StateWeights):
         memory: share of the predicted state kept per period in the unmeasured part.
         allowed: cost of the distance from the goal below which a plan has arrived.
         block: control periods over which planned torques are held. horizon: number of such blocks in a plan.
-        iterations: per decision. first: of an episode's first plan.
+        iterations: per decision. first: iterations of an episode's first plan.
         margin: distance of plans from shapes, over the arm's length, and from joint limits, rad.
     """
 

@@ -36,8 +36,8 @@ class Motion:
 
     controls (T, n, N): torques over their limits; states (T + 1, n, S); periods (n,): control periods until each arm
     arrives; missed (n,): largest violation of the limits (see `TOLERANCE`). ends (n,): periods after which its controls
-    are zero. replay: of the controls on a finer mesh with shorter steps; None: not replayed. step: solver step of the
-    plan, s; nan: that of its plant.
+    are zero. replay: replay of the controls on a finer mesh with shorter steps; None: not replayed. step: solver step
+    of the plan, s; nan: that of its plant.
     """
 
     controls: Array
@@ -353,8 +353,8 @@ def follow(
 
     Args:
         plant: the arm. start: states (n, S), tips at the path's start. path (T + 1, n, 2 or 3): tip positions at the
-            control instants, m about the root. bounds: see `Bounds`. weight: of squared distances, 1/m^2, against
-            squared torques over their limits; a larger weight gives better tracking.
+            control instants, m about the root. bounds: see `Bounds`. weight: weight of squared distances, 1/m^2,
+            against squared torques over their limits; a larger weight gives better tracking.
     Returns a motion; `missed` covers the bounds alone.
     """
     start = check.array("start", start, ("n", plant.size), STATES)

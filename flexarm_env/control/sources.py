@@ -43,7 +43,8 @@ class NamedPolicy:
     Attributes:
         name: for display. env_id, env_kwargs: training environment and its keywords ("" and {}: any).
             make: environment -> policy, with `reset` and `act`; ValueError if they do not fit. kind: "controller",
-            "policy" (a network run by NumPy), "onnx" or "function". policy: of the last three kinds, not yet checked.
+            "policy" (a network run by NumPy), "onnx" or "function". policy: policy of the last three kinds, not yet
+            checked.
             path: its file, if any. asked: keywords that the user gave to training; evaluation uses them too.
     """
 

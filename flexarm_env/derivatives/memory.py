@@ -1,8 +1,8 @@
 """Observations that depend on the past: delayed and stacked ones, and readings of sensors with memory.
 
-A state then contains the latest observations, the oldest first: `frames` observations of E entries. The delayed ones
-shown come first. A period drops the oldest observation and appends the new one, so derivatives of stored observations
-are only shifted.
+A state then contains the latest `frames` observations of E entries, the oldest first. With a delay, an observation
+consists of the oldest of these. A period drops the oldest observation and appends the new one, so derivatives of stored
+observations are only shifted.
 """
 
 from typing import Any

@@ -162,7 +162,7 @@ def _font(pixels: int) -> Any:
 def smooth(points: Array, root_angle: float, tip_angle: float, pieces: int = 6) -> Array:
     """Return a C1 cubic curve through points (n, 2) with given directions (rad) at its ends.
 
-    pieces: of each interval.
+    pieces: number of pieces of each interval.
     """
     if len(points) < 2:
         return np.repeat(points, 2, axis=0)

@@ -206,7 +206,7 @@ def sensors(
 ) -> Sensors | None:
     """Read noise and delay of all entries, and the gauges; None if all is ideal.
 
-    names, scales: of all entries, gauges last.
+    names, scales: names and scales of all entries, gauges last.
     """
     table = table_of("sensors", None if isinstance(value, description.Sensors) else value, _SENSORS)
     places = [gauge.spot for gauge in gauges]

@@ -286,7 +286,8 @@ def judge(arm: Arm, drive: Drive, period: float, stiffness: float = 1.0) -> Judg
 def worst(arm: Arm, drive: Drive, period: float, drawn: Mapping[str, tuple[float, float]]) -> Worst:
     """Return the rule for an arm and its drawn extremes: the softest, and the stiffest with the least payload.
 
-    period: of control, s. drawn: ranges (low, high) of factors on EI, payload and torque_constant; others do not count.
+    period: control period, s. drawn: ranges (low, high) of factors on EI, payload and torque_constant; others do not
+    count.
     """
     (soft, stiff), (light, _), (_, strong) = (
         drawn.get(name, (1.0, 1.0)) for name in ("EI", "payload", "torque_constant")

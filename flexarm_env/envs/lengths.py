@@ -64,9 +64,9 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         env_id: a registered id. num_envs: number of arms, at least one for each length.
         lengths: factors on the lengths of all links, or for each arm a factor for each link. The arms are divided
             evenly among them: the first ones have the first factor.
-        keywords: of the environment, with `autoreset_mode` and `threads`.
+        keywords: keywords of the environment, with `autoreset_mode` and `threads`.
     Attributes:
-        parts: a native vector environment for each length, in order. lengths: as given. plan: of the first part.
+        parts: a native vector environment for each length, in order. lengths: as given. plan: plan of the first part.
     Raises:
         ValueError: fewer arms than lengths, a length that is not positive, or whatever the environment raises.
     """

@@ -35,7 +35,7 @@ WHAT = "must be a named motion, a table (n, 2 to 4), a .csv or .toml file, a Tim
 
 @dataclass(frozen=True)
 class Prescribed:
-    """Joint motions of an episode. functions: of the prescribed joints. end: s, where the motion ends.
+    """Joint motions of an episode. functions: motions of the prescribed joints. end: s, where the motion ends.
 
     scene: the whole scene where one was given, to be replayed as it is.
     """

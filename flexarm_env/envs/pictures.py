@@ -58,7 +58,7 @@ class Wall:
     """One window with pictures of at most MOST arms in rows and columns.
 
     Args:
-        plan: of the environment. count: number of arms.
+        plan: plan of the environment. count: number of arms.
     """
 
     def __init__(self, plan: Plan, count: int) -> None:

@@ -141,7 +141,7 @@ class Renderer:
             angles: (N, 2), angles of the tangents at the links' roots and tips, rad.
             target: (2,) m, or None. time: s; an earlier time than before starts a new episode.
             torques: (N,) in shares of the limit, or None. deflection: (N,) tip deflections over L, or None.
-            attitude: of a floating base, rad, or None.
+            attitude: attitude of a floating base, rad, or None.
         Returns:
             (height, width, 3) uint8, or None in a window.
         """

@@ -78,8 +78,8 @@ def resolve(
 ) -> Resolution:  # fmt: skip
     """Return the settings of an environment: the user's options, and a mesh, step and tolerance where these are open.
 
-    usual: default options of the formulation. given: the user's options. drawn: ranges of factors. period: s. trial: of
-    nonlinear motions (`trials`), None for none.
+    usual: default options of the formulation. given: the user's options. drawn: ranges of factors. period: s. trial:
+        trials of nonlinear motions (`trials`), None for none.
     """
     given = {name: value for name, value in given.items() if value is not None}
     first = Settings.make(formulation, **merged(dict(usual), given)).dividing(period)

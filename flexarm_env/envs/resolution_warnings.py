@@ -30,7 +30,7 @@ class Rule(Protocol):
 def too_coarse(rule: Rule, settings: Settings, estimate: float, name: str, most: float) -> str:
     """Return a sentence about settings whose estimate is above `most`: the tip's error and advice; "" for others.
 
-    estimate: error of the tip over the arm's length. name: of the settings' field with the mesh. A shorter step is
+    estimate: error of the tip over the arm's length. name: name of the settings' field with the mesh. A shorter step is
     advised if it brings the rule's estimate to COARSE, otherwise a finer mesh.
     """
     if estimate <= most:
@@ -58,7 +58,7 @@ def amplified(estimate: float, formulation: str) -> str:
 def unsettled(period: float, estimate: float) -> str:
     """Return a sentence about a PD loop that chatters with an arm: its effect on the tip, and the settings to change.
 
-    period: of control, s. estimate: error of the tip over the arm's length.
+    period: control period, s. estimate: error of the tip over the arm's length.
     """
     what = "the PD loop of action_mode='residual_pd' does not settle with this arm, whatever the solver's step"
     size = "" if estimate <= COARSE else ", and the arm's tip may be off by " + (

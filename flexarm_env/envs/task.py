@@ -38,13 +38,13 @@ ATTITUDE = "attitude"
 class Kind:
     """A task as data, for arms of `links` (at least, at most; None: any number) links.
 
-    id: of the registry. task: default task's name. arm: default arm's name. duration: s. target: kind of target.
+    id: id of the registry. task: default task's name. arm: default arm's name. duration: s. target: kind of target.
     rewards: names and default weights of the reward's terms, in the order in which the task's `judge` computes them;
     the last is for failure. entries: names and scales of an arm's observation, in the order of `observe`. record: class
-    of the task's record for an arm, by which kernels are chosen. starts: ranges of fresh starts. bands: of success, by
-    name: the usual bound, its unit. replays: default motion of task="replay"; joints beyond its own follow its last
-    one. space: arms leave the plane. period: of control, s. gravity: m/s^2, by default. settings: default settings in
-    space.
+    of the task's record for an arm, by which kernels are chosen. starts: ranges of fresh starts. bands: usual bounds
+    of success with their units, by name. replays: default motions of task="replay"; further joints follow the last
+    one. space: whether arms leave the plane. period: control period, s. gravity: default gravity, m/s^2. settings:
+    default settings in space.
     """
 
     id: str
@@ -67,7 +67,7 @@ class Kind:
     def build(self, arm: Arm, weights: Array, period: float, aims: Mapping[str, Any], rules: int = 2) -> Task:
         """Return the task's record for an arm.
 
-        weights: of the reward's terms. period: of control, s. aims: fields that differ from the usual ones.
+        weights: weights of the reward's terms. period: control period, s. aims: fields that differ from the usual ones.
         """
         assert arm.torque_limits is not None
         scales = [scale for _, scale in self.entries(arm)]
@@ -322,7 +322,7 @@ def reward_weights(
     return does not depend on the period. Rules 1: distance and attitude cost up to 1, weights are those of any period,
     and failure's is the kind's.
 
-    joints: of the arm. period: of control, s. limit: control periods of an episode.
+    joints: number of joints. period: control period, s. limit: control periods of an episode.
     """
     weights: dict[str, float | None] = dict(kind.rewards) | {FAILURE: None}
     table = {} if chosen is None else check.table_of("reward", chosen)

@@ -198,7 +198,7 @@ def _through(run: Run, frequency: float, damping: float, law: Law) -> Array:
 
 
 def oscillator(runs: list[Run], name: str, law: Law) -> Oscillator:
-    """Fit the oscillator closest to an output of all runs, without offsets; law: of its sensor.
+    """Fit the oscillator closest to an output of all runs, without offsets; law: law of its sensor.
 
     Grid over the frequency (25 values, 0.3 to 30 Hz), then least squares in log frequency and log damping.
     """

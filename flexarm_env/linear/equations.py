@@ -109,7 +109,8 @@ class Equations:
             before it. joints: turnable joints, each with its position among the independent coordinates.
         turned: joints that a torque can turn, each with the position of what it acts on: the motor's angle behind an
             elastic gear, otherwise the joint's. motors: rows of the motors' angles behind elastic gears.
-        names: of the independent coordinates, "joint0", ... for the joints that can turn, "motor0", ... for motors.
+        names: names of the independent coordinates, "joint0", ... for the joints that can turn, "motor0", ... for
+            motors.
         driven: those of them that are prescribed, in the order of the scene's motions.
     """
 

@@ -36,13 +36,13 @@ class Scene:
         duration: s. dt: default step, s. sample: default sampling interval, s (None: ``dt``).
         root: "pinned" (position fixed or prescribed, hub angle free unless prescribed) or "free" (a free body; for an
             arm with a base, the base and the arm on it).
-        position: of the root at t = 0, m: (x, y), in space (x, y, z).
+        position: position of the root at t = 0, m: (x, y), in space (x, y, z).
         angles: absolute angles of the links at t = 0, N numbers (rad), or () for all along +x; for curved links those
             of their tangents at their roots. If the links turn out of the plane (`Arm.spatial`), the joint angles
             instead.
-        velocity: of the root before t = 0, m/s: (x, y), in space (x, y, z). rates: absolute rates of the links before
-            t = 0, N numbers (rad/s), or () for none; in space the joint rates. Links turn as rigid bodies, and a motion
-            that begins with another rate jumps.
+        velocity: velocity of the root before t = 0, m/s: (x, y), in space (x, y, z). rates: absolute rates of the links
+            before t = 0, N numbers (rad/s), or () for none; in space the joint rates. Links turn as rigid bodies, and a
+            motion that begins with another rate jumps.
         start: "unloaded": without stress. "held": at rest under gravity and the loads at t = 0, with the joints at
             `angles` (the motor's side of an elastic gear), released at t = 0 unless a motion prescribes them.
             "equilibrium": at rest under these loads with free joints.

@@ -20,8 +20,8 @@ class Pull:
 
     name: shown in the legend. point: index of the point. values: (n,) N m, a torque; or (n, 2) N, a force, in space (n,
         3).
-    limit: largest torque, N m; None, or a value that is exceeded: the largest of the values. axis (n, 3): of
-    a torque in space.
+    limit: largest torque, N m; None, or a value that is exceeded: the largest of the values. axis (n, 3): axis of a
+        torque in space.
     """
 
     name: str
@@ -46,7 +46,7 @@ class Clip:
     Attributes:
         label: name shown beside other runs. note: one line with the formulation and the outcome.
         t (n,): s. points (n, P, 2): from root to tip, m. cuts (N + 1,): indices of root, joints and tip.
-        angles (n, N, 2): of the tangents at each link's root and tip, rad.
+        angles (n, N, 2): angles of the tangents at each link's root and tip, rad.
         rigid (n, N): angles of the links' roots in the rigid arm at the same joint angles, rad (`rigid_angles`).
         rest (P, 2): the links without stress, each from its root and its tangent there, m; of a joint, that tip.
         curvature (n, P): 1/m, at the points; at a joint, of the link that ends there.
@@ -87,7 +87,7 @@ class Clip:
 
 
 def thinner(clip: Any, names: Sequence[str], step: int) -> Any:
-    """Return a clip with every `step`-th instant and the last; names: of its arrays over time."""
+    """Return a clip with every `step`-th instant and the last; names: names of its arrays over time."""
     if step <= 1:
         return clip
     i = np.unique(np.append(np.arange(0, len(clip.t), step), len(clip.t) - 1))
@@ -134,7 +134,7 @@ def magnified(
     the points unchanged.
 
     Args:
-        points (P, 2): from root to tip, m. cuts (N + 1,): indices of root, joints and tip. angles (N, 2): of the
+        points (P, 2): from root to tip, m. cuts (N + 1,): indices of root, joints and tip. angles (N, 2): angles of the
             tangents at each link's root and tip, rad. rigid (N,), rest (P, 2): as those of a `Clip`. factor: positive.
     Returns:
         (P, 2), m.

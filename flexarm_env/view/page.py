@@ -32,7 +32,7 @@ class Player:
     """A page that plays clips over each other or side by side.
 
     Args:
-        clips: at least one, with different labels. title: of the page; default the labels.
+        clips: at least one, with different labels. title: title of the page; default the labels.
         most_bytes: largest size of the page; longer runs are thinned evenly to fit.
     Raises:
         ValueError: no clip, or clips that do not fit even with two instants each.
