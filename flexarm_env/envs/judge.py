@@ -240,7 +240,7 @@ class Judge:
 
 
 class Worst:
-    """The maximum over several rules: that of an arm, and those of drawn extremes, which count by the weight SELDOM."""
+    """The maximum over the rules of the nominal arm and of the drawn extremes; the extremes have the weight SELDOM."""
 
     def __init__(self, rules: Sequence[Judge]) -> None:
         self.rules, self.arm, self.period = rules, rules[0].arm, rules[0].period
