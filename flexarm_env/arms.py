@@ -60,7 +60,7 @@ def resolve(arm: Arm | str | os.PathLike[str], directory: str | os.PathLike[str]
 def from_toml(source: str | os.PathLike[str]) -> Arm:
     """Read the arm of a TOML file or text: the keys of :class:`Arm`, at the top level or in a table ``[arm]``.
 
-    Raises ValueError that names the file, the key path, the value and what is allowed, OSError for no such file.
+    Raises ValueError that names the file, the key path, the value and the rule, OSError for no such file.
     """
     table, path = read_toml(source)
     with check.in_file(path):
@@ -80,7 +80,7 @@ def to_toml(arm: Arm) -> str:
 def from_table(table: Mapping[str, Any], default_name: str | None = None) -> Arm:
     """Read an arm from the table of a TOML file; default_name: for a table without a name.
 
-    Raises ValueError that names the key path, the value and what is allowed.
+    Raises ValueError that names the key path, the value and the rule.
     """
     check.known_keys("", table, check.names_of(Arm))
     values = dict(table)
@@ -107,7 +107,7 @@ def section_of(path: str, value: object) -> Section:
 
 
 def base_of(value: object) -> Base:
-    """Read a base from its table. Raises ValueError that names the key path, the value and what is allowed."""
+    """Read a base from its table. Raises ValueError that names the key path, the value and the rule."""
     needed = {"mass": "must be a number, zero or positive (kg)", "inertia": "must be a positive number (kg m^2)"}
     return check.made("base", Base, value, **needed)
 

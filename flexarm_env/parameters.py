@@ -3,7 +3,7 @@
 An :class:`Arm` is a chain of :class:`Link` objects. Link ``k`` starts at joint ``k``: joint 0 is the hub
 (the root of the arm), joint ``k >= 1`` the elbow between the tip of link ``k-1`` and the root of link ``k``.
 Every class is immutable and hashable; sequences are stored as tuples; ``dataclasses.replace`` makes a variant
-and validates it. An invalid value raises a ``ValueError`` that names the key path, the value and what is allowed.
+and validates it. An invalid value raises a ``ValueError`` that names the key path, the value and the rule.
 """
 
 from __future__ import annotations
@@ -149,8 +149,8 @@ class Joint:
     """Drive of a joint: rotor, gear and friction. Angles, rates and torques are on the gear's output side.
 
     The torque of the joint (`JointTorque`, an action) acts on the motor's side. An elastic gear adds a coordinate to
-    the arm: the motor's angle divided by the gear ratio, measured like the joint's from the link before. "motor0"
-    stands beside "joint0", the angle of the link's root. Spring and damper act between the two.
+    the arm: the motor's angle divided by the gear ratio, measured like the joint's from the link before. Its coordinate
+        "motor0" exists in addition to "joint0", the angle of the link's root. Spring and damper act between the two.
 
     Args:
         stiffness: stiffness of the gear, N m/rad, positive; inf: rigid, without that coordinate.

@@ -29,11 +29,11 @@ MOST = 300
 
 
 class NoEquilibrium(RuntimeError):
-    """No equilibrium was found; the message says what was tried."""
+    """No equilibrium was found; the message describes the attempts."""
 
 
 def resting(scene: Scene) -> Scene:
-    """Return the scene as it is before t = 0: loads constant at their value for t = 0, motions constant at their start.
+    """Return the scene with all loads and motions constant at their values for t = 0.
 
     With start="held" all joints are held as well; behind an elastic gear the motor is held instead. Torques on joints
     that are held are dropped.
@@ -69,7 +69,7 @@ def resting_settings(settings: Settings, space: bool) -> Settings:
     """Return the settings for `relax`: steps of one size, and no correction of the period.
 
     An elastica in space gets the inertia of steps of 1 s, which is proportional to its stiffness: all its strains then
-    come to rest alike.
+        come to rest at the same rate.
     """
     plain: dict[str, Any] = {"step_tolerance": None}
     if space and settings.formulation == "elastica":

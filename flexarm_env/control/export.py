@@ -1,6 +1,6 @@
 """Export trained policies: one C file for a controller board, ONNX for machines that run it.
 
-Both contain what a `policy.npz` contains and agree with :class:`NumpyPolicy` to 1e-6: ONNX sums in double as it does,
+Both contain the data of a `policy.npz` and agree with :class:`NumpyPolicy` to 1e-6: ONNX sums in double as it does,
 the C file in float32 with compensated sums (Dekker 1971).
 """
 

@@ -1,7 +1,7 @@
 """Export controllers: one C file each, in double precision, with the numbers of the Python class.
 
 Designs that need SciPy (Riccati equations, modes, a linear program) are solved here. The file contains their results
-and computes in a control period what `Controller.act` computes; its fragments are in `data/control/c`. Gains that
+and computes the actions of `Controller.act` in each control period; its fragments are in `data/control/c`. Gains that
 depend on an arm's posture are tabulated for all requested postures, `arm_model.GRID` apart.
 """
 

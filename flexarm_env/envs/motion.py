@@ -37,7 +37,7 @@ WHAT = "must be a named motion, a table (n, 2 to 4), a .csv or .toml file, a Tim
 class Prescribed:
     """Joint motions of an episode. functions: motions of the prescribed joints. end: s, where the motion ends.
 
-    scene: the whole scene where one was given, to be replayed as it is.
+    scene: the scene to be replayed unchanged, if one was given.
     """
 
     functions: tuple[tuple[int, TimeFunction], ...]

@@ -178,7 +178,7 @@ def plan(
     max_episode_steps: int | None = None,
     **options: Any,
 ) -> Plan:
-    """Check the arguments of an environment (see its class); a ValueError names key, value and what is allowed."""
+    """Check the arguments of an environment (see its class); a ValueError names key, value and the rule."""
     own = with_friction(with_base(_arm(kind, arm, joint_limits), base, kind.space), actuator)
     kind = priced(with_own_terms(afloat(kind, own), reward_terms), reward)
     factors = _factors(randomization, own)

@@ -315,12 +315,12 @@ def reward_weights(
 ) -> Array:
     """Return the weights of the reward's terms for one control period: the kind's, replaced by given ones.
 
-    Rules 2: distance and attitude pay for what is left of their bounds (`tasks.task.left_of`), and failure costs by
-    default the most that the other terms can take in a whole episode, so that ending an episode early never pays, and
-    the most that they pay in `HOLD_TIME`: policies learn to stay clear of joint limits for good, not only on average. A
-    weight is that of the kind's own control period; in another all but failure's go in proportion, so that an episode's
-    return does not depend on the period. Rules 1: distance and attitude cost up to 1, weights are those of any period,
-    and failure's is the kind's.
+    Rules 2: distance and attitude pay their bound minus the loss (`tasks.task.left_of`). The default cost of a failure
+    is the largest loss that the other terms can cause in an episode, so that ending an episode early never pays, plus
+    their largest reward in `HOLD_TIME`, so that policies learn to stay clear of joint limits. Weights refer to the
+    kind's control period. For another period all weights except that of failure scale in proportion, so that an
+    episode's return does not depend on the period. Rules 1: distance and attitude cost up to 1, weights do not depend
+    on the period, and the weight of failure is the kind's.
 
     joints: number of joints. period: control period, s. limit: control periods of an episode.
     """

@@ -73,8 +73,8 @@ def import_arm(
         tau_d: s, damping of the flexible links.
         gear_ratio: assumed for joints with armature, which becomes a motor inertia of armature / gear_ratio^2.
     Raises:
-        ValueError: what a serial chain cannot represent, by its name in the file. OSError: no such file. ImportError:
-            no MuJoCo.
+        ValueError: the file has an element that a serial chain cannot represent; the message names it. OSError: no such
+            file. ImportError: no MuJoCo.
     """
     gear_ratio = check.number("gear_ratio", gear_ratio, above=0.0, maximum=1e9)
     with check.in_file(path):

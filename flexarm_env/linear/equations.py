@@ -3,7 +3,7 @@
     r(q, v, a, lambda, u) = M(q) a + h(q, v) + Phi_q^T lambda - B u = 0,   Phi(q) = 0
 
 The residual is linear in a, lambda and u and quadratic in v, so differences by these have no truncation error; those by
-q are of sixth order with a step of 0.5 % of what matters of a coordinate (truncation 1e-16, round-off 1e-13).
+q are of sixth order with a step of 0.5 % of a coordinate's scale (truncation 1e-16, round-off 1e-13).
 """
 
 from __future__ import annotations
@@ -107,8 +107,9 @@ class Equations:
         free: rows of q that can move (no multiplier, not fixed, not prescribed). algebraic: rows of multipliers.
         independent, dependent: positions in `free`; the frame behind a joint of the floating frame depends on the one
             before it. joints: turnable joints, each with its position among the independent coordinates.
-        turned: joints that a torque can turn, each with the position of what it acts on: the motor's angle behind an
-            elastic gear, otherwise the joint's. motors: rows of the motors' angles behind elastic gears.
+        turned: joints that a torque can turn, each with the position of the angle on which the torque acts: the motor's
+            angle with an elastic gear, otherwise the joint's angle. motors: rows of the motors' angles behind elastic
+            gears.
         names: names of the independent coordinates, "joint0", ... for the joints that can turn, "motor0", ... for
             motors.
         driven: those of them that are prescribed, in the order of the scene's motions.

@@ -96,8 +96,8 @@ def static_equilibrium(
             warn; True: raise NoEquilibrium;
             False: return it without a warning.
     Returns:
-        A Simulation of the same arm at rest, at t = 0, with its `stability`; `joint_torques()` gives the holding
-        torques, N m, and they go on acting.
+        A Simulation of the same arm at rest, at t = 0, with its `stability`; `joint_torques()` returns the holding
+        torques, N m, which continue to act.
     Raises:
         ValueError: an option that is not allowed. NoEquilibrium: none was found, or (with require_stable) it is
             unstable; the message gives the reason.

@@ -1,7 +1,7 @@
 """Derivative of the solver's steps in a period, with tangents in dual lanes.
 
 The steps are differentiated exactly as computed, including multipliers and the period correction, and including
-rotations, which depend, in second order of what a step turns by, on Newton's way.
+rotations, which depend on the Newton iterates in second order of the rotation in a step.
 """
 
 from typing import Any

@@ -65,8 +65,8 @@ def modes(
         n: largest number of modes.
         formulation, options: of a Scene, as for `simulate`.
         spin: rad/s, about the root of a pinned Scene without gravity and without its loads: modes of the arm in steady
-            rotation, stretched and bent as that makes it, as seen by an observer who turns with it.
-        clamped: False: joints that are not prescribed or rigid can turn (their torques stay what they are); True: the
+            rotation, stretched and bent by the rotation, in the rotating frame.
+        clamped: False: joints that are not prescribed or rigid can turn, with constant torques; True: the
             hub is held ("clamped modes"); or the indices of the joints that are held. With an elastic gear the motor's
             side is held. Coulomb friction is left out.
     Returns:

@@ -1,7 +1,7 @@
 """A scene: an arm, its initial configuration, prescribed motions, loads, and duration.
 
 Angles are measured from the global +x axis, counter-clockwise, in rad; all quantities are in SI units. A scene is
-frozen, hashable and validated at creation: a ``ValueError`` names the key path, the value and what is allowed.
+frozen, hashable and validated at creation: a ``ValueError`` names the key path, the value and the rule.
 """
 
 from __future__ import annotations
@@ -316,7 +316,7 @@ class Scene:
         Args:
             source: a path, or the text itself. parameter_set: name of a parameter set in the file, or None.
         Raises:
-            ValueError: names the file, the key path, the value and what is allowed.
+            ValueError: names the file, the key path, the value and the rule.
             OSError: the file does not exist.
         """
         return toml.read(cls, source, parameter_set)

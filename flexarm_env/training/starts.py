@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 
 def staggered(native: Any, seed: int) -> NDArray[np.float32] | None:
-    """Bring reset environments to times spread over an episode; returns the observations there, (n, O).
+    """Advance reset environments to times spread over an episode; return the observations there, (n, O).
 
     Episodes of one length that start together would show each rollout a single phase of the task: all arms moving, then
     all at rest. The arms run without action, each reset at a time of its own. None if episodes are a single step.

@@ -117,8 +117,8 @@ def thinned(cuts: Sequence[int], most: int) -> tuple[NDArray[np.intp], tuple[int
 def rigid_angles(joints: ArrayLike, turns: ArrayLike) -> Array:
     """Return the angles (..., N), rad, at the roots of the links of the rigid arm.
 
-    joints (..., N): angles of the joints, joint 0 from the x axis, joint k from the tip of link k - 1. turns (N,): from
-    root to tip of each link, 0 but for links that are curved without stress.
+    joints (..., N): angles of the joints, joint 0 from the x axis, joint k from the tip of link k - 1. turns (N,):
+        angle from root to tip of each stress-free link; 0 for straight links.
     """
     before = np.concatenate([[0.0], np.cumsum(turns)[:-1]])
     return np.asarray(np.cumsum(joints, axis=-1) + before)
