@@ -52,8 +52,8 @@ def controller_source(
         slew: rad, of TimeOptimal: the slew, to either side, whose plan the file contains.
         elbows: (low, high), rad, of each elbow's angle at the goal (of LQG: also on the way there): postures with
             tabulated gains; others use those of the nearest. None: the full range of a two-link arm.
-        targets: (x, y, z), m, of an arm in space: points whose static rests, found from joint angles 0, the file
-            contains; any other target is replaced by the nearest of them.
+        targets: (x, y, z), m, for an arm in space: the file contains the static equilibria at these points, searched
+            from joint angles 0. The controller replaces any other target by the nearest of these.
     Raises:
         ValueError: MPC, which solves a program in each period; no slew; no elbows for three links or more; no targets
             for an arm in space, or a target at which its tip finds no rest.

@@ -75,7 +75,7 @@ class Jacobians(NamedTuple):
 
     @property
     def A(self) -> Array:
-        """State by state, (n, S, S)."""
+        """Derivative of the next state by the state, (n, S, S)."""
         x, _, size, _ = self._sizes
         full = self._whole(self.moved[:, :x, :x], 1, 2)
         full[:, np.arange(x, size), np.arange(x, size)] = 1.0
@@ -83,30 +83,30 @@ class Jacobians(NamedTuple):
 
     @property
     def B(self) -> Array:
-        """State by action, (n, S, A)."""
+        """Derivative of the next state by the action, (n, S, A)."""
         x = self._sizes[0]
         return self._whole(self.moved[:, :x, x:], 1)
 
     @property
     def C(self) -> Array:
-        """Observation by state, (n, O, S)."""
+        """Derivative of the observation by the state, (n, O, S)."""
         x, entries, _, _ = self._sizes
         return self._whole(self.moved[:, x : x + entries, :x], 2)
 
     @property
     def D(self) -> Array:
-        """Observation by action, (n, O, A)."""
+        """Derivative of the observation by the action, (n, O, A)."""
         x, entries, _, _ = self._sizes
         return self.moved[:, x : x + entries, x:]
 
     @property
     def r_x(self) -> Array:
-        """Reward by state, (n, S)."""
+        """Derivative of the reward by the state, (n, S)."""
         return self._whole(self.moved[:, -1, : self._sizes[0]], 1)
 
     @property
     def r_u(self) -> Array:
-        """Reward by action, (n, A)."""
+        """Derivative of the reward by the action, (n, A)."""
         return self.moved[:, -1, self._sizes[0] :]
 
     def jvp(self, state: Array, action: Array) -> tuple[Array, Array, Array]:

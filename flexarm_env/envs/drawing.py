@@ -37,7 +37,8 @@ class Sheet:
     """A picture in progress.
 
     Args:
-        size: width and height of the picture, pixels. reach: half of the shorter side is `margin` reaches, m.
+        size: width and height of the picture, pixels. reach: arm's reach, m; half of the shorter side shows `margin`
+            times this length.
         center: the point in the middle, m (2,). cell: side of a grid square, m.
     Lengths named in points are 1/640 of the picture's shorter side.
     """

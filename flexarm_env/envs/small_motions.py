@@ -82,7 +82,8 @@ def fine(arm: Arm) -> Chain:
 
 @lru_cache(64)
 def cut(arm: Arm, elements: int) -> Chain:
-    """Return the matrices of an arm whose links have so many beam elements, all links as many as the one with most."""
+    """Return the matrices of an arm with this number of beam elements per link; all links get the number of the finest
+    link."""
     lines = [Elements.cut(link, elements) for link in arm.links]
     most = max(line.n for line in lines)
     return chain_of(arm, [Elements.cut(line.link, (most - 1) // 2) for line in lines])

@@ -152,7 +152,7 @@ def read_off(run: Run, name: str) -> list[Ringing]:
 class Oscillator:
     """Linear oscillator y'' + 2 damping w y' + w^2 y = sum of gains times inputs, with the sensor's filter; w = 2 pi f.
 
-    frequency f: Hz. Inputs that prescribe angles count with their accelerations.
+    frequency f: Hz. For inputs that prescribe angles, the accelerations of these angles are used.
     """
 
     frequency: float
