@@ -56,8 +56,7 @@ def differences(chain: Chain, gravity: tuple[float, float, float] = (0.0, 0.0, 0
     """Compare a chain with its arm.
 
     Returns:
-        frequency_K_hz: frequencies of the arm, joints held; chain_frequency_K_hz: frequencies of the chain, as many as
-            it has.
+        frequency_K_hz, chain_frequency_K_hz: frequencies of the arm, joints held, and of the chain, as many as it has.
         tip_compliance_error: largest relative error of the tip's displacement under a static tip force.
         tip_apart: largest distance of the two tips over the arm's length in `DURATION` s, under `PUSH` of the torque
         limits, reversed halfway; by MuJoCo, where it is installed and the arm has torque limits.
