@@ -62,12 +62,13 @@ def load_policy(source: str | os.PathLike[str], env: Any = None) -> Any:
     """Load the policy named by a word or a path (the table of :mod:`flexarm_env.control.sources`).
 
     Args:
-        source: the word. env: the environment, or vector environment, in which it acts. Controllers need one; every
-            other policy is checked against it.
+        source: controller name, packaged policy, file, run folder, or module:name.
+        env: the environment, or vector environment, in which it acts. Controllers need one; every other policy is
+            checked against it.
     Returns:
         an object with `reset(observation)` and `act(observation)`; observations (entries,) or (n, entries).
     Raises:
-        ValueError: the word names nothing, the file is damaged, or the policy does not fit the environment.
+        ValueError: an unknown name, a damaged file, or a policy that does not fit the environment.
     """
     found = find_policy(os.fspath(source), "policy")
     if env is not None:
