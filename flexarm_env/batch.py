@@ -104,7 +104,7 @@ class Batch:
         arm, settings (with dt), gravity: the mechanical system; gravity in m/s^2. n: number of arms.
         task: record of a task. starts: ranges from which starts are drawn.
         period: control period, s, a whole number of settings.dt. account: record energies, work and dissipation.
-        threads: maximum number; None: as many as make steps fastest, by the clock (`compiler.pace`).
+        threads: maximum number; None: the fastest number, found by timing (`compiler.pace`).
         extras: controllers, motors, sensors, moving targets.
         left: error of the tip due to mesh and step, over the arm's length; inf: unknown.
     Attributes:

@@ -41,8 +41,8 @@ def tip_error(
     Args:
         t: (n,) s, increasing. tip: (n, 3): x, y in m and angle in rad.
         reference: column t, and those of tip_x and tip_y, tip_angle, start_angle that exist
-            (`flexarm_env.scenes.reference(NAME).columns`, `read_reference`). start: as tip, of the root; needed for
-            start_angle.
+            (`flexarm_env.scenes.reference(NAME).columns`, `read_reference`). start: path of the root, in the form of
+            tip; required for start_angle.
     Raises:
         ValueError: the two have no instant in common after the first; nothing is interpolated.
     """

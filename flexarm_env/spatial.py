@@ -32,8 +32,8 @@ class SpatialTrajectory(Trajectory):
         link_rotations (n, N, 2, 4): quaternions of each link's root and tip.
         shapes (n, points, 3): points along the chain from root to tip, m.
         unresolved_damping (n,): J, since the start, the work of damping forces beyond `dissipated`. Strain rates at the
-            ends of steps differ in second order of the step from those in between; in stiff links with damping the
-            strain energy takes this work up and gives it back, and it is part of the balance.
+            ends of steps differ in second order of the step from those within steps. In stiff links with damping the
+            strain energy absorbs and returns this work, which is part of the balance.
         q, v (n, rows): places, rotation vectors and joint angles; of rotations v holds angular velocities in the
             section's own axes, rad/s. Of a scene that stays in a plane the rows of the plane (`scene.plane.in_plane`).
     """

@@ -49,14 +49,14 @@ def controller_source(
         controller: made by `control.make`. name: prefix of the file's definitions: NAME_reset, NAME_act (values
             in SI units to actions, once a control period), NAME_decide (the same from the environment's observation),
             ...
-        slew: rad, of TimeOptimal: the slew, to either side, whose plan the file contains.
-        elbows: (low, high), rad, of each elbow's angle at the goal (of LQG: also on the way there): postures with
-            tabulated gains; others use those of the nearest. None: the full range of a two-link arm.
+        slew: rad; for TimeOptimal: the file contains the plan of this slew, to either side.
+        elbows: (low, high), rad, for each elbow: range of its angle at the goal (for LQG also during the motion) for
+            which gains are tabulated; other postures use the nearest entry. None: the full range of a two-link arm.
         targets: (x, y, z), m, for an arm in space: the file contains the static equilibria at these points, searched
             from joint angles 0. The controller replaces any other target by the nearest of these.
     Raises:
-        ValueError: MPC, which solves a program in each period; no slew; no elbows for three links or more; no targets
-            for an arm in space, or a target at which its tip finds no rest.
+        ValueError: MPC, which optimizes in each period; slew is missing; elbows are missing for three links or more;
+            targets are missing for an arm in space, or it has no equilibrium at a target.
     """
     kind = type(controller)
     if kind not in _BODIES:

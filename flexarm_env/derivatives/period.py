@@ -140,11 +140,11 @@ class Periods:
     """Control periods of a batch's arms, with exact derivatives; see `Arms` for states, steps and failures.
 
     Args:
-        batch: the arms. parameters: see `Arms`. kept: a state holds accelerations and torques, also where periods begin
-        with accelerations solved afresh. guided: which arm alone, and its `envs.motion.Guide`; None: all arms, as they
-        move in the batch. alone: which arms are taken one at a time, their steps halved where Newton's iteration fails:
-        those for which it has failed beside others, as in the environment ("failed"), "all" or "none". whole: with the
-        terms of all parameters, as with `parameters` (`physics.model.complete`).
+        batch: the arms. parameters: see `Arms`. kept: states contain accelerations and torques even if periods begin by
+            solving for accelerations. guided: (index, `envs.motion.Guide`) of a single arm with prescribed motion;
+            None: all arms of the batch. alone: arms that are computed one at a time, with halved steps if Newton's
+            iteration fails: "failed" (those that failed in their lane, as in the environment), "all" or "none". whole:
+            include the terms of all parameters (`physics.model.complete`).
     Attributes:
         n, state_size, action_size, observation_size, moving, names, failed, past: see `Arms`. backwards: whether
         cotangents have kernels of their own (`vjp`).

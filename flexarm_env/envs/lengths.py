@@ -31,8 +31,8 @@ Factor = float | Sequence[float]
 def scaled(arm: Arm, factor: Factor) -> Arm:
     """Return the arm with its links' lengths multiplied by a factor, one for all links or one for each.
 
-    Sections stay, and where they vary, the places at which they do are scaled; so are places of curvature. Rigid ends
-    and the mass and inertia of rigid links stay.
+    Sections do not change; if they or the curvature vary along the link, their places are scaled. Rigid ends, and the
+    mass and inertia of rigid links, do not change.
     """
     given = factor if check.several(factor) else [factor] * arm.n_links
     factors = check.numbers("lengths", given, f"a number, or {arm.n_links} of them", arm.n_links, "", above=0.0)

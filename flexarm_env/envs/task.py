@@ -220,9 +220,9 @@ def info_entries(
 ) -> tuple[Entry, ...]:
     """Return the numeric entries of info, in order.
 
-    Words (success, range, status, reason) are made from codes. full: energies. motors: motor angles and rates, for
-    joints that are not ideal. extras: options with their own entries. fitted: steps follow a tolerance. drawn: index of
-    each drawn factor, by name.
+    The texts in info (success, range, status, reason) are translated from codes. full: energies. motors: motor angles
+    and rates, for joints that are not ideal. extras: options with their own entries. fitted: steps follow a tolerance.
+    drawn: index of each drawn factor, by name.
     """
     n, targets, at = len(task.links), len(task.targets), info_places(task)
     entries = [

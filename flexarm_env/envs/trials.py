@@ -88,9 +88,9 @@ def trials_of(
 ) -> Trial:  # fmt: skip
     """Return a function of settings that runs the trial episodes of an environment's arm and drive.
 
-    It returns the tips, a `Trial`; it is kept for the latest arms. Rewards do not matter to the episodes. period: of
-    control, s. mode, share: action mode and share of the residual action under a PD loop. amplifier: or None. drawn:
-    ranges (low, high) of factors by name (`starts.FACTORS`), whose softest and stiffest arm run too.
+    It returns the tips, a `Trial`; it is kept for the latest arms. The episodes ignore rewards. period: control period,
+    s. mode, share: action mode and share of the residual action under a PD loop. amplifier: or None. drawn: ranges
+    (low, high) of factors by name (`starts.FACTORS`), whose softest and stiffest arm run too.
     """
     drive = None if amplifier is None else tuple(None if x is None else tuple(x.tolist()) for x in amplifier)
     ends = corners(drawn or {})
@@ -246,7 +246,7 @@ def settled(
     trial: Trial, settings: Settings, finer: Settings, at: Callable[[Settings, float], Settings], least: float,
     length: float,
 ) -> tuple[Settings, float]:  # fmt: skip
-    """Return the settings with the longest step whose episodes are those of a finer mesh in half the step.
+    """Return the settings with the longest step whose episodes agree with those of a finer mesh in half the step.
 
     Also returns their distance from these, over L. The step is halved from that of `settings` until the distance is at
     most `TRIED`, or down to `least` (s). finer: settings with the finer mesh. at: as in `refined`. length: L of the

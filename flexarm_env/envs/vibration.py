@@ -1,6 +1,6 @@
-"""The initial vibration of an episode: a rate of change of the arm's shape in its first mode, joints free; in space in
-the first ones of bending along y, of bending along z and of torsion. With backlash, they are the modes of the arm with
-engaged gears, because within the gap a link turns freely."""
+"""Initial vibration of an episode: initial rates in the arm's first mode with free joints; in space in the first modes
+of bending along y, of bending along z and of torsion. With backlash, they are the modes of the arm with engaged gears,
+because within the gap a link turns freely."""
 
 import math
 

@@ -66,8 +66,8 @@ def import_arm(
 
     Args:
         root: body in which the chain begins, where the file has several mechanisms.
-        tip: body or site at the arm's tip. None: of those fixed to the last link the one farthest from its joint, or
-            the last link's center of mass.
+        tip: body or site at the arm's tip. None: the body or site on the last link that is farthest from its joint, or
+            the link's center of mass if there is none.
         flexible: sections by the name of a body of the link. The link keeps its mass, evenly spread along the line
             from joint to joint: the section's m and J are scaled to it.
         tau_d: s, damping of the flexible links.

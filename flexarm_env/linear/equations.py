@@ -112,7 +112,7 @@ class Equations:
             gears.
         names: names of the independent coordinates, "joint0", ... for the joints that can turn, "motor0", ... for
             motors.
-        driven: those of them that are prescribed, in the order of the scene's motions.
+        driven: the prescribed coordinates, in the order of the scene's motions.
     """
 
     def __init__(self, simulation: Simulation, stepping: bool = False, driven: bool = False) -> None:

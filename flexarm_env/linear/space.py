@@ -6,8 +6,8 @@ section's own. About a steady rotation Omega of the whole arm they are seen by a
     v = Omega x r + d',                a = Omega x (Omega x r) + 2 Omega x d' + d''                (places)
     w = A^T Omega + d',                alpha = (A^T Omega) x d' + d''                              (rotations)
 
-and M, C, K are the residual's differences by d'', d' and d there: rotations do not add up, so that these are
-taken through `protocol.update`.
+and M, C, K are the residual's differences by d'', d' and d there: rotations do not add up, so the differences use
+`protocol.update`.
 """
 
 from collections.abc import Callable

@@ -72,9 +72,9 @@ def modes(
     Returns:
         The Modes.
     Raises:
-        ValueError: a value that is not allowed. NoEquilibrium: of a Scene, there is none.
+        ValueError: a value that is not allowed. NoEquilibrium: a Scene without an equilibrium.
     Warns:
-        UnstableEquilibrium: of a Scene, its equilibrium is unstable although the joints are held.
+        UnstableEquilibrium: a Scene whose equilibrium is unstable although the joints are held.
     """
     n = check.integer("n", n, minimum=1)
     spin = check.number("spin", spin, "rad/s")

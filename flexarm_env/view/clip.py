@@ -129,9 +129,9 @@ def magnified(
 ) -> Array:
     """Return the chain with its deflection from the rigid arm at the same joint angles multiplied by a factor.
 
-    Each link's deflection over its root's tangent, and each angle by which bending turns the links beyond, is
-    multiplied by the factor; lengths along the tangents, the root and the joints' angles stay. A factor of 1 returns
-    the points unchanged.
+    The factor multiplies each link's deflection from its root's tangent, and the angle by which its bending turns the
+    following links. Lengths along the tangents, the root and the joint angles do not change. A factor of 1 returns the
+    points unchanged.
 
     Args:
         points (P, 2): from root to tip, m. cuts (N + 1,): indices of root, joints and tip. angles (N, 2): angles of the
