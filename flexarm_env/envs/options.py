@@ -1,4 +1,4 @@
-"""What `gymnasium.make` takes, checked, and made into a Batch."""
+"""Arguments of `gymnasium.make`: validation, and construction of a Batch."""
 
 import dataclasses
 import inspect
@@ -76,9 +76,11 @@ OF_THE_ARM = Given()
 class Plan:
     """A checked environment: the arguments of a Batch, and names and scales of the entries that users see.
 
-    names, scales: of the entries of one observation; history: number of these in an observation, the oldest first.
-    record: of the task. gauges, gauge_scales: link and place of each strain gauge, 1/m. limit: control periods to
-    `duration` or max_episode_steps; max_steps: the latter. motion: of every episode of task="replay". entries: of info.
+    names, scales: names and scales of the entries of one observation; history: number of these in an observation, the
+        oldest first.
+    record: record of the task. gauges: link and place of each strain gauge. gauge_scales: 1/m. limit: control periods
+    to `duration` or max_episode_steps; max_steps: the latter. motion: motion of every episode of task="replay".
+    entries: entries of info.
     full: info has energies; words: info has words. action_mode: meaning of an action. keep_out: shapes that the arm
     must not enter. estimate: error of the tip due to mesh and step, over the arm's length. coarse: a warning if that is
     large, or "".
@@ -177,7 +179,7 @@ def plan(
     max_episode_steps: int | None = None,
     **options: Any,
 ) -> Plan:
-    """Check the arguments of an environment (see its class); a ValueError names key, value and what is allowed."""
+    """Check the arguments of an environment (see its class); a ValueError names key, value and the rule."""
     own = with_friction(with_base(_arm(kind, arm, joint_limits), base, kind.space), actuator)
     kind = priced(with_own_terms(afloat(kind, own), reward_terms), reward)
     factors = _factors(randomization, own)

@@ -58,7 +58,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
         """Start an episode.
 
         Args:
-            seed: of the environment's generator; None goes on with it.
+            seed: seed of the environment's generator; None: the generator continues.
             options: see the class. An unknown key or a wrong value is a ValueError, before anything changes.
         """
         asked = request_of(self.plan, options)
@@ -141,7 +141,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
 
     @property
     def renderer(self) -> Any:
-        """What draws (`rendering.Renderer`: `visible`, `closed`); None before the first picture."""
+        """The `rendering.Renderer` (with `visible` and `closed`); None before the first picture."""
         return self._renderer
 
     def snapshot(self) -> View:

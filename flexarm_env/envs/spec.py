@@ -1,4 +1,4 @@
-"""The spec of a made environment, which says how long its episodes are."""
+"""Specs of created environments, which include the length of episodes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ CHANGEABLE = ("starts",)
 class ArmSpec(EnvSpec):
     """An EnvSpec whose `max_episode_steps` is the number of control periods in the environment's `duration`.
 
-    Wrappers that ask for the length of an episode get it. `gymnasium.make` and `make_vec`, when they make the
+    Wrappers can read the length of an episode from it. `gymnasium.make` and `make_vec`, when they make the
     environment again, get the limit that was given, or None: the environment ends its episodes itself, and a TimeLimit
     around another one made with a longer `duration` would cut them short.
     """

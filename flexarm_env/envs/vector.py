@@ -1,4 +1,4 @@
-"""Many arms as a `gymnasium.vector.VectorEnv`, each the very environment that `single` is, bit for bit."""
+"""Many arms as a `gymnasium.vector.VectorEnv`, each equal to the single environment bit for bit."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Unpack, overload
@@ -93,7 +93,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         """Start episodes: of all arms, or of those in options["reset_mask"], an array of num_envs bools.
 
         Args:
-            seed: arm i is seeded with seed + i, or with seed[i]; None goes on with its generator.
+            seed: arm i is seeded with seed + i, or with seed[i]; None: its generator continues.
             options: those of the single environment, for every arm.
         """
         seeds = checked_seeds(seed, self.num_envs)
@@ -195,7 +195,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
     # --- seeds and starts ----------------------------------------------------------------------------
     @property  # type: ignore[override]
     def np_random(self) -> tuple[np.random.Generator, ...]:
-        """The generators of the arms; may be set to as many others."""
+        """The arms' random generators; may be replaced by the same number of generators."""
         return tuple(self._generator(i) for i in range(self.num_envs))
 
     @np_random.setter
