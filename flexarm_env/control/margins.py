@@ -74,6 +74,7 @@ def warn_of_delay(name: str, setup: Setup, gains: Any) -> None:
 def stand_in(setup: Setup) -> LQRGains:
     """Gains of an LQR about as fast as the controllers that follow plans.
 
-    These are the gains of time-optimal control, whose loop about its plan is an LQR; receding horizons are comparable.
+    These are the gains of time-optimal control, whose loop about its plan is an LQR; receding-horizon control is about
+    as fast.
     """
     return LQRGains(angle=10.0, rate=10.0, bend=10.0, bend_rate=10.0)
