@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..parameters import Arm
+from ..parameters import Arm, Payload
 from ..scene import JointTorque, Motion, Scene, standing_scene
 from ..sections import ACROSS, ENDS, Section
 from ..settings import Settings
@@ -99,6 +99,7 @@ def _builder(formulation: str) -> Any:
 _NOT_MECHANICS: dict[type, tuple[str, ...]] = {
     Arm: ("name", "source", "torque_limits", "joint_limits", "sensors"),
     Section: tuple(ACROSS),
+    Payload: ("radius",),
 }
 """Fields that enter no equation of motion; of sections, in the plane, those of motion out of the plane."""
 

@@ -12,7 +12,7 @@ Arguments that recur (others as in `protocol`)
 
 Residual
     prepare(lane, part, model, par, state, weights, S)      Before the arm's residual: store in S what it depends on.
-    point_forces(lane, part, model, par, state, inputs)     Add forces on points of the arm (N, N m) to its inputs.
+    point_forces(lane, part, model, par, state, S, inputs)  Add forces on points of the arm (N, N m) to its inputs.
     assemble(lane, part, model, par, state, u, weights, r, S)
         Add the contribution's terms to r, and, with weights.with_matrix, write its entries of S.
 
@@ -52,7 +52,7 @@ register = CONTRIBUTIONS.register
 
 _TERMS = "lane, part, model, par, state"
 prepare = CONTRIBUTIONS.function("prepare", f"{_TERMS}, weights, S")
-point_forces = CONTRIBUTIONS.function("point_forces", f"{_TERMS}, inputs")
+point_forces = CONTRIBUTIONS.function("point_forces", f"{_TERMS}, S, inputs")
 assemble = CONTRIBUTIONS.function("assemble", f"{_TERMS}, u, weights, r, S")
 fix_coordinate = CONTRIBUTIONS.function("fix_coordinate", "lane, part, model, S, k")
 before_factor = CONTRIBUTIONS.function("before_factor", "lane, part, model, S")

@@ -89,7 +89,7 @@ Reverse derivatives, which the compiler derives from the above (`compiler.vjp_of
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ..compiler import Family, Lanes, inlined, kernel, returns_none, size, vjp_of
 
@@ -135,6 +135,8 @@ class NewtonPolicy(NamedTuple):
     light_joints: tuple[int, ...] | None = None
     # tag: joints have Coulomb friction (`joints.friction`)
     friction: tuple[int, ...] | None = None
+    # `contact.layout.Watch`: points may touch obstacles, where the residual is not smooth; None: no contact
+    contact: Any = None
 
 
 @kernel

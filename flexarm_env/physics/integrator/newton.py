@@ -23,6 +23,7 @@ from ...compiler import (
     size,
     tangents_only,
 )
+from ..contact.trust import least_contraction
 from ..joints.friction import apply_friction
 from ..layout import ITERATIONS
 from ..protocol import (
@@ -227,6 +228,8 @@ def newton(lane, model, drive, par, w: Work, slopes, scheme, plain):
             if not reuses_matrix(model.newton, iteration):
                 least = maximum(increment * 10.0, model.newton.tangent_error[1])
                 theta = select_lt(least, theta, least, theta)
+        # near obstacles the residual is not smooth
+        theta = least_contraction(lane, model.newton.contact, w.S, iteration == 0, increment, theta)
         # error after this update: |d| theta / (1 - theta)
         active = select_lt(increment * theta / (1.0 - theta), scheme.tolerance, 0.0, active)
         before = increment

@@ -11,6 +11,7 @@ from ...compiler import Lanes, kernel, size, stack
 from .. import contributions, protocol
 from ..model import Jointed
 from ..protocol import FORMULATIONS, State, register
+from ..contact import equations  # noqa: F401  (it registers its kernels)
 from . import floating, gears  # noqa: F401  (they register their kernels)
 from .friction import store_columns
 
@@ -19,15 +20,15 @@ _LAST_FIRST = (7, 6, 5, 4, 3, 2, 1, 0)
 
 
 @kernel
-def _add_point_forces(lane, model, par, state, u: Lanes, inputs: Lanes):
+def _add_point_forces(lane, model, par, state, u: Lanes, S, inputs: Lanes):
     """Write the arm's inputs: u (N m, N), and the forces that contributions exert on points of the arm.
 
-    state: q, v, a. inputs: array of the arm's inputs, as long as `model.points`.
+    state: q, v, a; S: the contributions' entries. inputs: array of the arm's inputs, as long as `model.points`.
     """
     for k in range(size(model.n_inputs)):
         inputs[k] = u[k]
     for part in model.contributions:
-        contributions.point_forces(lane, part, model, par, state, inputs)
+        contributions.point_forces(lane, part, model, par, state, S, inputs)
 
 
 @kernel
@@ -43,7 +44,7 @@ def assemble(lane, model, par, state: State, u: Lanes, weights, r: Lanes, S: Lan
         protocol.assemble(lane, model.arm, par, state, u, weights, r, S)
     else:
         inputs = stack(lane, model.points)
-        _add_point_forces(lane, model, par, state, u, inputs)
+        _add_point_forces(lane, model, par, state, u, S, inputs)
         protocol.assemble(lane, model.arm, par, state, inputs, weights, r, S)
     # another name: one that is assigned twice in a kernel holds one kind of record
     for adding in model.contributions:
