@@ -29,6 +29,7 @@ Work and energy
     input_displacements(lane, part, model, q, y)            Change the displacements on which inputs do work.
     inertia_forces(lane, part, model, par, a, r)            Add M a (period correction).
     conserve_momentum(lane, part, model, par, before, h, q, v, u, r, S)     As in `protocol`, or None.
+    after_step(lane, part, model, par, q, v, S, h)          Record in S the state at the end of a step of h (s).
 
 Configuration and output
     set_joint_configuration(lane, part, model, live, rates, q, v)           Own rows after the arm's joints were set.
@@ -66,6 +67,7 @@ inertia_forces = CONTRIBUTIONS.function("inertia_forces", "lane, part, model, pa
 conserve_momentum = CONTRIBUTIONS.function(
     "conserve_momentum", "lane, part, model, par, before, h, q, v, u, r, S"
 )
+after_step = CONTRIBUTIONS.function("after_step", "lane, part, model, par, q, v, S, h")
 set_joint_configuration = CONTRIBUTIONS.function("set_joint_configuration", "lane, part, model, live, rates, q, v")
 poses = CONTRIBUTIONS.function("poses", "lane, part, model, q, v, out")
 vjp_residual = CONTRIBUTIONS.function("vjp_residual", "lane, part, model, par, state, bar, u_bar, r_bar")

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from flexarm_env.physics.contact.layout import HERE, LAW, Touching, Watch
+from flexarm_env.physics.contact.layout import HERE, LAW, READ, Touching, Watch
 from flexarm_env.physics.layout import POSE, SPACE_POSE
 from flexarm_env.physics.obstacles import packed
 from flexarm_env.scene import PointLoad, Scene
@@ -51,7 +51,7 @@ def touching(scene: Scene, entry: int, at: int, rows: int) -> tuple[Touching, Wa
         sliding=np.zeros(len(links)),
     )  # fmt: skip
     # a weighted increment of 1 in every row moves a point by at most the arm's length each
-    watch = Watch((0,) * len(links), at, size, rows * arm.total_length)
+    watch = Watch((0,) * len(links), at, READ.end, size, rows * arm.total_length)
     return part, watch, size * len(links)
 
 

@@ -16,7 +16,7 @@ from .. import protocol
 from ..contributions import register
 from ..layout import POSE, SPACE_POSE
 from .law import cross, dot, gap_of, meet
-from .layout import HERE, Touching
+from .layout import HERE, READ, Touching
 
 _here = kernel(HERE.offsets)
 
@@ -444,7 +444,68 @@ def damping_power(lane, part, model, par, q, v, x, total):
     return total
 
 
+# --- readings ------------------------------------------------------------------------------------------
+_FAR = 1e-3
+"""Share of `Watch.reach`, the most that a point moves per weighted increment of 1, beyond which the gap of the last
+Newton iterate tells that no point touches at the end of the step."""
+
+
+@kernel
+def after_step(lane, part, model, par, q, v, S: Lanes, h):
+    """Store the `READING` of each point in S and add the forces times h (s) to its impulses.
+
+    The forces at the end of a step count for the whole step, which integrates a force that begins and ends at 0 as the
+    trapezoidal rule does.
+    """
+    least = 1e300
+    for p in range(len(part.points)):
+        gap = S[here_of(part, p).gap]
+        least = select_lt(gap, least, gap, least)
+    near = select_lt(least, model.newton.contact.reach * _FAR, 1.0, 0.0)
+    if h == 0.0 or max_over_lanes(near) > 0.5:
+        y, poses = stack(lane, model.points), stack(lane, part.poses)
+        protocol.input_displacements(lane, model.arm, par, q, y)
+        protocol.task_poses(lane, model.arm, par, q, v, poses)
+        for p in range(len(part.points)):
+            _store_reading(lane, part, p, y, poses, h, S)
+    else:
+        for p in range(len(part.points)):
+            at = here_of(part, p)
+            for k in range(READ.impulse):
+                S[at.reading + k] = 0.0
+            S[at.reading + READ.penetration] = -S[at.gap]
+
+
+@kernel
+def _store_reading(lane, part, p, y: Lanes, poses: Lanes, h, S: Lanes):
+    """Store the `READING` of point p from input displacements y and task poses; add forces times h (s) to impulses."""
+    velocity, spin = motion_of(lane, part, poses, p)
+    least, normal, sliding, total, friction = 1e300, 0.0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for o in range(obstacle_count(part)):
+        if part.meets[p * obstacle_count(part) + o] > 0.5:
+            met = meet(part, p, o, place_of(lane, part, y, p), velocity, spin)
+            force, _ = wrench(part, p, met)
+            total = total[0] + force[0], total[1] + force[1], total[2] + force[2]
+            friction = (
+                friction[0] - met.slip[0] * met.grip, friction[1] - met.slip[1] * met.grip,
+                friction[2] - met.slip[2] * met.grip,
+            )  # fmt: skip
+            normal = normal + met.force
+            sliding = select_lt(met.gap, least, met.sliding, sliding)
+            least = select_lt(met.gap, least, met.gap, least)
+    at, tangential = here_of(part, p).reading, square_root(dot(friction, friction))
+    S[at + READ.normal] = normal
+    S[at + READ.tangential] = tangential
+    S[at + READ.penetration] = -least
+    S[at + READ.sliding] = sliding
+    for k in range(3):
+        S[at + READ.force + k] = total[k]
+    S[at + READ.impulse] += normal * h
+    S[at + READ.friction] += tangential * h
+    S[at + READ.peak] = maximum(S[at + READ.peak], normal)
+
+
 register(
     Touching, point_forces, assemble, fix_coordinate, before_factor, after_factor, before_solve, after_solve, multiply,
-    energy, damping_power,
+    energy, damping_power, after_step,
 )  # fmt: skip

@@ -25,12 +25,16 @@ READING = Layout(
     Field("penetration", (), "m", "largest penetration; negative: least distance from the obstacles"),
     Field("sliding", (), "m/s", "sliding speed on the obstacle that is penetrated most, or is nearest"),
     Field("force", (3,), "N", "force on the arm, inertial axes"),
+    Field("impulse", (), "N s", "time integral of the normal force since `reset_impulses`"),
+    Field("friction", (), "N s", "time integral of the friction force's magnitude since `reset_impulses`"),
+    Field("peak", (), "N", "largest normal force at the end of a step since `reset_impulses`"),
 )  # fmt: skip
-"""What is read of a point in contact."""
+"""What is read of a point, at the end of each step."""
 READ = READING.places
 
 HERE = Layout(
     "ContactPoint", "axes, n",
+    Field("reading", (READING.length,), "", "a `READING`"),
     Field("gap", (), "m", "distance between point and nearest obstacle, negative where they touch"),
     Field("force", ("axes",), "N, N m", "generalized force of all obstacles on the point, inertial axes"),
     Field("active", (), "", "1: the matrix has a block of this point"),
@@ -81,6 +85,7 @@ class Watch(NamedTuple):
     """Where the integrator finds the gaps of a model with contacts (`NewtonPolicy.contact`)."""
 
     points: tuple[int, ...]  # one zero per point
-    at: int  # offset in S of the first gap, m
-    stride: int  # numbers from one gap to the next
+    at: int  # offset in S of the first `HERE`
+    gap: int  # offset of the gap (m) in it
+    stride: int  # numbers from one `HERE` to the next
     reach: float  # m: largest motion of a point per weighted increment of 1 in every row

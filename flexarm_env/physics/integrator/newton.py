@@ -23,7 +23,7 @@ from ...compiler import (
     size,
     tangents_only,
 )
-from ..contact.trust import least_contraction
+from ..contact.integration import least_contraction
 from ..joints.friction import apply_friction
 from ..layout import ITERATIONS
 from ..protocol import (
