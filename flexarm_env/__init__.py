@@ -44,8 +44,9 @@ _HOME = {
 
 __all__ = [
     "Accelerometer", "Arm", "Base", "Camera", "Contact", "Elbow", "Encoder", "Gyroscope", "Joint", "JointTorque",
-    "Link", "LowPass", "Motion", "Motor", "Payload", "PointLoad", "RigidLink", "Scene", "Section", "Sensors", "Settings",
-    "Simulation", "StrainGauge", "Taper", "TimeFunction", "Trajectory", "__version__", "identify", "named", "simulate",
+    "Link", "LowPass", "Motion", "Motor", "Payload", "PointLoad", "RigidLink", "Scene", "Section", "Sensors",
+    "Settings", "Simulation", "StrainGauge", "Taper", "TimeFunction", "Trajectory", "__version__", "identify",
+    "named", "simulate",
 ]  # fmt: skip
 
 

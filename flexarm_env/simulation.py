@@ -15,6 +15,7 @@ from . import accuracy, physics  # noqa: F401  (importing physics registers the 
 from . import validation as check
 from .compiler import SINGLE, compiling, uncompiled
 from .physics import assembly, precision
+from .physics.contact.build import check_steps
 from .physics.integrator.start import restart
 from .physics.integrator.work import Work, unpack, work_size
 from .physics.layout import DISSIPATED, POSE, WORK_DONE
@@ -400,6 +401,7 @@ def simulate(
     there = computed(scene)
     settings = dataclasses.replace(settings, dt=resolving_step(there, settings, end))
     simulation = Simulation(there, accuracy.in_steps(there, settings, end, interval))
+    check_steps(there, simulation.settings, simulation.system)
     simulation.compile()
     clock = time.thread_time()
     simulation.deadline = None if allowed is None else time.perf_counter() + allowed

@@ -13,6 +13,7 @@ from ..scene import JointTorque, Motion, Scene, standing_scene
 from ..sections import ACROSS, ENDS, Section
 from ..settings import Settings
 from ..time_functions import PIECE, TimeFunction, constant
+from .contact.build import with_masses
 from .joints.build import check_floating, places_of, with_base_mass, with_contributions, with_joints, with_points
 from .linalg import solve
 from .model import Drive, Elastica, Honours, Jointed, Scheme, System, scheme
@@ -75,7 +76,7 @@ def assemble(scene: Scene, settings: Settings) -> System:
     # initial motion of the straight links
     if any(scene.rates) or any(scene.velocity):
         system = dataclasses.replace(system, v0=_rates(scene, settings))
-    return system
+    return with_masses(scene, settings, system)
 
 
 def _in_space(scene: Scene, settings: Settings) -> System:
@@ -88,7 +89,7 @@ def _in_space(scene: Scene, settings: Settings) -> System:
     builder.check_scene(scene, settings)
     if settings.formulation == "elastica":
         builder = importlib.import_module(".space.elastica_build", __package__)
-    return with_joints(scene, settings, builder.build(with_points(scene), settings))
+    return with_masses(scene, settings, with_joints(scene, settings, builder.build(with_points(scene), settings)))
 
 
 def _builder(formulation: str) -> Any:

@@ -24,13 +24,16 @@ class Contact:
     therefore creeps, at most at v_s / sqrt((mu F_n / F)^2 - 1) under a tangential force F < mu F_n.
 
     Args:
-        obstacle: `HalfSpace`, `Sphere`, `Box` or, in space, `Cylinder` (`flexarm_env.shapes`); in the plane shapes of two
-            coordinates, in space of three.
-        stiffness: k, N/m^n, positive. The contact must last several time steps (`physics.contact.build`).
+        obstacle: `HalfSpace`, `Sphere`, `Box` or, in space, `Cylinder` (`flexarm_env.shapes`); in the plane shapes of
+            two coordinates, in space of three.
+        stiffness: k, N/m^n, positive. Time steps must resolve it, see `speed`.
         exponent: n, one of 1, 1.5 (Hertz), 2, 2.5, 3.
-        damping: alpha, s/m, zero or positive. The coefficient of restitution at low impact speed v is about 1 - alpha v.
+        damping: alpha, s/m, zero or positive. The coefficient of restitution at low impact speed v is about
+            1 - alpha v.
         friction: mu, zero or positive.
         creep: v_s, m/s, positive.
+        speed: impact speed, m/s, positive, at which time steps must resolve the contact: an impact on the effective
+            mass at the point must last 8 steps.
         bodies: points of the arm that may touch: "tip", the center of a sphere of `Payload.radius` there, and "joint1",
             "joint2", ..., points at the elbows.
     """
@@ -41,6 +44,7 @@ class Contact:
     damping: float = 0.0
     friction: float = 0.0
     creep: float = 1e-3
+    speed: float = 1.0
     bodies: tuple[str, ...] = ("tip",)
 
     def __post_init__(self) -> None:
@@ -64,6 +68,7 @@ class Contact:
             damping=check.number("damping", self.damping, "s/m", minimum=0.0),
             friction=check.number("friction", self.friction, minimum=0.0),
             creep=check.number("creep", self.creep, "m/s", above=0.0),
+            speed=check.number("speed", self.speed, "m/s", above=0.0),
         )  # fmt: skip
 
     @property
@@ -87,7 +92,7 @@ class Contact:
         return tuple(found)
 
     def to_table(self) -> dict[str, Any]:
-        """Return the TOML table that `contact_of` reads back to an equal contact; fields at their defaults are omitted."""
+        """Return the TOML table that `contact_of` reads back to an equal contact, without fields at their defaults."""
         table: dict[str, Any] = {"obstacle": self.obstacle.to_dict(), "stiffness": self.stiffness}
         return table | {name: value for name, value in check.changed(self).items() if name not in table}
 
@@ -131,7 +136,8 @@ def contacts_of(path: str, value: object, arm: Arm, spatial: bool | None = None)
     """
     if value is None:
         return ()
-    rows = [value] if isinstance(value, Contact | Mapping) else check.sequence(path, value, "Contact, or tables of them")
+    one = isinstance(value, Contact | Mapping)
+    rows = [value] if one else check.sequence(path, value, "Contact, or tables of them")
     dimension = None if spatial is None else 3 if spatial else 2
     found = tuple(contact_of(f"{path}[{i}]", row, dimension) for i, row in enumerate(rows))
     for i, contact in enumerate(found):

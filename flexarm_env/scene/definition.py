@@ -377,6 +377,8 @@ def standing_scene(
     """
     root = "pinned" if arm.base is None else "free"
     loads = (PointLoad(arm.n_links - 1, "tip", force_x=constant(0.0)),) if pushed else ()
-    given: dict[str, Any] = {"gravity": gravity, "angles": tuple(angles), "loads": loads, "root": root, "contacts": contacts}
+    given: dict[str, Any] = {
+        "gravity": gravity, "angles": tuple(angles), "loads": loads, "root": root, "contacts": contacts,
+    }  # fmt: skip
     # the duration is arbitrary: environments advance the arm themselves
     return Scene("environment", arm, duration=max(1.0, dt), dt=dt, **given)

@@ -11,7 +11,7 @@ forces and blocks of 0.
 
 from __future__ import annotations
 
-from ...compiler import Lanes, kernel, max_over_lanes, maximum, select_lt, size, sincos, square_root, stack
+from ...compiler import Lanes, kernel, max_over_lanes, maximum, select_lt, sincos, size, square_root, stack
 from .. import protocol
 from ..contributions import register
 from ..layout import POSE, SPACE_POSE
@@ -223,7 +223,7 @@ def _store_stiffness(lane, part, p, weights, y: Lanes, poses: Lanes, S: Lanes):
             exact = 1.0
             if weights.newton_share > 0.0:
                 stops = friction * weights.damping * 2.0
-                exact = select_lt(stops, met.sliding * weights.mass * part.sliding[p], 1.0, 0.0)
+                exact = select_lt(stops, met.sliding * weights.mass * part.masses[p], 1.0, 0.0)
             zero = (0.0, 0.0, 0.0)
             # A^T e and N
             turned = cross(met.normal, e)
@@ -292,7 +292,7 @@ def before_factor(lane, part, model, S: Lanes):
 
 @kernel
 def after_factor(lane, part, model, S: Lanes):
-    """Compute W = S^-1 B and C = (1 + K B^T W)^-1 K of each point that touches, S with the blocks of those before it."""
+    """Compute W = S^-1 B and C = (1 + K B^T W)^-1 K of each point that touches; S has the blocks of those before it."""
     axes, n = len(part.axes), size(part.room)
     for p in range(len(part.points)):
         at = here_of(part, p)

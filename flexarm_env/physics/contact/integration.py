@@ -13,7 +13,7 @@ from .layout import READ
 
 @kernel
 def least_contraction(lane, contact, S: Lanes, first, increment, theta):
-    """Return the contraction theta of an iteration, at least 1/2 where the increment may have changed which points touch.
+    """Return the contraction theta of an iteration, at least 1/2 where the increment may change which points touch.
 
     The gaps in S are those before the increment. A point moves by at most `reach` times the weighted increment. In the
     first iteration of a step (first True) theta is at least 1/2 also where a point touches: the error after it is not

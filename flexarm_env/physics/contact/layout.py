@@ -62,7 +62,7 @@ class Touching(NamedTuple):
     radii     float64 (points,): of the sphere about each point, m
     meets     float64 (points, obstacles), flat: 1 where the point may touch the obstacle, otherwise 0
     shapes    float64: one `physics.obstacles.OBSTACLE` per obstacle; laws: one `LAW` per obstacle
-    sliding   float64 (points,): effective mass of the point in the step, kg (`build`)
+    masses    float64 (points,): effective mass of the point in a step, kg (`build.effective_masses`)
     """
 
     input: int
@@ -78,7 +78,7 @@ class Touching(NamedTuple):
     meets: np.ndarray
     shapes: np.ndarray
     laws: np.ndarray
-    sliding: np.ndarray
+    masses: np.ndarray
 
 
 class Watch(NamedTuple):

@@ -125,8 +125,10 @@ def points_of(arm: Arm) -> list[AtPoint]:
 
 
 def with_points(scene: Scene) -> Scene:
-    """Return the scene with a point load of no force for each contribution at a point and for each point that may touch,
-    behind its own loads."""
+    """Return the scene with a point load of no force for each contribution at a point and each point that may touch.
+
+    They follow the scene's own loads.
+    """
     loads = [PointLoad(*kind.place(scene.arm), constant(0.0)) for kind in points_of(scene.arm)]
     loads += loads_of(scene)
     return dataclasses.replace(scene, loads=(*scene.loads, *loads)) if loads else scene

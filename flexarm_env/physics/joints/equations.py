@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from ...compiler import Lanes, kernel, size, stack
 from .. import contributions, protocol
+from ..contact import equations  # noqa: F401  (it registers its kernels)
 from ..model import Jointed
 from ..protocol import FORMULATIONS, State, register
-from ..contact import equations  # noqa: F401  (it registers its kernels)
 from . import floating, gears  # noqa: F401  (they register their kernels)
 from .friction import store_columns
 
