@@ -182,7 +182,7 @@ def test_contacts_that_do_not_fit_the_scene_are_refused() -> None:
         Scene("joint", TWO, contacts=(Contact(FLOOR, 1e3, bodies=("joint2",)),), **base)
     with pytest.raises(ValueError, match=r"contacts\[0\]\.obstacle = .*must be in space"):
         Scene("space", arms.named("three_dof"), contacts=(Contact(FLOOR, 1e3),), **base)
-    with pytest.raises(ValueError, match="contacts = .*must be empty where the root is free"):
+    with pytest.raises(ValueError, match=r"contacts = .*must be empty where the root is free"):
         Scene("free", TWO, root="free", contacts=(Contact(FLOOR, 1e3),), **base)
     with pytest.raises(ValueError, match="multipliers = True"):
         scene = Scene("frames", TWO, contacts=(Contact(FLOOR, 1e3),), **base)
