@@ -260,13 +260,14 @@ def _place_in_space(lane, p, arm, own, par, poses, record, action, w):
     live, at, asked = _only(lane, i), start_at(0, n), request_at(0, n, n)
     for k in range(0, size(p.model.n) * lanes, lanes):
         w.q[k + i], w.v[k + i], w.a[k + i], w.b[k + i] = 0.0, 0.0, 0.0, 0.0
-    # theta of the goal: drawn, or requested by reset options
+    # theta of the goal, drawn; a requested one replaces it below, so that a request leaves the later draws the same
     for k in range(n):
-        angle = draw(p.stream, arm, p.ranges.target, k)
-        record[(GOAL + k) * lanes + i] = _given(p.request[asked.goals + k], angle)
+        record[(GOAL + k) * lanes + i] = draw(p.stream, arm, p.ranges.target, k)
         action[k * lanes + i] = own[at.angles + k]
     if p.ranges.attainable is not None:
         _draw_held(p, arm, lanes, record)
+    for k in range(n):
+        record[(GOAL + k) * lanes + i] = _given(p.request[asked.goals + k], record[(GOAL + k) * lanes + i])
     # target r (inertial axes): the tip of straight links at the goal angles
     set_joint_configuration(lane, p.model, live, record[GOAL * lanes : (GOAL + n) * lanes], None, w.q, w.v)
     task_poses(lane, p.model, par, w.q, w.v, poses)
@@ -280,15 +281,14 @@ def _place_in_space(lane, p, arm, own, par, poses, record, action, w):
 def _draw_held(p, arm, lanes, record):
     """Draw goal angles (rad) anew until the motors can hold the rigid arm there, at most MOST_DRAWS times.
 
-    Angles that a reset requests stay. record.goal of the arm's lane: in and out. arm: number in the batch; lanes: of a
-    group.
+    record.goal of the arm's lane: in and out. arm: number in the batch; lanes: of a group.
     """
     n, i = size(p.task.links), arm % lanes
-    asked, mine = request_at(0, n, n), stack(_ONE, p.task.links)
+    mine = stack(_ONE, p.task.links)
     for k in range(n):
         mine[k] = record[(GOAL + k) * lanes + i]
     for _ in range(MOST_DRAWS):
-        if held_in_space(p.ranges.attainable, p.task.links, mine) > 0.5 or not math.isnan(p.request[asked.goals]):
+        if held_in_space(p.ranges.attainable, p.task.links, mine) > 0.5:
             break
         for k in range(n):
             mine[k] = draw(p.stream, arm, p.ranges.target, k)
