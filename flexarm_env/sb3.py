@@ -16,8 +16,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
 from flexarm_env import validation as check
-from flexarm_env.control.around import Inside
-from flexarm_env.control.wrappers import AroundControllerVector
+from flexarm_env.envs.around import AroundControllerVector, Inside
 from flexarm_env.envs.lengths import LengthsVectorEnv
 from flexarm_env.envs.options import ARGUMENTS
 from flexarm_env.envs.spec import CHANGEABLE, same
@@ -59,7 +58,7 @@ def make_sb3_vec(
             vector environment has no single ones: with wrappers, "vector_entry_point" is "sync".
         lengths: factors on the links' lengths, among which the environments are divided (`envs.lengths`).
         around: a controller inside the environments, to whose torques actions are added
-            (`control.wrappers.AroundControllerVector`).
+            (`envs.around.AroundControllerVector`).
         kwargs: keywords of the environment.
     Returns:
         VecNormalize(VecMonitor(GymnasiumVecEnv)), less what was not asked for.

@@ -81,3 +81,28 @@ class Inside:
         beside = self.share * np.clip(np.asarray(action, np.float64), -1.0, 1.0)
         found: Array32 = own.act(observation, beside)
         return found
+
+
+def restarting(inside: Inside, env: Any) -> Controller | Following:
+    """Make the controller for a vector environment, whose environments begin episodes one by one.
+
+    ValueError if its memory begins for all environments together.
+    """
+    found = inside.made(env)
+    if not found.restarts:
+        what = "must be pd: the memory of other controllers begins for all environments together"
+        raise check.InvalidValue("around", inside.controller, what)
+    return found
+
+
+def linear_law(controller: Controller | Following) -> NDArray[np.float64]:
+    """Return the matrix K (entries, N) of a controller whose unsaturated actions are observation @ K.
+
+    ValueError for controllers with a memory, or of observations without the goal's joint angles.
+    """
+    law = getattr(controller, "linear", None)
+    found = None if law is None else law()
+    if found is None:
+        what = 'must be pd of an arm in the plane with observation="measured": no other is a matrix of the observation'
+        raise check.InvalidValue("around", type(controller).__name__, what)
+    return np.asarray(found, np.float64)

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
+from .around import linear_law
 from .base import Controller
 from .catalogue import Following
 from .export import Entries, c_comment, c_named, c_part, c_source
 from .in_c import Pairs, Points, controller_source
 from .policy import AroundPolicy
-from .wrappers import linear_law
 
 
 def around_c_source(

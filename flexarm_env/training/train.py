@@ -21,9 +21,8 @@ from typing import Any
 
 from flexarm_env import arms
 from flexarm_env import validation as check
-from flexarm_env.control.around import Inside
+from flexarm_env.control.around import Inside, linear_law, restarting
 from flexarm_env.control.timescales import timescales
-from flexarm_env.control.wrappers import linear_law, restarting
 from flexarm_env.training import blas, episodes
 from flexarm_env.training import config as configs
 from flexarm_env.training.arguments import parse
@@ -142,7 +141,7 @@ def controller_inside(config: configs.Config, arguments: Arguments, env: Any) ->
             raise check.InvalidValue("--share", share, "requires --around CONTROLLER")
         return None
     if config.algorithm == "recurrent_ppo":
-        what = "must be left out with --algo recurrent_ppo; wrap its environment (control.wrappers.AroundController)"
+        what = "must be left out with --algo recurrent_ppo; wrap its environment (envs.around.AroundController)"
         raise check.InvalidValue("--around", table.get("controller"), what)
     with check.under("--around: "):
         if "gains" in table:
