@@ -82,7 +82,7 @@ def test_a_resumed_run_ends_as_one_that_was_never_stopped(tmp_path: Path, run: P
 
 @pytest.mark.parametrize("algo", ["sac", "tqc", "gradient"])
 def test_other_algorithms_learn_around_it(algo: str, tmp_path: Path) -> None:
-    text = {k: v for k, v in SHORT.items()} if algo == "gradient" else OFF_POLICY
+    text = SHORT if algo == "gradient" else OFF_POLICY
     if algo == "tqc":
         pytest.importorskip("sb3_contrib")
     kwargs = {"duration": 0.5, "observation": "measured"}
@@ -109,9 +109,9 @@ def test_a_file_of_hyper_parameters_names_it(tmp_path: Path) -> None:
     ("words", "sentence"),
     [
         ("--share 0.5", "--share = 0.5: requires --around CONTROLLER"),
-        ("--around pid", "--around: around = 'pid': must be one of"),
-        ("--around lqr", "--around: around = 'lqr': must be pd: the memory of other controllers begins"),
-        ("--around pd --share 0", "--around: share = 0.0: must be a positive number"),
+        ("--around pid", "around = 'pid': must be one of"),
+        ("--around lqr", "around = 'lqr': must be pd: the memory of other controllers begins"),
+        ("--around pd --share 0", "share = 0.0: must be a positive number"),
         ("--around pd@nothing.toml", "nothing.toml: No such file or directory"),
         ("--around pd --algo gradient", "must be pd of an arm in the plane with observation=\"measured\""),
     ],

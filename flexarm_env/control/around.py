@@ -47,7 +47,10 @@ class Inside:
         setup = Setup.of(env)
         space = setup.arm.spatial
         if at:
-            tables, _ = read_toml(Path(file))
+            try:
+                tables, _ = read_toml(Path(file))
+            except OSError as error:
+                raise ValueError(f"around = {word}: {file}: {error.strerror}") from error
             gains = gains_from(name, check.table_of(f"{file}: {name}", tables.get(name)), space)
         else:
             gains = tuned_gains(name, "space" if space else setup.task, setup.n_joints)

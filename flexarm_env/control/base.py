@@ -291,9 +291,7 @@ class Controller(ABC):
             if isinstance(value, np.ndarray) and value is not own and isinstance(own, np.ndarray):
                 own[rows] = value
 
-    def act(
-        self, observation: NDArray[np.floating], beside: NDArray[np.floating] | None = None
-    ) -> NDArray[np.float32]:
+    def act(self, observation: NDArray[np.floating], beside: NDArray[np.floating] | None = None) -> NDArray[np.float32]:
         """Compute actions in [-1, 1], (n, N), or (N,) for a single observation: torques over their limits, saturated.
 
         beside: actions of another policy, of the result's shape, that are added before the saturation; estimates are

@@ -22,6 +22,7 @@ from typing import Any
 from flexarm_env import arms
 from flexarm_env import validation as check
 from flexarm_env.control.around import Inside, linear_law, restarting
+from flexarm_env.control.base import RESIDUAL_SHARE
 from flexarm_env.control.timescales import timescales
 from flexarm_env.training import blas, episodes
 from flexarm_env.training import config as configs
@@ -143,13 +144,12 @@ def controller_inside(config: configs.Config, arguments: Arguments, env: Any) ->
     if config.algorithm == "recurrent_ppo":
         what = "must be left out with --algo recurrent_ppo; wrap its environment (envs.around.AroundController)"
         raise check.InvalidValue("--around", table.get("controller"), what)
-    with check.under("--around: "):
-        if "gains" in table:
-            found = Inside.read(table)
-        else:
-            name = check.needed("", table, "controller", "must be given")
-            found = Inside.of(check.text("controller", name), env, table.get("share"))
-        own = restarting(found, env)
+    if "gains" in table:
+        found = Inside.read({"share": RESIDUAL_SHARE} | dict(table))
+    else:
+        name = check.needed("around", table, "controller", "must be given")
+        found = Inside.of(check.text("around.controller", name), env, table.get("share"))
+    own = restarting(found, env)
     if config.algorithm == "gradient":
         linear_law(own)
     return found
