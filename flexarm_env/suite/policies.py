@@ -12,8 +12,8 @@ from typing import Any
 
 from .. import control
 from .. import validation as check
+from ..control.catalogue import controller as by_name
 from ..control.catalogue import tuned_gains
-from ..control.sources import controller as by_name
 from ..files import read_json
 from . import second
 from .data import NAMESPACE, Task
