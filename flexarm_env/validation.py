@@ -84,7 +84,7 @@ class MissingKey(BadKey):
 
 
 class Unreadable(BadKey):
-    """Unreadable text: ``path`` (its key path, empty for a text of its own) and ``why``."""
+    """Unreadable text: ``path`` (its key path, empty for a text without a key) and ``why``."""
 
     def __init__(self, path: str, why: str) -> None:
         super().__init__(path, why)

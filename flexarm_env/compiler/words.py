@@ -1,6 +1,6 @@
 """Built-in words of the kernel language: each Python function with the emitter of its LLVM instructions.
 
-Where Python runs the kernels the functions themselves are called; compiled, `WORDS` gives the emitter. Its first
+In uncompiled mode the functions themselves are called; the compiler uses the emitters in `WORDS`. Its first
 argument e is the writer of the function being compiled: e.b is the IR builder. The others are items (`kinds`).
 """
 

@@ -36,8 +36,8 @@ Factor = float | Sequence[float]
 def scaled(arm: Arm, factor: Factor) -> Arm:
     """Return the arm with its links' lengths multiplied by a factor, one for all links or one for each.
 
-    Sections stay, and where they vary, the places at which they do are scaled; so are places of curvature. Rigid ends
-    and the mass and inertia of rigid links stay.
+    Sections do not change; if they or the curvature vary along the link, their places are scaled. Rigid ends, and the
+    mass and inertia of rigid links, do not change.
     """
     given = factor if check.several(factor) else [factor] * arm.n_links
     factors = check.numbers("lengths", given, f"a number, or {arm.n_links} of them", arm.n_links, "", above=0.0)
@@ -69,9 +69,9 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         env_id: a registered id. num_envs: number of arms, at least one for each length.
         lengths: factors on the lengths of all links, or for each arm a factor for each link. The arms are divided
             evenly among them: the first ones have the first factor.
-        keywords: of the environment, with `autoreset_mode` and `threads`.
+        keywords: keywords of the environment, with `autoreset_mode` and `threads`.
     Attributes:
-        parts: a native vector environment for each length, in order. lengths: as given. plan: of the first part.
+        parts: a native vector environment for each length, in order. lengths: as given. plan: plan of the first part.
     Raises:
         ValueError: fewer arms than lengths, a length that is not positive, or whatever the environment raises.
     """

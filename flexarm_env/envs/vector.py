@@ -1,7 +1,7 @@
-"""Many arms as a `gymnasium.vector.VectorEnv`, each the very environment that `single` is, bit for bit."""
+"""Many arms as a `gymnasium.vector.VectorEnv`, each equal to the single environment bit for bit."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, overload
+from typing import Any, Unpack, overload
 
 import gymnasium as gym
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..batch import FRESH, REASONS, RUNNING, STATUS_WORDS, SUCCESS, Batch, OneAtATime, Sheet, View, one_at_a_time
 from ..validation import Array32
+from .keywords import Keywords
 from .motion import Guide, is_table
 from .resets import Request, follow, guide_of, request_of, start_episode
 from .single import F32, checked_action
@@ -40,7 +41,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         num_envs: int = 1,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
-        **arguments: Any,
+        **arguments: Unpack[Keywords],
     ) -> None:
         """Check the keywords (`options.plan`) and compile or load the batch.
 
@@ -92,7 +93,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         """Start episodes: of all arms, or of those in options["reset_mask"], an array of num_envs bools.
 
         Args:
-            seed: arm i is seeded with seed + i, or with seed[i]; None goes on with its generator.
+            seed: arm i is seeded with seed + i, or with seed[i]; None: its generator continues.
             options: those of the single environment, for every arm.
         """
         seeds = checked_seeds(seed, self.num_envs)
@@ -194,7 +195,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
     # --- seeds and starts ----------------------------------------------------------------------------
     @property  # type: ignore[override]
     def np_random(self) -> tuple[np.random.Generator, ...]:
-        """The generators of the arms; may be set to as many others."""
+        """The arms' random generators; may be replaced by the same number of generators."""
         return tuple(self._generator(i) for i in range(self.num_envs))
 
     @np_random.setter
@@ -320,8 +321,8 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
     def call(self, name: str, *args: Any, indices: Sequence[int] | None = None, **kwargs: Any) -> tuple[Any, ...]:
         """Call a method, or return an attribute, of the single environment for each arm, or for those in `indices`.
 
-        "get_state", "linearize" and "render", "set_state" with one state for all or a list of one each, and any
-        attribute, which all arms share.
+        Supported are "get_state", "linearize", "render", "set_state" (with one state for all arms or a list of states),
+        and attributes, which all arms share.
         """
         chosen = chosen_of(indices, self.num_envs)
         if name == "get_state":

@@ -85,8 +85,8 @@ def mjcf(
     """Write a chain as MJCF.
 
     Bodies and hinges are named as in the chain. Each joint has a motor, `motor0`, ..., whose control is the torque in N
-    m, clipped to the arm's limit. The site `tip` is the arm's tip, x along the link. Geoms are for the eye: they do not
-    collide.
+    m, clipped to the arm's limit. The site `tip` is the arm's tip, x along the link. Geoms are for display only and do
+    not collide.
 
     Args:
         gravity: m/s^2. timestep: s, integrator: as MuJoCo names it; None: those of `choose_integrator`. comments: lines

@@ -40,7 +40,7 @@ class Imported:
         root (3,): m, where the first joint is in the file; the arm's root is at the origin.
         tip: name of the body or site at the arm's tip; empty: the last link's center of mass.
         gravity (3,): m/s^2, of the file.
-        left_out: what the file has and the arm does not.
+        left_out: features of the file that the arm lacks.
         flexible: by link, what changed: shift of the center of mass, m, and inertia about the joint, ratio.
     """
 
@@ -65,21 +65,21 @@ def import_arm(
 ) -> Imported:
     """Read a serial chain of hinges from a URDF (.urdf) or MJCF (.xml, .mjcf) file.
 
-    Link k's x axis leads from joint k to joint k+1 or the tip; its z axis lies as near to the joint's axis as x lets
-    it. Bodies that are fixed to each other become one link. Angles are 0 where the file's model is in its first
-    posture.
+    Link k's x axis leads from joint k to joint k+1 or the tip; its z axis is perpendicular to x and as near as possible
+    to the joint's axis. Bodies that are fixed to each other become one link. Angles are 0 where the file's model is in
+    its first posture.
 
     Args:
         root: body in which the chain begins, where the file has several mechanisms.
-        tip: body or site at the arm's tip. None: of those fixed to the last link the one farthest from its joint, or
-            the last link's center of mass.
+        tip: body or site at the arm's tip. None: the body or site on the last link that is farthest from its joint, or
+            the link's center of mass if there is none.
         flexible: sections by the name of a body of the link. The link keeps its mass, evenly spread along the line
             from joint to joint: the section's m and J are scaled to it.
         tau_d: s, damping of the flexible links.
         gear_ratio: assumed for joints with armature, which becomes a motor inertia of armature / gear_ratio^2.
     Raises:
-        ValueError: what a serial chain cannot represent, by its name in the file. OSError: no such file. ImportError:
-            no MuJoCo.
+        ValueError: the file has an element that a serial chain cannot represent; the message names it. OSError: no such
+            file. ImportError: no MuJoCo.
     """
     gear_ratio = check.number("gear_ratio", gear_ratio, minimum=LEAST_RATIO, maximum=1e9)
     with check.in_file(path), np.errstate(over="ignore", invalid="ignore", divide="ignore"):

@@ -1,4 +1,4 @@
-"""How far a chain of hinges is off the arm that it stands for, and its calibration to the arm's first frequency."""
+"""Deviation of a chain of hinges from its arm, and calibration to the arm's first frequency."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def differences(chain: Chain, gravity: tuple[float, float, float] = (0.0, 0.0, 0
     """Compare a chain with its arm.
 
     Returns:
-        frequency_K_hz: of the arm, joints held; chain_frequency_K_hz: of the chain, as many as it has.
+        frequency_K_hz, chain_frequency_K_hz: frequencies of the arm, joints held, and of the chain, as many as it has.
         tip_compliance_error: largest relative error of the tip's displacement under a static tip force.
         tip_apart: largest distance of the two tips over the arm's length in `DURATION` s, under `PUSH` of the torque
         limits, reversed halfway; by MuJoCo, where it is installed and the arm has torque limits.

@@ -1,4 +1,4 @@
-"""The serial chain of hinges in a compiled model of MuJoCo; whatever else it has is rejected or named."""
+"""Extract the serial chain of hinges from a compiled model of MuJoCo; other features are rejected or listed."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ KINDS = ("free", "ball", "slide", "hinge")
 class Part:
     """Link of a chain with its joint, in the ground's axes with all angles 0; SI units.
 
-    names: of its bodies. joint: name. anchor, axis (3,): of the joint. centre (3,), inertia (3, 3): center of mass, and
-    the tensor about it. limits: rad, or None. torque: N m, or None.
+    names: names of its bodies. joint: name. anchor, axis (3,): point and direction of the joint. centre (3,), inertia
+    (3, 3): center of mass, and the tensor about it. limits: rad, or None. torque: N m, or None.
     """
 
     names: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""URDF: an arm with rigid links, for ROS and for whatever reads this format."""
+"""URDF: an arm with rigid links, for ROS and other programs."""
 
 from __future__ import annotations
 
