@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from . import accuracy, physics  # noqa: F401  (importing physics registers the formulations)
+from . import accuracy, physics
 from . import validation as check
 from .compiler import SINGLE, compiling, uncompiled
 from .physics import assembly, precision
@@ -373,8 +373,8 @@ def simulate(
         formulation: "floating_frame", "geometrically_exact", "elastica" or "paper"; None: the scene's.
         duration, sample: s; None: the scene's. progress: called with the fraction done, 0 to 1.
         error_limit: largest `error_estimate` (fraction of the arm's length) of a run whose status is "ok".
-        time_limit: wall-clock time, s, without compilation; a longer run fails with status "timed_out". The runs behind
-            the estimate, usually two with half as many steps, may each take as long again.
+        time_limit: wall-clock time, s, without compilation; a longer run fails with status "timed_out". Each run for
+            the error estimate (usually two, with half as many steps) has the same limit again.
         estimate_error: False skips those: `error_estimate` is nan, only energy and notes count (`error_parts`).
         options: options of the formulation (`flexarm_env.settings.Settings`), e.g. segments=8, dt=0.01. Where a motion
             or load is faster than dt, steps are shorter: a sixteenth of a sine's period at most.
@@ -400,6 +400,7 @@ def simulate(
     there = computed(scene)
     settings = dataclasses.replace(settings, dt=resolving_step(there, settings, end))
     simulation = Simulation(there, accuracy.in_steps(there, settings, end, interval))
+    physics.contact.build.check_steps(there, simulation.settings, simulation.system)
     simulation.compile()
     clock = time.thread_time()
     simulation.deadline = None if allowed is None else time.perf_counter() + allowed
@@ -411,7 +412,7 @@ def simulate(
 def judge(trajectory: Trajectory, interval: float, error_limit: float = 0.05, time_limit: float | None = None,
           companions: bool = True) -> Trajectory:  # fmt: skip
     """Return the trajectory with its estimated error, "inaccurate" if that exceeds the limit; failures are unchanged.
-    interval: of the samples, s. companions: make the runs behind the estimate."""
+    interval: interval of the samples, s. companions: make the runs behind the estimate."""
     if trajectory.status != STATUS[OK]:
         return trajectory
     scene, settings, t, levels = trajectory.scene, trajectory.settings, trajectory.t, trajectory.step_levels
