@@ -223,6 +223,8 @@ def to_table(arm: Arm, space: bool = True) -> dict[str, Any]:
         table["payload"] = dataclasses.asdict(arm.payload)
         if not any(arm.payload.offset):
             del table["payload"]["offset"]
+        if not arm.payload.radius:
+            del table["payload"]["radius"]
     if arm.base is not None:
         table["base"] = vars(arm.base)
     table["links"] = [_link_table(link, space) for link in arm.links]

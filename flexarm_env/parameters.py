@@ -70,12 +70,14 @@ class Payload:
 
     ``mass`` in kg and ``inertia`` in kg m^2 about the center of mass, zero or positive; ``offset``: from the tip to
     that center, m (along the tip's tangent, across it to the left). In space the inertia may be a tensor (three rows,
-    in the tip's axes; a number holds about any axis), and the offset may have a third component.
+    in the tip's axes; a number holds about any axis), and the offset may have a third component. ``radius`` (m): of the
+    sphere about the tip that touches obstacles (`Contact`); 0: a point.
     """
 
     mass: float = 0.0
     inertia: Inertia = 0.0
     offset: tuple[float, ...] = (0.0, 0.0)
+    radius: float = 0.0
 
     def __post_init__(self) -> None:
         """Validate the fields and convert them to plain numbers; `InvalidValue` names the field."""
@@ -83,6 +85,7 @@ class Payload:
             self,
             mass=check.number("payload.mass", self.mass, "kg", minimum=0.0),
             inertia=bodies.inertia("payload.inertia", self.inertia),
+            radius=check.number("payload.radius", self.radius, "m", minimum=0.0),
         )
         # a third component that is 0 is dropped: the payload is then planar
         what = "two numbers (m), along the tip's tangent and across it"

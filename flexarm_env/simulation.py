@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from . import accuracy, physics  # noqa: F401  (importing physics registers the formulations)
+from . import accuracy, physics
 from . import validation as check
 from .compiler import SINGLE, compiling, uncompiled
 from .physics import assembly, precision
@@ -400,6 +400,7 @@ def simulate(
     there = computed(scene)
     settings = dataclasses.replace(settings, dt=resolving_step(there, settings, end))
     simulation = Simulation(there, accuracy.in_steps(there, settings, end, interval))
+    physics.contact.build.check_steps(there, simulation.settings, simulation.system)
     simulation.compile()
     clock = time.thread_time()
     simulation.deadline = None if allowed is None else time.perf_counter() + allowed

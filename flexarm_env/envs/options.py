@@ -181,7 +181,9 @@ def plan(
 ) -> Plan:
     """Check the arguments of an environment (see its class); a ValueError names key, value and the rule."""
     own = with_friction(with_base(_arm(kind, arm, joint_limits), base, kind.space), actuator)
-    kind = priced(with_own_terms(afloat(kind, own), reward_terms), reward)
+    # trials run without the user's reward terms, which move nothing and would be kept with the arm
+    of_trials = afloat(kind, own)
+    kind = priced(with_own_terms(of_trials, reward_terms), reward)
     factors = _factors(randomization, own)
     own, hub = with_hub(own, (randomization or {}).get("hub_inertia"))
     own, amplifier = amplified(own, check.choice("action_mode", action_mode, ACTION_MODES))
@@ -191,7 +193,9 @@ def plan(
     # one link is tried under a PD loop alone, which may chatter
     tried = own.n_links > 1 or drive.residual is not None
     measured = not tried or arms.resolve(kind.arm if arm is None else arm) in shipped()
-    trial = None if measured else trials_of(kind, own, period, down, action_mode, residual_share, amplifier, factors)
+    trial = None
+    if not measured:
+        trial = trials_of(of_trials, own, period, down, action_mode, residual_share, amplifier, factors)
     settings, estimate, coarse = _settings(kind, formulation, period, options, own, drive, factors, trial)
     length = check.number("duration", kind.duration if duration is None else duration, "s", minimum=period)
     if not length / period <= MOST_PERIODS:

@@ -50,8 +50,8 @@ class PlaneModel:
         self.still = reduced.among([i for i in range(n) if i not in driven])
 
     def period(self, dt: float) -> tuple[Array, Array, Array]:
-        """Return A, B and the next state of the solver over a period, s, without prescribed coordinates. Call it once:
-        the solver is moved on."""
+        """Return A, B and the next state of the solver over a period, s, without prescribed coordinates. Call it once,
+        because it advances the solver."""
         e, w, reduced = self._equations, self._w, self._reduced
         n, m, f = e.independent.size, e.inputs.size, e.free.size
         q = np.hstack([reduced.lift, np.zeros((f, n + m))])

@@ -168,8 +168,9 @@ def modes_of(simulation: Simulation, q: Array, held: list[int], spin: float) -> 
     eigenvector.
 
     Small motions about q (n,), at rest or in steady rotation: spin (rad/s) about the first joint's axis (q then starts
-    the search). held: indices of joints kept at their angles. The function returns the points' displacements at the
-    phase of the largest (largest length 1) and the whirl (-1 to 1; NaN: no motion across the axis), see `Modes`.
+    the search). held: indices of joints kept at their angles. The function returns the points' displacements, scaled to
+    a largest length of 1 at the phase of the largest displacement, and the whirl (-1 to 1; NaN: no motion across the
+    axis); see `Modes`.
     """
     motions = SmallMotions(simulation, spin)
     rows = motions.but(held)

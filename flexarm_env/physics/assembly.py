@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..parameters import Arm
+from ..parameters import Arm, Payload
 from ..scene import JointTorque, Motion, Scene, standing_scene
 from ..sections import ACROSS, ENDS, Section
 from ..settings import Settings
 from ..time_functions import PIECE, TimeFunction, constant
+from .contact.build import with_masses
 from .joints.build import check_floating, places_of, with_base_mass, with_contributions, with_joints, with_points
 from .linalg import solve
 from .model import Drive, Elastica, Honours, Jointed, Scheme, System, scheme
@@ -77,7 +78,7 @@ def assemble(scene: Scene, settings: Settings) -> System:
     # v0 <- rates of straight links that turn at scene.rates (rad/s) and whose root moves at scene.velocity (m/s)
     if any(scene.rates) or any(scene.velocity):
         system = dataclasses.replace(system, v0=_rates(scene, settings))
-    return system
+    return with_masses(scene, settings, system)
 
 
 def _in_space(scene: Scene, settings: Settings) -> System:
@@ -90,7 +91,7 @@ def _in_space(scene: Scene, settings: Settings) -> System:
     builder.check_scene(scene, settings)
     if settings.formulation == "elastica":
         builder = importlib.import_module(".space.elastica_build", __package__)
-    return with_joints(scene, settings, builder.build(with_points(scene), settings))
+    return with_masses(scene, settings, with_joints(scene, settings, builder.build(with_points(scene), settings)))
 
 
 def _builder(formulation: str) -> Any:
@@ -101,6 +102,7 @@ def _builder(formulation: str) -> Any:
 _NOT_MECHANICS: dict[type, tuple[str, ...]] = {
     Arm: ("name", "source", "torque_limits", "joint_limits", "sensors"),
     Section: tuple(ACROSS),
+    Payload: ("radius",),
 }
 """Fields that enter no equation of motion; of sections, in the plane, those of motion out of the plane."""
 

@@ -90,7 +90,7 @@ Reverse derivatives, which the compiler derives from the above (`compiler.vjp_of
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ..compiler import Family, Lanes, inlined, kernel, returns_none, size, vjp_of
 
@@ -136,6 +136,8 @@ class NewtonPolicy(NamedTuple):
     light_joints: tuple[int, ...] | None = None
     # tag: joints have Coulomb friction (`joints.friction`)
     friction: tuple[int, ...] | None = None
+    # `contact.layout.Watch`: points may touch obstacles, where the residual is not smooth; None: no contact
+    contact: Any = None
 
 
 @kernel
@@ -162,6 +164,7 @@ class Weights(NamedTuple):
     stiffness: float
     with_matrix: bool = True  # False: only the residual is computed, S is not changed
     newton_share: float = 0.0  # factor of terms that only a Newton matrix has: 1 in a step's iteration, 0 in a jump
+    friction_apart: bool = False  # True: friction of contacts is solved for beside the matrix (`contact.friction`)
 
 
 RESIDUAL_ALONE = Weights(0.0, 0.0, 0.0, with_matrix=False)

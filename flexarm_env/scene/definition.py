@@ -17,6 +17,7 @@ import numpy as np
 from flexarm_env import validation as check
 from flexarm_env.parameters import Arm
 from flexarm_env.scene import toml
+from flexarm_env.scene.contacts import Contact, contacts_of
 from flexarm_env.scene.drives import ROOT, JointTorque, Load, Motion, PointLoad
 from flexarm_env.scene.mesh import default_mesh
 from flexarm_env.settings import Settings, default_options, expand_preset, merged
@@ -49,6 +50,7 @@ class Scene:
         rigid_joints: joints k >= 1 at which link k is fixed to link k-1 at its initial angle.
         motions: prescribed coordinates; each starts at the value given by ``position`` and ``angles``.
         loads: joint torques and point loads.
+        contacts: obstacles that points of the arm may touch, with the law of the forces (`Contact`).
         gravity: acceleration (gx, gy), in space (gx, gy, gz), m/s^2, or None.
         space: True: compute in space an arm that could be computed in the plane. A scene is always in space if an arm,
             gravity, position, velocity, force, moment or motion of the root leaves the x-y plane; if it stays in
@@ -78,6 +80,7 @@ class Scene:
     note: str = ""
     start: str = "unloaded"
     space: bool = False
+    contacts: tuple[Contact, ...] = ()
 
     def __post_init__(self) -> None:
         """Validate each field, then their combinations; `InvalidValue` names the field."""
@@ -98,6 +101,7 @@ class Scene:
             "motions": check.sequence("motions", self.motions, "Motion"),
             "loads": check.sequence("loads", self.loads, "JointTorque or PointLoad"),
             "solver": _solver(self.solver),
+            "contacts": contacts_of("contacts", self.contacts, self.arm),
         }
         # sampling interval: dt unless given
         values["sample"] = values["dt"] if self.sample is None else check.number("sample", self.sample, "s", above=0.0)
@@ -113,6 +117,7 @@ class Scene:
         self._check_motions()
         self._check_joints()
         self._check_loads()
+        self._check_contacts()
         # in space position, velocity and gravity have three components
         if self.spatial:
             vectors = {name: getattr(self, name) for name in ("position", "velocity", "gravity")}
@@ -212,6 +217,12 @@ class Scene:
             else:
                 raise check.InvalidValue(f"loads[{i}]", load, "must be a JointTorque or a PointLoad")
 
+    def _check_contacts(self) -> None:
+        """Check that obstacles are in the plane or in space as the scene is, and that the root is held."""
+        contacts_of("contacts", self.contacts, self.arm, self.spatial)
+        if self.contacts and self.root == "free":
+            raise check.InvalidValue("contacts", self.contacts, "must be empty where the root is free")
+
     def _join_instants(self) -> None:
         """Give instants of different functions that differ by round-off one value, to avoid a tiny step between."""
         # starts of all pieces but each function's first
@@ -266,7 +277,8 @@ class Scene:
         # out of the plane: a load, a third component, or a motion along z
         loads = any(isinstance(load, PointLoad) and load.spatial for load in self.loads)
         away = any(any(v[2:]) for v in vectors) or self.motion_of("root_z") is not None
-        return self.space or self.arm.spatial or loads or away
+        touched = any(contact.spatial for contact in self.contacts)
+        return self.space or self.arm.spatial or loads or away or touched
 
     @property
     def floats(self) -> bool:
@@ -354,16 +366,19 @@ def _solver(value: Any) -> tuple[tuple[str, Any], ...]:
 
 
 def standing_scene(
-    arm: Arm, dt: float, gravity: tuple[float, ...] | None, angles: Sequence[float] = (), pushed: bool = False
-) -> Scene:
+    arm: Arm, dt: float, gravity: tuple[float, ...] | None, angles: Sequence[float] = (), pushed: bool = False,
+    contacts: tuple[Contact, ...] = (),
+) -> Scene:  # fmt: skip
     """Return a scene of the arm without motions: pinned, or on its floating base.
 
     Args:
         dt: step, s. gravity: m/s^2, or None. angles: initial ones, rad. pushed: add a zero force on the tip, as memory
-            for a force from outside.
+            for a force from outside. contacts: obstacles that the arm may touch.
     """
     root = "pinned" if arm.base is None else "free"
     loads = (PointLoad(arm.n_links - 1, "tip", force_x=constant(0.0)),) if pushed else ()
-    given: dict[str, Any] = {"gravity": gravity, "angles": tuple(angles), "loads": loads, "root": root}
+    given: dict[str, Any] = {
+        "gravity": gravity, "angles": tuple(angles), "loads": loads, "root": root, "contacts": contacts,
+    }  # fmt: skip
     # the duration is arbitrary: environments advance the arm themselves
     return Scene("environment", arm, duration=max(1.0, dt), dt=dt, **given)

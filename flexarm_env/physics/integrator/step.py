@@ -11,6 +11,7 @@ batch and a single arm give the same bits.
 from __future__ import annotations
 
 from ...compiler import inlined, kernel, lane_count, max_over_lanes, noinline, select_lt, size
+from ..contact.integration import record_contacts
 from ..layout import HALVINGS, STEPS
 from ..model import NEWTON_FAILED, OK
 from ..protocol import (
@@ -249,6 +250,7 @@ def advance_within(lane, model, drive, par, w: Work, t, h, n_steps, scheme, book
         if books is not None:
             account_for_step(lane, model, drive, par, w, part)
         moving = conserve_momentum(lane, model, par, moving, part, w.q, w.v, w.u, w.r, w.S)
+        record_contacts(lane, model, par, w.q, w.v, w.S, part)
         flag = select_lt(flag, 0.5, out_of_range(lane, model, par, w.q), flag)
         w.flag[0] = flag
         if lane_count(lane) == 1 and max_over_lanes(flag) > 0.5:

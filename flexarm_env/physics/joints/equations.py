@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from ...compiler import Lanes, kernel, size, stack
 from .. import contributions, protocol
+from ..contact import equations  # noqa: F401  (it registers its kernels)
 from ..model import Jointed
 from ..protocol import FORMULATIONS, State, register
 from . import floating, gears  # noqa: F401  (they register their kernels)
@@ -19,15 +20,15 @@ _LAST_FIRST = (7, 6, 5, 4, 3, 2, 1, 0)
 
 
 @kernel
-def _add_point_forces(lane, model, par, state, u: Lanes, inputs: Lanes):
+def _add_point_forces(lane, model, par, state, u: Lanes, S, inputs: Lanes):
     """Write the arm's inputs: u (N m, N), and the forces that contributions exert on points of the arm.
 
-    state: q, v, a. inputs: array of the arm's inputs, as long as `model.points`.
+    state: q, v, a; S: the contributions' entries. inputs: array of the arm's inputs, as long as `model.points`.
     """
     for k in range(size(model.n_inputs)):
         inputs[k] = u[k]
     for part in model.contributions:
-        contributions.point_forces(lane, part, model, par, state, inputs)
+        contributions.point_forces(lane, part, model, par, state, S, inputs)
 
 
 @kernel
@@ -43,7 +44,7 @@ def assemble(lane, model, par, state: State, u: Lanes, weights, r: Lanes, S: Lan
         protocol.assemble(lane, model.arm, par, state, u, weights, r, S)
     else:
         inputs = stack(lane, model.points)
-        _add_point_forces(lane, model, par, state, u, inputs)
+        _add_point_forces(lane, model, par, state, u, S, inputs)
         protocol.assemble(lane, model.arm, par, state, inputs, weights, r, S)
     # a second loop variable, because a name of a kernel has one type and this loop has other records
     for adding in model.contributions:
@@ -241,11 +242,12 @@ def conserve_momentum(lane, model, par, before, h, q, v, u, r, S):
         found = contributions.conserve_momentum(lane, part, model, par, before, h, q, v, u, r, S)
         if found is not None:
             return found
-    if model.points is None:
+    # with contacts the root is held
+    if model.points is None or model.newton.contact is not None:
         return protocol.conserve_momentum(lane, model.arm, par, before, h, q, v, u, r, S)
     # F of the arm includes the forces on its points; they do not depend on accelerations, which are not known here
     inputs = stack(lane, model.points)
-    _add_point_forces(lane, model, par, State(q, v, v), u, inputs)
+    _add_point_forces(lane, model, par, State(q, v, v), u, S, inputs)
     return protocol.conserve_momentum(lane, model.arm, par, before, h, q, v, inputs, r, S)
 
 
