@@ -28,6 +28,7 @@ from ..physics.model import FloatingFrame
 from ..physics.protocol import State, centerline, retract
 from ..physics.space.build import axis_of, mount_of
 from ..physics.space.layout import AXES
+from ..physics.space.reading import read
 from ..simulation import Simulation
 from ..trajectory import joint_angles
 from ..validation import Array
@@ -211,7 +212,10 @@ class Equations:
 
     def points(self, q: Array) -> Array:
         """Points along the chain, root to tip, (points, 2 or 3), m."""
-        points = np.full((self._most_points, 3 if self.spatial else 2), np.nan)
+        if self.spatial:
+            arm, settings = self.simulation.scene.arm, self.simulation.settings
+            return np.asarray(read(arm, settings, q[None], np.zeros((1, self.n)))["shapes"][0])
+        points = np.full((self._most_points, 2), np.nan)
         return points[: int(centerline(self.model, q, points))].copy()
 
     def joint_angles(self, q: Array, v: Array) -> tuple[Array, Array]:
