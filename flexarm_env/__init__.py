@@ -17,7 +17,7 @@ __version__ = "0.2.0"
 if TYPE_CHECKING:
     from .identification import identify
     from .parameters import Arm, Base, Elbow, Joint, Link, Motor, Payload, RigidLink, Section, Taper
-    from .scene import JointTorque, Motion, PointLoad, Scene
+    from .scene import Contact, JointTorque, Motion, PointLoad, Scene
     from .scenes import named
     from .sensors import Accelerometer, Camera, Encoder, Gyroscope, LowPass, Sensors, StrainGauge
     from .settings import Settings
@@ -29,7 +29,7 @@ _HOME = {
     **dict.fromkeys(
         ("Arm", "Base", "Elbow", "Joint", "Link", "Motor", "Payload", "RigidLink", "Section", "Taper"), "parameters"
     ),
-    **dict.fromkeys(("JointTorque", "Motion", "PointLoad", "Scene"), "scene"),
+    **dict.fromkeys(("Contact", "JointTorque", "Motion", "PointLoad", "Scene"), "scene"),
     "named": "scenes",
     **dict.fromkeys(
         ("Accelerometer", "Camera", "Encoder", "Gyroscope", "LowPass", "Sensors", "StrainGauge"), "sensors"
@@ -43,9 +43,10 @@ _HOME = {
 """Where each public name is defined."""
 
 __all__ = [
-    "Accelerometer", "Arm", "Base", "Camera", "Elbow", "Encoder", "Gyroscope", "Joint", "JointTorque", "Link",
-    "LowPass", "Motion", "Motor", "Payload", "PointLoad", "RigidLink", "Scene", "Section", "Sensors", "Settings",
-    "Simulation", "StrainGauge", "Taper", "TimeFunction", "Trajectory", "__version__", "identify", "named", "simulate",
+    "Accelerometer", "Arm", "Base", "Camera", "Contact", "Elbow", "Encoder", "Gyroscope", "Joint", "JointTorque",
+    "Link", "LowPass", "Motion", "Motor", "Payload", "PointLoad", "RigidLink", "Scene", "Section", "Sensors",
+    "Settings", "Simulation", "StrainGauge", "Taper", "TimeFunction", "Trajectory", "__version__", "identify",
+    "named", "simulate",
 ]  # fmt: skip
 
 

@@ -111,7 +111,7 @@ class TimeFunction:
         return self.kinks_up_to(2)
 
     def kinks_up_to(self, order: int) -> tuple[float, ...]:
-        """Return the instants (s) where a derivative of order 0 ... ``order`` (at most 3) jumps."""
+        """Return the instants (s) where a derivative of an order from 0 to ``order`` (at most 3) jumps."""
         before, after, at = self.pieces[:-1], self.pieces[1:], self.pieces[1:, T0]
         check.integer("order", order, minimum=0, maximum=3)
         if not len(at):
@@ -378,8 +378,8 @@ def table(
     interpolation: str | None = None,
 ) -> TimeFunction:
     """Return a function through a table: t (s), psi (rad or m)[, psi_dot[, psi_ddot]]. With psi alone ``interpolation``
-    is "spline" (default, C2) or "linear" (each row a kink). With rates the rows' values and rates are met, and
-    ``interpolation`` must be None."""
+    is "spline" (default, C2) or "linear" (each row a kink). With rates the function passes through the rows' values and
+    rates, and ``interpolation`` must be None."""
     if psi_dot is None:
         if psi_ddot is not None:
             raise check.MissingKey("psi_dot", "psi_ddot needs it too")

@@ -52,7 +52,7 @@ ROOMS: dict[str, set[str]] = {
     "arms": {"validation", "files", "sections", "parameters", "sensors"},
     "scene": {
         "validation", "files", "curves", "meshing", "bodies", "sections", "parameters", "settings",
-        "time_functions", "arms",
+        "time_functions", "arms", "shapes",
     },
     "scenes": {"validation", "parameters", "settings", "files", "scene", "arms"},
     "data": set(),

@@ -12,10 +12,10 @@ import pytest
 
 from flexarm_env import arms as arms_by_name
 from flexarm_env.derivatives import Arms
-from flexarm_env.parameters import Base, Link, Payload, Section
+from flexarm_env.parameters import Base, Payload
 from flexarm_env.validation import Array
 from tests.differences import central
-from tests.test_derivatives import SHORT, after, geared, moving
+from tests.test_derivatives import SHORT, after, bare, geared, moving
 
 ONE, TWO, SPACE = "FlexibleArm-v0", "TwoLinkFlexArm-v0", "SpatialFlexArm-v0"
 
@@ -42,15 +42,11 @@ SENSORS = {
 
 
 def plain(env_id: str) -> Any:
-    """An arm without rigid ends, its payload with inertia; in space yaw and a strip."""
+    """The environment's arm without rigid ends, its payload with inertia; in space yaw and a strip."""
     if env_id == SPACE:
         return SHORT
-    section = Section(EI=2.0, EA=2e5, C=1e5, m=0.4, J=2e-5)
-    links = (Link(0.6, section),) if env_id == ONE else (Link(0.5, section), Link(0.4, section))
-    return dataclasses.replace(
-        arms_by_name.named("strip" if env_id == ONE else "paper_two_link"), links=links, payload=Payload(0.1, 1e-3),
-        tau_d=2e-3,
-    )  # fmt: skip
+    arm = bare(arms_by_name.named("strip" if env_id == ONE else "de_luca_siciliano"))
+    return dataclasses.replace(arm, payload=Payload(0.1, 1e-3), tau_d=2e-3)
 
 
 def with_gears(env_id: str, **joint: Any) -> Any:

@@ -1,7 +1,7 @@
 """Export controllers: one C file each, in double precision, with the numbers of the Python class.
 
 Designs that need SciPy (Riccati equations, modes, a linear program) are solved here. The file contains their results
-and computes in a control period what `Controller.act` computes; its fragments are in `data/control/c`. Gains that
+and computes the actions of `Controller.act` in each control period; its fragments are in `data/control/c`. Gains that
 depend on an arm's posture are tabulated for all requested postures, `arm_model.GRID` apart.
 """
 
@@ -41,21 +41,24 @@ MOST = 1000
 
 def controller_source(
     controller: Controller, name: str, slew: float | None = None, elbows: Pairs | None = None,
-    targets: Points | None = None,
+    targets: Points | None = None, inside: bool = False,
 ) -> str:  # fmt: skip
     """Generate a controller as one C99 file without `main`: double, arrays of fixed size, no allocation.
 
     Args:
-        controller: of `control.make`. name: prefix of the file's definitions: NAME_reset, NAME_act (values in SI units
-            to actions, once a control period), NAME_decide (the same from the environment's observation), ...
-        slew: rad, of TimeOptimal: the slew, to either side, whose plan the file contains.
-        elbows: (low, high), rad, of each elbow's angle at the goal (of LQG: also on the way there): postures with
-            tabulated gains; others use those of the nearest. None: the full range of a two-link arm.
-        targets: (x, y, z), m, of an arm in space: points whose static rests, found from joint angles 0, the file
-            contains; any other target is replaced by the nearest of them.
+        controller: made by `control.make`. name: prefix of the file's definitions: NAME_reset, NAME_act (values
+            in SI units to actions, once a control period), NAME_decide (the same from the environment's observation),
+            ...
+        slew: rad; for TimeOptimal: the file contains the plan of this slew, to either side.
+        elbows: (low, high), rad, for each elbow: range of its angle at the goal (for LQG also during the motion) for
+            which gains are tabulated; other postures use the nearest entry. None: the full range of a two-link arm.
+        targets: (x, y, z), m, for an arm in space: the file contains the static equilibria at these points, searched
+            from joint angles 0. The controller replaces any other target by the nearest of these.
+        inside: whether NAME_act and NAME_decide have the argument `const double *beside` before the actions: actions
+            (JOINTS) that are added before the saturation, as in a policy around the controller.
     Raises:
-        ValueError: MPC, which solves a program in each period; no slew; no elbows for three links or more; no targets
-            for an arm in space, or a target at which its tip finds no rest.
+        ValueError: MPC, which optimizes in each period; slew is missing; elbows are missing for three links or more;
+            targets are missing for an arm in space, or it has no equilibrium at a target.
     """
     kind = type(controller)
     if kind not in _BODIES:
@@ -86,6 +89,8 @@ def controller_source(
     texts = [c_part("memory").replace("FIELDS", _FIELDS[kind]), *map(c_part, (*parts, *_BODIES[kind], "act"))]
     body = "\n".join(texts).replace("GAUGED", _GAUGED if read._gauges else "").replace("SHARP", repr(SHARP))
     # fill the placeholders of the fragments
+    for word, text in _BESIDE.items():
+        body = body.replace(word, text if inside else "")
     body = body if held else body.replace(_NEAREST, "")
     body = body.replace("TOLD", c_part("told_joints" if aimed else "told_way").strip())
     body = body.replace("SEEN", _BENDS if kind is SpatialLQR else _CURVATURES if read._gauges else "")
@@ -283,6 +288,10 @@ _GAUGED = (
     "y[i] = v[NAME_gauges[i - UPPER_JOINTS]] - NAME_centre[i - UPPER_JOINTS];"
 )
 
+_BESIDE = {
+    "BESIDE_ARGUMENT": "const double *beside, ", "BESIDE_VALUE": "beside, ",
+    "BESIDE_ADDED": "        torque[i] += beside[i] * NAME_limit[i];\n",
+}  # fmt: skip
 _NEAREST = "        memory->posture = NAME_nearest(memory->goal);\n"
 _CURVATURES = "for (int i = UPPER_JOINTS; i < UPPER_OUTPUTS; i++) y[i] = v[NAME_gauges[i - UPPER_JOINTS]];"
 _BENDS = """for (int i = 0; i < UPPER_JOINTS; i++) y[UPPER_JOINTS + i] = v[NAME_rates[i]];

@@ -1,4 +1,4 @@
-"""The equations of motion of one arm as functions, with exact derivatives, in the plane and in space.
+"""Equations of motion of one arm as functions, with exact derivatives, in the plane and in space.
 
     r(q, v, a, lambda, u) = M(q) a + h(q, v) + Phi_q^T lambda - B u = 0,   Phi(q) = 0
 
@@ -43,12 +43,12 @@ class Equations:
         free: rows of q that can move (no multiplier, not fixed, not prescribed). algebraic: rows of multipliers.
         independent, dependent: positions in `free`; the frame behind a joint of the floating frame depends on the one
             before it. joints: turnable joints, each with its position among the independent coordinates.
-        turned: joints that a torque can turn, each with the position of what it acts on: the motor's angle behind an
-            elastic gear, otherwise the joint's; rows_turned: its row, of every joint.
-        motors: rows of the motors' angles behind elastic gears.
-        turning (k, 3): rows of rotation vectors among all n rows.
-        names: of the independent coordinates, "joint0", ... for the joints that can turn, "motor0", ... for motors.
-        driven: those of them that are prescribed, in the order of the scene's motions.
+        turned: joints that a torque can turn, each with the position of the angle on which the torque acts: the motor's
+            angle with an elastic gear, otherwise the joint's angle. rows_turned: row of that angle, for every joint.
+        motors: rows of the motors' angles behind elastic gears. turning (k, 3): rows of rotation vectors.
+        names: names of the independent coordinates, "joint0", ... for the joints that can turn, "motor0", ... for
+            motors.
+        driven: the prescribed coordinates, in the order of the scene's motions.
     """
 
     def __init__(self, simulation: Simulation, stepping: bool = False, driven: bool = False) -> None:
@@ -99,7 +99,7 @@ class Equations:
         self._no_gauges = np.zeros((0, self.n))
 
     def under(self, share: float) -> Equations:
-        """The same arm under a share of its gravity."""
+        """Return the equations with gravity multiplied by a factor."""
         scene = self.simulation.scene
         if scene.gravity is None or share == 1.0:
             return self
@@ -111,17 +111,17 @@ class Equations:
     # --- residual and its derivatives ------------------------------------------------------------------------------
 
     def residual(self, point: Point, level: int = 0) -> Array:
-        """r (n,), rows of multipliers: constraints (level 0), their first or second rate (1, 2)."""
+        """Return r (n,); rows of multipliers: constraints (level 0), their first or second time derivative (1, 2)."""
         return self._evaluate(point, _none(self.n, len(point.u)), level)[0]
 
     def status(self, q: Array) -> int:
-        """Whether the model holds there: a status code of `flexarm_env.physics.model`."""
+        """Return the model's status code (`flexarm_env.physics.model`) at coordinates q."""
         zero = np.zeros(self.n)
         none = _none(self.n, len(self._no_inputs))
         return self._evaluate(Point(q, zero, zero, self._no_inputs, self._psi), none, 0)[2]
 
     def _evaluate(self, p: Point, ways: Directions, level: int) -> tuple[Array, Array, int]:
-        """Residual (n,), its derivatives along m directions (m, n), status."""
+        """Return the residual (n,), its derivatives along m directions (m, n), and the status code."""
         r, slopes = np.zeros(self.n), np.zeros((len(ways.q), self.n))
         status = residual_slopes(
             WITH_SLOPES, self.model, self.par, State(p.q, p.v, p.a), p.u, p.psi, ways, level, self._room, r, slopes
@@ -129,7 +129,7 @@ class Equations:
         return r, slopes, int(status)
 
     def along(self, point: Point, q: Any = 0.0, v: Any = 0.0, a: Any = 0.0, u: Any = 0.0, level: int = 0) -> Array:
-        """Derivatives (n, m) of a level's residual along directions with parts q, v, a (n, m) and u (inputs, m)."""
+        """Return derivatives (n, m) of the residual along m directions: of q, v, a (n, m) and of u (inputs, m)."""
         m = max(np.shape(x)[1] for x in (q, v, a, u) if np.ndim(x) == 2)
         ways = Directions(*(
             np.array(np.broadcast_to(np.transpose(x), (m, rows)), np.float64, order="C")
@@ -146,24 +146,24 @@ class Equations:
         return np.array(columns).reshape(m, self.n).T
 
     def unit(self, rows: Rows) -> Array:
-        """Directions (n, rows) of one row each."""
+        """Return unit directions (n, rows) of some rows."""
         return np.eye(self.n)[:, rows]
 
     def constraint_slopes(self, point: Point) -> Array:
-        """The constraints by the rows that can move, (m, f)."""
+        """Return the derivatives (m, f) of the constraints by the rows that can move."""
         if not self.algebraic.size:
             return np.zeros((0, self.free.size))
         still = replace(point, v=np.zeros(self.n))
         return self.along(still, v=self.unit(self.free), level=1)[self.algebraic]
 
     def input_slopes(self, point: Point, inputs: Rows) -> Array:
-        """-dr/du of rows that can move, (f, inputs): what unit torques do."""
+        """Return -dr/du (f, inputs), the generalized forces of unit torques on the rows that can move."""
         if not len(inputs):
             return np.zeros((self.free.size, 0))
         return -self.along(point, u=np.eye(len(point.u))[:, inputs])[self.free]
 
     def moved(self, q: Array, d: Array) -> Array:
-        """Coordinates an increment d (n,) away from q."""
+        """Return the coordinates q (+) d, moved by an increment d (n,)."""
         found = q.copy()
         uncompiled(retract)(SINGLE, self.model, found, 1.0, d, None)
         return found
@@ -173,7 +173,10 @@ class Equations:
     def poses_along(
         self, q: Array, v: Array, dq: Array, dv: Array, gauges: Array | None = None
     ) -> tuple[Array, Array, Array, Array]:
-        """Poses (n_links, ...) and gauge readings (G,); their derivatives (m, ...) along directions dq, dv (n, m)."""
+        """Return poses (n_links, ...), gauge readings (G,), and derivatives (m, ...) of both along directions dq, dv.
+
+        dq, dv (n, m): increments of coordinates, changes of rates. gauges: rows of `gauges.curvature_rows`.
+        """
         rows = self._no_gauges if gauges is None else gauges
         own = SPACE_POSE.end if self.spatial else POSE.end
         poses, count, m = own * self.n_links, own * self.n_links + BASE_POSE.end, dq.shape[1]
@@ -206,12 +209,12 @@ class Equations:
         )  # fmt: skip
 
     def poses(self, q: Array, v: Array) -> Array:
-        """Poses of the links (`physics.layout`), (n_links, ...)."""
+        """Return the poses of the links (`physics.layout`), (n_links, ...)."""
         none = np.zeros((self.n, 0))
         return self.poses_along(q, v, none, none)[0]
 
     def points(self, q: Array) -> Array:
-        """Points along the chain, root to tip, (points, 2 or 3), m."""
+        """Return points along the chain, root to tip, (points, 2 or 3), m."""
         if self.spatial:
             arm, settings = self.simulation.scene.arm, self.simulation.settings
             return np.asarray(read(arm, settings, q[None], np.zeros((1, self.n)))["shapes"][0])
@@ -219,14 +222,14 @@ class Equations:
         return points[: int(centerline(self.model, q, points))].copy()
 
     def joint_angles(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Joint angles and rates (n_links,) each: a link's root less the tip before it, or a base that floats."""
+        """Return joint angles and rates (n_links,): a link's root relative to the tip before it, or to a floating base."""
         angles, rates = joint_angles(self.poses(q, v))
         if self.base is not None:
             angles[0], rates[0] = angles[0] - q[self.base], rates[0] - v[self.base]
         return angles, rates
 
     def joint_slopes(self, q: Array) -> Array:
-        """Joint angles by the rows that can move (n_links, f): constant, angles being linear in q."""
+        """Return the constant derivatives (n_links, f) of the joint angles by the rows that can move."""
         ways = self.unit(self.free)
         slopes = joint_angles(self.poses_along(q, np.zeros(self.n), ways, 0.0 * ways)[2])[0].T
         if self.base is not None:
@@ -248,7 +251,7 @@ class Equations:
         return slope
 
     def state(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Independent coordinates and their rates, in the order of `names`."""
+        """Return the independent coordinates and their rates, in the order of `names`."""
         rows = self.free[self.independent]
         x, rate = q[rows], v[rows]
         if not self.spatial:
@@ -258,7 +261,7 @@ class Equations:
         return x, rate
 
     def changes(self, q: Array, dq: Array) -> Array:
-        """Changes of the independent coordinates (n, columns) from those of the rows that can move (f, columns)."""
+        """Return changes (n, columns) of the independent coordinates from those of the rows that can move, dq (f, ...)."""
         result = dq[self.independent]
         if self.dependent.size:
             turns = self.joint_slopes(q) @ dq
@@ -269,7 +272,7 @@ class Equations:
     # --- rotation ----------------------------------------------------------------------------------------------------
 
     def rotating(self, q: Array, spin: float) -> tuple[Array, Array]:
-        """Rates and accelerations of a rigid turn at a steady rate (rad/s), in space about the first joint's axis."""
+        """Return rates and accelerations of a steady rigid rotation (rad/s), in space about the first joint's axis."""
         v, a = np.zeros(self.n), np.zeros(self.n)
         if spin == 0.0:
             return v, a
@@ -288,7 +291,7 @@ class Equations:
         return v, a
 
     def frame(self, point: Point, spin: float = 0.0) -> Frame:
-        """How the rows that an observer sees, who turns at spin (rad/s) with the arm, change with their increments."""
+        """Return the `Frame` (n, n) at a point, for an observer who turns with the arm at spin (rad/s)."""
         V, U, W = np.zeros((3, self.n, self.n))
         for x, y in self.pairs:  # x = T(w t) xi: x' = T (xi' + w S xi), x'' = T (xi'' + 2 w S xi' + w^2 S^2 xi)
             V[x, y], V[y, x], W[x, x], W[y, y] = -spin, spin, -(spin**2), -(spin**2)
@@ -305,23 +308,26 @@ class Equations:
         return Frame(V, U, W)
 
     def _omega(self, spin: float) -> Array:
-        """Angular velocity (3,) of a spin (rad/s) about the first joint's axis, inertial axes."""
+        """Return the angular velocity (3,) of a spin (rad/s) about the first joint's axis, inertial axes."""
         arm = self.simulation.scene.arm
         return spin * (mount_of(arm, 0) @ axis_of(arm, 0))
 
     def _vertices(self) -> list[int]:
-        """First rows of the vertices that can move, in space."""
+        """Return the first rows of the vertices of an arm in space."""
         return [i for i, name in enumerate(self.names_of_rows) if name.startswith("link") and ".x" in name]
 
     # --- linear equations --------------------------------------------------------------------------------------------
 
     def inertia(self, point: Point) -> Array:
-        """M (f, f)."""
+        """Return the mass matrix M (f, f) of the rows that can move."""
         return self.along(point, a=self.unit(self.free))[self.free]
 
     def reduced(self, point: Point, spin: float = 0.0) -> Reduced:
-        """The equations in independent coordinates. With a spin (rad/s) positions turn with the arm: then the point
-        is one of steady rotation about the origin, and the matrices are constant in time."""
+        """Return the equations in independent coordinates.
+
+        With a spin (rad/s) the point is one of steady rotation; for an observer who turns with the arm the matrices are
+        constant in time.
+        """
         free, lam, here, there = self.free, self.algebraic, self.independent, self.dependent
         f, n = free.size, here.size
         # columns of one residual: by accelerations, rates, coordinates
@@ -357,7 +363,7 @@ class Equations:
 
 
 def _none(rows: int, inputs: int) -> Directions:
-    """No directions."""
+    """Return an empty `Directions`."""
     return Directions(*(np.zeros((0, count)) for count in (rows, rows, rows, inputs)))
 
 

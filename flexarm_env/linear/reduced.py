@@ -15,7 +15,7 @@ Rows = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Point:
-    """Coordinates with multipliers in them, rates, accelerations (n,), inputs and prescribed values of an instant."""
+    """Coordinates (multipliers included), rates and accelerations (n,), inputs and prescribed values at an instant."""
 
     q: Array
     v: Array
@@ -64,7 +64,7 @@ class Reduced:
     frame: Frame
 
     def among(self, keep: Sequence[int]) -> tuple[Array, Array, Array]:
-        """Return M, C and K of M d'' + C d' + K d = B u for some of the coordinates, the others held."""
+        """Return M, C and K of M d'' + C d' + K d = B u for some coordinates, with the other coordinates fixed."""
         pick, frame = np.ix_(keep, keep), self.frame
         C, K = self.C + self.M @ frame.U, self.K + self.C @ frame.V + self.M @ frame.W
         return self.M[pick], C[pick], K[pick]

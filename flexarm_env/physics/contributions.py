@@ -12,7 +12,8 @@ Arguments that recur (others as in `protocol`)
 
 Residual
     prepare(lane, part, model, par, state, weights, S)      Before the arm's residual: store in S what it depends on.
-    point_forces(lane, part, model, par, state, inputs)     Add forces on points of the arm (N, N m) to its inputs.
+    point_forces(lane, part, model, par, state, S, inputs)
+        Add forces on points of the arm (N, N m) to its inputs. They depend on q and v, not on accelerations.
     assemble(lane, part, model, par, state, u, weights, r, S)
         Add the contribution's terms to r, and, with weights.with_matrix, write its entries of S.
 
@@ -22,6 +23,8 @@ Linear system, hooks around the arm's own `factor` and `solve`
     after_factor(lane, part, model, S)                      `protocol.solve` of the Model can be used.
     before_solve(lane, part, model, S, x, transposed)       Eliminate own rows from the right side x; transposed: S^T.
     after_solve(lane, part, model, S, x, transposed)        Complete or correct the solution x.
+    correct_increment(lane, part, model, S, x, fresh)       In a Newton iteration: correct x = S^-1 r by laws that the
+                                                            matrix lacks; fresh: S is new.
 
 Work and energy
     energy(lane, part, model, par, q, v, sums)              Return sums (kinetic, strain, gravitational; J) with own.
@@ -29,6 +32,7 @@ Work and energy
     input_displacements(lane, part, model, q, y)            Change the displacements on which inputs do work.
     inertia_forces(lane, part, model, par, a, r)            Add M a (period correction).
     conserve_momentum(lane, part, model, par, before, h, q, v, u, r, S)     As in `protocol`, or None.
+    after_step(lane, part, model, par, q, v, S, h)          Record in S the state at the end of a step of h (s).
 
 Configuration and output
     set_joint_configuration(lane, part, model, live, rates, q, v)           Own rows after the arm's joints were set.
@@ -52,13 +56,14 @@ register = CONTRIBUTIONS.register
 
 _TERMS = "lane, part, model, par, state"
 prepare = CONTRIBUTIONS.function("prepare", f"{_TERMS}, weights, S")
-point_forces = CONTRIBUTIONS.function("point_forces", f"{_TERMS}, inputs")
+point_forces = CONTRIBUTIONS.function("point_forces", f"{_TERMS}, S, inputs")
 assemble = CONTRIBUTIONS.function("assemble", f"{_TERMS}, u, weights, r, S")
 fix_coordinate = CONTRIBUTIONS.function("fix_coordinate", "lane, part, model, S, k")
 before_factor = CONTRIBUTIONS.function("before_factor", "lane, part, model, S")
 after_factor = CONTRIBUTIONS.function("after_factor", "lane, part, model, S")
 before_solve = CONTRIBUTIONS.function("before_solve", "lane, part, model, S, x, transposed")
 after_solve = CONTRIBUTIONS.function("after_solve", "lane, part, model, S, x, transposed")
+correct_increment = CONTRIBUTIONS.function("correct_increment", "lane, part, model, S, x, fresh")
 energy = CONTRIBUTIONS.function("energy", "lane, part, model, par, q, v, sums")
 damping_power = CONTRIBUTIONS.function("damping_power", "lane, part, model, par, q, v, x, total")
 input_displacements = CONTRIBUTIONS.function("input_displacements", "lane, part, model, q, y")
@@ -66,6 +71,7 @@ inertia_forces = CONTRIBUTIONS.function("inertia_forces", "lane, part, model, pa
 conserve_momentum = CONTRIBUTIONS.function(
     "conserve_momentum", "lane, part, model, par, before, h, q, v, u, r, S"
 )
+after_step = CONTRIBUTIONS.function("after_step", "lane, part, model, par, q, v, S, h")
 set_joint_configuration = CONTRIBUTIONS.function("set_joint_configuration", "lane, part, model, live, rates, q, v")
 poses = CONTRIBUTIONS.function("poses", "lane, part, model, q, v, out")
 vjp_residual = CONTRIBUTIONS.function("vjp_residual", "lane, part, model, par, state, bar, u_bar, r_bar")

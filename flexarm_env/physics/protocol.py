@@ -36,8 +36,8 @@ Residual and Newton matrix
     factor(lane, model, S), solve(lane, model, S, x)
         Factor S in place; x <- S^-1 x in place.
     add_stiffness(lane, model, S, k, x)
-        Before `factor`: add x to the diagonal entry of row k, a joint's angle; None, infinitely stiff: replace row and
-        column k, of the root or of a joint, by those of the identity.
+        Before `factor`: add x (N m/rad) to the diagonal entry of row k, a joint's angle, beside earlier x. None,
+        infinitely stiff: replace row and column k, of the root or of a joint, by those of the identity.
 
 Newton iteration
     correct_positions(lane, model, par, w, active, slopes, predicted)
@@ -52,7 +52,8 @@ Coordinates
     tangent_map(lane, model, d, inverse, x)       x <- T^T x, or T^-T x (inverse), in rows of rotations, with
                                                   exp(d + e) = exp(d) exp(T e) to first order.
     set_joint_configuration(lane, model, live, angles, rates, q, v)
-        In space, where `live` > 1/2: q <- straight links at joint angles `angles`; v <- joint rates, unless None.
+        In space, where `live` > 1/2: q <- straight links at joint angles `angles` (links,), rad. Unless rates is None,
+        v <- their motion with rates (n,): of joints, and of vertices relative to their rotating link, in link axes.
 
 Work, energy and momentum
     input_displacements(lane, model, par, q, y, since=None)
@@ -89,7 +90,7 @@ Reverse derivatives, which the compiler derives from the above (`compiler.vjp_of
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ..compiler import Family, Lanes, inlined, kernel, returns_none, size, vjp_of
 
@@ -135,6 +136,8 @@ class NewtonPolicy(NamedTuple):
     light_joints: tuple[int, ...] | None = None
     # tag: joints have Coulomb friction (`joints.friction`)
     friction: tuple[int, ...] | None = None
+    # `contact.layout.Watch`: points may touch obstacles, where the residual is not smooth; None: no contact
+    contact: Any = None
 
 
 @kernel
@@ -161,6 +164,7 @@ class Weights(NamedTuple):
     stiffness: float
     with_matrix: bool = True  # False: only the residual is computed, S is not changed
     newton_share: float = 0.0  # factor of terms that only a Newton matrix has: 1 in a step's iteration, 0 in a jump
+    friction_apart: bool = False  # True: friction of contacts is solved for beside the matrix (`contact.friction`)
 
 
 RESIDUAL_ALONE = Weights(0.0, 0.0, 0.0, with_matrix=False)
@@ -273,8 +277,11 @@ def _vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
 def _vjp_product(lane, model, par, par_bar, state, u, weights, x, S, bar, u_bar, y_bar):
     """Add the cotangents that y_bar causes to par_bar, bar and u_bar, y = S x with a constant x; y_bar <- 0.
 
-    The compiler derives it from `_product`. S: scratch for the matrix of `state`, inputs u and `weights` (`Weights`). A
-    cotangent is the derivative of a scalar: y_bar by y, par_bar by par, bar (a `State`) by q, v, a, u_bar by u.
+    The compiler derives it from `_product`. A cotangent is the derivative of a scalar by a quantity.
+
+    # in        par, state, u: where S is assembled, with `weights` (`Weights`);  x (n,)
+    # in, out   y_bar (n,): by y;  par_bar: by par;  bar (a `State`): by q, v, a;  u_bar: by u
+    # scratch   S
     """
     _product_backwards(lane, model, par, state, u, weights, x, y_bar, S, par_bar, bar, u_bar, y_bar)
 

@@ -1,7 +1,7 @@
 """A scene: an arm, its initial configuration, prescribed motions, loads, and duration.
 
 Angles are measured from the global +x axis, counter-clockwise, in rad; all quantities are in SI units. A scene is
-frozen, hashable and validated at creation: a ``ValueError`` names the key path, the value and what is allowed.
+frozen, hashable and validated at creation: a ``ValueError`` names the key path, the value and the rule.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 from flexarm_env import validation as check
 from flexarm_env.parameters import Arm
 from flexarm_env.scene import toml
+from flexarm_env.scene.contacts import Contact, contacts_of
 from flexarm_env.scene.drives import ROOT, JointTorque, Load, Motion, PointLoad
 from flexarm_env.scene.mesh import default_mesh
 from flexarm_env.settings import Settings, default_options, expand_preset, merged
@@ -36,19 +37,20 @@ class Scene:
         duration: s. dt: default step, s. sample: default sampling interval, s (None: ``dt``).
         root: "pinned" (position fixed or prescribed, hub angle free unless prescribed) or "free" (a free body; for an
             arm with a base, the base and the arm on it).
-        position: of the root at t = 0, m: (x, y), in space (x, y, z).
+        position: position of the root at t = 0, m: (x, y), in space (x, y, z).
         angles: absolute angles of the links at t = 0, N numbers (rad), or () for all along +x; for curved links those
             of their tangents at their roots. If the links turn out of the plane (`Arm.spatial`), the joint angles
             instead.
-        velocity: of the root before t = 0, m/s: (x, y), in space (x, y, z). rates: absolute rates of the links before
-            t = 0, N numbers (rad/s), or () for none; in space the joint rates. Links turn as rigid bodies, and a motion
-            that begins with another rate jumps.
+        velocity: velocity of the root before t = 0, m/s: (x, y), in space (x, y, z). rates: absolute rates of the links
+            before t = 0, N numbers (rad/s), or () for none; in space the joint rates. Links turn as rigid bodies, and a
+            motion that begins with another rate jumps.
         start: "unloaded": without stress. "held": at rest under gravity and the loads at t = 0, with the joints at
             `angles` (the motor's side of an elastic gear), released at t = 0 unless a motion prescribes them.
             "equilibrium": at rest under these loads with free joints.
         rigid_joints: joints k >= 1 at which link k is fixed to link k-1 at its initial angle.
         motions: prescribed coordinates; each starts at the value given by ``position`` and ``angles``.
         loads: joint torques and point loads.
+        contacts: obstacles that points of the arm may touch, with the law of the forces (`Contact`).
         gravity: acceleration (gx, gy), in space (gx, gy, gz), m/s^2, or None.
         space: True: compute in space an arm that could be computed in the plane. A scene is always in space if an arm,
             gravity, position, velocity, force, moment or motion of the root leaves the x-y plane; if it stays in
@@ -78,6 +80,7 @@ class Scene:
     note: str = ""
     start: str = "unloaded"
     space: bool = False
+    contacts: tuple[Contact, ...] = ()
 
     def __post_init__(self) -> None:
         """Validate each field, then their combinations; `InvalidValue` names the field."""
@@ -98,6 +101,7 @@ class Scene:
             "motions": check.sequence("motions", self.motions, "Motion"),
             "loads": check.sequence("loads", self.loads, "JointTorque or PointLoad"),
             "solver": _solver(self.solver),
+            "contacts": contacts_of("contacts", self.contacts, self.arm),
         }
         # sampling interval: dt unless given
         values["sample"] = values["dt"] if self.sample is None else check.number("sample", self.sample, "s", above=0.0)
@@ -113,6 +117,7 @@ class Scene:
         self._check_motions()
         self._check_joints()
         self._check_loads()
+        self._check_contacts()
         # in space position, velocity and gravity have three components
         if self.spatial:
             vectors = {name: getattr(self, name) for name in ("position", "velocity", "gravity")}
@@ -212,6 +217,12 @@ class Scene:
             else:
                 raise check.InvalidValue(f"loads[{i}]", load, "must be a JointTorque or a PointLoad")
 
+    def _check_contacts(self) -> None:
+        """Check that obstacles are in the plane or in space as the scene is, and that the root is held."""
+        contacts_of("contacts", self.contacts, self.arm, self.spatial)
+        if self.contacts and self.root == "free":
+            raise check.InvalidValue("contacts", self.contacts, "must be empty where the root is free")
+
     def _join_instants(self) -> None:
         """Give instants of different functions that differ by round-off one value, to avoid a tiny step between."""
         # starts of all pieces but each function's first
@@ -266,7 +277,8 @@ class Scene:
         # out of the plane: a load, a third component, or a motion along z
         loads = any(isinstance(load, PointLoad) and load.spatial for load in self.loads)
         away = any(any(v[2:]) for v in vectors) or self.motion_of("root_z") is not None
-        return self.space or self.arm.spatial or loads or away
+        touched = any(contact.spatial for contact in self.contacts)
+        return self.space or self.arm.spatial or loads or away or touched
 
     @property
     def floats(self) -> bool:
@@ -316,7 +328,7 @@ class Scene:
         Args:
             source: a path, or the text itself. parameter_set: name of a parameter set in the file, or None.
         Raises:
-            ValueError: names the file, the key path, the value and what is allowed.
+            ValueError: names the file, the key path, the value and the rule.
             OSError: the file does not exist.
         """
         return toml.read(cls, source, parameter_set)
@@ -354,16 +366,19 @@ def _solver(value: Any) -> tuple[tuple[str, Any], ...]:
 
 
 def standing_scene(
-    arm: Arm, dt: float, gravity: tuple[float, ...] | None, angles: Sequence[float] = (), pushed: bool = False
-) -> Scene:
+    arm: Arm, dt: float, gravity: tuple[float, ...] | None, angles: Sequence[float] = (), pushed: bool = False,
+    contacts: tuple[Contact, ...] = (),
+) -> Scene:  # fmt: skip
     """Return a scene of the arm without motions: pinned, or on its floating base.
 
     Args:
         dt: step, s. gravity: m/s^2, or None. angles: initial ones, rad. pushed: add a zero force on the tip, as memory
-            for a force from outside.
+            for a force from outside. contacts: obstacles that the arm may touch.
     """
     root = "pinned" if arm.base is None else "free"
     loads = (PointLoad(arm.n_links - 1, "tip", force_x=constant(0.0)),) if pushed else ()
-    given: dict[str, Any] = {"gravity": gravity, "angles": tuple(angles), "loads": loads, "root": root}
+    given: dict[str, Any] = {
+        "gravity": gravity, "angles": tuple(angles), "loads": loads, "root": root, "contacts": contacts,
+    }  # fmt: skip
     # the duration is arbitrary: environments advance the arm themselves
     return Scene("environment", arm, duration=max(1.0, dt), dt=dt, **given)

@@ -51,7 +51,7 @@ def in_plane(scene: Scene) -> InPlane | None:
     """
     # rigid links are computed in space only
     rigid = any(link.rigid for link in scene.arm.links)
-    if scene.space or not scene.spatial or rigid or not all(map(_across, scene.arm.links)):
+    if scene.space or not scene.spatial or rigid or scene.contacts or not all(map(_across, scene.arm.links)):
         return None
     try:
         return _planar_scene(scene)
@@ -230,7 +230,7 @@ def _elbow(elbow: Elbow, before: Array, after: Array) -> Elbow:
 def _payload(payload: Payload, frame: Array) -> Payload:
     """Return the payload in the plane: inertia about the normal, offset along the tip's tangent and across it, m."""
     offset = _vector((*payload.offset, 0.0)[:3], frame.T)
-    return Payload(payload.mass, _inertia(payload.inertia, frame), offset)
+    return Payload(payload.mass, _inertia(payload.inertia, frame), offset, payload.radius)
 
 
 # ------------------------------------------------------------------------------------------ what drives it

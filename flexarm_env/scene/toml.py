@@ -10,6 +10,7 @@ from flexarm_env import arms, time_functions
 from flexarm_env import validation as check
 from flexarm_env.files import read_toml
 from flexarm_env.parameters import Arm
+from flexarm_env.scene.contacts import contact_of
 from flexarm_env.scene.drives import COORDINATES, FORCES, JointTorque, Load, Motion, PointLoad
 from flexarm_env.time_functions import TimeFunction
 
@@ -74,6 +75,8 @@ def _scene(kind: Callable[..., T], table: Mapping[str, Any], directory: Path) ->
         entries = enumerate(check.sequence(key, values.get(key, ()), f"tables, [[{key}]]"))
         tables = {f"{key}[{i}]": check.table_of(f"{key}[{i}]", entry) for i, entry in entries}
         values[key] = tuple(read_one(path, entry, directory) for path, entry in tables.items())
+    rows = enumerate(check.sequence("contacts", values.get("contacts", ()), "tables, [[contacts]]"))
+    values["contacts"] = tuple(contact_of(f"contacts[{i}]", row) for i, row in rows)
     for key in ("position", "angles", "velocity", "rates", "gravity", "rigid_joints"):
         if key in values:
             values[key] = check.sequence(key, values[key], "numbers")
@@ -138,6 +141,7 @@ def text_of(scene: Any) -> str:
         {"coordinate": motion.coordinate, **function_table(motion.function)} for motion in scene.motions
     ]
     table["loads"] = [_load_table(load) for load in scene.loads]
+    table["contacts"] = [contact.to_table() for contact in scene.contacts]
     table["arm"] = arms.to_table(scene.arm)
     return tomli_w.dumps({key: value for key, value in table.items() if value != []})
 

@@ -12,8 +12,8 @@ from typing import Any
 
 from .. import control
 from .. import validation as check
+from ..control.catalogue import controller as by_name
 from ..control.catalogue import tuned_gains
-from ..control.sources import controller as by_name
 from ..files import read_json
 from . import second
 from .data import NAMESPACE, Task
@@ -31,8 +31,8 @@ class Chosen:
         kind: "controller", "policy", "onnx" or "function". source: the name with the task's id filled in.
         fingerprint: changes with the policy. make: vector environment -> Policy, or a ValueError if they do not fit.
             run: training seed, if its file records it. training: record of the training (steps, wall_s, cpu_s).
-            canonical: returns the numbers with which it computes, as bytes, from which the seeds of its second hundred
-            episodes follow (`flexarm_env.suite.second`); None: it has the public hundred only.
+            canonical: function that returns the policy's numbers as bytes, which determine the seeds of its second
+                hundred episodes (`flexarm_env.suite.second`); None: only the public hundred.
     """
 
     kind: str
@@ -84,7 +84,7 @@ def controller(name: str, env: Any) -> Policy:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "PD gains are unstable")
         if frozen:
-            warnings.filterwarnings("ignore", ".*does not know of delays")
+            warnings.filterwarnings("ignore", ".*ignores delays")
         made: Policy = by_name(name, env, _gains(name, env)) if frozen else control.find_policy(name).make(env)
     return made
 

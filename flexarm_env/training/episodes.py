@@ -41,7 +41,7 @@ SLEW_BAND, SLEW_BAND_LEAST, REACH_BAND = 0.02, float(np.radians(0.5)), 0.02
 def judged_in(kwargs: Mapping[str, Any], asked: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Return the environment keywords for evaluation or display, given those of training.
 
-    asked: see `user_keywords`; None: none.
+    asked: the user's own keywords, see `user_keywords`; None: none.
     """
     return {k: v for k, v in kwargs.items() if k not in (*TRAINING_ONLY, "randomization", LENGTHS)} | dict(asked or {})
 
@@ -78,9 +78,10 @@ class Episodes:
     """Results of n episodes, one entry or column each; errors in rad (slew) or m (reach).
 
     Attributes:
-        task, dt: of the environment. success (n,), settling (n,) s (the full duration if it never settled),
-        settled (n,), vibration (n,) m, overshoot (n,) share of the way, effort (n,) s, returns (n,),
-        terminated (n,): ended early. errors (steps + 1, n): over time. way (n,): error at the start.
+        task, dt: task and control period, s, of the environment. success (n,), settled (n,), terminated (n,): whether
+            an episode succeeded, settled, and ended early. settling (n,): s, the full duration if it never settled.
+        vibration (n,): m. overshoot (n,): share of the way. effort (n,): s. returns (n,): returns.
+        errors (steps + 1, n): tip errors over time. way (n,): error at the start.
     """
 
     task: str

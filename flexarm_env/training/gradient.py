@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy
 
+from flexarm_env.control.around import linear_law
 from flexarm_env.derivatives import Arms
+from flexarm_env.envs.around import AroundControllerVector
 from flexarm_env.training.networks import of_policy
 from flexarm_env.validation import Array, Array32
 
@@ -34,16 +36,18 @@ NOT_OF_ARMS = ("autoreset_mode", "num_envs", "vectorization_mode", "render_mode"
 class Window:
     """Record of T control periods of n arms: lists of T entries.
 
-    states (n, S), seen (n, O): before each period; inputs: of the policy's layers; wanted, noise (n, A): actions before
-    clipping, and their random part. rewards (T, n): including the costs of limits and the price of failure; slopes
-    (n, O): derivatives of the limits' part by the observation after the period. ended, failed (T, n): episode ended;
-    solver failed. after (T, n, O): observations after each period.
+    states (n, S), seen (n, O): before each period; inputs: inputs of the policy's layers; wanted, noise (n, A): actions
+    before clipping, and their random part; total (n, A): actions with those of the controller inside, if any, before
+    saturation. rewards (T, n): including the costs of limits and the price of failure. slopes (n, O): derivatives of
+    the limits' part by the observation after the period. ended, failed (T, n): whether the episode ended, and whether
+    the solver failed. after (T, n, O): observations after each period.
     """
 
     states: list[Array]
     seen: list[Array32]
     inputs: list[list[Array32]]
     wanted: list[Array32]
+    total: list[Array]
     noise: list[Array32]
     slopes: list[Array]
     rewards: Array
@@ -56,12 +60,14 @@ class Gradient(BaseAlgorithm):
     """Short-horizon analytic policy gradient.
 
     Args:
-        policy: "MlpPolicy". env: a vector environment of this package. learning_rate: of actor and critic.
-        n_steps: control periods of a window. batch_size, n_epochs: of the critic's fit in each window. gamma: discount.
+        policy: "MlpPolicy". env: a vector environment of this package.
+        learning_rate: learning rate of actor and critic. n_steps: control periods of a window. gamma: discount.
+        batch_size, n_epochs: batch size and epochs of the critic's fit in each window.
         gae_lambda: weight of longer returns in the critic's targets. max_grad_norm: largest norm of the actor's
-        gradient. limit_margin: distance, rad, from a joint's limit below which it costs, up to `limit_cost` per period
-        at the limit (where an episode ends, returns jump, which no derivative shows). policy_kwargs, seed, verbose,
-        device, tensorboard_log: as PPO's.
+            gradient.
+        limit_margin: distance, rad, from a joint's limit below which a cost acts, up to `limit_cost` per period at the
+            limit (derivatives do not show that returns jump at the end of an episode).
+        policy_kwargs, seed, verbose, device, tensorboard_log: as for PPO.
     """
 
     policy_aliases: ClassVar = {"MlpPolicy": ActorCriticPolicy}
@@ -108,6 +114,11 @@ class Gradient(BaseAlgorithm):
         spec = env.unwrapped.env.spec
         keywords = {k: v for k, v in spec.kwargs.items() if k not in NOT_OF_ARMS}
         self.arms = Arms(spec.id, self.n_envs, **keywords)
+        # a controller inside, linear in the observation, and the share of the policy's actions beside it
+        inside = env.unwrapped.env
+        around = isinstance(inside, AroundControllerVector)
+        self.law = linear_law(inside.controller) if around else None
+        self.share = inside.inside.share if around else 1.0
         plan = self.arms.environment.plan
         self.limit, self.price = int(plan.limit), float(plan.record.weights[-1])
         last = len(plan.names) * (plan.history - 1)
@@ -132,7 +143,7 @@ class Gradient(BaseAlgorithm):
 
     def _excluded_save_params(self) -> list[str]:
         """Names of attributes that are not saved but rebuilt on loading."""
-        return [*super()._excluded_save_params(), "arms", "actor", "critic"]
+        return [*super()._excluded_save_params(), "arms", "actor", "critic", "law"]
 
     # --- learning --------------------------------------------------------------------------------------
     def learn(
@@ -166,7 +177,7 @@ class Gradient(BaseAlgorithm):
         self._begin_anew(self.ages >= self.limit)
         shape = steps, n
         window = Window(
-            [], [], [], [], [], [], np.zeros(shape), np.zeros(shape, np.bool_), np.zeros(shape, np.bool_),
+            [], [], [], [], [], [], [], np.zeros(shape), np.zeros(shape, np.bool_), np.zeros(shape, np.bool_),
             np.zeros((*shape, arms.observation_size), np.float32),
         )  # fmt: skip
         std = np.exp(self.actor.more[0])
@@ -181,7 +192,11 @@ class Gradient(BaseAlgorithm):
             window.inputs.append(inputs)
             window.wanted.append(wanted)
             window.noise.append(noise)
-            self.state, after, reward = arms.step(self.state, np.clip(wanted, -1.0, 1.0))
+            total = np.clip(wanted, -1.0, 1.0)
+            if self.law is not None:
+                total = seen @ self.law + self.share * total
+            window.total.append(total)
+            self.state, after, reward = arms.step(self.state, np.clip(total, -1.0, 1.0))
             failed, ended = arms.failed, arms.failed | arms.past
             if failed.any():
                 after[failed], reward[failed] = 0.0, 0.0
@@ -252,11 +267,16 @@ class Gradient(BaseAlgorithm):
             weight = np.where(window.failed[k], 0.0, weights[k])
             by_seen = by_seen * on + window.slopes[k] * weight[:, None]
             by_state, by_action = self.arms.vjp(
-                window.states[k], np.clip(wanted, -1.0, 1.0), by_state * on, by_seen, weight
+                window.states[k], np.clip(window.total[k], -1.0, 1.0), by_state * on, by_seen, weight
             )  # fmt: skip
-            free = (np.abs(wanted) < 1.0) | (by_action * wanted < 0.0)  # beyond the limits: the way back alone
-            slope = np.where(free, by_action, 0.0).astype(np.float32)
+            # through the controller inside, and the saturation of its sum with the policy's actions
+            past: Array | float = 0.0
+            if self.law is not None:
+                by_action = _within(by_action, window.total[k])
+                past, by_action = by_action @ self.law.T, self.share * by_action
+            slope = _within(by_action, wanted).astype(np.float32)
             by_seen, each = self.actor.backward(slope, window.inputs[k])
+            by_seen = by_seen + past
             slopes.append(each)
             spread += (slope * window.noise[k]).sum(axis=0)
         # accumulate the parameters' gradients; ascend the mean return
@@ -290,6 +310,11 @@ class Gradient(BaseAlgorithm):
             beyond = window.rewards[k] + self.gamma * np.where(window.ended[k], 0.0, mixed)
             paid[k] = beyond
         return paid
+
+
+def _within(slope: Array, value: Array | Array32) -> Array:
+    """Propagate derivatives through clipping to [-1, 1]; beyond the limits only those that lead back."""
+    return np.where((np.abs(value) < 1.0) | (slope * value < 0.0), slope, 0.0)
 
 
 def _joined(rows: list[list[Array32]]) -> list[Array32]:

@@ -23,6 +23,7 @@ from ...compiler import (
     size,
     tangents_only,
 )
+from ..contact.integration import apply_contact_friction, least_contraction
 from ..joints.friction import apply_friction
 from ..layout import ITERATIONS
 from ..protocol import (
@@ -156,7 +157,7 @@ def _apply_newton_increment(lane, model, par, w: Work, active, slopes, tolerance
     take_multipliers(lane, model.algebraic, w, active, slopes.a)
     largest_of = 0.0
     nothing = -0.0  # x + -0.0 is x to the last bit
-    # increments of all rows, their largest weighted size, and v, a, b
+    # d = -S^-1 r; largest |d_k| weight_k; v, a, b by their slopes
     for k in range(size(model.n)):
         d = -w.r[k]
         moved, increment = _shifted_increment(lane, model.newton.period_correction, w.shift, k, d)
@@ -169,7 +170,7 @@ def _apply_newton_increment(lane, model, par, w: Work, active, slopes, tolerance
             follow_displacement(lane, w, k, d, slopes)
         else:
             w.r[k] = d
-    # one arm: separate loops, which the compiler vectorizes
+    # v, a, b for one arm: loops apart from the check above, so that the compiler vectorizes them
     if len(lane) == 1:
         for k in range(size(model.n)):
             follow_displacement(lane, w, k, w.r[k], slopes)
@@ -205,11 +206,12 @@ def newton(lane, model, drive, par, w: Work, slopes, scheme, plain):
         if scheme.modified is None:
             fresh = not reuses_matrix(model.newton, iteration)
         # r and, unless factors are reused, S = c_m dr/da + c_v dr/dv + dr/dq, eqs. [72]-[78]
-        weights = Weights(slopes.a, slopes.v, 1.0, newton_share=1.0)
+        weights = Weights(slopes.a, slopes.v, 1.0, newton_share=1.0, friction_apart=True)
         assemble(lane, model, par, state_of(w), w.u, weights if fresh else RESIDUAL_ALONE, w.r, w.S)
         constraint_residual(lane, model, w.psi, state_of(w), 0, slopes.a, w.r)
         # w.r <- S^-1 r, then Coulomb friction (6.6) and the period correction (6.2)
         solve_unknown_rows(lane, model, drive, w, fresh)
+        apply_contact_friction(lane, model, w.S, w.r, fresh)
         apply_friction(lane, model, par, state_of(w), weights, slopes.v / slopes.a, w.S, w.r)
         corrected = correct_period(lane, model, drive, par, scheme.tolerance, w, corrected, active, slopes)
         increment = _apply_newton_increment(lane, model, par, w, active, slopes, scheme.tolerance)
@@ -227,6 +229,8 @@ def newton(lane, model, drive, par, w: Work, slopes, scheme, plain):
             if not reuses_matrix(model.newton, iteration):
                 least = maximum(increment * 10.0, model.newton.tangent_error[1])
                 theta = select_lt(least, theta, least, theta)
+        # near obstacles the residual is not smooth
+        theta = least_contraction(lane, model.newton.contact, w.S, iteration == 0, increment, theta)
         # error after this update: |d| theta / (1 - theta)
         active = select_lt(increment * theta / (1.0 - theta), scheme.tolerance, 0.0, active)
         before = increment

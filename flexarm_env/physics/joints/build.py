@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from flexarm_env import validation as check
 from flexarm_env.compiler import size
 from flexarm_env.parameters import Arm
+from flexarm_env.physics.contact.build import loads_of, touching
 from flexarm_env.physics.joints.layout import GEAR, LAW, LAWS, PLACE, PLACES
 from flexarm_env.physics.joints.points import KINDS, AtPoint, Point, numbers_in_matrix
 from flexarm_env.physics.model import Floating, Gears, Honours, Jointed, System
@@ -24,7 +25,8 @@ from flexarm_env.time_functions import constant
 def with_joints(
     scene: Scene, settings: Settings, system: System, places: Sequence[tuple[int, int]] | None = None
 ) -> System:
-    """Return the System with the arm's contributions: gears, floating base, forces at points; itself without any.
+    """Return the System with the arm's contributions: gears, floating base, forces at points, contacts; itself without
+    any.
 
     places: pairs of rows that are positions (`places_of`), for an arm on a floating base; otherwise None.
 
@@ -33,13 +35,13 @@ def with_joints(
     """
     arm = scene.arm
     kinds, geared = points_of(arm), arm.jointed or places is not None
-    if not geared and not kinds:
+    if not geared and not kinds and not scene.contacts:
         return system
     joints = [k for k in range(arm.n_links) if arm.joint(k).moves and geared]
     if settings.multipliers:
         what = "must be False for an arm whose joints are not ideal; floating frames in a chain take them"
         raise check.InvalidValue("multipliers", True, what)
-    # new rows: one per motor behind an elastic gear, then the attitude of the base
+    # rows behind the arm's: psi of each motor on an elastic gear, then the attitude psi_b of the base
     inner, first = system.model, len(system.q0)
     elastic = [k for k in joints if arm.joint(k).elastic]
     motors = {k: first + i for i, k in enumerate(elastic)}
@@ -48,13 +50,13 @@ def with_joints(
     count = len(motors)
     base = None if places is None else _floating(scene, system, first + count, places)
     count += base is not None
-    # records of the joints
+    # k, d, J r^2 and friction of the joints, from the arm's Joint records (after the ratio)
     rows = [system.coordinates[f"joint{k}"] for k in joints]
     laws = [_law(scene, k, row, motors.get(k, -1)) for k, row in zip(joints, rows, strict=True)]
     friction = any(joint.friction_coulomb > 0.0 for joint in arm.joints)
     play = any(joint.backlash > 0.0 for joint in arm.joints)
     rotors = getattr(inner, "rotors", None)
-    # numbers per joint in S: `GEAR`, with friction a column of S^-1 and a row of the torques' system
+    # numbers per joint in S: a `GEAR`; with friction a column S^-1 e_i and a row of (6.6)
     more = GEAR.end + (first + count + len(joints) + 1 if friction else 0)
     parts: list[Any] = []
     if geared:
@@ -62,13 +64,21 @@ def with_joints(
         parts.append(Gears((0,) if play else None, spin, None if rotors is None else np.abs(rotors[joints])))
     if base is not None:
         parts.append(base)
-    # points: the last loads of the arm, behind the joints' numbers in S
+    # B u: each contribution at a point has the last point loads of u, because the forces follow the user's own loads
     axes, n, room = (3 if scene.spatial else 2), first + count, more * len(joints)
+    loads = len(kinds) + len(loads_of(scene))
+    entries = size(inner.n_inputs) - loads * (6 if scene.spatial else 3)
     for i, kind in enumerate(kinds):
-        entry = size(inner.n_inputs) - (len(kinds) - i) * (6 if scene.spatial else 3)
+        entry = entries + i * (6 if scene.spatial else 3)
         point = Point(entry, size(inner.n_factor) + room, (0,) * axes, (0,) * n)
         parts.append(kind.make(arm, point))
         room += numbers_in_matrix(n, axes)
+    watch = None
+    if scene.contacts:
+        entry = entries + len(kinds) * (6 if scene.spatial else 3)
+        part, watch, numbers = touching(scene, entry, size(inner.n_factor) + room, n)
+        parts.append(part)
+        room += numbers
     model = Jointed(
         n=_enlarged_size(inner.n, count),
         n_factor=_enlarged_size(inner.n_factor, room + (base is not None)),
@@ -76,17 +86,19 @@ def with_joints(
         fixed=inner.fixed,
         algebraic=None,
         weight=np.concatenate([inner.weight, np.ones(count)]),
-        newton=(_without_trust(inner.newton) if play else inner.newton)._replace(friction=(0,) if friction else None),
+        newton=(_without_trust(inner.newton) if play else inner.newton)._replace(
+            friction=(0,) if friction else None, contact=watch
+        ),
         bound=float(getattr(inner, "bound", 0.0)),
         arm=inner,
         table=np.array([place for place, _ in laws], np.int64).ravel(),
         data=np.concatenate([np.zeros(0), *(law for _, law in laws)]),
         own=None,
         contributions=tuple(parts),
-        points=(0,) * size(inner.n_inputs) if kinds else None,
-        derived=(0,) if kinds or rotors is not None else None,
+        points=(0,) * size(inner.n_inputs) if loads else None,
+        derived=(0,) if loads or rotors is not None else None,
     )
-    # start: motor angles of the scene, at their joints' rates; base at rest
+    # psi of motors as the scene gives them, at their joints' rates; psi_b' = 0: the base is at rest
     wound = [scene.initial_value(f"motor{k}") for k in elastic]
     names, still = tuple(f"motor{k}" for k in elastic), [0.0] * (base is not None)
     if base is not None:
@@ -113,8 +125,12 @@ def points_of(arm: Arm) -> list[AtPoint]:
 
 
 def with_points(scene: Scene) -> Scene:
-    """Return the scene with a point load of no force for each contribution at a point, behind its own loads."""
+    """Return the scene with a point load of no force for each contribution at a point and each point that may touch.
+
+    They follow the scene's own loads.
+    """
     loads = [PointLoad(*kind.place(scene.arm), constant(0.0)) for kind in points_of(scene.arm)]
+    loads += loads_of(scene)
     return dataclasses.replace(scene, loads=(*scene.loads, *loads)) if loads else scene
 
 
@@ -174,7 +190,7 @@ def with_own_laws(system: System, hub: float) -> System:
     """
     model = system.model._replace(own=(0,) * len(system.par))
     if hub > 0.0 and model.table[PLACE.motor] >= 0:
-        # hub behind an elastic gear: its own field, placeholder until drawn
+        # the hub inertia is before the gear and not in its rotor J r^2: a field of its own, a placeholder until drawn
         model = model._replace(data=model.data.copy(), hub=(0,))
         model.data[LAWS.hub] = NOTHING * hub
     return dataclasses.replace(system, model=model, par=np.concatenate([system.par, model.data]))

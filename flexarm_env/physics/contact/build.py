@@ -1,0 +1,147 @@
+"""Assembly of contact: the record `Touching` of a scene's contacts, and whether the time step resolves them."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexarm_env import validation as check
+from flexarm_env.compiler import SINGLE, size, uncompiled
+from flexarm_env.physics.contact.account import respond
+from flexarm_env.physics.contact.layout import HERE, LAW, READ, Touching, Watch
+from flexarm_env.physics.layout import POSE, SPACE_POSE
+from flexarm_env.physics.model import System
+from flexarm_env.physics.obstacles import packed
+from flexarm_env.physics.protocol import State, Weights
+from flexarm_env.scene import Contact, PointLoad, Scene
+from flexarm_env.settings import Settings
+from flexarm_env.time_functions import constant
+
+Array = NDArray[np.float64]
+
+
+def links_of(scene: Scene) -> list[int]:
+    """Return the links at whose tips points may touch, in order."""
+    return sorted({k for contact in scene.contacts for k in contact.links(scene.arm)})
+
+
+def loads_of(scene: Scene) -> list[PointLoad]:
+    """Return a point load of no force for each point that may touch, as memory for the forces of obstacles."""
+    return [PointLoad(k, "tip", constant(0.0)) for k in links_of(scene)]
+
+
+def touching(scene: Scene, entry: int, at: int, rows: int) -> tuple[Touching, Watch, int]:
+    """Return the contribution, what the integrator watches of it, and how many numbers it has in S.
+
+    entry: first of the points' inputs. at: offset of its numbers in S. rows: of the Model.
+    """
+    arm, contacts, links = scene.arm, scene.contacts, links_of(scene)
+    space = 3 if scene.spatial else 2
+    radii = np.array([arm.payload.radius if k + 1 == arm.n_links else 0.0 for k in links])
+    # friction on a sphere's surface has a moment about its center
+    turned = bool(radii.any()) and any(contact.friction > 0.0 for contact in contacts)
+    axes = space + (1 if space == 2 else 3) * turned
+    laws = [
+        LAW.pack(
+            {}, stiffness=contact.stiffness, halves=2.0 * contact.exponent, damping=contact.damping,
+            friction=contact.friction, creep=contact.creep,
+        )
+        for contact in contacts
+    ]  # fmt: skip
+    meets = [[float(k in contact.links(arm)) for contact in contacts] for k in links]
+    size = int(HERE.offsets(0, axes, rows).end)
+    part = Touching(
+        input=entry, at=at, points=(0,) * len(links), entries=(0,) * (3 if space == 2 else 6), space=(0,) * space,
+        axes=(0,) * axes, room=(0,) * rows, poses=(0,) * ((POSE.end if space == 2 else SPACE_POSE.end) * arm.n_links),
+        links=np.array(links, np.int64), radii=radii, meets=np.array(meets).ravel(),
+        shapes=packed([contact.obstacle for contact in contacts]), laws=np.concatenate(laws),
+        masses=np.zeros(len(links)),
+    )  # fmt: skip
+    # a weighted increment of 1 in every row moves a point by at most the arm's length each
+    watch = Watch((0,) * len(links), at, READ.end, size, rows * arm.total_length)
+    return part, watch, size * len(links)
+
+
+STEPS = 8.0
+"""Least number of time steps in an impact at `Contact.speed`."""
+
+
+def duration(contact: Contact, mass: float) -> float:
+    """Return how long a mass (kg) that hits the obstacle at `contact.speed` touches it without damping, s.
+
+    T = c d / v with the largest penetration d = ((n + 1) m v^2 / (2 k))^(1 / (n + 1)) and c = 2 int_0^1 (1 - x^(n +
+    1))^(-1/2) dx: pi for n = 1, 2.94 for n = 1.5 (Hertz).
+    """
+    power = contact.exponent + 1.0
+    depth = (0.5 * power * mass * contact.speed**2 / contact.stiffness) ** (1.0 / power)
+    share = 2.0 * math.sqrt(math.pi) * math.gamma(1.0 + 1.0 / power) / math.gamma(0.5 + 1.0 / power)
+    return float(share * depth / contact.speed)
+
+
+def largest_stiffness(contact: Contact, mass: float, dt: float) -> float:
+    """Return the stiffness (N/m^n) at which `duration` is `STEPS` steps of dt (s)."""
+    return float(contact.stiffness * (duration(contact, mass) / (STEPS * dt)) ** (contact.exponent + 1.0))
+
+
+def effective_masses(system: System, dt: float) -> Array:
+    """Return the least effective mass (kg) of each point that may touch, over all directions, in a step of dt (s).
+
+    1 / (c_m b^T S^-1 b) with the generalized force b of 1 N on the point and the Newton matrix S = c_m M + c_v C + K of
+    the arm at its start: the mass that a step moves at once. Links bend away from a sudden force; the mass is therefore
+    less than that of rigid links, and less for a shorter step.
+    """
+    model = system.model
+    part = _touching_part(system)
+    n, axes = size(model.arm.n), len(part.space)
+    still, r, u = np.zeros(n), np.zeros(n), np.zeros(size(model.n_inputs))
+    c_m, out = 4.0 / (dt * dt), np.zeros((len(part.points), axes, 2, n))
+    S = np.zeros(size(model.arm.n_factor))
+    state, weights = State(system.q0[:n].copy(), still, still.copy()), Weights(c_m, 2.0 / dt, 1.0)
+    uncompiled(respond)(SINGLE, model, system.par, state, u, weights, part, r, S, out)
+    compliance = np.einsum("pin,pjn->pij", out[:, :, 0], out[:, :, 1])
+    largest = np.linalg.eigvalsh(0.5 * (compliance + compliance.transpose(0, 2, 1)))[:, -1]
+    return np.asarray(1.0 / (c_m * largest))
+
+
+def _touching_part(system: System) -> Touching:
+    """Return the contribution of contacts of an assembled scene that has them."""
+    return next(part for part in system.model.contributions if isinstance(part, Touching))
+
+
+def with_masses(scene: Scene, settings: Settings, system: System) -> System:
+    """Return the System with the effective masses of its points in its contribution; itself without contacts."""
+    if not scene.contacts:
+        return system
+    assert settings.dt is not None
+    parts, masses = system.model.contributions, effective_masses(system, settings.dt)
+    parts = tuple(part._replace(masses=masses) if isinstance(part, Touching) else part for part in parts)
+    return dataclasses.replace(system, model=system.model._replace(contributions=parts))
+
+
+def check_steps(scene: Scene, settings: Settings, system: System) -> None:
+    """Check that time steps resolve all contacts of an assembled scene: an impact lasts at least `STEPS` of them.
+
+    Steps fitted to a tolerance (`step_tolerance`) are not checked.
+
+    Raises:
+        ValueError: names the contact, the largest stiffness and the longest step.
+    """
+    if not scene.contacts or settings.step_tolerance is not None:
+        return
+    dt, masses, links = settings.dt, _touching_part(system).masses, links_of(scene)
+    assert dt is not None
+    for i, contact in enumerate(scene.contacts):
+        for name, k in zip(contact.bodies, contact.links(scene.arm), strict=True):
+            mass = float(masses[links.index(k)])
+            lasts = duration(contact, mass)
+            if lasts < STEPS * dt * (1.0 - 1e-9):
+                most = f"{largest_stiffness(contact, mass, dt):.3g} N/m^{contact.exponent:g}"
+                what = (
+                    f"must be at most {most} for steps of dt = {dt:g} s: an impact at {contact.speed:g} m/s on the "
+                    f"effective mass of {mass:.3g} kg at {name} lasts {lasts:.2g} s, and must last {STEPS:g} steps; "
+                    f"give dt <= {lasts / STEPS:.2g} s or a lower stiffness"
+                )
+                raise check.InvalidValue(f"contacts[{i}].stiffness", contact.stiffness, what)

@@ -1,0 +1,325 @@
+"""Contact as a contribution (`physics.contributions`): forces at points, their block of the matrix, energy, damping.
+
+The forces of all obstacles on a point act through the point's entries in the arm's inputs. Their derivative adds the
+block B K B^T to the matrix, which is applied to solutions (theory, (6.7)) with a matrix K:
+
+    (S + B K B^T)^-1 b = x - W C B^T x,   x = S^-1 b,   W = S^-1 B,   C = (1 + K B^T W)^-1 K
+
+While no point touches, only the points' places and distances are computed. In lanes, arms that do not touch get
+forces and blocks of 0.
+"""
+
+from __future__ import annotations
+
+from ...compiler import Lanes, kernel, max_over_lanes, maximum, select_lt, size, stack
+from .. import protocol
+from ..contributions import register
+from .account import after_step, damping_power, energy
+from .friction import column_of_slip, component, solve_friction, unit_entry
+from .kinematics import any_touches, gap_at, here_of, motion_of, obstacle_count, place_of, wrench
+from .law import cross, dot, meet
+from .layout import LAWS, Touching
+
+
+@kernel
+def point_forces(lane, part, model, par, state, S: Lanes, inputs: Lanes):
+    """Store the gaps of all points in S and add the forces of obstacles (N, N m) to the arm's inputs."""
+    y = stack(lane, model.points)
+    protocol.input_displacements(lane, model.arm, par, state.q, y)
+    for p in range(len(part.points)):
+        S[here_of(part, p).gap] = gap_at(lane, part, y, p)
+        S[here_of(part, p).bound] = 0.0
+    if any_touches(lane, part, S):
+        poses = stack(lane, part.poses)
+        protocol.task_poses(lane, model.arm, par, state.q, state.v, poses)
+        for p in range(len(part.points)):
+            velocity, spin = motion_of(lane, part, poses, p)
+            for o in range(obstacle_count(part)):
+                if part.meets[p * obstacle_count(part) + o] > 0.5:
+                    met = meet(part, p, o, place_of(lane, part, y, p), velocity, spin)
+                    force, moment = wrench(part, p, met)
+                    k = part.input + p * len(part.entries)
+                    for i in range(len(part.axes)):
+                        inputs[k + i] += component(part, force, moment, i)
+                    if part.laws[LAWS.end * o + LAWS.friction] > 0.0:
+                        _store_friction(lane, part, p, o, met, S)
+
+
+@kernel
+def _store_friction(lane, part, p, o, met, S: Lanes):
+    """Store bound mu F_n, normal and sliding velocity of obstacle o where its bound is the largest of point p."""
+    at = here_of(part, p)
+    bound, before = met.grip * met.regular, S[at.bound]
+    for k in range(3):
+        S[at.normal + k] = select_lt(before, bound, met.normal[k], S[at.normal + k])
+        S[at.slip + k] = select_lt(before, bound, met.slip[k], S[at.slip + k])
+    S[at.creep] = select_lt(before, bound, part.laws[LAWS.end * o + LAWS.creep], S[at.creep])
+    S[at.bound] = select_lt(before, bound, bound, before)
+
+
+# --- the block of the matrix ---------------------------------------------------------------------------
+@kernel
+def _column(lane, at, n, S: Lanes, i):
+    """Return column i of B (at: its offset in S) or of W, a view of n rows."""
+    return S[at + i * n : at + (i + 1) * n]
+
+
+@kernel
+def assemble(lane, part, model, par, state, u: Lanes, weights, r, S: Lanes):
+    """Store B and K of the points that touch, with weights.with_matrix; `point_forces` has stored their gaps."""
+    if weights.with_matrix:
+        for p in range(len(part.points)):
+            at = here_of(part, p)
+            S[at.active] = select_lt(S[at.gap], 0.0, 1.0, 0.0)
+        if any_touches(lane, part, S):
+            y, poses = stack(lane, model.points), stack(lane, part.poses)
+            protocol.input_displacements(lane, model.arm, par, state.q, y)
+            protocol.task_poses(lane, model.arm, par, state.q, state.v, poses)
+            for p in range(len(part.points)):
+                if max_over_lanes(S[here_of(part, p).active]) > 0.5:
+                    _store_stiffness(lane, part, p, weights, y, poses, S)
+                    _store_columns(lane, part, p, model, par, state, u, S)
+
+
+@kernel
+def _store_columns(lane, part, p, model, par, state, u: Lanes, S: Lanes):
+    """Store B of point p: column i, by how much a unit of component i on the point lowers the arm's residual."""
+    at, n, rows = here_of(part, p), size(model.arm.n), size(part.room)
+    inputs, still, moved = stack(lane, model.points), stack(lane, part.room), stack(lane, part.room)
+    for k in range(size(model.n_inputs)):
+        inputs[k] = u[k]
+    protocol.residual(lane, model.arm, par, state, inputs, still, S)
+    for i in range(len(part.axes)):
+        k = part.input + p * len(part.entries) + i
+        force = inputs[k]
+        inputs[k] = force + 1.0
+        protocol.residual(lane, model.arm, par, state, inputs, moved, S)
+        inputs[k] = force
+        column = _column(lane, at.B, rows, S, i)
+        for j in range(rows):
+            column[j] = 0.0
+        for j in range(n):
+            column[j] = still[j] - moved[j]
+
+
+@kernel
+def _store_stiffness(lane, part, p, weights, y: Lanes, poses: Lanes, S: Lanes):
+    """Store K of point p: minus the derivative of its force by its displacement, whose rate follows it.
+
+    With N the normal, A the map from the point's motion to the sliding velocity w and e = w / sqrt(|w|^2 + v_s^2), each
+    obstacle adds k' N N^T - mu k' A^T e N^T + c A^T (1 - e e^T) A, where k' = weights.stiffness dF_n/dd +
+    weights.damping dF_n/d(dd/dt) and c = weights.damping mu F_n / sqrt(|w|^2 + v_s^2). With weights.friction_apart the
+    obstacle with the largest friction adds the first term alone, and `friction.apply` solves for its friction.
+    """
+    at, axes = here_of(part, p), len(part.axes)
+    for j in range(axes * axes):
+        S[at.K + j] = 0.0
+    S[at.rate] = 0.0
+    if weights.friction_apart:
+        S[at.rate] = 0.0 + weights.damping
+    velocity, spin = motion_of(lane, part, poses, p)
+    along, normal = stack(lane, part.axes), stack(lane, part.axes)
+    for o in range(obstacle_count(part)):
+        if part.meets[p * obstacle_count(part) + o] > 0.5:
+            met = meet(part, p, o, place_of(lane, part, y, p), velocity, spin)
+            stiffness = met.stiffness * weights.stiffness + met.damper * weights.damping
+            grip, scale = met.grip * weights.damping, 1.0 / met.regular
+            e = met.slip[0] * scale, met.slip[1] * scale, met.slip[2] * scale
+            friction = met.grip * met.regular
+            # 0 for the friction that is solved for after the linear system
+            share = S[at.rate] * 0.0 + 1.0
+            if weights.friction_apart:
+                share = select_lt(friction, S[at.bound], 1.0, 0.0)
+            zero = (0.0, 0.0, 0.0)
+            # A^T e and N
+            turned = cross(met.normal, e)
+            moment = turned[0] * -part.radii[p], turned[1] * -part.radii[p], turned[2] * -part.radii[p]
+            for i in range(axes):
+                along[i] = component(part, e, moment, i)
+                normal[i] = component(part, met.normal, zero, i)
+            slides = select_lt(0.0, met.force, friction / maximum(met.force, 1e-300), 0.0) * share
+            grip = grip * share
+            for i in range(axes):
+                for j in range(axes):
+                    entry = (normal[i] - along[i] * slides) * (normal[j] * stiffness)
+                    entry = entry + grip * (_tangential(part, p, met.normal, i, j) - along[i] * along[j])
+                    S[at.K + axes * i + j] += entry
+
+
+@kernel
+def _tangential(part, p, normal, i, j):
+    """Return entry (i, j) of A^T A."""
+    return dot(column_of_slip(part, p, normal, i), column_of_slip(part, p, normal, j))
+
+
+@kernel
+def fix_coordinate(lane, part, model, S: Lanes, k):
+    """Set row k of B to 0 in points that touch: a fixed or prescribed coordinate does not move them."""
+    n = size(part.room)
+    for p in range(len(part.points)):
+        at = here_of(part, p)
+        if max_over_lanes(S[at.active]) > 0.5:
+            for i in range(len(part.axes)):
+                S[at.B + i * n + k] = 0.0
+
+
+@kernel
+def before_factor(lane, part, model, S: Lanes):
+    """Set W and C to 0: `solve` leaves out the blocks until `after_factor` has run."""
+    axes, n = len(part.axes), size(part.room)
+    for p in range(len(part.points)):
+        at = here_of(part, p)
+        if max_over_lanes(S[at.active]) > 0.5:
+            for j in range(axes * n):
+                S[at.W + j] = 0.0
+            for j in range(axes * axes):
+                S[at.C + j] = 0.0
+
+
+@kernel
+def after_factor(lane, part, model, S: Lanes):
+    """Compute W = S^-1 B and C = (1 + K B^T W)^-1 K of each point that touches; S has the blocks of those before it."""
+    axes, n = len(part.axes), size(part.room)
+    for p in range(len(part.points)):
+        at = here_of(part, p)
+        if max_over_lanes(S[at.active]) > 0.5:
+            for i in range(axes):
+                column, source = stack(lane, part.room), _column(lane, at.B, n, S, i)
+                for k in range(n):
+                    column[k] = source[k]
+                protocol.solve(lane, model, S, column)
+                # W is read by `solve` only with C, which is still 0
+                for k in range(n):
+                    S[at.W + i * n + k] = column[k]
+            _store_inverse(lane, part, p, S)
+
+
+@kernel
+def _store_inverse(lane, part, p, S: Lanes):
+    """Compute C = (1 + K B^T W)^-1 K of point p by Gauss-Jordan elimination without pivoting."""
+    at, axes, n = here_of(part, p), len(part.axes), size(part.room)
+    product = stack(lane, part.axes)
+    for j in range(axes):
+        # column j of B^T W
+        for m in range(axes):
+            product[m] = _dot(lane, n, _column(lane, at.B, n, S, m), _column(lane, at.W, n, S, j))
+        for i in range(axes):
+            total = product[0] * 0.0 + unit_entry(i, j)
+            for m in range(axes):
+                total = total + S[at.K + axes * i + m] * product[m]
+            S[at.work + axes * i + j] = total
+            S[at.C + axes * i + j] = S[at.K + axes * i + j]
+    for i in range(axes):
+        inverse = 1.0 / S[at.work + axes * i + i]
+        for j in range(axes):
+            S[at.work + axes * i + j] *= inverse
+            S[at.C + axes * i + j] *= inverse
+        for m in range(axes):
+            if m != i:
+                share = S[at.work + axes * m + i]
+                for j in range(axes):
+                    S[at.work + axes * m + j] -= share * S[at.work + axes * i + j]
+                    S[at.C + axes * m + j] -= share * S[at.C + axes * i + j]
+
+
+@kernel
+def _dot(lane, n, x: Lanes, y: Lanes):
+    """Return x . y of n rows."""
+    total = 0.0
+    for k in range(n):
+        total = total + x[k] * y[k]
+    return total
+
+
+@kernel
+def _subtract(lane, part, p, S: Lanes, along, target, transposed, x: Lanes):
+    """Compute x <- x - target C (along^T x), or with C^T (transposed True); along, target: offsets of B and W in S."""
+    at, axes, n = here_of(part, p), len(part.axes), size(part.room)
+    parts = stack(lane, part.axes)
+    for j in range(axes):
+        parts[j] = _dot(lane, n, _column(lane, along, n, S, j), x)
+    for i in range(axes):
+        share = 0.0
+        for j in range(axes):
+            entry = axes * j + i if transposed else axes * i + j
+            share = share + S[at.C + entry] * parts[j]
+        column = _column(lane, target, n, S, i)
+        for k in range(n):
+            x[k] -= column[k] * share
+
+
+@kernel
+def before_solve(lane, part, model, S: Lanes, x, transposed):
+    """Compute x <- x - B C^T W^T x before a solution of S^T x = b (transposed True), of the last point first."""
+    if transposed:
+        for i in range(len(part.points)):
+            p = len(part.points) - 1 - i
+            at = here_of(part, p)
+            if max_over_lanes(S[at.active]) > 0.5:
+                _subtract(lane, part, p, S, at.W, at.B, True, x)
+
+
+@kernel
+def after_solve(lane, part, model, S: Lanes, x, transposed):
+    """Compute x <- x - W C B^T x after a solution of S x = b without the points' blocks (theory, (6.7))."""
+    if not transposed:
+        for p in range(len(part.points)):
+            at = here_of(part, p)
+            if max_over_lanes(S[at.active]) > 0.5:
+                _subtract(lane, part, p, S, at.B, at.W, False, x)
+
+
+@kernel
+def correct_increment(lane, part, model, S: Lanes, x: Lanes, fresh):
+    """Correct x = S^-1 r by the friction of the points that touch, one after the other (`friction.solve_friction`).
+
+    fresh: S has new factors; V = S^-1 B and D = B^T V are computed first.
+    """
+    axes, n = len(part.axes), size(part.room)
+    for p in range(len(part.points)):
+        at = here_of(part, p)
+        if max_over_lanes(S[at.active] * S[at.bound]) > 0.0:
+            if fresh:
+                for i in range(axes):
+                    column, source = _column(lane, at.V, n, S, i), _column(lane, at.B, n, S, i)
+                    for k in range(n):
+                        column[k] = source[k]
+                    protocol.solve(lane, model, S, column)
+                for i in range(axes):
+                    for j in range(axes):
+                        S[at.D + axes * i + j] = _dot(
+                            lane, n, _column(lane, at.B, n, S, i), _column(lane, at.V, n, S, j)
+                        )
+            change = stack(lane, part.axes)
+            for i in range(axes):
+                change[i] = _dot(lane, n, _column(lane, at.B, n, S, i), x)
+            solve_friction(lane, part, p, at, S, change)
+            for i in range(axes):
+                column = _column(lane, at.V, n, S, i)
+                for k in range(n):
+                    x[k] -= column[k] * change[i]
+
+
+@kernel
+def multiply(lane, part, model, S: Lanes, x, y: Lanes):
+    """Add the product B K B^T x of the points' blocks to y (n rows)."""
+    axes, n = len(part.axes), size(part.room)
+    parts = stack(lane, part.axes)
+    for p in range(len(part.points)):
+        at = here_of(part, p)
+        if max_over_lanes(S[at.active]) > 0.5:
+            for j in range(axes):
+                parts[j] = _dot(lane, n, _column(lane, at.B, n, S, j), x)
+            for i in range(axes):
+                share = 0.0
+                for j in range(axes):
+                    share = share + S[at.K + axes * i + j] * parts[j]
+                column = _column(lane, at.B, n, S, i)
+                for k in range(n):
+                    y[k] += column[k] * share
+
+
+register(
+    Touching, point_forces, assemble, fix_coordinate, before_factor, after_factor, before_solve, after_solve, multiply,
+    energy, damping_power, after_step, correct_increment,
+)  # fmt: skip

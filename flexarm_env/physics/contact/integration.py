@@ -1,0 +1,65 @@
+"""What integrator and runtime call of a model with contacts (`NewtonPolicy.contact`); no-ops without contact.
+
+Near an obstacle the residual is not smooth: `least_contraction`. At the end of each step readings are stored and
+impulses added up: `record_contacts`.
+"""
+
+from __future__ import annotations
+
+from ...compiler import Lanes, absolute, kernel, maximum, select_lt
+from .. import contributions
+from .layout import READ
+
+
+@kernel
+def least_contraction(lane, contact, S: Lanes, first, increment, theta):
+    """Return the contraction theta of an iteration, at least 1/2 where the increment may change which points touch.
+
+    The gaps in S are those before the increment. A point moves by at most `reach` times the weighted increment. In the
+    first iteration of a step (first True) theta is at least 1/2 also where a point touches: the error after it is not
+    known. contact: `Watch`, or None without contact, where theta is returned.
+    """
+    if contact is None:
+        return theta
+    moved, zero = increment * contact.reach, 0.0
+    near = zero
+    for p in range(len(contact.points)):
+        gap = S[contact.at + p * contact.stride + contact.gap]
+        near = select_lt(gap if first else absolute(gap), moved, 1.0, near)
+    return maximum(theta, near * 0.5)
+
+
+@kernel
+def apply_contact_friction(lane, model, S, x, fresh):
+    """Correct x = S^-1 r of a Newton iteration by the friction of contacts (`friction.apply`); fresh: S is new."""
+    if model.newton.contact is not None:
+        for part in model.contributions:
+            contributions.correct_increment(lane, part, model, S, x, fresh)
+
+
+@kernel
+def record_contacts(lane, model, par, q, v, S, h):
+    """Store the `READING` of each point at the state q, v in S; add the forces times h (s) to its impulses.
+
+    After each step of h; h = 0 stores the readings of a state at which no step ends.
+    """
+    if model.newton.contact is not None:
+        for part in model.contributions:
+            contributions.after_step(lane, part, model, par, q, v, S, h)
+
+
+@kernel
+def reset_impulses(lane, model, S: Lanes):
+    """Set impulses and peak forces of all points to 0: at the start of a control period, or of a repetition of it."""
+    if model.newton.contact is not None:
+        for p in range(len(model.newton.contact.points)):
+            at = reading_at(model, p)
+            S[at + READ.impulse] = 0.0
+            S[at + READ.friction] = 0.0
+            S[at + READ.peak] = 0.0
+
+
+@kernel
+def reading_at(model, p):
+    """Return the offset in S of the `READING` of point p; the model has contacts."""
+    return model.newton.contact.at + p * model.newton.contact.stride

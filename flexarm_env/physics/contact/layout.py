@@ -1,0 +1,97 @@
+"""Records and layouts of contact: points of the arm, obstacles with their laws, and what a point has in S."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...layout import Field, Layout
+
+LAW = Layout(
+    "ContactLaw", "",
+    Field("stiffness", (), "N/m^n", "k of the normal force k d^n (1 + 3/2 alpha dd/dt) at penetration d"),
+    Field("halves", (), "", "2 n, twice the exponent: 2, 3, 4, 5 or 6"),
+    Field("damping", (), "s/m", "alpha"),
+    Field("friction", (), "", "mu, coefficient of friction"),
+    Field("creep", (), "m/s", "v_s, sliding speed at which friction reaches 0.71 mu times the normal force"),
+)  # fmt: skip
+LAWS = LAW.places
+
+READING = Layout(
+    "ContactReading", "",
+    Field("normal", (), "N", "sum of the normal forces of all obstacles on the point"),
+    Field("tangential", (), "N", "magnitude of the sum of the friction forces"),
+    Field("penetration", (), "m", "largest penetration; negative: least distance from the obstacles"),
+    Field("sliding", (), "m/s", "sliding speed on the obstacle that is penetrated most, or is nearest"),
+    Field("force", (3,), "N", "force on the arm, inertial axes"),
+    Field("impulse", (), "N s", "time integral of the normal force since `reset_impulses`"),
+    Field("friction", (), "N s", "time integral of the friction force's magnitude since `reset_impulses`"),
+    Field("peak", (), "N", "largest normal force at the end of a step since `reset_impulses`"),
+)  # fmt: skip
+"""What is read of a point, at the end of each step."""
+READ = READING.places
+
+HERE = Layout(
+    "ContactPoint", "axes, n",
+    Field("reading", (READING.length,), "", "a `READING`"),
+    Field("gap", (), "m", "distance between point and nearest obstacle, negative where they touch"),
+    Field("bound", (), "N", "mu F_n of the obstacle with the largest, whose friction `friction.apply` solves for"),
+    Field("creep", (), "m/s", "v_s of that obstacle"),
+    Field("normal", (3,), "", "its normal"),
+    Field("slip", (3,), "m/s", "sliding velocity w on it"),
+    Field("active", (), "", "1: the matrix has a block of this point"),
+    Field("rate", (), "1/s", "c_v of the matrix where it lacks that friction; 0: the matrix has it"),
+    Field("K", ("axes", "axes"), "N/m", "minus the derivative of the force by the point's displacement, with weights"),
+    Field("C", ("axes", "axes"), "N/m", "(1 + K B^T W)^-1 K"),
+    Field("work", ("axes", "axes"), "", "scratch"),
+    Field("B", ("axes", "n"), "", "columns: generalized forces on the arm of a unit force on the point"),
+    Field("W", ("axes", "n"), "", "columns of S^-1 B"),
+    Field("V", ("axes", "n"), "", "columns of S^-1 B, S with the blocks of all points"),
+    Field("D", ("axes", "axes"), "m/N", "B^T V"),
+)  # fmt: skip
+"""What a point has in the matrix array S; axes: components of the force on it, n: rows of the Model."""
+
+
+class Touching(NamedTuple):
+    """Points of an arm that may touch obstacles: a contribution. The sizes are tuples of zeros, compile-time constants.
+
+    input     first entry of the points in the arm's inputs; `entries` for each point: force (N), moment (N m)
+    at        offset in S of the first point's `HERE`
+    points    one zero per point
+    entries   one zero per entry of a point in the inputs: 3 in the plane, 6 in space
+    space     as many zeros as the obstacles' axes count: 2 in the plane, 3 in space
+    axes      one zero per component of the force that is used: `space`, with friction on a sphere also the moment
+    room      one zero per row of the Model
+    poses     as many zeros as `protocol.task_poses` of the arm writes
+    links     int64 (points,): the points are the tips of these links
+    radii     float64 (points,): of the sphere about each point, m
+    meets     float64 (points, obstacles), flat: 1 where the point may touch the obstacle, otherwise 0
+    shapes    float64: one `physics.obstacles.OBSTACLE` per obstacle; laws: one `LAW` per obstacle
+    masses    float64 (points,): effective mass of the point in a step, kg (`build.effective_masses`)
+    """
+
+    input: int
+    at: int
+    points: tuple[int, ...]
+    entries: tuple[int, ...]
+    space: tuple[int, ...]
+    axes: tuple[int, ...]
+    room: tuple[int, ...]
+    poses: tuple[int, ...]
+    links: np.ndarray
+    radii: np.ndarray
+    meets: np.ndarray
+    shapes: np.ndarray
+    laws: np.ndarray
+    masses: np.ndarray
+
+
+class Watch(NamedTuple):
+    """Where the integrator finds the gaps of a model with contacts (`NewtonPolicy.contact`)."""
+
+    points: tuple[int, ...]  # one zero per point
+    at: int  # offset in S of the first `HERE`
+    gap: int  # offset of the gap (m) in it
+    stride: int  # numbers from one `HERE` to the next
+    reach: float  # m: largest motion of a point per weighted increment of 1 in every row

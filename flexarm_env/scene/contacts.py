@@ -1,0 +1,147 @@
+"""Contact of an arm with an obstacle: the law of the forces, and the points of the arm that may touch."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from flexarm_env import validation as check
+from flexarm_env.parameters import Arm
+from flexarm_env.shapes import Shape, shape_of
+
+EXPONENTS = (1.0, 1.5, 2.0, 2.5, 3.0)
+"""Exponents of the normal force: powers that need only products and square roots."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """An obstacle that pushes points of the arm out and resists sliding.
+
+    Normal force F_n = max(0, k d^n (1 + 3/2 alpha dd/dt)) at penetration d (Hunt & Crossley 1975); friction mu F_n
+    against the sliding velocity w, regularized: F_t = -mu F_n w / sqrt(|w|^2 + v_s^2). A point that is held by friction
+    therefore creeps, at most at v_s / sqrt((mu F_n / F)^2 - 1) under a tangential force F < mu F_n.
+
+    Args:
+        obstacle: `HalfSpace`, `Sphere`, `Box` or, in space, `Cylinder` (`flexarm_env.shapes`); in the plane shapes of
+            two coordinates, in space of three.
+        stiffness: k, N/m^n, positive. Time steps must resolve it, see `speed`.
+        exponent: n, one of 1, 1.5 (Hertz), 2, 2.5, 3.
+        damping: alpha, s/m, zero or positive. The coefficient of restitution at low impact speed v is about
+            1 - alpha v.
+        friction: mu, zero or positive.
+        creep: v_s, m/s, positive.
+        speed: impact speed, m/s, positive, at which time steps must resolve the contact: an impact on the effective
+            mass at the point must last 8 steps.
+        bodies: points of the arm that may touch: "tip", the center of a sphere of `Payload.radius` there, and "joint1",
+            "joint2", ..., points at the elbows.
+    """
+
+    obstacle: Shape
+    stiffness: float
+    exponent: float = 1.5
+    damping: float = 0.0
+    friction: float = 0.0
+    creep: float = 1e-3
+    speed: float = 1.0
+    bodies: tuple[str, ...] = ("tip",)
+
+    def __post_init__(self) -> None:
+        """Validate the fields; `InvalidValue` names the field."""
+        check.instance("obstacle", self.obstacle, Shape)
+        exponent = check.number("exponent", self.exponent)
+        if exponent not in EXPONENTS:
+            raise check.InvalidValue("exponent", self.exponent, "must be 1, 1.5, 2, 2.5 or 3")
+        given: object = self.bodies
+        given = (given,) if isinstance(given, str) else given
+        bodies = check.sequence("bodies", given, 'points of the arm: "tip", "joint1", ...')
+        if not bodies:
+            raise check.InvalidValue("bodies", bodies, 'must name at least one point of the arm: "tip", "joint1", ...')
+        for i, name in enumerate(bodies):
+            if not isinstance(name, str) or not re.fullmatch(r"tip|joint[1-9][0-9]*", name):
+                raise check.InvalidValue(f"bodies[{i}]", name, 'must be "tip", "joint1", "joint2", ...')
+            if name in bodies[:i]:
+                raise check.InvalidValue(f"bodies[{i}]", name, "must not be given twice")
+        check.store(
+            self, exponent=exponent, bodies=bodies,
+            stiffness=check.number("stiffness", self.stiffness, f"N/m^{exponent:g}", above=0.0),
+            damping=check.number("damping", self.damping, "s/m", minimum=0.0),
+            friction=check.number("friction", self.friction, minimum=0.0),
+            creep=check.number("creep", self.creep, "m/s", above=0.0),
+            speed=check.number("speed", self.speed, "m/s", above=0.0),
+        )  # fmt: skip
+
+    @property
+    def spatial(self) -> bool:
+        """Whether the obstacle is in space."""
+        return self.obstacle.dimension == 3
+
+    def links(self, arm: Arm) -> tuple[int, ...]:
+        """Return the links of the arm at whose tips the points are.
+
+        Raises:
+            ValueError: a joint that the arm does not have.
+        """
+        found = []
+        for i, name in enumerate(self.bodies):
+            k = arm.n_links if name == "tip" else int(name[5:])
+            if name != "tip" and k >= arm.n_links:
+                known = ", ".join(['"tip"', *(f'"joint{j}"' for j in range(1, arm.n_links))])
+                raise check.InvalidValue(f"bodies[{i}]", name, f"must be one of {known} of arm {arm.name}")
+            found.append(k - 1)
+        return tuple(found)
+
+    def to_table(self) -> dict[str, Any]:
+        """Return the TOML table that `contact_of` reads back to an equal contact, without fields at their defaults."""
+        table: dict[str, Any] = {"obstacle": self.obstacle.to_dict(), "stiffness": self.stiffness}
+        return table | {name: value for name, value in check.changed(self).items() if name not in table}
+
+
+def contact_of(path: str, value: object, dimension: int | None = None) -> Contact:
+    """Return a contact, or make it of a table: `obstacle`, a table of a shape, and the fields of `Contact`.
+
+    dimension: of the obstacle, 2 in the plane, 3 in space; None: as its points say.
+
+    Raises:
+        ValueError: names the key path, the value and what is allowed.
+    """
+    if not isinstance(value, Contact):
+        table = check.table_of(path, value)
+        check.known_keys(path, table, check.names_of(Contact))
+        given = check.needed(path, table, "obstacle", "must be a shape, or a table of a shape")
+        table["obstacle"] = _shape(f"{path}.obstacle", given, dimension)
+        value = check.made(path, Contact, table, stiffness="must be a positive number (N/m^n)")
+    if dimension is not None:
+        shape_of(f"{path}.obstacle", value.obstacle, dimension)
+    return value
+
+
+def _shape(path: str, value: object, dimension: int | None) -> Shape:
+    """Return the shape of a table in the plane or in space; dimension None: as many as one of its points has."""
+    if dimension is None and isinstance(value, Mapping):
+        points = [value[key] for key in ("point", "center", "start") if isinstance(value.get(key), Sequence)]
+        dimension = len(points[0]) if points and len(points[0]) in (2, 3) else 2
+    if dimension is None and isinstance(value, Shape):
+        return value
+    return shape_of(path, value, dimension or 2)
+
+
+def contacts_of(path: str, value: object, arm: Arm, spatial: bool | None = None) -> tuple[Contact, ...]:
+    """Return validated contacts of an arm from one or several contacts or tables; None: ().
+
+    spatial: whether the arm is computed in space; None: not known yet.
+
+    Raises:
+        ValueError: names the key path, the value and what is allowed.
+    """
+    if value is None:
+        return ()
+    one = isinstance(value, Contact | Mapping)
+    rows = [value] if one else check.sequence(path, value, "Contact, or tables of them")
+    dimension = None if spatial is None else 3 if spatial else 2
+    found = tuple(contact_of(f"{path}[{i}]", row, dimension) for i, row in enumerate(rows))
+    for i, contact in enumerate(found):
+        with check.under(f"{path}[{i}]"):
+            contact.links(arm)
+    return found
