@@ -80,8 +80,8 @@ class SpaceModel:
         return found
 
     def period(self, dt: float) -> tuple[Array, Array, Array]:
-        """Return A, B and the next state of the solver over a period, s; of rotations the increments. Call it once: the
-        solver is moved on."""
+        """Return A, B and the next state of the solver over a period, s; of rotations the increments. It advances the
+        solver, so call it once."""
         rows, f, n, w = self.rows, len(self.rows), self._right.shape[1], self._w
         q, v = np.zeros((f, n)), np.zeros((f, n))
         q[:, :f], v[:, f : 2 * f] = np.linalg.inv(self._slope(w.q)), np.eye(f)
