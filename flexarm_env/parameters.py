@@ -153,7 +153,7 @@ class Joint:
 
     The torque of the joint (`JointTorque`, an action) acts on the motor's side. An elastic gear adds a coordinate to
     the arm: the motor's angle divided by the gear ratio, measured like the joint's from the link before. Its coordinate
-        "motor0" exists in addition to "joint0", the angle of the link's root. Spring and damper act between the two.
+    "motor0" exists in addition to "joint0", the angle of the link's root. Spring and damper act between the two.
 
     Args:
         stiffness: stiffness of the gear, N m/rad, positive; inf: rigid, without that coordinate.
