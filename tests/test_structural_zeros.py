@@ -116,8 +116,8 @@ def columns(arms: Arms, state: Array, action: Array, found: Array, share: float)
 
 @pytest.mark.parametrize(("feature", "formulation"), CASES)
 def test_no_derivative_is_missing(feature: str, formulation: str) -> None:
-    """Forward: each column by itself agrees with differences, to 1e-5 of its largest entry (1e-3 of stiff beams), by one
-    of their steps. Backward: each entry that a unit cotangent gives is the Jacobian's, to 1e-7 of its column."""
+    """Forward: each column by itself agrees with differences, to 1e-5 of its largest entry (1e-3 of stiff beams), by
+    one of their steps. Backward: each entry that a unit cotangent gives is the Jacobian's, to 1e-7 of its column."""
     env_id, keywords = FORMULATIONS[formulation]
     stiff = "formulation" in keywords or env_id == SPACE
     arms = Arms(
