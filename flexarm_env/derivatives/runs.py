@@ -114,7 +114,7 @@ class Run:
             tangent = tangent + weight * _state(other)
             moved = moved + weight * other_psi
             stars.append(Neighbour(other.model, other.par, other_u.ravel(), offset, weight))
-        passes = PASSES if own.settings.formulation == "geometrically_exact" else 1
+        passes = PASSES if own.settings.formulation == "geometrically_exact" or own.scene.contacts else 1
         passes = PASSES_IN_SPACE if own.scene.spatial else passes
         room, out = np.zeros(int(uncompiled(sensitivity.room_of)(model, own.par))), np.empty((len(h), 2 * n))
         w = uncompiled(unpack)(dual(SINGLE), model, room, 0)

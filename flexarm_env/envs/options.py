@@ -20,9 +20,11 @@ from ..control.timescales import timescales
 from ..parameters import Arm, Base
 from ..physics import precision
 from ..physics.gauges import Spot
+from ..scene import Contact
 from ..sensors import Law, Sensors
 from ..settings import FORMULATIONS, PRESETS, Settings, default_options, expand_preset, merged
 from ..shapes import Shape
+from . import contacts as touch
 from . import events, resolution
 from .attainable import needs_of, path_needs
 from .features import ACTION_MODES, Frame, amplified, controller, gauge_scales, table_of, with_friction, with_hub
@@ -79,8 +81,8 @@ class Plan:
     record: of the task. gauges, gauge_scales: link and place of each strain gauge, 1/m. limit: control periods to
     `duration` or max_episode_steps; max_steps: the latter. motion: of every episode of task="replay". entries: of info.
     full: info has energies; words: info has words. action_mode: meaning of an action. keep_out: shapes that the arm
-    must not enter. estimate: error of the tip due to mesh and step, over the arm's length. coarse: a warning if that is
-    large, or "".
+    must not enter. contacts: obstacles that it may touch. estimate: error of the tip due to mesh and step, over the
+    arm's length. coarse: a warning if that is large, or "".
     """
 
     kind: Kind
@@ -108,6 +110,7 @@ class Plan:
     entries: tuple[Entry, ...]
     action_mode: str
     keep_out: tuple[Shape, ...]
+    contacts: tuple[Contact, ...]
     estimate: float
     coarse: str
 
@@ -117,7 +120,7 @@ class Plan:
             made = Batch(
                 self.arm, self.settings, n, self.record, self.starts,
                 period=self.period, gravity=self.gravity, account=self.full, threads=threads, extras=self.extras,
-                left=self.estimate,
+                left=self.estimate, contacts=self.contacts,
             )  # fmt: skip
         warn(self.coarse)  # what is refused by name is not warned of before
         return made
@@ -165,6 +168,7 @@ def plan(
     pushes: Mapping[str, Any] | None = None,
     payload_change: Mapping[str, Any] | None = None,
     keep_out: Any = None,
+    contacts: Any = None,
     success: Mapping[str, Any] | None = None,
     turns: str = "exact",
     starts: Mapping[str, Any] | None = None,
@@ -209,6 +213,9 @@ def plan(
     _only_with("reference", reference, word, "track")
     _only_with("motion", motion, word, "replay")
     frame = Frame(kind, own, settings, period, down)
+    changing = events.payload_change(frame, payload_change)
+    frame = touch.framed(frame, contacts, word, options, factors, changing)
+    settings, touched = frame.settings, frame.contacts
     wanted, frames = checked_observation(observation, history)
     check_afloat(
         frame, word, action_mode, wanted, pushes=pushes, payload_change=payload_change, gravity=gravity,
@@ -227,7 +234,7 @@ def plan(
         selection=seen.selection(frames),
         cost=events.cost(frame, cost),
         pushes=events.pushes(frame, pushes),
-        payload_change=events.payload_change(frame, payload_change),
+        payload_change=changing,
         keep_out=events.keep_out(frame, keep_out),
     )
     if word == "replay":
@@ -260,10 +267,10 @@ def plan(
         motion=_replayed(kind, own.n_links, motion) if word == "replay" else None,
         entries=info_entries(
             kind, record, full, full and own.jointed and word != "replay", extras, settings.step_tolerance is not None,
-            drawn,
+            drawn, bool(touched),
         ),
-        action_mode=action_mode, keep_out=events.shapes_of(kind.space, keep_out), estimate=estimate,
-        coarse=coarse,
+        action_mode=action_mode, keep_out=events.shapes_of(kind.space, keep_out), contacts=touched,
+        estimate=estimate, coarse=coarse,
     )  # fmt: skip
 
 

@@ -66,6 +66,7 @@ from .keep_out import record_clearance
 from .keeping import restore_lane, save_lanes
 from .motors import draw_lateness, record_delay
 from .sensors import read_gauges, record_motor_angles, write_observation
+from .touch import open_contacts, put_contacts
 
 OUTCOME = (0, 0)
 """Size of `outcome`, two rows of lanes: the reward; 1 where a joint is beyond its limits, otherwise 0."""
@@ -103,6 +104,7 @@ def _period(lane, p, g, block, w):
     read_actions(lane, p, g, action, record, w.flag)
     open_account(lane, p, par, record, w)
     draw_pushes(lane, p, g, record, w)
+    open_contacts(lane, p.model, w)
     save_lanes(w, record, saved)
     # mechanics: advance the state by the period, then check the balance of energy
     move(lane, p, p.models, p.model, 1, par, poses, record, action, saved, scratch, block, w)
@@ -116,6 +118,7 @@ def _period(lane, p, g, block, w):
     reward(lane, p, live, poses, action, record, info, outcome)
     # info, and the rows that the caller reads
     record_clearance(lane, p, g, w.q, live, info)
+    put_contacts(lane, p, w, live, info)
     record_period(lane, p, par, record, scratch, w, live, info, outcome)
     return finish(lane, p, g, w, poses, record, seen, info, saved, outcome)
 

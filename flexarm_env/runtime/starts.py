@@ -38,6 +38,7 @@ from .events import draw_events
 from .keep_out import record_clearance
 from .motors import draw_delay, draw_lag, draw_lateness, record_delay
 from .sensors import draw_age, record_drawn, write_observation
+from .touch import start_contacts
 
 _MODES = 3
 """Modes of an initial vibration in space: bending along y, bending along z, torsion."""
@@ -118,6 +119,7 @@ def _start(lane, p, arm, mode, block, w):
     record_delay(lane, p, record, live, info)
     draw_events(lanes, p, arm, par, record, info)
     record_clearance(lane, p, arm // lanes, w.q, live, info)
+    start_contacts(lane, p, par, live, info, w)
     # factors drawn, for info
     if size(task.further) > 0:
         for k in range(FACTOR.end):
