@@ -22,6 +22,8 @@ Linear system, hooks around the arm's own `factor` and `solve`
     after_factor(lane, part, model, S)                      `protocol.solve` of the Model can be used.
     before_solve(lane, part, model, S, x, transposed)       Eliminate own rows from the right side x; transposed: S^T.
     after_solve(lane, part, model, S, x, transposed)        Complete or correct the solution x.
+    correct_increment(lane, part, model, S, x, fresh)       In a Newton iteration: correct x = S^-1 r by laws that the
+                                                            matrix lacks; fresh: S is new.
 
 Work and energy
     energy(lane, part, model, par, q, v, sums)              Return sums (kinetic, strain, gravitational; J) with own.
@@ -60,6 +62,7 @@ before_factor = CONTRIBUTIONS.function("before_factor", "lane, part, model, S")
 after_factor = CONTRIBUTIONS.function("after_factor", "lane, part, model, S")
 before_solve = CONTRIBUTIONS.function("before_solve", "lane, part, model, S, x, transposed")
 after_solve = CONTRIBUTIONS.function("after_solve", "lane, part, model, S, x, transposed")
+correct_increment = CONTRIBUTIONS.function("correct_increment", "lane, part, model, S, x, fresh")
 energy = CONTRIBUTIONS.function("energy", "lane, part, model, par, q, v, sums")
 damping_power = CONTRIBUTIONS.function("damping_power", "lane, part, model, par, q, v, x, total")
 input_displacements = CONTRIBUTIONS.function("input_displacements", "lane, part, model, q, y")

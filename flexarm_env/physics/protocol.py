@@ -163,6 +163,7 @@ class Weights(NamedTuple):
     stiffness: float
     with_matrix: bool = True  # False: only the residual is computed, S is not changed
     newton_share: float = 0.0  # factor of terms that only a Newton matrix has: 1 in a step's iteration, 0 in a jump
+    friction_apart: bool = False  # True: friction of contacts is solved for beside the matrix (`contact.friction`)
 
 
 RESIDUAL_ALONE = Weights(0.0, 0.0, 0.0, with_matrix=False)

@@ -15,8 +15,9 @@ from ...compiler import Lanes, kernel, max_over_lanes, maximum, select_lt, sinco
 from .. import protocol
 from ..contributions import register
 from ..layout import POSE, SPACE_POSE
+from .friction import column_of_slip, component, solve_friction, unit_entry
 from .law import cross, dot, gap_of, meet
-from .layout import HERE, READ, Touching
+from .layout import HERE, LAWS, READ, Touching
 
 _here = kernel(HERE.offsets)
 
@@ -120,24 +121,13 @@ def wrench(part, p, met):
 
 
 @kernel
-def component(part, force, moment, i):
-    """Return component i of a generalized force on a point, in the order of the point's entries in the inputs."""
-    axes = len(part.space)
-    if i < axes:
-        return force[0] if i == 0 else (force[1] if i == 1 else force[2])
-    # in the plane the moment about z alone
-    if axes == 2:
-        return moment[2]
-    return moment[0] if i == 3 else (moment[1] if i == 4 else moment[2])
-
-
-@kernel
 def point_forces(lane, part, model, par, state, S: Lanes, inputs: Lanes):
     """Store the gaps of all points in S and add the forces of obstacles (N, N m) to the arm's inputs."""
     y = stack(lane, model.points)
     protocol.input_displacements(lane, model.arm, par, state.q, y)
     for p in range(len(part.points)):
         S[here_of(part, p).gap] = _gap(lane, part, y, p)
+        S[here_of(part, p).bound] = 0.0
     if _any_touches(lane, part, S):
         poses = stack(lane, part.poses)
         protocol.task_poses(lane, model.arm, par, state.q, state.v, poses)
@@ -150,6 +140,20 @@ def point_forces(lane, part, model, par, state, S: Lanes, inputs: Lanes):
                     k = part.input + p * len(part.entries)
                     for i in range(len(part.axes)):
                         inputs[k + i] += component(part, force, moment, i)
+                    if part.laws[LAWS.end * o + LAWS.friction] > 0.0:
+                        _store_friction(lane, part, p, o, met, S)
+
+
+@kernel
+def _store_friction(lane, part, p, o, met, S: Lanes):
+    """Store bound mu F_n, normal and sliding velocity of obstacle o where its bound is the largest of point p."""
+    at = here_of(part, p)
+    bound, before = met.grip * met.regular, S[at.bound]
+    for k in range(3):
+        S[at.normal + k] = select_lt(before, bound, met.normal[k], S[at.normal + k])
+        S[at.slip + k] = select_lt(before, bound, met.slip[k], S[at.slip + k])
+    S[at.creep] = select_lt(before, bound, part.laws[LAWS.end * o + LAWS.creep], S[at.creep])
+    S[at.bound] = select_lt(before, bound, bound, before)
 
 
 # --- the block of the matrix ---------------------------------------------------------------------------
@@ -202,28 +206,29 @@ def _store_stiffness(lane, part, p, weights, y: Lanes, poses: Lanes, S: Lanes):
     """Store K of point p: minus the derivative of its force by its displacement, whose rate follows it.
 
     With N the normal, A the map from the point's motion to the sliding velocity w and e = w / sqrt(|w|^2 + v_s^2), each
-    obstacle adds k' N N^T - mu k' A^T e N^T + c A^T (1 - s e e^T) A, where k' = weights.stiffness dF_n/dd +
-    weights.damping dF_n/d(dd/dt) and c = weights.damping mu F_n / sqrt(|w|^2 + v_s^2). s = 1 is the derivative. In a
-    Newton matrix s = 0 where the point may come to rest, because Newton's iteration with the derivative would alternate
-    between both directions of sliding; it then converges linearly.
+    obstacle adds k' N N^T - mu k' A^T e N^T + c A^T (1 - e e^T) A, where k' = weights.stiffness dF_n/dd +
+    weights.damping dF_n/d(dd/dt) and c = weights.damping mu F_n / sqrt(|w|^2 + v_s^2). With weights.friction_apart the
+    obstacle with the largest friction adds the first term alone, and `friction.apply` solves for its friction.
     """
     at, axes = here_of(part, p), len(part.axes)
     for j in range(axes * axes):
         S[at.K + j] = 0.0
+    S[at.rate] = 0.0
+    if weights.friction_apart:
+        S[at.rate] = 0.0 + weights.damping
     velocity, spin = motion_of(lane, part, poses, p)
     along, normal = stack(lane, part.axes), stack(lane, part.axes)
     for o in range(obstacle_count(part)):
         if part.meets[p * obstacle_count(part) + o] > 0.5:
             met = meet(part, p, o, place_of(lane, part, y, p), velocity, spin)
             stiffness = met.stiffness * weights.stiffness + met.damper * weights.damping
-            grip, share = met.grip * weights.damping, 1.0 / met.regular
-            e = met.slip[0] * share, met.slip[1] * share, met.slip[2] * share
-            # mu F_n, and the part of the derivative that is kept
+            grip, scale = met.grip * weights.damping, 1.0 / met.regular
+            e = met.slip[0] * scale, met.slip[1] * scale, met.slip[2] * scale
             friction = met.grip * met.regular
-            exact = 1.0
-            if weights.newton_share > 0.0:
-                stops = friction * weights.damping * 2.0
-                exact = select_lt(stops, met.sliding * weights.mass * part.masses[p], 1.0, 0.0)
+            # 0 for the friction that is solved for after the linear system
+            share = S[at.rate] * 0.0 + 1.0
+            if weights.friction_apart:
+                share = select_lt(friction, S[at.bound], 1.0, 0.0)
             zero = (0.0, 0.0, 0.0)
             # A^T e and N
             turned = cross(met.normal, e)
@@ -231,39 +236,19 @@ def _store_stiffness(lane, part, p, weights, y: Lanes, poses: Lanes, S: Lanes):
             for i in range(axes):
                 along[i] = component(part, e, moment, i)
                 normal[i] = component(part, met.normal, zero, i)
-            slides = select_lt(0.0, met.force, friction / maximum(met.force, 1e-300), 0.0)
+            slides = select_lt(0.0, met.force, friction / maximum(met.force, 1e-300), 0.0) * share
+            grip = grip * share
             for i in range(axes):
                 for j in range(axes):
                     entry = (normal[i] - along[i] * slides) * (normal[j] * stiffness)
-                    entry = entry + grip * (_tangential(part, p, met.normal, i, j) - along[i] * along[j] * exact)
+                    entry = entry + grip * (_tangential(part, p, met.normal, i, j) - along[i] * along[j])
                     S[at.K + axes * i + j] += entry
-
-
-@kernel
-def _unit_entry(i, k):
-    """Return 1.0 where i = k, otherwise 0.0."""
-    return 1.0 if i == k else 0.0
-
-
-@kernel
-def _column_of_slip(part, p, n, i):
-    """Return column i of A (three numbers): sliding velocity for a unit rate of component i of the point's motion."""
-    axes, radius = len(part.space), part.radii[p]
-    if i < axes:
-        normal = n[0] if i == 0 else (n[1] if i == 1 else n[2])
-        return (
-            _unit_entry(i, 0) - n[0] * normal, _unit_entry(i, 1) - n[1] * normal, _unit_entry(i, 2) - n[2] * normal
-        )
-    # rotations: r n x omega
-    about = 2 if axes == 2 else i - 3
-    turned = cross(n, (_unit_entry(about, 0), _unit_entry(about, 1), _unit_entry(about, 2)))
-    return turned[0] * radius, turned[1] * radius, turned[2] * radius
 
 
 @kernel
 def _tangential(part, p, normal, i, j):
     """Return entry (i, j) of A^T A."""
-    return dot(_column_of_slip(part, p, normal, i), _column_of_slip(part, p, normal, j))
+    return dot(column_of_slip(part, p, normal, i), column_of_slip(part, p, normal, j))
 
 
 @kernel
@@ -318,7 +303,7 @@ def _store_inverse(lane, part, p, S: Lanes):
         for m in range(axes):
             product[m] = _dot(lane, n, _column(lane, at.B, n, S, m), _column(lane, at.W, n, S, j))
         for i in range(axes):
-            total = product[0] * 0.0 + _unit_entry(i, j)
+            total = product[0] * 0.0 + unit_entry(i, j)
             for m in range(axes):
                 total = total + S[at.K + axes * i + m] * product[m]
             S[at.work + axes * i + j] = total
@@ -381,6 +366,37 @@ def after_solve(lane, part, model, S: Lanes, x, transposed):
             at = here_of(part, p)
             if max_over_lanes(S[at.active]) > 0.5:
                 _subtract(lane, part, p, S, at.B, at.W, False, x)
+
+
+@kernel
+def correct_increment(lane, part, model, S: Lanes, x, fresh):
+    """Correct x = S^-1 r by the friction of the points that touch, one after the other (`friction.solve_friction`).
+
+    fresh: S has new factors; V = S^-1 B and D = B^T V are computed first.
+    """
+    axes, n = len(part.axes), size(part.room)
+    for p in range(len(part.points)):
+        at = here_of(part, p)
+        if max_over_lanes(S[at.active] * S[at.bound]) > 0.0:
+            if fresh:
+                for i in range(axes):
+                    column, source = _column(lane, at.V, n, S, i), _column(lane, at.B, n, S, i)
+                    for k in range(n):
+                        column[k] = source[k]
+                    protocol.solve(lane, model, S, column)
+                for i in range(axes):
+                    for j in range(axes):
+                        S[at.D + axes * i + j] = _dot(
+                            lane, n, _column(lane, at.B, n, S, i), _column(lane, at.V, n, S, j)
+                        )
+            change = stack(lane, part.axes)
+            for i in range(axes):
+                change[i] = _dot(lane, n, _column(lane, at.B, n, S, i), x)
+            solve_friction(lane, part, p, at, S, change)
+            for i in range(axes):
+                column = _column(lane, at.V, n, S, i)
+                for k in range(n):
+                    x[k] -= column[k] * change[i]
 
 
 @kernel
@@ -507,5 +523,5 @@ def _store_reading(lane, part, p, y: Lanes, poses: Lanes, h, S: Lanes):
 
 register(
     Touching, point_forces, assemble, fix_coordinate, before_factor, after_factor, before_solve, after_solve, multiply,
-    energy, damping_power, after_step,
+    energy, damping_power, after_step, correct_increment,
 )  # fmt: skip

@@ -30,6 +30,14 @@ def least_contraction(lane, contact, S: Lanes, first, increment, theta):
 
 
 @kernel
+def apply_contact_friction(lane, model, S, x, fresh):
+    """Correct x = S^-1 r of a Newton iteration by the friction of contacts (`friction.apply`); fresh: S is new."""
+    if model.newton.contact is not None:
+        for part in model.contributions:
+            contributions.correct_increment(lane, part, model, S, x, fresh)
+
+
+@kernel
 def record_contacts(lane, model, par, q, v, S, h):
     """Store the `READING` of each point at the state q, v in S; add the forces times h (s) to its impulses.
 

@@ -36,13 +36,19 @@ HERE = Layout(
     "ContactPoint", "axes, n",
     Field("reading", (READING.length,), "", "a `READING`"),
     Field("gap", (), "m", "distance between point and nearest obstacle, negative where they touch"),
-    Field("force", ("axes",), "N, N m", "generalized force of all obstacles on the point, inertial axes"),
+    Field("bound", (), "N", "mu F_n of the obstacle with the largest, whose friction `friction.apply` solves for"),
+    Field("creep", (), "m/s", "v_s of that obstacle"),
+    Field("normal", (3,), "", "its normal"),
+    Field("slip", (3,), "m/s", "sliding velocity w on it"),
     Field("active", (), "", "1: the matrix has a block of this point"),
+    Field("rate", (), "1/s", "c_v of the matrix where it lacks that friction; 0: the matrix has it"),
     Field("K", ("axes", "axes"), "N/m", "minus the derivative of the force by the point's displacement, with weights"),
     Field("C", ("axes", "axes"), "N/m", "(1 + K B^T W)^-1 K"),
     Field("work", ("axes", "axes"), "", "scratch"),
     Field("B", ("axes", "n"), "", "columns: generalized forces on the arm of a unit force on the point"),
     Field("W", ("axes", "n"), "", "columns of S^-1 B"),
+    Field("V", ("axes", "n"), "", "columns of S^-1 B, S with the blocks of all points"),
+    Field("D", ("axes", "axes"), "m/N", "B^T V"),
 )  # fmt: skip
 """What a point has in the matrix array S; axes: components of the force on it, n: rows of the Model."""
 

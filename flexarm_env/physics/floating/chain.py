@@ -109,7 +109,8 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
     loads; weights: `Weights` of dr/da, dr/dv, dr/dq. S receives the bodies' `FACTORS.matrix` and lever arms; `factor`
     eliminates them. See `protocol.assemble`.
     """
-    (q, v, a), (cm, cc, ck, with_matrix, _) = state, weights
+    q, v, a = state
+    cm, cc, ck, with_matrix = weights.mass, weights.damping, weights.stiffness, weights.with_matrix
     mesh = model.mesh
     pose, force, carried = stack(lane, FIVE), stack(lane, THREE), stack(lane, THREE)
     known, vectors, strains = stack(lane, NUMBERS), stack(lane, mesh.scratch), stack(lane, mesh.strains)

@@ -43,7 +43,8 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
     the body before and, with the other sign, at the root of the body after. Without
     weights.with_matrix S is not changed.
     """
-    (q, v, a), (cm, cc, ck, with_matrix, _) = state, weights
+    q, v, a = state
+    cm, cc, ck, with_matrix = weights.mass, weights.damping, weights.stiffness, weights.with_matrix
     mesh, table, n, segments = model.mesh, model.table, size(model.mesh.n), model.segments
     pose, force, held, carried = stack(lane, FIVE), stack(lane, THREE), stack(lane, THREE), stack(lane, THREE)
     tail = stack(lane, NINE)

@@ -23,7 +23,7 @@ from ...compiler import (
     size,
     tangents_only,
 )
-from ..contact.integration import least_contraction
+from ..contact.integration import apply_contact_friction, least_contraction
 from ..joints.friction import apply_friction
 from ..layout import ITERATIONS
 from ..protocol import (
@@ -206,11 +206,12 @@ def newton(lane, model, drive, par, w: Work, slopes, scheme, plain):
         if scheme.modified is None:
             fresh = not reuses_matrix(model.newton, iteration)
         # r and, unless factors are reused, S = c_m dr/da + c_v dr/dv + dr/dq, eqs. [72]-[78]
-        weights = Weights(slopes.a, slopes.v, 1.0, newton_share=1.0)
+        weights = Weights(slopes.a, slopes.v, 1.0, newton_share=1.0, friction_apart=True)
         assemble(lane, model, par, state_of(w), w.u, weights if fresh else RESIDUAL_ALONE, w.r, w.S)
         constraint_residual(lane, model, w.psi, state_of(w), 0, slopes.a, w.r)
         # w.r <- S^-1 r, then Coulomb friction (6.6) and the period correction (6.2)
         solve_unknown_rows(lane, model, drive, w, fresh)
+        apply_contact_friction(lane, model, w.S, w.r, fresh)
         apply_friction(lane, model, par, state_of(w), weights, slopes.v / slopes.a, w.S, w.r)
         corrected = correct_period(lane, model, drive, par, scheme.tolerance, w, corrected, active, slopes)
         increment = _apply_newton_increment(lane, model, par, w, active, slopes, scheme.tolerance)
