@@ -369,7 +369,7 @@ def after_solve(lane, part, model, S: Lanes, x, transposed):
 
 
 @kernel
-def correct_increment(lane, part, model, S: Lanes, x, fresh):
+def correct_increment(lane, part, model, S: Lanes, x: Lanes, fresh):
     """Correct x = S^-1 r by the friction of the points that touch, one after the other (`friction.solve_friction`).
 
     fresh: S has new factors; V = S^-1 B and D = B^T V are computed first.
