@@ -262,18 +262,38 @@ class Camera(Law):
         return self.period or 0.0
 
 
-SINGLES: dict[str, type[Law]] = {"accelerometer": Accelerometer, "camera": Camera, "gyroscope": Gyroscope}
+@dataclass(frozen=True, kw_only=True)
+class ForceSensor(Law):
+    """Force sensor at the arm's tip: normal force and magnitude of the friction force of contacts on the tip, N."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactSwitch(Law):
+    """Contact switch at the arm's tip: 1 where the normal force exceeds the threshold (N), otherwise 0."""
+
+    threshold: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check.store(self, threshold=check.number("threshold", self.threshold, "N", minimum=0.0))
+
+
+SINGLES: dict[str, type[Law]] = {
+    "accelerometer": Accelerometer, "camera": Camera, "gyroscope": Gyroscope, "force": ForceSensor,
+    "switch": ContactSwitch,
+}  # fmt: skip
 """Sensors of which an arm has at most one, by key."""
 
+_OF_CONTACT = {"force": ("tip_force_normal", "tip_force_tangential"), "switch": ("contact_switch",)}
 OF_THE_TIP: dict[bool, dict[str, tuple[str, ...]]] = {
     False: {
         "accelerometer": ("tip_acceleration_x", "tip_acceleration_y"),
-        "camera": ("camera_x", "camera_y"),
+        "camera": ("camera_x", "camera_y"), **_OF_CONTACT,
     },
     True: {
         "accelerometer": ("tip_acceleration_x", "tip_acceleration_y", "tip_acceleration_z"),
         "gyroscope": ("gyroscope_x", "gyroscope_y", "gyroscope_z"),
-        "camera": ("camera_x", "camera_y", "camera_z", "camera_rise_y", "camera_rise_z"),
+        "camera": ("camera_x", "camera_y", "camera_z", "camera_rise_y", "camera_rise_z"), **_OF_CONTACT,
     },
 }
 """Names of the readings of these sensors, in the plane (False) and in space (True), in the order of an observation."""
@@ -286,7 +306,7 @@ class Sensors:
     Args:
         encoders: one per joint; a single one for all joints; (): none.
         strain_gauges: named strain_gauge_1, strain_gauge_2, ... in this order.
-        accelerometer, camera, gyroscope: or None.
+        accelerometer, camera, gyroscope, force, switch: or None; the last two are for environments with contacts.
     """
 
     encoders: tuple[Encoder, ...] = ()
@@ -294,6 +314,8 @@ class Sensors:
     accelerometer: Accelerometer | None = None
     camera: Camera | None = None
     gyroscope: Gyroscope | None = None
+    force: ForceSensor | None = None
+    switch: ContactSwitch | None = None
 
     def __post_init__(self) -> None:
         """Validate the sensors' types."""
@@ -351,8 +373,8 @@ def from_table(table: Mapping[str, Any]) -> Sensors:
     """Create sensors from a table of a TOML file or an environment's argument. A ValueError names the key path.
 
     encoders: a table for all joints, or a list with one per joint; {} is an ideal one. strain_gauges: a list of places
-    (of link 0), of pairs (link, place), and of tables. accelerometer, camera, gyroscope: a table each. Keys are the
-    arguments of the classes.
+    (of link 0), of pairs (link, place), and of tables. accelerometer, camera, gyroscope, force, switch:
+    a table each. Keys are the arguments of the classes.
     """
     check.known_keys("sensors", table, KEYS)
     values: dict[str, Any] = {}

@@ -238,6 +238,10 @@ class Trajectory:
         own = own if isinstance(own, Sensors) else from_table(check.table_of("sensors", own))
         with check.under("sensors"):
             own.check_for(arm.links, self.scene.spatial)
+            for name in ("force", "switch"):
+                if getattr(own, name) is not None:
+                    what = "must be left out of a trajectory: contact forces are read in environments"
+                    raise check.InvalidValue(name, getattr(own, name), what)
         steps = np.diff(self.t)
         if not len(steps) or np.ptp(steps) > 1e-6 * steps[0]:
             what = (

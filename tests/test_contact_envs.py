@@ -8,8 +8,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from flexarm_env import Contact, Payload, arms
+from flexarm_env import Contact, Payload, arms, simulate
 from flexarm_env.compiler import UNCOMPILED
+from flexarm_env.scene import standing_scene
 from flexarm_env.shapes import HalfSpace, Sphere
 from tests.env_tools import RANDOM, assert_goes_back, assert_pair_same, pair
 from tests.refusals import refusal
@@ -219,3 +220,61 @@ def test_contacts_as_objects_and_as_tables_are_the_same() -> None:
     table, given = WALL, Contact(CEILING, 1e4, damping=0.3, friction=0.3)
     plans = [gym.make("FlexibleArm-v0", contacts=value).unwrapped.plan for value in (table, given, [given])]
     assert plans[0].contacts == plans[1].contacts == plans[2].contacts == (given,)
+
+
+SENSED: dict[str, Any] = {"force": {}, "switch": {"threshold": 2.0}, "strain_gauges": [{"gain": (0.9, 1.1)}]}
+
+
+def test_sensors_of_contact_read_what_info_says() -> None:
+    """With the force's scale, torque limit over length; the switch beyond its threshold; at the start too."""
+    env: Any = gym.make("FlexibleArm-v0", contacts=WALL, sensors=SENSED).unwrapped
+    names = env.plan.names
+    at = [names.index(name) for name in ("tip_force_normal", "tip_force_tangential", "contact_switch")]
+    assert [env.plan.scales[k] for k in at] == [2.0, 2.0, 1.0]
+    touched = 0
+    for start in (0.4, 0.528):
+        seen, info = env.reset(seed=0, options={"start": start})
+        for _ in range(60):
+            wanted = info["contact_force"] / 2.0, info["contact_friction"] / 2.0, float(info["contact_force"] > 2.0)
+            assert np.allclose(seen[at], np.minimum(wanted, 10.0), atol=1e-6)
+            touched += info["contact_force"] > 0.0
+            seen, *_, info = env.step(np.array([0.5], np.float32))
+    assert touched > 20
+
+
+def test_errors_of_contact_sensors() -> None:
+    """Gain, delay and noise are those of every sensor."""
+    sensors = {"force": {"gain": 2.0, "delay": 0.02}, "switch": {"bias": (0.25, 0.25)}}
+    env: Any = gym.make("FlexibleArm-v0", contacts=WALL, sensors=sensors).unwrapped
+    k = env.plan.names.index("tip_force_normal")
+    env.reset(seed=0, options={"start": 0.45})
+    forces, seen = [], []
+    for _ in range(60):
+        observation, *_, info = env.step(np.array([0.5], np.float32))
+        forces.append(info["contact_force"])
+        seen.append(observation[k])
+        assert observation[k + 2] == pytest.approx(0.25 + (info["contact_force"] > 0.0))
+    assert max(forces) > 0.0
+    assert np.allclose(seen[1:], np.minimum(np.array(forces[:-1]), 10.0), atol=1e-6)
+
+
+def test_contact_sensors_without_contacts_and_where_they_cannot_be() -> None:
+    env: Any = gym.make("FlexibleArm-v0", sensors={"force": {}, "switch": {}}).unwrapped
+    assert env.reset(seed=0)[0][-3:].tolist() == [0.0, 0.0, 0.0]
+    elbow = {**WALL, "bodies": ["joint1"], "obstacle": HalfSpace((0.0, 0.2), (0.0, -1.0)).to_dict()}
+    two: Any = gym.make("TwoLinkFlexArm-v0", contacts=elbow, sensors={"force": {}, "switch": {}}).unwrapped
+    seen, info = two.reset(seed=0, options={"start": (0.8, -0.5)})
+    assert info["contact_force"] > 0.0
+    assert seen[-3:].tolist() == [0.0, 0.0, 0.0]
+    assert "sensors.switch.threshold = -1.0" in refusal(
+        lambda: gym.make("FlexibleArm-v0", sensors={"switch": {"threshold": -1.0}})
+    )
+    scene = standing_scene(arms.named("strip"), 0.01, None)
+    run = simulate(scene, "elastica", estimate_error=False)
+    assert "sensors.force" in refusal(lambda: run.measured({"force": {}}))
+
+
+def test_a_vector_reads_contact_sensors_as_single_arms_do() -> None:
+    keywords = BUSY["elastica"][1]
+    both = pair("FlexibleArm-v0", 9, duration=0.6, sensors={**SENSED, "noise": 0.01}, **keywords)
+    assert assert_pair_same(both, 70, scale=1.6) > 0

@@ -66,7 +66,7 @@ from .keep_out import record_clearance
 from .keeping import restore_lane, save_lanes
 from .motors import draw_lateness, record_delay
 from .sensors import read_gauges, record_motor_angles, write_observation
-from .touch import open_contacts, put_contacts
+from .touch import open_contacts, put_contacts, record_contact_forces
 
 OUTCOME = (0, 0)
 """Size of `outcome`, two rows of lanes: the reward; 1 where a joint is beyond its limits, otherwise 0."""
@@ -164,13 +164,15 @@ def observe_state(lane, p, first, poses, record, seen):
 
 @kernel
 def observe_material(lane, p, par, record, w, seen):
-    """Write scaled strain-gauge curvatures into `seen`, and motor angles (rad) into `record` for their encoders.
+    """Write scaled curvatures at strain gauges into `seen`, and what other sensors read of the arm into `record`.
 
     # in        w.q, coordinates (m, rad)
-    # out       seen, last entries (curvature over its scale);  record, one motor angle in each encoder's channel
+    # out       seen, last entries (curvature over its scale);  record, motor angles (rad) and contact forces in
+    #           the channels of encoders, force sensor and contact switch
     """
     read_gauges(lane, p.sensors, p.entries, p.model, w.q, seen)
     record_motor_angles(lane, p.instruments, p.model, par, record, w)
+    record_contact_forces(lane, p.instruments, p.model, record, w)
 
 
 @kernel

@@ -7,7 +7,9 @@ from ..layout import Field, Layout
 from ..physics.contact.integration import reading_at, record_contacts, reset_impulses
 from ..physics.contact.layout import READ
 from ..physics.integrator.work import Work
+from ..tasks.program import channel_at
 from ..tasks.task import info_of, put_info
+from .laws import LAW_SIZE, channel_of
 
 CONTACT = Layout(
     "ContactInfo", "",
@@ -27,16 +29,14 @@ def open_contacts(lane, model, w: Work):
 
 
 @kernel
-def start_contacts(lane, p, par, live, info, w: Work):
-    """Store the readings of all points at the start of an episode, and write them into info where live > 1/2.
+def start_contacts(lane, p, par, w: Work):
+    """Store the readings of all points at the start of an episode in w.S; no-op without contact.
 
     # in        w.q, w.v;  par, the arms' own parameters
-    # out       w.S, readings;  info.further, its last numbers (`CONTACT`). No-op without contact.
     """
     if p.model.newton.contact is not None:
         reset_impulses(lane, p.model, w.S)
         record_contacts(lane, p.model, par, w.q, w.v, w.S, 0.0)
-        put_contacts(lane, p, w, live, info)
 
 
 @kernel
@@ -64,3 +64,41 @@ def put_contacts(lane, p, w: Work, live, info):
         put_info(lane, live, info, first + CONTACT.penetration, depth)
         put_info(lane, live, info, first + CONTACT.sliding, sliding)
         put_info(lane, live, info, first + CONTACT.impulse, impulse)
+
+
+@kernel
+def contact_channels(instruments):
+    """Return the number of channels of force sensor (2) and contact switch (1)."""
+    count = 0
+    if instruments.force is not None:
+        count = count + 2
+    if instruments.switch is not None:
+        count = count + 1
+    return count
+
+
+@kernel
+def record_contact_forces(lane, instruments, model, record: Lanes, w: Work):
+    """Store what force sensor (N over its scale) and contact switch (1 or 0) read in their channels of the record.
+
+    Normal force and magnitude of the friction force on the tip, at the end of the last step, by the readings in w.S.
+    0 where the tip may not touch.
+    """
+    if model.newton.contact is not None:
+        if instruments is not None:
+            S: Lanes = w.S
+            count = instruments.laws.shape[0] // LAW_SIZE
+            base = record.shape[0] - count * channel_at(0, instruments.room).end
+            at, touches = reading_at(model, max(instruments.tip, 0)), float(instruments.tip)
+            normal = select_lt(touches, 0.0, 0.0, S[at + READ.normal])
+            tangential = select_lt(touches, 0.0, 0.0, S[at + READ.tangential])
+            # the last channels but those of gauges
+            c = count - contact_channels(instruments)
+            if instruments.gauges is not None:
+                c = c - size(instruments.gauges)
+            if instruments.force is not None:
+                record[channel_of(base, instruments.room, c).motor] = normal / instruments.force
+                record[channel_of(base, instruments.room, c + 1).motor] = tangential / instruments.force
+                c = c + 2
+            if instruments.switch is not None:
+                record[channel_of(base, instruments.room, c).motor] = select_lt(instruments.switch, normal, 1.0, 0.0)
