@@ -222,7 +222,8 @@ def of_run(word: str, task: suite.Task) -> Chosen:
 def references(found: Sequence[Results]) -> dict[str, dict[str, Any]]:
     """Return the reference values of scores; frozen ones never change.
 
-    Tasks without one get it from a folder's results, unless PD is missing there or nothing is better.
+    For a task without a frozen reference, compute one from the results of a folder. Such a task has no reference if the
+    results lack PD, or if no method is better than PD.
     """
     known = {name: asdict(one) for name, one in frozen_references().items()}
     for task in suite.tasks():

@@ -101,8 +101,8 @@ HALF = 0.5
 def other_mesh(settings: Settings, space: bool = False) -> tuple[Settings, float]:
     """Return settings of another mesh, and the error per unit of distance from a run on it.
 
-    The mesh is coarser, or finer if there is no coarser one. For links reduced to modes it is the full model; in space,
-    where modes and finite elements form one kind of mesh, other segments with as many modes.
+    The mesh is coarser, or finer if there is no coarser one. For planar links reduced to modes it is the full model. In
+    space it has another number of segments with the same number of modes.
     """
     if settings.formulation == "elastica":
         assert settings.nodes is not None
@@ -188,8 +188,8 @@ def gear_rate(scene: Scene) -> float:
 
 def slowest_rate(scene: Scene) -> float:
     """Return the rate (1/s) of the straight arm's slowest vibration, root held, or of its faster decay if overdamped.
-    Frequency of a beam of the arm's length and smallest stiffness with all it carries at its tip (Rayleigh); in the
-    plane of varying sections that of the actual arm."""
+    It is the frequency of a beam with the arm's length and smallest stiffness, with the arm's load at its tip
+    (Rayleigh). For planar arms with varying sections it is the frequency of the actual arm."""
     arm, spatial = scene.arm, scene.spatial
     bending = [link for link in arm.links if not link.rigid]
     if not bending:

@@ -1,4 +1,4 @@
-"""Named arms (``flexarm_env/data/arms``) and arms from TOML files of the user's own."""
+"""Named arms (``flexarm_env/data/arms``) and arms from the user's TOML files."""
 
 import dataclasses
 import os
@@ -34,7 +34,7 @@ def names() -> tuple[str, ...]:
 
 @cache
 def named(name: str) -> Arm:
-    """A named arm. Raises ValueError for a name that there is not."""
+    """A named arm. Return a packaged arm. Raises ValueError for an unknown name."""
     check.choice("arm", name, names())
     return from_toml((resources.files("flexarm_env") / "data" / "arms" / f"{name}.toml").read_text("utf-8"))
 
@@ -42,7 +42,7 @@ def named(name: str) -> Arm:
 def resolve(arm: Arm | str | os.PathLike[str], directory: str | os.PathLike[str] = ".") -> Arm:
     """Return an arm from an :class:`Arm`, a name, or a TOML file (found from ``directory``).
 
-    Raises ValueError for a text that is neither a name nor a file, and for what is wrong in the file.
+    Raises ValueError for a text that is neither a name nor a file, and for an invalid file.
     """
     if isinstance(arm, Arm):
         return arm
@@ -60,7 +60,7 @@ def resolve(arm: Arm | str | os.PathLike[str], directory: str | os.PathLike[str]
 def from_toml(source: str | os.PathLike[str]) -> Arm:
     """Read the arm of a TOML file or text: the keys of :class:`Arm`, at the top level or in a table ``[arm]``.
 
-    Raises ValueError that names the file, the key path, the value and what is allowed, OSError for no such file.
+    Raises ValueError that names the file, the key path, the value and the rule, OSError for no such file.
     """
     table, path = read_toml(source)
     with check.in_file(path):
@@ -80,7 +80,7 @@ def to_toml(arm: Arm) -> str:
 def from_table(table: Mapping[str, Any], default_name: str | None = None) -> Arm:
     """Read an arm from the table of a TOML file; default_name: for a table without a name.
 
-    Raises ValueError that names the key path, the value and what is allowed.
+    Raises ValueError that names the key path, the value and the rule.
     """
     check.known_keys("", table, check.names_of(Arm))
     values = dict(table)
@@ -101,13 +101,13 @@ def from_table(table: Mapping[str, Any], default_name: str | None = None) -> Arm
 
 
 def section_of(path: str, value: object) -> Section:
-    """A section from its table, as a link's `section`. Raises ValueError that names the key path, the value and the
-    rule."""
+    """Read a section from its table, the value of a link's `section`. Raises ValueError that names the key path, the
+    value and the rule."""
     return _section(path, check.table_of(path, value), path)
 
 
 def base_of(value: object) -> Base:
-    """A base from its table. Raises ValueError that names the key path, the value and what is allowed."""
+    """Read a base from its table. Raises ValueError that names the key path, the value and the rule."""
     needed = {"mass": "must be a number, zero or positive (kg)", "inertia": "must be a positive number (kg m^2)"}
     return check.made("base", Base, value, **needed)
 

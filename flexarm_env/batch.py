@@ -105,14 +105,14 @@ class Batch:
         arm, settings (with dt), gravity: the mechanical system; gravity in m/s^2. n: number of arms.
         task: record of a task. starts: ranges from which starts are drawn.
         period: control period, s, a whole number of settings.dt. account: record energies, work and dissipation.
-        threads: maximum number; None: as many as make steps fastest, by the clock (`compiler.pace`).
+        threads: maximum number; None: the fastest number, found by timing (`compiler.pace`).
         extras: controllers, motors, sensors, moving targets.
         left: error of the tip due to mesh and step, over the arm's length; inf: unknown. contacts: of the arms.
     Attributes:
         action (n, A) float32: input of `step`. observation (n, O) float32, reward (n,), terminated, truncated (n,): of
             the last step or start. table: entries of info, one row each, one column per arm (and spare ones). sheet:
             the table with its views. info_at: row of each entry of `INFO`. request: a `REQUEST`, NaN: drawn at random.
-            address: of the program's memory, argument of the compiled functions.
+            address: address of the program's memory, argument of the compiled functions.
     """
 
     def __init__(
@@ -328,8 +328,8 @@ class Batch:
         return int(count)
 
     def renew(self, keep: bool = True) -> None:
-        """Direct later steps to another table, which nobody views, and leave the present one unchanged. keep: copy the
-        present entries into it first; otherwise a step must write all of them."""
+        """Let later steps write to another table without references from outside; the present table stays unchanged.
+        keep: copy the present entries into it first; otherwise a step must write all of them."""
         sheets = self._sheets
         if not sheets[1].is_free():
             sheets[1] = Sheet(np.empty_like(self.table))

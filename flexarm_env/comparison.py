@@ -1,4 +1,4 @@
-"""How far a run's tip is from a reference: errors at the instants that both have."""
+"""Errors of a run's tip against a reference, at the instants that both contain."""
 
 import dataclasses
 import math
@@ -17,8 +17,8 @@ class TipError:
     """Distance of the tip from a reference.
 
     max_tip_error, rms_tip_error: largest and root-mean-square distance, m; max_tip_angle_error, max_start_angle_error:
-    of the tip's angle and of the root's, rad; time_of_max: s, where the first of them is largest that there is;
-    instants: how many were compared. NaN: the reference does not say.
+    of the tip's angle and of the root's, rad; time_of_max: s, instant of the largest error; instants: number of
+    compared instants. NaN: the reference lacks this column.
     """
 
     max_tip_error: float
@@ -29,7 +29,7 @@ class TipError:
     max_start_angle_error: float = math.nan
 
     def found(self) -> dict[str, float]:
-        """What there was to compare, by name."""
+        """The errors that could be computed, by name."""
         return {name: value for name, value in dataclasses.asdict(self).items() if not math.isnan(value)}
 
 
@@ -40,9 +40,9 @@ def tip_error(
 
     Args:
         t: (n,) s, increasing. tip: (n, 3): x, y in m and angle in rad.
-        reference: column t, and of tip_x and tip_y, tip_angle, start_angle what there is
-            (`flexarm_env.scenes.reference(NAME).columns`, `read_reference`). start: as tip, of the root; needed for
-            start_angle.
+        reference: column t, and those of tip_x and tip_y, tip_angle, start_angle that exist
+            (`flexarm_env.scenes.reference(NAME).columns`, `read_reference`). start: path of the root, in the form of
+            tip; required for start_angle.
     Raises:
         ValueError: the two have no instant in common after the first; nothing is interpolated.
     """

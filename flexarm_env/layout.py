@@ -1,4 +1,4 @@
-"""Layouts of flat arrays, each declared once: packing in NumPy and places in kernels both follow from it.
+"""Layouts of flat arrays: one declaration gives both packing in NumPy and the offsets in kernels.
 
     ELEMENT = Layout("Element", "", Field("EA", (), "N/m", "EA / l"), Field("G", (4, 4), "1/m", "of eq. [45]"))
     BODY = Layout(
@@ -41,7 +41,7 @@ class Field(NamedTuple):
 
     @property
     def amount(self) -> str:
-        """How many numbers there are, as an expression in the sizes."""
+        """Number of entries, as an expression in the sizes."""
         return " * ".join(f"({part})" for part in self.shape) or "1"
 
 
@@ -49,10 +49,10 @@ class Layout:
     """Fields one after the other in a flat array.
 
     Args:
-        name: of the named tuples that are returned. sizes: names of the sizes, "n, elements"; "" where there are none.
+        name: name of the returned named tuples. sizes: names of the sizes, such as "n, elements"; "" for none.
         fields: in their order; an array is stored by rows.
     Attributes:
-        length: how many numbers there are, as an expression in the sizes.
+        length: number of entries, as an expression in the sizes.
         offsets: function (first, *sizes) -> named tuple of the places of all fields and of the `end`.
         views: function (flat, first, *sizes) -> named tuple of one-dimensional slices.
         shapes: function (**sizes) -> the fields' shapes in numbers.
@@ -99,7 +99,7 @@ class Layout:
         """Pack the values of all fields into a flat array.
 
         Raises:
-            ValueError: a field that is missing or not known, or whose value has another number of entries.
+            ValueError: a missing or unknown field, or a value with another number of entries.
         """
         known = {field.name for field in self.fields}
         if known != set(values):
@@ -119,7 +119,7 @@ class Layout:
         return _function(*self._unpacking, {})
 
     def unpack(self, flat: NDArray[np.float64], first: int = 0, /, **sizes: int) -> dict[str, NDArray[np.float64]]:
-        """Views of the fields in their shapes, by name; the layout begins at flat[..., first]."""
+        """Return views of the fields in their shapes, by name; the layout begins at flat[..., first]."""
         found: dict[str, NDArray[np.float64]] = self._fields(flat, first, *[sizes[word] for word in self.sizes])
         return found
 

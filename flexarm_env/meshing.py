@@ -154,12 +154,14 @@ def cells_like(link: Divisible, n: int) -> int:
 
 
 def middles(link: Divisible, n: int) -> list[float]:
-    """Return the places, m from the root, that halve by weight the pieces that n cells (more than jumps) separate."""
+    """Return the places, m from the root, that divide each piece into halves of equal weight; n: number of cells, more
+    than jumps."""
     return [float(piece.ends(2)[1]) for piece in _pieces(link, n >= len(link.breaks) - 1)]
 
 
 def divides(fine: Divisible, m: int, link: Divisible, n: int) -> bool:
-    """Return whether m cells of `fine` give each half piece as many cells as n cells of `link` give a piece.
+    """Return whether with m cells each half piece of `fine` has as many cells as the corresponding piece of `link` with
+    n cells.
 
     fine: a link whose pieces are the halves of the pieces of `link`.
     """

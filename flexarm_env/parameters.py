@@ -3,7 +3,7 @@
 An :class:`Arm` is a chain of :class:`Link` objects. Link ``k`` starts at joint ``k``: joint 0 is the hub
 (the root of the arm), joint ``k >= 1`` the elbow between the tip of link ``k-1`` and the root of link ``k``.
 Every class is immutable and hashable; sequences are stored as tuples; ``dataclasses.replace`` makes a variant
-and validates it. An invalid value raises a ``ValueError`` that names the key path, the value and what is allowed.
+and validates it. An invalid value raises a ``ValueError`` that names the key path, the value and the rule.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ class Motor:
 
     Args:
         torque_constant: N m/A, positive.
-        resistance: of the winding, ohm, positive; None: unknown, and voltages are not available.
+        resistance: resistance of the winding, ohm, positive; None: unknown, and voltages are not available.
         back_emf: V s/rad, zero or positive; None: equal to the torque constant, as in SI units.
         current_limit: A, positive, or None. voltage_limit: V, positive, or None; requires a resistance.
     """
@@ -152,16 +152,16 @@ class Joint:
     """Drive of a joint: rotor, gear and friction. Angles, rates and torques are on the gear's output side.
 
     The torque of the joint (`JointTorque`, an action) acts on the motor's side. An elastic gear adds a coordinate to
-    the arm: the motor's angle divided by the gear ratio, measured like the joint's from the link before. "motor0"
-    stands beside "joint0", the angle of the link's root. Spring and damper act between the two.
+    the arm: the motor's angle divided by the gear ratio, measured like the joint's from the link before. Its coordinate
+        "motor0" exists in addition to "joint0", the angle of the link's root. Spring and damper act between the two.
 
     Args:
-        stiffness: of the gear, N m/rad, positive; inf: rigid, without that coordinate.
-        damping: of the gear, N m s/rad, in parallel with the spring; 0 for infinite stiffness.
-        motor_inertia: of the rotor about its own axis, kg m^2: its energy is 1/2 motor_inertia (gear_ratio rate)^2,
-            with the rate of the motor's angle relative to the link before. An elastic gear needs one, unless a motion
-            prescribes the motor's angle. In space the rotor's angular momentum causes a gyroscopic moment when its axis
-            turns.
+        stiffness: stiffness of the gear, N m/rad, positive; inf: rigid, without that coordinate.
+        damping: damping of the gear, N m s/rad, in parallel with the spring; 0 for infinite stiffness.
+        motor_inertia: inertia of the rotor about its own axis, kg m^2: its energy is 1/2 motor_inertia (gear_ratio
+            rate)^2, with the rate of the motor's angle relative to the link before. An elastic gear needs one, unless a
+            motion prescribes the motor's angle. In space the rotor's angular momentum causes a gyroscopic moment when
+            its axis turns.
         gear_ratio: turns of the rotor per turn of the joint, positive, at most 1e9.
         friction_viscous: N m s/rad. friction_coulomb: N m: torque that holds the joint at rest, and that brakes it in
             motion.

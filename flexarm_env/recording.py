@@ -56,8 +56,8 @@ class Episode:
 
     Attributes:
         env_id: id in the registry. env_kwargs: its keywords. max_episode_steps: as given to make, or None.
-        seed: of the reset, or None; `generator` is then the state of the environment's generator before the reset.
-        options: of the reset, or None.
+        seed: seed of the reset, or None; `generator` is then the state of the environment's generator before the reset.
+        options: options of the reset, or None.
         observations (T + 1, O), actions (T, N): float32. rewards (T,): float64. terminations, truncations (T,): bool.
         infos: arrays by name, T + 1 rows each.
     """
@@ -112,7 +112,7 @@ class Episode:
 
     def view(self, *others: Episode, labels: Sequence[str] | None = None, env_id: str | None = None) -> Player:
         """Return a page that plays the episode and others beside it: `.save("episode.html")`, or shown in a notebook.
-        labels: of all episodes; default the environments' ids. env_id: as in `replay`."""
+        labels: labels of all episodes; default the environments' ids. env_id: as in `replay`."""
         return Player.of((self, *others), labels, env_id)
 
     def _repr_html_(self) -> str:
@@ -257,7 +257,7 @@ def save_episodes(path: str | os.PathLike[str], episodes: Sequence[Episode]) -> 
     """Write episodes of one environment to an .npz file, completely or not at all, and return its path.
 
     Args:
-        path: of the file; its folder is created. episodes: at least one, with observations and infos of the same
+        path: path of the file; its folder is created. episodes: at least one, with observations and infos of the same
             shapes.
     Raises:
         ValueError: no episode, different shapes of observations or infos, or an episode that `load_episodes` rejects.
@@ -375,7 +375,7 @@ def to_minari(episodes: Sequence[Episode], dataset_id: str, env_id: str | None =
     Requires the `data` extra, but no JAX; Minari's own `DataCollector` needs it (`pip install "minari[create]"`).
 
     Args:
-        episodes: of one environment. dataset_id: for example "flexarm/slew/pd-v0". env_id: as in `replay`.
+        episodes: episodes of one environment. dataset_id: for example "flexarm/slew/pd-v0". env_id: as in `replay`.
         about: keywords of `minari.create_dataset_from_buffers`: algorithm_name, author, description, ...
     Returns:
         The `minari.MinariDataset`; an interrupted episode ends as truncated there.

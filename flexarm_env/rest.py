@@ -1,7 +1,7 @@
 """Static equilibrium of scenes that start at rest under their loads, by pseudo-transient continuation.
 
-Each integrator step begins without velocity, M c (q - q_before) + f(q) = 0, where c falls as the step grows. Short
-steps at first go downhill; long steps at last are Newton's iteration for f = 0.
+Each integrator step begins without velocity, M c (q - q_before) + f(q) = 0, where c falls as the step grows. The first,
+short steps reduce the energy; the last, long steps equal Newton's iteration for f = 0.
 """
 
 from dataclasses import replace
@@ -29,11 +29,11 @@ MOST = 300
 
 
 class NoEquilibrium(RuntimeError):
-    """No equilibrium was found; the message says what was tried."""
+    """No equilibrium was found; the message describes the attempts."""
 
 
 def resting(scene: Scene) -> Scene:
-    """Return the scene as it is before t = 0: loads constant at their value for t = 0, motions constant at their start.
+    """Return the scene with all loads and motions constant at their values for t = 0.
 
     With start="held" all joints are held as well; behind an elastic gear the motor is held instead. Torques on joints
     that are held are dropped.
@@ -69,7 +69,7 @@ def resting_settings(settings: Settings, space: bool) -> Settings:
     """Return the settings for `relax`: steps of one size, and no correction of the period.
 
     An elastica in space gets the inertia of steps of 1 s, which is proportional to its stiffness: all its strains then
-    come to rest alike.
+        come to rest at the same rate.
     """
     plain: dict[str, Any] = {"step_tolerance": None}
     if space and settings.formulation == "elastica":
@@ -123,15 +123,23 @@ def _reason(simulation: Any, last: float) -> str:
     """Return why no rest was found. last: status of the last failed step."""
     if last == OUT_OF_RANGE:
         return f"{out_of_range(simulation.model)}; start=\"unloaded\" lets it begin without stress"
-    buckles = ""
-    if simulation.scene.spatial and simulation.settings.formulation == "floating_frame":
-        buckles = ", or be just below what it buckles under, where floating frames find none (geometrically_exact does)"
-    held = 'start="held" holds its joints, start="unloaded" lets it begin without stress'
-    return f"its loads may be too large, or turn it on and on{buckles}; {held}"
+    scene, frames = simulation.scene, simulation.settings.formulation == "floating_frame"
+    why = "its loads may be too large"
+    if frames and simulation.settings.frame == "root":
+        why += ' for frame="root" (frame="chord" bears more)'
+    instead = 'start="unloaded" lets it begin without stress'
+    moved = {motion.coordinate[5:] for motion in scene.motions}
+    if not moved.issuperset(str(k) for k in range(scene.arm.n_links) if k not in scene.rigid_joints):
+        why += ", or turn it on and on"
+        instead = f'start="held" holds its joints, {instead}'
+    if scene.spatial and frames:
+        why += ", or be just below what it buckles under, where floating frames find none (geometrically_exact does)"
+    return f"{why}; {instead}"
 
 
 def out_of_range(model: Any, share: str = "") -> str:
-    """That an arm at rest is out of its formulation's range. share: from which share of its loads on."""
+    """Return an error message: the arm at rest exceeds its formulation's range. share: share of the loads at which it
+    does."""
     bound = float(getattr(model, "bound", 0.0))
     why = "beyond the range of the reduction to modes" if bound else "larger than a floating body can have"
     instead = "take more segments (no modes), or formulation='geometrically_exact'"

@@ -1,4 +1,4 @@
-"""Vector environments for Stable-Baselines3: a Gymnasium VectorEnv as a VecEnv, with its wrappers ready.
+"""Vector environments for Stable-Baselines3: a Gymnasium VectorEnv as a VecEnv, with the usual wrappers.
 
 from flexarm_env.sb3 import make_sb3_vec
 env = make_sb3_vec("FlexibleArm-v0", n_envs=64, seed=0, normalize=True)
@@ -45,22 +45,22 @@ def make_sb3_vec(
     """Make a Stable-Baselines3 VecEnv of n_envs environments that are stepped together.
 
     Args:
-        env_id: a registered id, such as "FlexibleArm-v0". n_envs: how many.
+        env_id: a registered id, such as "FlexibleArm-v0". n_envs: number of environments.
         seed: environment i starts with seed + i at the first reset; None seeds from the system.
-        monitor: wrap in VecMonitor (episode returns and lengths, `is_success`); a text is the file it writes to.
-        normalize: wrap in VecNormalize; a mapping holds its keywords, e.g. {"norm_reward": False, "gamma": 0.98}.
-        info_keys: entries of the environment's info that every step shall bring; without them only the infos of
-            episodes that end are filled, which is all that Stable-Baselines3 reads.
+        monitor: wrap in VecMonitor (episode returns and lengths, `is_success`); a string: the file that it writes.
+        normalize: wrap in VecNormalize; a mapping contains its keywords, e.g. {"norm_reward": False, "gamma": 0.98}.
+        info_keys: entries of the environment's info to include in every step. Otherwise only the infos of ended
+            episodes are filled; Stable-Baselines3 reads no others.
         vectorization_mode: "vector_entry_point" (the native one), or "sync" or "async" for n_envs single ones.
         wrappers: functions or classes that each single environment is wrapped in, the first one innermost. The native
             vector environment has no single ones: with wrappers, "vector_entry_point" is "sync".
         lengths: factors on the links' lengths, among which the environments are divided (`envs.lengths`).
         kwargs: keywords of the environment.
     Returns:
-        VecNormalize(VecMonitor(GymnasiumVecEnv)), less what was not asked for.
+        VecNormalize(VecMonitor(GymnasiumVecEnv)), or fewer of these wrappers as requested.
     Raises:
         ValueError: n_envs below 1, or a native vector environment that cannot reset in the step that ends an
-            episode. Besides, whatever the environment raises for its keywords.
+            episode. Also the errors that the environment raises for its keywords.
     """
     n_envs = check.integer("n_envs", n_envs, minimum=1)
     seed = seed if seed is None else check.integer("seed", seed, minimum=0)
@@ -70,13 +70,14 @@ def make_sb3_vec(
         around = check.sequence("wrappers", wrappers, "functions of an environment")
         vectorization_mode = "sync" if vectorization_mode == "vector_entry_point" else vectorization_mode
         kwargs = {"wrappers": around} | kwargs
-    if len(lengths) and vectorization_mode != "vector_entry_point":
+    lengths = check.sequence("lengths", lengths, "factors on lengths")
+    if lengths and vectorization_mode != "vector_entry_point":
         what = "must be left out with wrappers or another vectorization_mode than 'vector_entry_point'"
         raise check.InvalidValue("lengths", lengths, what)
     kwargs = mode | kwargs if vectorization_mode == "vector_entry_point" else {"vector_kwargs": mode} | kwargs
     native: VectorEnv[Any, Any, Any]
     try:
-        if len(lengths):
+        if lengths:
             native = LengthsVectorEnv(env_id, n_envs, lengths, **kwargs)
         else:
             native = gym.make_vec(env_id, num_envs=n_envs, vectorization_mode=vectorization_mode, **kwargs)
@@ -98,14 +99,14 @@ def make_sb3_vec(
 
 
 class GymnasiumVecEnv(VecEnv):
-    """A Gymnasium VectorEnv in same-step autoreset mode, seen as a VecEnv.
+    """Adapter from a Gymnasium VectorEnv in same-step autoreset mode to a VecEnv.
 
     Args:
         env: the vector environment.
-        info_keys: entries of its info that every step's infos shall hold. The infos of an episode that ends hold all
-            of them in any case, with "terminal_observation" and "TimeLimit.truncated".
+        info_keys: entries of its info to include in the infos of every step. The infos of an ended episode contain all
+            entries, with "terminal_observation" and "TimeLimit.truncated".
     Raises:
-        ValueError: another autoreset mode: Stable-Baselines3 takes the first observation of the next episode
+        ValueError: another autoreset mode. Stable-Baselines3 requires the first observation of the next episode
             together with the last reward.
     """
 
@@ -122,7 +123,8 @@ class GymnasiumVecEnv(VecEnv):
 
     # ------------------------------------------------------------- episodes
     def reset(self) -> Any:
-        """Reset all, with the seeds and options of `seed` and `set_options`; first observations."""
+        """Reset all environments with the seeds and options of `seed` and `set_options`; return the first
+        observations."""
         seeds, options = self._seeds, self._options
         self._reset_seeds()
         self._reset_options()
@@ -154,7 +156,8 @@ class GymnasiumVecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> tuple[Any, NDArray[np.float32], NDArray[np.bool_], Infos]:
-        """Step: observations (of the next episode where one ends), rewards (n,) float32, dones (n,), infos."""
+        """Step the environments; return observations (of the next episode after an end), rewards (n,) float32, dones
+        (n,), infos."""
         observations, rewards, terminated, truncated, info = self.env.step(self._actions)
         dones = np.logical_or(terminated, truncated)
         infos: Infos = [{} for _ in range(self.num_envs)]
@@ -186,8 +189,8 @@ class GymnasiumVecEnv(VecEnv):
     def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
         """Return an attribute of each of these environments.
 
-        Where the vector environment has one value for all, that value; of an array with one row an environment
-        (or a list or tuple as long), the rows.
+        An array, list or tuple with one entry per environment is split into its entries; any other value is returned
+        for each environment.
         """
         name = SINGLE_NAMES.get(attr_name, attr_name)
         if hasattr(self.env, "get_attr") and name == attr_name and not hasattr(VectorEnv, name):
@@ -199,12 +202,12 @@ class GymnasiumVecEnv(VecEnv):
         return [values[i] for i in self._indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:
-        """Set an attribute of these environments to one value. `starts`, the ranges that starts and targets are drawn
-        from, is one of this package's environments.
+        """Set an attribute of these environments to one value. The environments of this package have the attribute
+        `starts`, the ranges of starts and targets.
 
         Raises:
-            ValueError: some of the environments are named, but the attribute is one of all together; a keyword of the
-                environment that holds from when it is made on.
+            ValueError: indices of some environments for an attribute that all share, or a keyword of the environment
+                that cannot change.
         """
         chosen = self._indices(indices)
         if attr_name in ARGUMENTS and attr_name not in CHANGEABLE:
@@ -228,13 +231,13 @@ class GymnasiumVecEnv(VecEnv):
     def env_method(
         self, method_name: str, *method_args: Any, indices: Indices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Call a method of these environments, and list what each returns.
+        """Call a method of these environments; return the list of results.
 
-        "reset" takes seed (an int: environment i gets seed + i) and options, and resets these alone; "render" draws.
-        A method of the vector environment that has a parameter `indices` is given them.
+        "reset" takes seed (an int: environment i gets seed + i) and options, and resets only these environments;
+        "render" draws them. A method of the vector environment with a parameter `indices` receives the indices.
 
         Raises:
-            ValueError: some of the environments are named, but the method is one of all together.
+            ValueError: indices of some environments for a method that acts on all.
         """
         chosen = self._indices(indices)
         if method_name == "reset":
@@ -261,7 +264,8 @@ class GymnasiumVecEnv(VecEnv):
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Indices = None
     ) -> list[bool]:
-        """Whether each of these environments has the wrapper; one of a native vector environment has none."""
+        """Return whether each of these environments has the wrapper; environments of a native vector environment have
+        none."""
         singles = getattr(self.env, "envs", None)
         chosen = self._indices(indices)
         if not isinstance(singles, list):

@@ -57,7 +57,7 @@ def named(name: str) -> Scene:
 def resolve(scene: Scene | str | os.PathLike[str]) -> Scene:
     """Return a scene from a :class:`Scene`, a name (NAME or NAME@SET), or a TOML file (FILE.toml or FILE.toml@SET).
 
-    Raises ValueError for a text that is neither, and for what is wrong in the file.
+    Raises ValueError for a text that is neither, and for an invalid file.
     """
     if isinstance(scene, Scene):
         return scene
@@ -86,7 +86,7 @@ COMPARED = (("tip_x", "tip_y"), ("tip_angle",), ("start_angle",))
 class Reference:
     """A reference trajectory: its scene, origin, absolute tolerances and columns.
 
-    ``tip_tolerance`` (m) and ``angle_tolerance`` (rad); the energy is no reference. ``columns`` maps each name of
+    ``tip_tolerance`` in m, ``angle_tolerance`` in rad. The energy is not a reference. ``columns`` maps each name of
     :data:`COLUMNS` to a float64 array (n,).
     """
 
@@ -100,7 +100,7 @@ class Reference:
 
 
 def reference_names() -> tuple[str, ...]:
-    """Names of the scenes for which the package carries a reference trajectory."""
+    """Names of the scenes with a packaged reference trajectory."""
     return tuple(name for name in ORDER if name in _references())
 
 
@@ -133,7 +133,7 @@ def spot_values(name: str) -> dict[str, Any]:
 def read_trajectory(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
     """Read a trajectory's CSV file: columns by name; its first line must begin with :data:`COLUMNS`.
 
-    Raises ValueError that names the file and the row for what is no such table, FileNotFoundError for no file.
+    Raises ValueError, which names file and row, for another table, and FileNotFoundError for a missing file.
     """
     header, lines = csv_lines(path)
     header = without_units(header)
@@ -144,9 +144,10 @@ def read_trajectory(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, n
 
 
 def read_reference(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
-    """Columns of a CSV file that a run is to be compared with: t, and of :data:`COMPARED` what was measured.
+    """Read the columns of a CSV file for a comparison: t, and those of :data:`COMPARED` that exist.
 
-    The columns may stand in any order, among others. ValueError and FileNotFoundError as :func:`read_trajectory`.
+    The columns may be in any order, with others between them. ValueError and FileNotFoundError as
+    :func:`read_trajectory`.
     """
     header, lines = csv_lines(path)
     header = without_units(header)

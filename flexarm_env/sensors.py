@@ -242,7 +242,8 @@ class Gyroscope(Law):
 class Camera(Law):
     """Camera: position of the tip, m, along fixed axes; in space also two angles of the tip's x axis, rad.
 
-    The angles are the rise out of the x-z plane, towards y, and out of the x-y plane, towards z, -pi/2 to pi/2 each.
+    They are the elevation of this axis out of the x-z plane towards y, and out of the x-y plane towards z, -pi/2 to
+    pi/2 each.
 
     Args:
         period: s from one picture to the next, a whole number of control periods (or samples); None: one at each. The

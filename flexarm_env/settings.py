@@ -122,21 +122,22 @@ class Settings:
             slower, for comparison (floating_frame, default False; frame "root").
         order: polynomial order of the elements, 1 to 3 (geometrically_exact, default 2).
         period_correction: correct the integrator's period error in each step (geometrically_exact, default False; the
-            elastica always does). A step is left uncorrected if its correction would exceed 3 % of the arm's length, or
-            if no Newton increment in it is below 1 % of that length and the root of the tolerance.
+            elastica always does). A step is not corrected if the correction would exceed 3 % of the arm's length, or if
+            none of its Newton increments is below both 1 % of that length and the root of the tolerance.
         nodes: tangent angles per link, 3 to 12, or to 48 where the section jumps or kinks (elastica, default 6).
         dt: step, s; None: the scene's.
         rho_inf: spectral radius of generalized-alpha at infinite frequency, 0 to 1 (defaults 0.9, 0.7 and 1.0).
         newmark: (beta, gamma) of plain Newmark, in place of rho_inf.
-        tolerance: of the Newton iteration, default 1e-10.
+        tolerance: tolerance of the Newton iteration, default 1e-10.
         newton: "full" (default) or "modified".
         max_iterations: Newton iterations per step, at most 10,000, default 20.
         max_halvings: halvings of a step whose Newton iteration fails, default 8.
         step_tolerance: permitted error of the tip, a fraction of the arm's length, per control period of an environment
             or per interval between two samples or kinks of a scene. dt is then the longest step and is halved up to
-            five times where the motion requires it; `Trajectory.step_error` and info report where that does not
-            suffice. It compares the tips of links in steps of h and h/2, and does not see motors behind elastic gears,
-            Coulomb friction that both reverse late, or the mesh. At least `tolerance`. None (default): constant dt.
+            five times as required by the motion; if that does not suffice, `Trajectory.step_error` and info report it.
+            It compares the tips of links in steps of h and h/2. It does not detect errors of motors behind elastic
+            gears, of Coulomb friction that both runs reverse late, or of the mesh. At least `tolerance`. None
+            (default): constant dt.
     """
 
     formulation: str

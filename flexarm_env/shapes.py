@@ -1,7 +1,7 @@
-"""Shapes that an arm is to stay out of, in the plane and in space: their signed distances and the slopes of these.
+"""Shapes that an arm has to avoid, in the plane and in space, with signed distances and their gradients.
 
-A distance is that from the nearest point of the surface, in m: negative inside. All are exact. Where several points of
-the surface are nearest, the slope is that of one of them.
+A distance is measured to the nearest point of the surface, in m, and is negative inside. All distances are exact. If
+several points are equally near, the gradient belongs to one of them.
 """
 
 import math
@@ -29,7 +29,7 @@ def _point(path: str, value: object, unit: str = "m") -> Point:
 
 @dataclass(frozen=True)
 class Shape:
-    """What is common: where it is, and how it is turned.
+    """Base class of shapes: position and orientation.
 
     `dimension` is 2 in the plane, 3 in space.
     """
@@ -38,12 +38,12 @@ class Shape:
 
     @property
     def place(self) -> Point:
-        """A point that it is described from, m."""
+        """Reference point of the shape, m."""
         raise NotImplementedError
 
     @property
     def axes(self) -> Array:
-        """(d, d): its own axes, as columns."""
+        """Axes of the shape as columns, (d, d)."""
         return np.eye(self.dimension)
 
     @property
@@ -53,19 +53,19 @@ class Shape:
 
     @property
     def sizes(self) -> Point:
-        """Half of what it measures along its axes, m; see the classes."""
+        """Half of the dimensions along its axes, m; see the classes."""
         return ()
 
     def distance(self, points: ArrayLike) -> Array:
-        """(...,) m, from points (..., d)."""
+        """Return distances (...,), m, of points (..., d)."""
         return self.look(points)[0]
 
     def gradient(self, points: ArrayLike) -> Array:
-        """(..., d), unit vectors: the direction in which the distance grows at points (..., d)."""
+        """Return unit vectors (..., d) in the direction in which the distance grows, at points (..., d)."""
         return self.look(points)[1]
 
     def look(self, points: ArrayLike) -> tuple[Array, Array]:
-        """Distances and their slopes."""
+        """Return distances and their gradients."""
         given = np.asarray(points, np.float64)
         if given.shape[-1:] != (self.dimension,):
             what = f"must have {self.dimension} numbers along its last axis, as the {self.name} has"
@@ -77,16 +77,16 @@ class Shape:
         raise NotImplementedError
 
     def to_dict(self) -> dict[str, Any]:
-        """The table that `shape_of` reads."""
+        """Return the table that `shape_of` reads."""
         fields = {name: getattr(self, name) for name in check.names_of(type(self))}
         return {"shape": self.name, **{name: value for name, value in fields.items() if value is not None}}
 
 
 @dataclass(frozen=True)
 class HalfSpace(Shape):
-    """All behind a plane (in the plane: a line): a wall, a floor.
+    """Everything behind a plane (in 2-D: behind a line), such as a wall or a floor.
 
-    point: on it, m. normal: out of it, to the side that is free; of any length.
+    point: a point of the surface, m. normal: direction towards the free side, of any length.
     """
 
     point: Point
@@ -105,7 +105,7 @@ class HalfSpace(Shape):
 
     @property
     def place(self) -> Point:
-        """A point on it."""
+        """A point of the surface, m."""
         return self.point
 
     def _local(self, y: Array) -> tuple[Array, Array]:
@@ -115,7 +115,7 @@ class HalfSpace(Shape):
 
 @dataclass(frozen=True)
 class Sphere(Shape):
-    """A ball (in the plane: a disc). center, radius: m."""
+    """A ball (in 2-D: a disc). center, radius: m."""
 
     center: Point
     radius: float
@@ -142,10 +142,10 @@ class Sphere(Shape):
 
 @dataclass(frozen=True)
 class Box(Shape):
-    """A cuboid (in the plane: a rectangle).
+    """A cuboid (in 2-D: a rectangle).
 
-    center: m. sides: whole lengths along its axes, m. turn: of its axes, in the plane an angle (rad), in space a matrix
-    of three rows or (axis, angle); None: they are x, y, z.
+    center: m. sides: whole lengths along its axes, m. turn: rotation of its axes: in 2-D an angle (rad), in space a
+        matrix of three rows or (axis, angle); None: no rotation.
     """
 
     center: Point
@@ -172,7 +172,7 @@ class Box(Shape):
 
     @property
     def axes(self) -> Array:
-        """Along its sides."""
+        """Axes along the sides, as columns."""
         if self.turn is None or self.dimension == 3:
             return np.eye(self.dimension) if self.turn is None else np.array(self.turn)
         c, s = math.cos(self.turn), math.sin(self.turn)
@@ -180,7 +180,7 @@ class Box(Shape):
 
     @property
     def sizes(self) -> Point:
-        """Half of its sides."""
+        """Half of the side lengths, m."""
         return tuple(0.5 * side for side in self.sides)
 
     def _local(self, y: Array) -> tuple[Array, Array]:
@@ -190,7 +190,7 @@ class Box(Shape):
 
 @dataclass(frozen=True)
 class Cylinder(Shape):
-    """A round bar with flat ends, in space. start, end: of its axis, m. radius: m."""
+    """A round bar with flat ends, in space. start, end: end points of its axis, m. radius: m."""
 
     start: Point
     end: Point
@@ -205,12 +205,12 @@ class Cylinder(Shape):
 
     @property
     def place(self) -> Point:
-        """The middle of its axis."""
+        """Middle of the axis, m."""
         return tuple(0.5 * (a + b) for a, b in zip(self.start, self.end, strict=True))
 
     @property
     def axes(self) -> Array:
-        """The third along its own axis."""
+        """Axes as columns; the third is the cylinder's axis."""
         along = np.subtract(self.end, self.start) / math.dist(self.start, self.end)
         least = np.eye(3)[np.argmin(np.abs(along))]
         first = np.cross(least, along)
@@ -219,7 +219,7 @@ class Cylinder(Shape):
 
     @property
     def sizes(self) -> Point:
-        """Radius and half of its length."""
+        """Radius and half of the length, m."""
         return self.radius, 0.5 * math.dist(self.start, self.end)
 
     def _local(self, y: Array) -> tuple[Array, Array]:
@@ -253,7 +253,7 @@ def shape_of(path: str, value: Any, dimension: int) -> Shape:
     """Return a shape, or make it of a table: `shape` ("half_space", "sphere", "box", "cylinder") and its fields.
 
     Raises:
-        ValueError: neither, or one that is not of these dimensions.
+        ValueError: neither of these, or a shape of another dimension.
     """
     shape = value if isinstance(value, Shape) else _from_table(path, value)
     if shape.dimension != dimension:

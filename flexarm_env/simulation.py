@@ -11,17 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from . import accuracy, physics  # noqa: F401  (importing physics registers the formulations)
+from . import accuracy, physics
 from . import validation as check
 from .compiler import SINGLE, compiling, uncompiled
 from .physics import assembly, precision
-from .physics.contact.build import check_steps
 from .physics.integrator.start import restart
 from .physics.integrator.work import Work, unpack, work_size
 from .physics.layout import DISSIPATED, POSE, WORK_DONE
 from .physics.model import EI_Y_FACTOR, MESSAGE, OK, STATUS, STIFFNESS_FACTOR, TIMED_OUT, Drive, System
 from .physics.space.reading import read
-from .rest import rested
+from .rest import NoEquilibrium, rested
 from .runtime.fitted import APART, FITS, close_fit, end_run, open_fit, start_run
 from .runtime.keeping import save_lanes
 from .runtime.layout import fit_rooms
@@ -374,8 +373,8 @@ def simulate(
         formulation: "floating_frame", "geometrically_exact", "elastica" or "paper"; None: the scene's.
         duration, sample: s; None: the scene's. progress: called with the fraction done, 0 to 1.
         error_limit: largest `error_estimate` (fraction of the arm's length) of a run whose status is "ok".
-        time_limit: wall-clock time, s, without compilation; a longer run fails with status "timed_out". The runs behind
-            the estimate, usually two with half as many steps, may each take as long again.
+        time_limit: wall-clock time, s, without compilation; a longer run fails with status "timed_out". Each run for
+            the error estimate (usually two, with half as many steps) has the same limit again.
         estimate_error: False skips those: `error_estimate` is nan, only energy and notes count (`error_parts`).
         options: options of the formulation (`flexarm_env.settings.Settings`), e.g. segments=8, dt=0.01. Where a motion
             or load is faster than dt, steps are shorter: a sixteenth of a sine's period at most.
@@ -401,7 +400,7 @@ def simulate(
     there = computed(scene)
     settings = dataclasses.replace(settings, dt=resolving_step(there, settings, end))
     simulation = Simulation(there, accuracy.in_steps(there, settings, end, interval))
-    check_steps(there, simulation.settings, simulation.system)
+    physics.contact.build.check_steps(there, simulation.settings, simulation.system)
     simulation.compile()
     clock = time.thread_time()
     simulation.deadline = None if allowed is None else time.perf_counter() + allowed
@@ -410,12 +409,10 @@ def simulate(
     return placed(judge(run, interval, limit, allowed, estimate_error), scene)
 
 
-def judge(
-    trajectory: Trajectory, interval: float, error_limit: float = 0.05, time_limit: float | None = None,
-    companions: bool = True,
-) -> Trajectory:  # fmt: skip
+def judge(trajectory: Trajectory, interval: float, error_limit: float = 0.05, time_limit: float | None = None,
+          companions: bool = True) -> Trajectory:  # fmt: skip
     """Return the trajectory with its estimated error, "inaccurate" if that exceeds the limit; failures are unchanged.
-    interval: of the samples, s. companions: make the runs behind the estimate."""
+    interval: interval of the samples, s. companions: make the runs behind the estimate."""
     if trajectory.status != STATUS[OK]:
         return trajectory
     scene, settings, t, levels = trajectory.scene, trajectory.settings, trajectory.t, trajectory.step_levels
@@ -435,12 +432,13 @@ def judge(
     return dataclasses.replace(trajectory, **changes)
 
 
-def _probe(
-    scene: Scene, settings: Settings, interval: float, levels: Sequence[int] = (), stiffness: float = 1.0, *,
-    end: float, allowed: float | None,
-) -> accuracy.Probe:  # fmt: skip
+def _probe(scene: Scene, settings: Settings, interval: float, levels: Sequence[int] = (), stiffness: float = 1.0, *,
+           end: float, allowed: float | None) -> accuracy.Probe:  # fmt: skip
     """Make a companion run and return its tips. stiffness: factor on EI; end: s; allowed: wall-clock s, or None."""
-    simulation = Simulation(scene, accuracy.in_steps(scene, settings, end, interval))
+    try:
+        simulation = Simulation(scene, accuracy.in_steps(scene, settings, end, interval))
+    except NoEquilibrium:  # on its mesh or in its steps; the run itself began at rest
+        return accuracy.Probe(np.zeros(0), _NO_POINTS, False)
     simulation.follow = levels
     simulation.par[[STIFFNESS_FACTOR, EI_Y_FACTOR][: 1 + simulation.scene.spatial]] *= stiffness
     simulation.compile()

@@ -1,4 +1,4 @@
-"""What a run in space leaves behind: a `Trajectory` of places with three components and rotations."""
+"""Recorded runs in space: a `Trajectory` with positions of three components and rotations."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ _QUATERNION = "wxyz"
 
 @dataclass(repr=False)
 class SpatialTrajectory(Trajectory):
-    """A recorded run of n instants and N links in space, SI units; what differs from :class:`Trajectory`:
+    """A recorded run of n instants and N links in space, SI units. These attributes differ from :class:`Trajectory`:
 
     Attributes:
         start, tip (n, 3): x, y, z of the root of link 0 and of the tip of the last link, m.
@@ -28,12 +28,12 @@ class SpatialTrajectory(Trajectory):
         tip_velocity (n, 6): m/s and rad/s, both along inertial axes.
         hinges (n, N-1, 3): positions of joints 1 to N-1, m. joint_angles, joint_rates (n, N): about the joints' axes.
         tip_deflection (n, N, 2): each link's tip along y and z of its root, over the link's length; 0 of rigid links.
-        twist (n, N): rad, rotation of each link's tip against its root, its part about the root's x axis.
+        twist (n, N): rad, rotation of each link's tip relative to its root, component about the root's x axis.
         link_rotations (n, N, 2, 4): quaternions of each link's root and tip.
         shapes (n, points, 3): points along the chain from root to tip, m.
         unresolved_damping (n,): J, since the start, the work of damping forces beyond `dissipated`. Strain rates at the
-            ends of steps differ in second order of the step from those in between; in stiff links with damping the
-            strain energy takes this work up and gives it back, and it is part of the balance.
+            ends of steps differ in second order of the step from those within steps. In stiff links with damping the
+            strain energy absorbs and returns this work, which is part of the balance.
         q, v (n, rows): places, rotation vectors and joint angles; of rotations v holds angular velocities in the
             section's own axes, rad/s. Of a scene that stays in a plane the rows of the plane (`scene.plane.in_plane`).
     """
@@ -50,7 +50,7 @@ class SpatialTrajectory(Trajectory):
 
     @property
     def balance(self) -> Array:
-        """Energy that appeared from nowhere, J (n,): change of energy + dissipated + unresolved damping - work."""
+        """Energy imbalance, J (n,): change of energy + dissipated + unresolved damping - work."""
         return np.asarray(super().balance + self.unresolved_damping - self.unresolved_damping[0])
 
     def columns(self) -> dict[str, Array]:
@@ -98,7 +98,8 @@ SpatialTrajectory.arrays = {
 
 
 def placed(run: Trajectory, scene: Scene) -> Trajectory:
-    """Return the run in space of a scene that was computed in its plane (`scene.computed`); other runs unchanged."""
+    """Convert a run that was computed in the plane of its scene (`scene.computed`) to space; other runs are
+    unchanged."""
     flat = in_plane(scene)
     if flat is None:
         return run

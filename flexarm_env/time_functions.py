@@ -111,7 +111,7 @@ class TimeFunction:
         return self.kinks_up_to(2)
 
     def kinks_up_to(self, order: int) -> tuple[float, ...]:
-        """Return the instants (s) where a derivative of order 0 ... ``order`` (at most 3) jumps."""
+        """Return the instants (s) where a derivative of an order from 0 to ``order`` (at most 3) jumps."""
         before, after, at = self.pieces[:-1], self.pieces[1:], self.pieces[1:, T0]
         check.integer("order", order, minimum=0, maximum=3)
         if not len(at):

@@ -1,4 +1,4 @@
-"""Arms in PyTorch, differentiated exactly: gradients of rewards, observations and states by actions and states.
+"""Differentiable arms in PyTorch: exact gradients of rewards, observations and states by actions and states.
 
     from flexarm_env.torch import DifferentiableArms
     arms = DifferentiableArms("FlexibleArm-v0", 64)
@@ -6,7 +6,7 @@
     state, observation, reward = arms.step(state, policy(arms.observe(state)))
     reward.sum().backward()
 
-A period's derivative is computed on the way back, from the state that it began in: memory is that of the states.
+The backward pass computes each period's derivative from its initial state, so only states are stored.
 """
 
 from collections.abc import Sequence
@@ -26,22 +26,23 @@ Tensor = torch.Tensor
 
 
 class DifferentiableArms:
-    """n arms of an environment, one row of a state each; `step` and `observe` can be differentiated, once.
+    """n arms of an environment, with one state row each; `step` and `observe` have first derivatives.
 
     Tensors are float64 on the CPU and share their memory with NumPy; states and actions of another type are converted,
-    and have gradients of their own type. Nothing ends and nothing is drawn within an episode, and no derivative passes
-    a `reset`: which arms begin anew, and when, is the caller's to say, who puts rows of fresh states in place of old
-    ones (`torch.where`). Actions are clipped to +-1, beyond which nothing depends on them.
+    and have gradients of their own type. Episodes do not end, nothing is drawn at random within an episode, and no
+    derivative passes a `reset`. The caller decides which arms restart, and replaces their rows by fresh states
+    (`torch.where`). Actions are clipped to +-1, beyond which nothing depends on them.
 
     Args:
-        id: of an environment of this package. n: how many arms. keywords: of the environment and its solver; threads,
-        parameters: see `flexarm_env.derivatives.Arms`.
+        id: id of an environment of this package. n: number of arms. keywords: keywords of the environment and its
+            solver; threads, parameters: see `flexarm_env.derivatives.Arms`.
     Attributes:
-        arms: the same in NumPy (names and sizes of states). n. observation_space, action_space: of one arm.
-        failed, past (n,) bool: after `step`, whose solver failed (its numbers are NaN), and who was beyond a joint's
-        limits, where the environment's episodes end.
+        arms: the `Arms` with names and sizes of states. n: number of arms. observation_space, action_space: spaces of
+            one arm.
+        failed (n,) bool: whether the solver failed in the last `step`; results are then NaN.
+        past (n,) bool: whether a joint was beyond its limits, where the environment would end the episode.
     Raises:
-        ValueError: what cannot be differentiated; tensors of wrong shapes, or not on the CPU.
+        ValueError: a feature without derivatives (see `Arms`), tensors of wrong shapes, or tensors not on the CPU.
     """
 
     def __init__(self, id: str, n: int, **keywords: Any) -> None:
@@ -55,22 +56,22 @@ class DifferentiableArms:
         self.failed, self.past = torch.tensor(self.arms.failed), torch.tensor(self.arms.past)
 
     def reset(self, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> Tensor:
-        """Fresh starts, those of the vector environment with this seed and these options: states (n, S)."""
+        """Start episodes as the vector environment does with this seed and these options; return states (n, S)."""
         return torch.from_numpy(self.arms.reset(seed, options))
 
     def observe(self, state: Tensor) -> Tensor:
-        """What is to be seen (n, O) of states (n, S)."""
+        """Return the observations (n, O) of states (n, S)."""
         seen: Tensor = _Observe.apply(self.arms, state)
         return seen
 
     def step(self, state: Tensor, action: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """State (n, S), observation (n, O) and reward (n,) a control period later, under an action (n, A)."""
+        """Return state (n, S), observation (n, O) and reward (n,) after a control period with an action (n, A)."""
         after, seen, paid = _Step.apply(self.arms, state, action)
         self._store_flags()
         return after, seen, paid
 
     def close(self) -> None:
-        """Let the threads go."""
+        """End the threads."""
         self.arms.close()
 
 

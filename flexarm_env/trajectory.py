@@ -1,4 +1,4 @@
-"""What a run leaves behind: times, poses, energies, torques, work counts; CSV, NPZ, a page that plays it."""
+"""Recorded runs: times, poses, energies, torques, work counts; output as CSV, NPZ, or a page that plays the run."""
 
 from __future__ import annotations
 
@@ -76,31 +76,31 @@ class Trajectory:
     """A recorded run of n instants and N links, SI units. At a kink the values just before it are recorded.
 
     Attributes:
-        scene, settings: what was run. t (n,): s.
+        scene, settings: input of the run. t (n,): s.
         start, tip (n, 3): x, y (m) and angle (rad) of the root of link 0 and of the tip of the last link.
         tip_velocity (n, 3): m/s and rad/s. hinges (n, N-1, 2): positions of joints 1 to N-1, m.
-        joint_angles, joint_rates (n, N): rad, rad/s; joint 0 from the x axis or the base that floats, joint k from the
-            tip of link k-1.
-        motor_angles, motor_rates (n, N): of the motors, over the ratio, relative to the link before; those of the
-            joints where the gear does not give.
-        joint_torque (n, N): N m, as applied, or as needed where the joint's angle is prescribed.
+        joint_angles, joint_rates (n, N): rad, rad/s; joint 0 from the x axis or the floating base, joint k from the tip
+            of link k-1.
+        motor_angles, motor_rates (n, N): angles and rates of the motors over the gear ratio, relative to the link
+            before; with a rigid gear those of the joint.
+        joint_torque (n, N): N m, applied torque, or the torque that enforces a prescribed angle.
         tip_deflection (n, N): each link's tip normal to its tangent at its root, over the link's length.
         kinetic, strain_energy, gravity (n,): energies, J.
-        dissipated, work (n,): J, since the start; work is the drives'.
+        dissipated, work (n,): J, since the start; work is that of the drives.
         shapes (n, points, 2): points along the chain from root to tip, m.
-        q, v (n, rows): the state and its rate; names (rows,) says what each row is.
-        status: "ok", "inaccurate", or what ended the run early; message: the same in a sentence.
+        q, v (n, rows): the state and its rate; names (rows,): names of the rows.
+        status: "ok", "inaccurate", or the failure that ended the run; message: the same in a sentence.
         steps, iterations, factorizations, halvings: counts of time steps, Newton iterations, matrices factored and
-            steps halved. cpu_seconds: of the thread that ran, compilation left out.
-        notes: what the formulation says of its own limits, fractions of the arm's length.
-        error_estimate: how far the tip may be off, a fraction of the arm's length (`flexarm_env.accuracy`; nan where
-            the run ended early or nothing was run to judge it by); error_parts: what it is made of, by name.
-        deflection_bound: tip_deflection beyond which the formulation stops; infinite but for whole links reduced to
+            steps halved. cpu_seconds: CPU time of the run's thread, without compilation.
+        notes: known errors of the formulation, as fractions of the arm's length, by name.
+        error_estimate: estimated error of the tip, a fraction of the arm's length (`flexarm_env.accuracy`; nan if the
+            run ended early or was not estimated); error_parts: the parts of the estimate, by name.
+        deflection_bound: tip_deflection beyond which the formulation stops; infinite unless whole links are reduced to
             modes.
-        step_levels: with a step_tolerance, how often dt was halved in each stretch between samples and kinks.
-        step_error: the largest error (a fraction of L) that one of these was left with; 0 where steps are not fitted.
-        gross_work: J, the work of the drives, what they gave and what they took both counted as positive.
-        link_angles (n, N, 2): of the tangents at each link's root and tip, rad.
+        step_levels: with a step_tolerance, number of halvings of dt in each interval between samples and kinks.
+        step_error: largest remaining error (a fraction of L) of these intervals; 0 without a step_tolerance.
+        gross_work: J, work of the drives, with both directions counted as positive.
+        link_angles (n, N, 2): angles of the tangents at each link's root and tip, rad.
     """
 
     scene: Scene
@@ -150,14 +150,14 @@ class Trajectory:
 
     @property
     def base_angle(self) -> Array:
-        """Attitude (n,) of the base that floats, rad, 0 at the start. ValueError where there is none."""
+        """Attitude (n,) of the floating base, rad, 0 at the start. ValueError without a floating base."""
         if "base" not in self.names:
             raise check.InvalidValue("scene.arm.base", self.scene.arm.base, "must be a Base, and scene.root free")
         return self.q[:, self.names.index("base")]
 
     @property
     def finished(self) -> bool:
-        """The run came to its end, accurate or not."""
+        """Whether the run reached its end, accurate or not."""
         return self.status in ("ok", "inaccurate")
 
     @property
@@ -167,14 +167,14 @@ class Trajectory:
 
     @property
     def balance(self) -> Array:
-        """Energy that appeared from nowhere, J (n,): change of energy + dissipated - work; 0 for an exact solution."""
+        """Energy imbalance, J (n,): change of energy + dissipated - work; 0 for an exact solution."""
         energy = self.energy
         brought = self.work - self.dissipated  # a velocity that jumps at the start brings some before the first sample
         return np.asarray(energy - energy[0] - (brought - brought[0]))
 
     @property
     def turned_over(self) -> float:
-        """Gross work, energy at the start and what gravity exchanged, J: what the balance is to be compared with."""
+        """Scale for the balance, J: gross work, initial energy and the energy exchanged with gravity."""
         return self.gross_work + float(self.kinetic[0] + self.strain_energy[0] + np.ptp(self.gravity))
 
     def strain(self, link: int, place: float, distance: float | None = None) -> Array:
@@ -182,7 +182,7 @@ class Trajectory:
 
         Args:
             link: 0 is the first. place: along it, from 0 (root) to 1 (tip).
-            distance: m. None: to the surface of a rectangle of the section's m and J, sqrt(3 J / m).
+            distance: m. None: the surface of a rectangle with the section's m and J, sqrt(3 J / m).
         """
         gauge = StrainGauge(link=link, place=place, unit="strain", distance=distance)
         Sensors(strain_gauges=(gauge,)).check_for(self.scene.arm.links)
@@ -199,9 +199,9 @@ class Trajectory:
 
     # --- to be looked at ---------------------------------------------------------------------------
     def clip(self, label: str | None = None) -> Clip | SpaceClip:
-        """Return the clip that a player shows of the run; label: its name beside others, default the scene's.
+        """Return the run as a clip for the player; label: name shown beside other runs, default the scene's.
 
-        ValueError for a run of no instant, or whose arrays do not fit together.
+        ValueError for a run without samples, or with inconsistent arrays.
         """
         self.check_arrays()
         if not len(self.t):
@@ -209,9 +209,9 @@ class Trajectory:
         return of_trajectory(self, label, self._curvature)
 
     def view(self, *others: Trajectory, labels: Sequence[str] | None = None) -> Player:
-        """Return a page that plays the run, with others if given: `.save("arm.html")`, or shown by a notebook.
+        """Return a page that plays the run and others: save it with `.save("arm.html")`, or display it in a notebook.
 
-        labels: of all of them; default the scenes' names.
+        labels: names of all runs; default the scenes' names.
         """
         return Player.of((self, *others), labels)
 
@@ -222,14 +222,13 @@ class Trajectory:
         """Return the readings of sensors at the recorded instants, by the environments' laws (`flexarm_env.sensors`).
 
         Args:
-            sensors: or their table; None takes the arm's own, or where it has none ideal ones.
-            seed: of noise, gains and biases.
+            sensors: the sensors or their table; None: the arm's own, or ideal sensors if it has none.
+            seed: seed of noise, gains and biases.
         Returns:
-            By name, (n,) each, SI: `hub_angle`, `hub_rate`, `elbow_angle`, ... (rad, rad/s), `tip_acceleration_x`, `_y`
-            (m/s^2), `camera_x`, `_y` (m), `strain_gauge_1`, ... (1/m, or strain).
+            Readings by name, (n,) each, SI: `hub_angle`, `hub_rate`, `elbow_angle`, ... (rad, rad/s),
+            `tip_acceleration_x`, `_y` (m/s^2), `camera_x`, `_y` (m), `strain_gauge_1`, ... (1/m, or strain).
         Raises:
-            ValueError: a run of fewer than two samples, of samples that are not evenly spaced, or whose arrays do not
-                fit together.
+            ValueError: fewer than two samples, samples that are not evenly spaced, or inconsistent arrays.
         """
         self.check_arrays()
         arm = self.scene.arm
@@ -295,7 +294,7 @@ class Trajectory:
     def to_csv(self, path: str | os.PathLike[str], units: bool = False) -> None:
         """Write `columns` as CSV with all digits, in s, J, m, rad and rad/s. Raises OSError, and then writes nothing.
 
-        units: add them to the header, as in "t (s)"; readers of this package take both.
+        units: add units to the header, as in "t (s)"; readers of this package accept both forms.
         """
         table = self.columns()
         text = [",".join(f"{name} ({unit_of(name)})" if units and unit_of(name) else name for name in table)]
@@ -304,7 +303,7 @@ class Trajectory:
 
     # --- files --------------------------------------------------------------------------------------
     def check_arrays(self) -> None:
-        """ValueError for arrays that do not fit each other or the arm or are not finite; for times that do not rise."""
+        """Raise ValueError for inconsistent or non-finite arrays, and for times that do not increase."""
         links = self.scene.arm.n_links
         sizes = {"links": links, "joints - 1": links - 1, "rows": len(self.names), "n": np.size(self.t)}
         check.arrays(vars(self), {name: ("finite", shape) for name, shape in self.arrays.items()}, sizes)
@@ -313,7 +312,7 @@ class Trajectory:
             raise check.InvalidValue(f"t[{at}]", self.t[at], "must be later than the instant before")
 
     def to_npz(self, path: str | os.PathLike[str]) -> None:
-        """Write every array, status, settings and the scene's TOML as text, whole or not at all. Raises OSError."""
+        """Write all arrays, status, settings and the scene's TOML text, completely or not at all. Raises OSError."""
         known: dict[str, Any] = {name: getattr(self, name) for name in (*self.arrays, "error_estimate", "status")}
         known |= {"scene": self.scene.to_toml(), "names": np.array(self.names)}
         known |= {"formulation": self.settings.formulation, "options": json.dumps(self.settings.options())}
@@ -358,7 +357,8 @@ def kind_of(scene: Scene) -> type[Trajectory]:
 
 
 def tips_of(scene: Scene, settings: Settings, fields: Mapping[str, Array]) -> Array:
-    """Places of the tip, (n, 2) m, in space with its axes, (n, 4, 3), of what `Simulation.record` returns."""
+    """Return positions of the tip, (n, 2) m, in space also its axes, (n, 4, 3), from the fields of
+    `Simulation.record`."""
     if scene.spatial:
         return tips_in_space(scene.arm, settings, fields["q"])
     return fields["poses"][:, -1, TIP][:, :2]
@@ -408,7 +408,7 @@ ABOUT: dict[str, Reader] = {
 
 
 def check_work(end: float, interval: float, dt: float | None) -> None:
-    """ValueError for a run of `end` s that no machine comes to the end of, that no memory holds, or that is none."""
+    """Raise ValueError for a run of `end` s that is empty, or that would take too many steps or samples."""
     if end < 1e-9:
         raise check.InvalidValue("duration", end, "must be at least 1e-9 s: instants 1e-12 s apart are taken for one")
     if dt is not None and not end / dt <= MOST_STEPS:
@@ -420,7 +420,7 @@ def check_work(end: float, interval: float, dt: float | None) -> None:
 
 
 def recorded(simulation: Any, fields: Mapping[str, Array], shapes: Array, cpu_seconds: float) -> Trajectory:
-    """Return the Trajectory of what `Simulation.record` returned, in the same memory."""
+    """Return the Trajectory of the fields of `Simulation.record`, sharing their memory."""
     poses, energies, torque = fields["poses"], fields["energies"], fields["torque"]
     scene, system, counts = simulation.scene, simulation.system, simulation.work.counts
     for i, motion in enumerate(scene.motions):

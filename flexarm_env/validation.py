@@ -84,14 +84,14 @@ class MissingKey(BadKey):
 
 
 class Unreadable(BadKey):
-    """Unreadable text: ``path`` (its key path, empty for a text of its own) and ``why``."""
+    """Unreadable text: ``path`` (its key path, empty for a text without a key) and ``why``."""
 
     def __init__(self, path: str, why: str) -> None:
         super().__init__(path, why)
         self.why = why
 
     def __str__(self) -> str:
-        return f"{self.path or 'text'}: {self.why}"
+        return f"{self.path.removesuffix(': ') or 'text'}: {self.why}"
 
 
 def lacking(what: str, package: str, extra: str) -> str:

@@ -1,6 +1,7 @@
 """Training, resuming, exporting and judging: small runs from the command line and from Python."""
 
 import csv
+import dataclasses
 import json
 import pickle
 import shutil
@@ -13,7 +14,7 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 
-from flexarm_env import control
+from flexarm_env import Payload, arms, control
 from flexarm_env.training import config, episodes, export_policy, policies, progress, tune
 from flexarm_env.training import evaluate as judging
 from flexarm_env.training import train as train_ppo
@@ -145,6 +146,24 @@ def test_a_run_is_extended_and_never_trained_otherwise_than_it_was(tmp_path: Pat
     assert [row["steps"] for row in curve(folder)] == ["0", "1024", "2048", "3072"]
     assert curve(folder)[:3] == curve(run)
     assert config.load(folder / "config.yml", "ppo", ENV).n_timesteps == 3072 and read_run(folder)["steps"] == 3072
+
+
+def test_an_extended_run_is_validated_on_the_duration_that_was_chosen_for_the_arm(tmp_path: Path, capsys):
+    """The first 512 steps were validated on the arm's 8.5 s, those of the extension on the environment's 4 s."""
+    strip = arms.named("strip")
+    slow = dataclasses.replace(strip, name="slow", payload=Payload(5.0))
+    (tmp_path / "slow.toml").write_text(arms.to_toml(slow))
+    words = ["--env", ENV, "--env-kwargs", json.dumps({"arm": str(tmp_path / "slow.toml")}), "--eval-episodes", "2"]
+    words += ["--set", "n_envs=4", "--set", "n_steps=64", "--n-timesteps", "512", "--no-tensorboard"]
+    more = ["--out", str(tmp_path / "run"), "--no-progress"]
+    assert train_ppo.main("flexarm train", [*words, *more]) == 0
+    first = read_run(tmp_path / "run")
+    assert first["validation"]["duration"] == first["env_kwargs"]["duration"] > 4.0
+    assert train_ppo.main("flexarm train", ["--resume", "--n-timesteps", "1024", *more]) == 0
+    extended = read_run(tmp_path / "run")
+    for key in ("asked", "validation", "env_kwargs"):
+        assert extended[key] == first[key]
+    assert "an episode has 4 s" not in capsys.readouterr().err
 
 
 def test_all_that_is_missing_is_named(tmp_path: Path, monkeypatch, capsys):

@@ -115,6 +115,24 @@ def test_rest_on_a_flank() -> None:
 
 
 @pytest.mark.slow
+@every(METHODS)
+@pytest.mark.parametrize("start", [0.5, 0.5 * np.pi - 0.03, 0.5 * np.pi + 0.03])
+def test_a_link_behind_a_held_motor_falls_to_the_flank_on_its_side(
+    start: float, formulation: str, options: dict[str, Any]
+) -> None:
+    """In the gap nothing holds it, so that rest cannot be followed from the unloaded arm. It lies half the play below
+    its motor, and by what the spring gives to m g L cos / 2."""
+    joint = dataclasses.replace(GEAR, backlash=1.0)
+    scene = Scene("s", stiff_arm(joint), duration=1.0, dt=1e-3, gravity=(0.0, -9.81), angles=(start,))
+    rest = static_equilibrium(everything(scene), formulation, hold_joints=True, **options)
+    assert rest.stability.stable
+    tip = rest.shape_points()[-1]
+    angle = np.arctan2(tip[1], tip[0])
+    sunk = start - angle if start < 0.5 * np.pi else angle - start
+    assert 40.0 * (sunk - 0.5) == pytest.approx(0.15 * 9.81 * abs(np.cos(angle)), rel=1e-4)
+
+
+@pytest.mark.slow
 def test_environments_and_files() -> None:
     arm = dataclasses.replace(arms.named("strip_geared"), name="loose", joints=(
         dataclasses.replace(arms.named("strip_geared").joints[0], backlash=0.01),))  # fmt: skip

@@ -43,6 +43,8 @@ def test_help_teaches(command: str, capsys: pytest.CaptureFixture[str]) -> None:
         flags += " step-tolerance duration sample out plot plots video speed"
         assert all(f"--{flag}" in text for flag in flags.split())
         assert ("--reference" in text) == (command == "replay")
+    if command == "run":
+        assert "4 the run ended before its time" in text
 
 
 def test_help_loads_nothing_heavy() -> None:

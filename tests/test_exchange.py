@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import gymnasium
 import numpy as np
@@ -24,6 +26,7 @@ from flexarm_env.exchange import (
     tip_compliance,
     urdf,
 )
+from flexarm_env.exchange.bare import bare
 from flexarm_env.exchange.linear import exact_compliance, mass_matrix
 from flexarm_env.exchange.mjcf import diagonal
 from flexarm_env.exchange.reader import _model
@@ -35,6 +38,7 @@ from flexarm_env.scene import JointTorque, Scene
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import constant
 from flexarm_env.validation import InvalidValue
+from tests.refusals import says
 
 UR5 = Path(__file__).parent / "robots" / "ur5.urdf"
 ASSETS = Path(gymnasium.__file__).parent / "envs" / "mujoco" / "assets"
@@ -96,6 +100,24 @@ def test_calibration_meets_the_first_frequency() -> None:
     # damping ratio tau omega / 2
     own, ratios = chain_modes(chain)
     assert ratios[0] == pytest.approx(0.5 * 2.25e-3 * 2.0 * np.pi * own[0], rel=1e-9)
+
+
+def test_calibration_of_an_arm_that_does_not_oscillate_is_that_of_its_springs() -> None:
+    """Damped beyond critical the first mode has no frequency; the springs are the same."""
+    arm = arms.named("strip")
+    _, factor = calibrated(chain_of(arm, 4))
+    _, damped = calibrated(chain_of(replace(arm, tau_d=1.0), 4))
+    assert damped == pytest.approx(factor, rel=1e-9)
+    heavy = replace(arm, payload=replace(arm.payload, mass=1e30))
+    says("arm = 'strip': must have lengths, masses and stiffnesses", lambda: calibrated(chain_of(heavy, 4)))
+
+
+@pytest.mark.parametrize("name", ["a\x1b[31m\x00b", "\uffff", "--> <b a='\"'>", "ends with -"])
+def test_any_name_gives_xml_that_can_be_read(name: str) -> None:
+    arm = replace(arms.named("strip"), name=name)
+    for text in (mjcf(chain_of(arm, 2), comments=[name]), urdf(chain_of(arm, 0), [name])):
+        top = ElementTree.fromstring(text)
+        assert len(top) > 2 and len(top.get("model", top.get("name", ""))) == len(name)
 
 
 def test_what_hinges_cannot_represent_is_rejected() -> None:
@@ -224,7 +246,7 @@ def test_the_rigid_limit_is_mujocos(robot: str) -> None:
         rows.append(np.concatenate([run.joint_angles[-1], run.joint_rates[-1], run.tip[-1]]))
     # Richardson: the integrator is of second order
     own = rows[1] + (rows[1] - rows[0]) / 3.0
-    model = _model(path)
+    model, _ = _model(path)
     model.opt.timestep, model.opt.integrator = 1e-4, mujoco.mjtIntegrator.mjINT_RK4
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
     data = mujoco.MjData(model)
@@ -305,7 +327,7 @@ def test_errors_of_import(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     elbow = 'name="elbow_joint" type="{}"'
     prismatic.write_text(UR5.read_text().replace(elbow.format("revolute"), elbow.format("prismatic")))
     bad = "forearm_link={EI = -1.0, EA = 1.0, C = 1.0, m = 1.0, J = 0.0}"
-    for words, says in (
+    for words, error in (
         ([str(tmp_path / "none.urdf")], "no such file"),
         ([str(prismatic)], "joint elbow_joint = 'prismatic'"),
         ([str(ASSETS / "reacher.xml")], "must be one of the mechanisms of the file (body0, target)"),
@@ -315,7 +337,7 @@ def test_errors_of_import(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
         ([str(UR5), "--flexible", bad], "EI = -1.0"),
     ):
         assert main(["import", *words, "--out", out]) == 2
-        assert says in capsys.readouterr().err
+        assert error in capsys.readouterr().err
 
 
 def test_several_hinges_of_a_body_and_shifted_zeros(tmp_path: Path) -> None:
@@ -340,3 +362,80 @@ def test_constraints_of_another_mechanism_do_not_matter(tmp_path: Path) -> None:
     other = SERIAL.format(more="", tail='<equality><weld name="w" body1="x"/></equality>')
     path.write_text(other.replace("</worldbody>", '<body name="x"><freejoint/><geom size="0.1"/></body></worldbody>'))
     assert import_arm(path, root="a").joints == ("ja",)
+
+
+HINGED = """<robot name="r"><link name="base"/><link name="a"><inertial><origin xyz="0.2 0 0"/><mass value="1"/>
+<inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link><link name="tip"/>
+<joint name="j" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>
+<limit lower="-2" upper="2" effort="10" velocity="3"/></joint>
+<joint name="f" type="fixed"><parent link="a"/><child link="tip"/><origin xyz="0.5 0 0"/></joint></robot>"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('mass value="1"', 'mass value="inf"', "link a.mass.value = 'inf': must be a finite number"),
+        ('mass value="1"', 'mass value=""', "link a.mass.value = '': must be a finite number"),
+        ('mass value="1"', 'mass value="1 0.0"', "link a.mass.value = '1 0.0': must be a finite number"),
+        ('xyz="0.5 0 0"', 'xyz="0.5 0"', "joint f.origin.xyz = '0.5 0': must be 3 finite numbers"),
+        ('ixx="0.01"', 'ixx="0,01"', "link a.inertia.ixx = '0,01'"),
+        ('xyz="0.5 0 0"', 'xyz="nan 0 0"', "joint f.origin.xyz = 'nan 0 0'"),
+        ('effort="10"', 'effort="nan"', "joint j.limit.effort = 'nan'"),
+        ('effort="10"', 'effort="-3"', "joint j.limit.effort = -3.0: must be a number, zero or positive (N m)"),
+        ('lower="-2"', 'lower="nan"', "joint j.limit.lower = 'nan'"),
+        ('lower="-2" upper="2"', 'lower="2" upper="-2"', "joint j.limit = (2.0, -2.0): must be lower < upper (rad)"),
+        ('name="f" type="fixed"', 'name="j" type="fixed"', "joint j = 'two joints': must have names of their own"),
+        ("</robot>", "<a>" * 2000 + "</a>" * 2000 + "</robot>", "text: elements are nested more than 100 deep"),
+    ],
+)
+def test_wrong_numbers_of_an_urdf_are_named(old: str, new: str, words: str) -> None:
+    """MuJoCo drops limits that are not in order or no numbers, and a number of infinite size spreads."""
+    assert old in HINGED
+    says(words, lambda: bare(ElementTree.fromstring(HINGED.replace(old, new))))
+
+
+def test_limits_that_exporters_write_for_none_are_named() -> None:
+    zeros = HINGED.replace('lower="-2" upper="2" effort="10"', 'lower="0" upper="0" effort="0"')
+    text, left_out = bare(ElementTree.fromstring(zeros))
+    assert left_out == ["limits of j, whose ends are both 0 rad", "torque limit of j, which is 0"]
+    assert "lower" not in text and bare(ElementTree.fromstring(HINGED))[1] == []
+
+
+@pytest.mark.parametrize(
+    ("joint", "motor", "words"),
+    [
+        ('range="2 -2"', 'ctrlrange="-5 5"', "joint ja.range = (2.0, -2.0): must increase"),
+        ("", 'ctrlrange="nan 5"', "actuator m.ctrlrange = (nan, 5.0): must increase"),
+        ("", 'ctrlrange="0 5"', "actuator m.ctrlrange = (0.0, 5.0): must reach from below 0 to above"),
+        ("", 'forcerange="1 5"', "actuator m.forcerange = (1.0, 5.0): must reach"),
+        ("", 'gear="0" ctrlrange="-5 5"', "actuator m.gear = 0.0"),
+        ('damping="nan"', 'ctrlrange="-5 5"', "joint ja.friction_viscous = nan"),
+    ],
+)
+def test_ranges_that_mujoco_ignores_are_rejected(joint: str, motor: str, words: str, tmp_path: Path) -> None:
+    """An arm without the limit would turn without bound, or pull where its motor only pushes."""
+    needs_mujoco()
+    path = tmp_path / "robot.xml"
+    text = SERIAL.format(more="", tail=f'<actuator><motor name="m" joint="ja" {motor}/></actuator>')
+    path.write_text(text.replace('type="hinge"', f'type="hinge" {joint}'))
+    says(f"{path}: {words}", lambda: import_arm(path))
+
+
+def test_wrong_numbers_of_a_file_leave_no_trace_of_mujoco(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No file MUJOCO_LOG.TXT in the folder, no warning of NumPy, and the file's own error."""
+    needs_mujoco()
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "far.xml"
+    far = SERIAL.format(more=CHILD.format("b"), tail="").replace('pos="1 0 0"', 'pos="1e200 0 0"')
+    weight = far.replace("<worldbody>", '<option gravity="nan 0 0"/><worldbody>')
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for text, words in (
+            (far, "link a.length = inf"), (weight, "option.gravity[0] = nan"),
+            (far.replace('pos="1e200 0 0"', 'pos="1e12 0 0"'), "link a.length = 1000000000000.0: must be"),
+            ("<mujoco><what/></mujoco>", f"{path}: MuJoCo cannot read it"),
+        ):  # fmt: skip
+            path.write_text(text)
+            says(words, lambda: import_arm(path))
+    says("gear_ratio = 1e-300", lambda: import_arm(path, gear_ratio=1e-300))
+    assert [one.name for one in tmp_path.iterdir()] == ["far.xml"]

@@ -1,5 +1,6 @@
 """Arrays of lanes: `x[k]`, `x[k] = value` and slices mean what load and store mean, in every mode of a kernel."""
 
+import ast
 import re
 import types
 from pathlib import Path
@@ -25,9 +26,12 @@ from flexarm_env.compiler import (
 from flexarm_env.compiler.kinds import Refused
 from flexarm_env.compiler.lane_arrays import is_lanes, lane_fields, lane_parameters
 from tests.refusals import refuses
+from tests.test_architecture import PACKAGE as NAME
+from tests.test_architecture import ROOT
 from tests.test_language import module
 
 TAGS = (SINGLE, EIGHT, dual(SINGLE, 2), dual(EIGHT))
+PACKAGE = ROOT / NAME
 compiled = pytest.mark.skipif(UNCOMPILED, reason="nothing is compiled")
 
 
@@ -354,3 +358,57 @@ def test_annotations() -> None:
 
     assert lane_parameters(f) == {"lane": False, "x": True, "w": False}
     assert isinstance(f, types.FunctionType)
+
+
+LANE_ARRAYS = {
+    "S", "q", "v", "a", "b", "r", "x", "y", "u", "psi", "par", "poses", "record", "seen", "info", "action", "outcome",
+    "out", "flag", "bar", "r_bar", "u_bar", "q_bar", "v_bar", "par_bar", "force", "pose",
+}  # fmt: skip
+"""Names that physics, runtime and tasks give to arrays of lanes."""
+
+OTHERS = {"add_vector", "specific_force", "drive_rows", "tangent_rows", "_add_residual", "pose_rows"}
+"""Kernels whose arguments of these names are vectors of three, or one arm's rows with a time in each."""
+
+
+def counts_lanes(item: ast.AST, lanes: set[str]) -> bool:
+    """Whether an index counts numbers, not elements: it mentions the lanes, by `len(lane)` or a name that holds it."""
+    return any(isinstance(node, ast.Name) and node.id in lanes for node in ast.walk(item))
+
+
+def unmarked(function: ast.FunctionDef) -> set[str]:
+    """Names of lane arrays among a kernel's arguments that are indexed by element without an annotation."""
+    arguments = function.args.args
+    if "lane" not in [one.arg for one in arguments] or function.name in OTHERS:
+        return set()
+    bare = {one.arg for one in arguments if one.annotation is None and one.arg in LANE_ARRAYS}
+    # names that are computed from the lanes, such as i = k * lanes
+    lanes = {"lane", "lanes"}
+    for node in ast.walk(function):
+        if isinstance(node, ast.Assign) and counts_lanes(node.value, lanes):
+            lanes |= {name.id for name in ast.walk(node.targets[0]) if isinstance(name, ast.Name)}
+        if isinstance(node, ast.For) and counts_lanes(node.iter, lanes):
+            lanes |= {name.id for name in ast.walk(node.target) if isinstance(name, ast.Name)}
+    found = set()
+    for node in ast.walk(function):
+        # x[0] with a number is an entry of a tuple, such as a vector
+        if isinstance(node, ast.Subscript) and not isinstance(node.slice, ast.Constant):
+            by_element = not counts_lanes(node.slice, lanes)
+            if by_element and isinstance(node.value, ast.Name) and node.value.id in bare:
+                found.add(node.value.id)
+    return found
+
+
+def test_kernels_say_of_the_arrays_that_they_index_that_these_hold_lanes() -> None:
+    """Without the annotation `S[k]` is number k of all lanes: right for one arm, another arm's number for eight."""
+    found = []
+    for room in ("physics", "runtime", "tasks"):
+        for path in sorted((PACKAGE / room).rglob("*.py")):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.FunctionDef) and node.decorator_list:
+                    found += [f"{path.relative_to(PACKAGE)}: {node.name}({name})" for name in sorted(unmarked(node))]
+    assert not found
+
+
+def test_an_array_that_is_not_said_to_hold_lanes_is_found() -> None:
+    text = "@kernel\ndef f(lane, q, S: Lanes, r):\n    for k in range(3):\n        r[k] += S[k] * q[k * len(lane)]\n"
+    assert unmarked(ast.parse(text).body[0]) == {"r"}  # type: ignore[arg-type]

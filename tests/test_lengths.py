@@ -95,3 +95,59 @@ def test_what_is_refused() -> None:
     says("lengths[0]", lambda: LengthsVectorEnv("FlexibleArm-v0", 2, (0.0,)))
     says("env_id", lambda: LengthsVectorEnv("CartPole-v1", 2, (1.0,)))
     says("make_sb3_vec(..., lengths=...)", lambda: gym.make("FlexibleArm-v0", randomization={"length": (0.9, 1.1)}))
+
+
+def test_wrong_input_changes_no_arm() -> None:
+    """A part that has stepped or started while another refuses would be out of step with it."""
+    env = LengthsVectorEnv("FlexibleArm-v0", 4, (1.0, 1.1), duration=0.1)
+    env.reset(seed=0)
+    before = env.get_state()
+
+    def unchanged() -> bool:
+        pairs = zip(before, env.get_state(), strict=True)
+        return all(np.array_equal(one["arm"]["block"], two["arm"]["block"]) for one, two in pairs)
+
+    for shape in [(3, 1), (5, 1), (4, 2), (4,), ()]:
+        says("must be an array of numbers of shape (4, 1)", lambda shape=shape: env.step(np.ones(shape, np.float32)))
+    says("action = None", lambda: env.step(None))
+    for seeds in [[1, 2], [1, 2, 3, 4, 5]]:
+        says("must be a number or a sequence of 4", lambda seeds=seeds: env.reset(seed=seeds))
+    for mask in [[True, False, False, True], np.array([1, 0, 0, 1]), np.zeros(4, bool), np.ones(2, bool), "abcd"]:
+        says("a numpy array of 4 bools", lambda mask=mask: env.reset(options={"reset_mask": mask}))
+    says("options = 'abc'", lambda: env.reset(options="abc"))
+    says("options.nonsense", lambda: env.reset(options={"nonsense": 1}))
+    for count in (3, 8):
+        says("must be 4, one for each arm", lambda count=count: env.set_state([before[0]] * count))
+    broken = dict(before[3], seed="x")
+    says("state.seed", lambda: env.set_state([before[3], before[2], before[1], broken]))
+    says("states = None", lambda: env.set_state(None))
+    says("indices[0] = 9", lambda: env.call("dt", indices=[9]))
+    says("name = 'nonsense'", lambda: env.set_attr("nonsense", [1] * 4))
+    says("starts", lambda: env.set_attr("starts", [{}] * 3))
+    assert unchanged()
+    env.set_attr("starts", {"angles": [(0.5, 0.5)]})  # one value for all
+    assert env.call("starts") == ({"angles": [(0.5, 0.5)]},) * 4
+    assert env.reset(seed=0)[0][:, 0] == pytest.approx(np.sin(0.5))
+
+
+def test_some_states_and_motions_of_single_arms() -> None:
+    env = LengthsVectorEnv("FlexibleArm-v0", 3, (1.0, 1.1), duration=0.1)
+    env.reset(seed=0)
+    state = env.get_state([2])
+    first = env.step(np.full((3, 1), 0.5, np.float32))[0]
+    env.call("set_state", state, indices=[2])
+    assert np.array_equal(env.step(np.full((3, 1), 0.5, np.float32))[0][2], first[2])
+
+
+def test_ended_arms_of_one_length_stop_all_without_autoreset() -> None:
+    env = LengthsVectorEnv("FlexibleArm-v0", 4, (1.0, 1.1), duration=0.1, autoreset_mode="Disabled")
+    env.reset(seed=0)
+    env.reset(seed=0, options={"reset_mask": np.array([True, True, False, False])})
+    env.step(np.zeros((4, 1), np.float32))
+    env.reset(seed=0, options={"reset_mask": np.array([True, True, False, False])})  # behind by a period
+    for _ in range(4):
+        env.step(np.zeros((4, 1), np.float32))
+    before = env.get_state([0])[0]["arm"]["block"]
+    with pytest.raises(gym.error.ResetNeeded, match=r"Arms \[2, 3\] have ended"):
+        env.step(np.zeros((4, 1), np.float32))
+    assert np.array_equal(env.get_state([0])[0]["arm"]["block"], before)

@@ -81,6 +81,19 @@ def test_unsigned_numbers_from_the_middle_on() -> None:
 
 
 @kernel
+def from_float(x):
+    return np.uint64(x)
+
+
+def test_floats_from_the_middle_on_become_unsigned_numbers() -> None:
+    """As in NumPy; the signed range ends at 2^63. Beyond 64 bits the nearest that there is; -1.0 as NumPy's."""
+    for x in (0.0, 2.7, 2.0**53 + 2.0, 2.0**63 - 1024.0, 2.0**63, 2.0**63 + 4096.0, 2.0**64 - 2048.0):
+        assert from_float(x) == int(x)
+    assert (from_float(1e300), from_float(np.inf), from_float(np.nan)) == (2**64 - 1, 2**64 - 1, 0)
+    assert from_float(-1.0) == 2**64 - 1 and from_float(-1) == 2**64 - 1
+
+
+@kernel
 def steps(first, last):
     n = 0
     for _ in range(first, last, 2**62):

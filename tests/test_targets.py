@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 from flexarm_env import Arm, Elbow, Link, Section, arms
+from flexarm_env.batch import FURTHER
 from flexarm_env.control.space import holding
 from flexarm_env.envs.options import plan
 from flexarm_env.envs.space import SPACE
 from flexarm_env.envs.task import REACH, SLEW
+from flexarm_env.tasks.starts import FACTOR
 from tests.refusals import refuses, says
 
 LINK = Link(0.5, Section(EI=1.0, EA=1e4, C=1e4, m=0.2))
@@ -112,6 +114,23 @@ def test_weak_motors_in_space_hold_what_is_drawn() -> None:
     weaker = dataclasses.replace(arm, torque_limits=(20.0, 1e-3, 1e-3))
     wrong = "starts.target = .* that its motors hold against gravity"
     refuses(wrong, lambda: gym.make("SpatialFlexArm-v0", arm=weaker))
+
+
+def test_a_requested_target_in_space_leaves_later_draws_as_they_are() -> None:
+    """Targets of weak motors are drawn several times; a request must not change how many numbers of the stream go."""
+    arm = dataclasses.replace(arms.named("three_dof_loaded"), torque_limits=(20.0, 3.0, 1.2))
+    env: Any = gym.make("SpatialFlexArm-v0", arm=arm, elements=1, dt=0.005, randomization={"GJ": (0.5, 2.0)}).unwrapped
+    free, row = np.full(3, np.nan), env.batch.info_at.further + FURTHER.drawn + FACTOR.GJ
+    for key in range(20):
+        found = []
+        # requests of no angle, of one, as the C library permits, and of all
+        for goals in (free, np.array([np.nan, 0.3, np.nan]), np.array([0.1, 0.3, 0.2])):
+            env.batch.ask(free, goals, np.zeros(1))
+            env.batch.start((0,), (key,), limit=10)
+            found.append((env.batch.record(0)[-3:].copy(), env.batch.table[row, 0]))
+        (drawn, factor), (one, second), (all_of_them, third) = found
+        assert factor == second == third
+        assert one.tolist() == [drawn[0], 0.3, drawn[2]] and all_of_them.tolist() == [0.1, 0.3, 0.2]
 
 
 def test_heavier_payloads_are_held_too() -> None:

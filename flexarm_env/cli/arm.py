@@ -1,4 +1,4 @@
-"""`flexarm arm`: what an arm is like for control and learning, and the times that fit it."""
+"""`flexarm arm`: properties of an arm for control and learning, and suitable times."""
 
 import argparse
 import math
@@ -67,7 +67,8 @@ def environment_of(arm: Arm) -> str:
 
 
 def frequencies(arm: Arm) -> dict[str, float]:
-    """Return the lowest flexible modes about the straight arm, without weight, joints free: Hz, and damping ratios."""
+    """Return frequencies (Hz) and damping ratios of the lowest flexible modes about the straight arm, without gravity,
+    joints free."""
     scene = Scene("modes", arm.taut, duration=1.0, dt=1e-3)
     own = modes(scene, arm.n_links + FREQUENCIES + 1, "geometrically_exact", clamped=())
     flexible = np.flatnonzero(own.frequencies > 1e-3 * own.frequencies.max())[:FREQUENCIES]

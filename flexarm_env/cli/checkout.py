@@ -1,9 +1,8 @@
-"""`flexarm bench`: the benchmarks that a checkout brings beside the package, run with the flags given.
+"""`flexarm bench`: run the benchmarks of a checkout with the given flags.
 
-`flexarm bench suite` and `page` are the package's own.
-
-`benchmarks/` is looked for in the current folder and those above it, then beside the package. All words
-behind the command go to the script, and its exit code comes back.
+`flexarm bench suite` and `page` work without a checkout. `benchmarks/` is searched in the current folder and its
+parents, then beside the package. All arguments after the command are passed to the script, and its exit code is
+returned.
 """
 
 import argparse

@@ -1,7 +1,7 @@
-"""What all commands share: exit codes, errors in one sentence.
+"""Exit codes and error messages of all commands.
 
 Exit codes: 0 done; 1 the run ended early (its status is in the output) or a check failed; 2 the input is wrong or
-something is missing; 3 a run is inaccurate, asked for by --strict; 4 `flexarm run` ended before its time (`ended` in
+something is missing; 3 a run is inaccurate and --strict was given; 4 `flexarm run` ended before its time (`ended` in
 the output says why: the watchdog expired, a limit holds the arm, ...); 130 interrupted. An error is one sentence on
 standard error.
 """

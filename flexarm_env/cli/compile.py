@@ -1,4 +1,4 @@
-"""`flexarm compile`: everything compiled beforehand, for a machine and all the processes that will work on it."""
+"""`flexarm compile`: compile all programs in advance, for all processes on a machine."""
 
 import argparse
 import contextlib

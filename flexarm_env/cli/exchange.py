@@ -21,7 +21,7 @@ SEGMENTS = 4
 
 
 def export(args: argparse.Namespace, out: Path) -> int:
-    """Write an arm as MJCF or URDF and print how far that is off the arm."""
+    """Write an arm as MJCF or URDF and print the deviations from the arm."""
     arm = arms.resolve(args.what)
     for word in (*_OF_OTHERS, *(FLAGS if args.to == "urdf" else ())):
         if getattr(args, word) is not None:
@@ -55,7 +55,7 @@ def _gravity(text: str | None, space: bool) -> tuple[float, float, float]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the arm of a robot's file and print what it has and lacks."""
+    """Write the arm of a robot's file and print its links, joints and omitted features."""
     out = to_file("--out", args.out, (".toml",))
     found = import_arm(
         args.file, root=args.root, tip=args.tip, flexible=dict(_flexible(text) for text in args.flexible or ()),

@@ -135,6 +135,10 @@ CODES_NOTE = """\
 exit code: 0 done, 2 wrong input or a missing file or package
 """
 
+RUN_CODES = """\
+exit code: 0 done, 2 wrong input or a missing file or package, 4 the run ended before its time (see ended)
+"""
+
 IDENTIFY_CODES = """\
 exit code: 0 done, 1 the fit is poor (see verdict), 2 wrong input or an unusable log
 """
@@ -359,7 +363,7 @@ def build_parser() -> Parser:
     serve.add_argument("--log", metavar="FILE.csv", help="write a row per period, for flexarm identify")
     serve.add_argument("--seconds", type=float, metavar="T", help="duration, s; default: until Ctrl-C")
 
-    run = add("run", "drive a served or real arm", RUN, "remote")
+    run = add("run", "drive a served or real arm", RUN, "remote", RUN_CODES)
     run.add_argument("policy", metavar="POLICY", help="a policy, as for play, or FILE.csv")
     run.add_argument("--to", required=True, metavar="HOST:PORT", help="address of the arm")
     run.add_argument("--key", metavar="FILE", help="key shared with the server")

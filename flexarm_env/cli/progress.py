@@ -1,4 +1,4 @@
-"""A progress bar on a terminal, and the one way to print results."""
+"""A progress bar on a terminal, and the common output of results."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""`flexarm scenes`: what there is to replay."""
+"""`flexarm scenes`: list the packaged scenes."""
 
 import argparse
 import json

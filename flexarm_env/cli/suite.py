@@ -1,4 +1,5 @@
-"""`flexarm bench suite` and `flexarm bench page`: policies judged on the suite's tasks, a page of results."""
+"""`flexarm bench suite` and `flexarm bench page`: evaluate policies on the suite's tasks, and write a page of
+results."""
 
 import sys
 from collections.abc import Mapping, Sequence

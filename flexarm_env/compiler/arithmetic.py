@@ -1,7 +1,8 @@
 """Arithmetic of kernels with Python's meaning, folded where both operands are known at compile time.
 
-Integers have 64 bits and wrap around. Floor division and remainder take the sign of the divisor; by zero both are
-0 (Python raises), and a float's is NaN. A shift by 64 or more leaves 0. Python evaluates operations on known numbers.
+Integers have 64 bits and wrap around. Floor division rounds down, and a remainder has the sign of the divisor. Division
+by zero gives 0 for integers (Python raises an error) and NaN for floats. A shift by 64 or more gives 0. Python
+evaluates operations on known numbers.
 
 In all functions b is the IR builder; x and y are items (`kinds`): known Python numbers or values of run time.
 """
@@ -112,9 +113,10 @@ def _reckonable(*items: Any) -> None:
 
 
 def far_from_exact(x: Any, y: Any) -> bool:
-    """Return whether x / y of signed integers may differ from the ratio of both as float64.
+    """Return whether x / y of signed integers may differ from the quotient of both converted to float64.
 
-    Then `wholes.ratio` computes it, rounded once as in Python; unsigned ones become float64 first, as in NumPy.
+    If so, `wholes.ratio` computes it, rounded once as in Python. Unsigned integers are converted to float64 first, as
+    in NumPy.
     """
     both = (x, y)
     if any(isinstance(item, np.uint64) or (isinstance(item, Integer) and item.unsigned) for item in both):
@@ -156,8 +158,13 @@ def binary(b: Any, op: str, x: Any, y: Any) -> Any:
 
 
 def _of_tuples(op: str, x: Any, y: Any) -> Any:
-    """Concatenate two tuples, or repeat one a known number of times. Refused: other operations."""
+    """Concatenate two tuples, or repeat one a known number of times. Refused: other operations.
+
+    Refused as well: two tuples that both hold numbers of run time. Python joins them, where a vector's sum is meant.
+    """
     if op == "Add" and is_tuple(x) and is_tuple(y):
+        if all(any(isinstance(item, Value) for item in one) for one in (x, y)):
+            raise Refused(f"{told(x)} and {told(y)}: + joins tuples, it adds no vectors; write (*a, *b), or a record")
         return x + y
     if op == "Mult" and isinstance(x if is_tuple(y) else y, int):
         return KNOWN[op](x, y)
@@ -337,7 +344,7 @@ def least(b: Any, sign: str, x: Any, y: Any) -> Any:
 
 
 def truncated(b: Any, x: Any) -> Any:
-    """Write int(x), toward zero; saturated where 64 bits do not hold it, 0 for NaN (Python raises)."""
+    """Write int(x), toward zero; saturated beyond 64 bits, 0 for NaN (Python raises an error)."""
     if known(x):
         return int(x)
     if isinstance(x, Integer) and x.unsigned:
@@ -353,6 +360,13 @@ def truncated(b: Any, x: Any) -> Any:
     # saturating conversion: defined for all numbers, 0 for NaN
     function = b.module.declare_intrinsic("llvm.fptosi.sat.i64.f64", (), kind)
     return Integer(b.call(function, [value.value]))
+
+
+def truncated_unsigned(b: Any, x: Any, signed: Any) -> Any:
+    """Return the 64 bits of float x as an unsigned integer: its truncation from 2^63 on, saturated, below `signed`."""
+    value, kind = number(b, x).value, ir.FunctionType(WORD, [DOUBLE])
+    above = b.call(b.module.declare_intrinsic("llvm.fptoui.sat.i64.f64", (), kind), [value])
+    return b.select(b.fcmp_ordered(">=", value, ir.Constant(DOUBLE, 2.0**63)), above, signed.value)
 
 
 def absolute(b: Any, x: Any) -> Any:

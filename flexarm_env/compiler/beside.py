@@ -1,4 +1,4 @@
-"""Background compilation: a value that a thread makes after a number of calls, so that it is ready when needed."""
+"""Background compilation: a thread computes a value after a number of calls, so that it is ready when needed."""
 
 import contextlib
 import threading
@@ -13,7 +13,8 @@ T = TypeVar("T")
 class Beside(Generic[T]):
     """A value that is made once: in a thread after `calls` calls of `count`, or by `get` if that comes first.
 
-    calls = 0: by `get` only. The thread is no daemon, so the process ends after it: LLVM cannot be interrupted.
+    calls = 0: by `get` only. The thread is not a daemon, so the process waits for it before it exits: LLVM cannot be
+    interrupted.
     """
 
     def __init__(self, calls: int) -> None:
@@ -37,7 +38,7 @@ class Beside(Generic[T]):
             self._found = make()
 
     def get(self, make: Callable[[], T]) -> T:
-        """Return the value: wait for a running thread, or make it now where there is none."""
+        """Return the value: wait for a running thread, or compute the value now."""
         thread, self._thread = self._thread, None
         if thread is not None:
             thread.join()

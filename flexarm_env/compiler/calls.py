@@ -1,4 +1,4 @@
-"""Calls in kernels: of built-in words, named tuple classes, kernels, members of families, straight-line code."""
+"""Calls in kernels: to built-in words, named tuple classes, kernels, members of families and straight-line code."""
 
 import inspect
 from collections.abc import Hashable
@@ -13,9 +13,10 @@ from .words import WORDS
 def call(writer: Any, function: Any, items: list[Any], named: dict[str, Any]) -> Any:
     """Write a call in a kernel and return the item that it evaluates to.
 
-    function: the callee, known at compile time. items: positional arguments. named: keyword arguments. By the callee: a
-    built-in word writes its instructions; a named tuple class makes a `Record`; a kernel is called (or inlined by the
-    reverse mode); a member of a `Family` is chosen by its argument's class; straight-line code is traced in place.
+    function: the callee, known at compile time. items: positional arguments. named: keyword arguments. The result
+    depends on the callee: a built-in word writes its instructions; a named tuple class makes a `Record`; a kernel is
+    called (or inlined by the reverse mode); a member of a `Family` is chosen by its argument's class; straight-line
+    code is traced in place.
     """
     try:
         # unhashable callees are no words

@@ -1,12 +1,12 @@
 """A crew: worker threads that share the groups of a batch in compiled code, by atomic operations, without the GIL.
 
-Waking a thread takes the system longer than a small batch's step, and a thread that returns to the interpreter waits
-for its lock. So a worker stays in compiled code and polls its board for the next task for a while; the caller likewise
-polls for the end of it. Who has polled in vain marks itself ASLEEP on its board, returns to Python and blocks on a
-lock; the other side then marks it CALLED, and Python releases the lock. Work stealing: each thread begins with its own
-part of a task and takes half of the rest at a time; then it takes from the ends of the others' parts, so that nobody
-waits for a thread that the system does not schedule. All of it by compare and swap: of two threads one succeeds.
-Threads are made on first use, and anew after a fork.
+Waking a thread takes longer than a step of a small batch, and a thread that returns to the interpreter waits for the
+GIL. So a worker stays in compiled code and polls its board for the next task for a while; the caller likewise polls for
+the end of it. After polling without success a thread marks itself ASLEEP on its board, returns to Python and blocks on
+a lock; the other side then marks it CALLED, and Python releases the lock. Work stealing: each thread begins with its
+own part of a task and takes half of the rest at a time; then it takes work from the ends of other threads' parts, so
+that no thread waits for one that the system does not schedule. Parts are taken by compare-and-swap: if two threads try,
+one succeeds. Threads are created at first use, and again after a fork.
 """
 
 import atexit
@@ -365,7 +365,8 @@ CROWDED = (
 class OneAtATime:
     """Context manager that admits one thread at a time; a second one gets a RuntimeError instead of waiting.
 
-    It raises and does not lock, since two threads that take turns would each see half of the other's steps.
+    It raises an error instead of locking, because with a lock two threads would alternate steps of the same
+    environment.
     """
 
     def __init__(self) -> None:

@@ -165,7 +165,8 @@ def _by_python_alone(function: Callable[..., Any]) -> Any:
 def inlined(function: Callable[..., Any]) -> Any:
     """Decorate a kernel that is always inlined into its callers.
 
-    For a phase with so many arrays that passing them would cost more than compiling its code once saves.
+    Use it for kernels with so many array arguments that passing them costs more than compiling the code at every call
+    site.
     """
     return _by_python_alone(function) if UNCOMPILED else Kernel(function, ["alwaysinline"])
 
@@ -173,7 +174,7 @@ def inlined(function: Callable[..., Any]) -> Any:
 def entry_point(function: Callable[..., Any]) -> Any:
     """Decorate a kernel that Python calls repeatedly: its loops are unrolled, which takes longer to compile.
 
-    Loops whose length is found at run time are written once in other programs, and eight times in one of these.
+    Here LLVM unrolls loops of run-time length eight times; in other programs it does not unroll them.
     """
     return _by_python_alone(function) if UNCOMPILED else Kernel(function, often=True)
 

@@ -1,8 +1,8 @@
 """Dependencies of a compiled program outside the package's sources, described in text that processes can compare.
 
-A program on disk is loaded if this description is the same as when it was compiled. It follows from the objects called
-now: the kernel itself, the global names that it reads, the functions, classes and values that these stand for, and so
-on. A module's name alone does not suffice, since two folders may each have a module of that name.
+A program on disk is loaded if this description is the same as when it was compiled. The description includes the kernel
+itself, the global names that it reads, the functions, classes and values of these names, and their dependencies in
+turn. A module's name alone does not suffice, since two folders may each have a module of that name.
 
 A function is described by its bytecode, defaults and closure values; a named tuple by its fields, defaults and
 constants; numbers, strings, arrays and collections by their contents. A program that depends on anything else is not

@@ -1,4 +1,4 @@
-"""Calls of compiled functions from Python with all arguments behind one address, which no other call undercuts in cost.
+"""Calls of compiled functions from Python with all arguments behind one address, the fastest kind of call.
 
 `Placed` writes a named tuple of arrays and numbers into a row of 64-bit words once; a kernel that begins with `p =
 dereference(address)` reads from there. The Python side keeps words and arrays alive and calls the compiled function

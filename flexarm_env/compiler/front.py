@@ -1,8 +1,8 @@
 """Front end of the compiler: from the AST of kernels to one LLVM module for each program.
 
-A kernel is specialized for each tuple of argument kinds (`kinds.kind`) that it is called with. What is static, None,
-sizes, tags, functions, is settled meanwhile: of `if x is not None` one branch alone remains. Names that are assigned
-more than once live in stack slots, which LLVM promotes to registers. The language: docs, "the compiler".
+A kernel is specialized for each tuple of argument kinds (`kinds.kind`) that it is called with. Static items (None,
+sizes, tags, functions) are evaluated at compile time, so only one branch of `if x is not None` remains. Names that are
+assigned more than once live in stack slots, which LLVM promotes to registers. The language: docs, "the compiler".
 """
 
 from collections.abc import Sequence

@@ -4,8 +4,9 @@ In the reverse sweep the operand that a select did not choose gets the cotangent
 NaN. Cotangents that leave the part of the graph used by that operand alone are therefore selected once more: unchanged
 for the chosen operand, 0 for the other. In forward mode the select itself does that, as it selects between tangents.
 
-A node's *path* lists the conditions under which its cotangent matters: sides of selects (`Side`), or that it is not 0
-at all (`Live`), where a value is used by several selects, within a branch, or from memory that a select reads.
+A node's *path* lists the conditions under which its cotangent matters. A condition is a side of a select (`Side`). If a
+value is used by several selects, within a branch, or from memory that a select reads, the condition is that its
+cotangent is not 0 (`Live`).
 """
 
 from __future__ import annotations

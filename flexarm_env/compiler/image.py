@@ -19,7 +19,7 @@ class Image:
     """Words of a named tuple (see `entry.Placed`) with the arrays that they point to.
 
     Attributes:
-        layout: of the named tuple.
+        layout: layout of the named tuple.
         words: 64-bit words as in memory, 0 in place of array addresses.
         pointers: (word, byte) pairs: words[word] is to be the address of data[byte].
         data: the arrays' bytes, one after the other, each on a cache line.

@@ -1,8 +1,8 @@
 """Cache of compiled programs on disk: one file per program, found by a key of everything that its code depends on.
 
 The key covers the sources, the argument types, llvmlite's version and the processor. A file is its SHA-256, a line of
-JSON and an object file: reading one executes nothing. A damaged file is compiled anew; where nothing can be written
-nothing is stored. No file is read that others than the user and root could have written.
+JSON and an object file: reading one executes nothing. A damaged file is compiled again; without a writable folder no
+file is stored. A file that users other than the owner and root could have written is not read.
 
 For kernels from outside the package the JSON lists their dependencies (`dependencies`). Loading a file renews its time
 of modification: where files take more than `LIMIT`, the least recently loaded ones are deleted.

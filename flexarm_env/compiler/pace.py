@@ -1,8 +1,8 @@
 """Number of threads for the steps of a batch: measured, at most the number of processors available.
 
 The duration of a step depends on the arms; the gain by a second thread depends on the processor, on other processes and
-on what the caller does between steps. None of it is known beforehand, so single-threaded and threaded steps are timed
-for a few steps, now and then. Results are bitwise the same for any number of threads.
+on what the caller does between steps. These influences are unknown in advance, so a few single-threaded and threaded
+steps are timed occasionally. Results are bitwise the same for any number of threads.
 """
 
 import math

@@ -68,7 +68,7 @@ MAIN = "flexarm_main"
 class Program:
     """Machine code of one kernel for one specialization.
 
-    address: of its function. call: that function as a Python callable. words: 8-byte words of the result.
+    address: address of its function. call: that function as a Python callable. words: 8-byte words of the result.
     made: compiled in this process, not loaded from disk. The result's type is a spec, see `_given`.
     """
 
@@ -265,7 +265,7 @@ def _given(b: Any, item: Any, out: Any, at: int) -> tuple[Any, int]:
 
 @cache
 def target_text() -> tuple[str, str, str]:
-    """Return what machine code depends on beside its sources: target triple, processor, processor features.
+    """Return the target of machine code as text: target triple, processor, processor features.
 
     FLEXARM_CPU names another processor to compile for, by LLVM's name ("x86-64-v3").
     """

@@ -1,9 +1,9 @@
-"""Reverse mode: from a kernel, the kernel that pulls cotangents from all that it writes back to all that it reads.
+"""Reverse mode: generate from a kernel the kernel that propagates cotangents from its outputs back to its inputs.
 
-`vjp_of(function, names)` writes the function with all its callees inlined, then the reverse sweep: the derivatives by
-all inputs at once, for a few times the cost of the function. The `Tape` records instructions; this module adds loops
-and branches. The sweep runs loops from the last iteration to the first. Forward values that it needs and that cannot be
-recomputed are saved: of a loop in a frame of words per iteration, of a branch in stack slots.
+`vjp_of(function, names)` writes the function with all its callees inlined, then the reverse sweep: it gives the
+derivatives by all inputs, at a few times the cost of the function. The `Tape` records instructions; this module adds
+loops and branches. The sweep runs loops from the last iteration to the first. Forward values that the sweep needs and
+cannot recompute are saved: those of a loop in a frame per iteration, those of a branch in stack slots.
 """
 
 from __future__ import annotations

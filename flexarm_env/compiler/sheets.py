@@ -1,8 +1,8 @@
-"""Output arrays of compiled code, handed out as NumPy views that are made once for each array.
+"""Output arrays of compiled code, returned as NumPy views that are created once for each array.
 
-A caller of `step` gets views of an array and may keep them; the next step then writes into another array. Making a view
-takes longer than copying a number, so each array keeps its views and hands out the same ones again, as long as nobody
-outside holds any of them.
+A caller of `step` gets views of an array and may keep them; the next step then writes into another array. Creating a
+view takes longer than copying a number, so each array stores its views. It is reused, with the same views, when no
+caller holds a reference to any of them.
 """
 
 from collections.abc import Iterable, Mapping
@@ -16,8 +16,8 @@ class Sheet:
     """An array with its views.
 
     Attributes:
-        array: the array, which owns its memory. address: of its first number.
-        told: results by name for the caller, among them views of the array. others: further views.
+        array: the array, which owns its memory. address: address of its first number.
+        told: named results for the caller, including views of the array. others: further views.
     """
 
     __slots__ = ("_alone", "_views", "address", "array", "others", "told")

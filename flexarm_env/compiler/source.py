@@ -16,7 +16,7 @@ _FUTURE = sum({getattr(__future__, name).compiler_flag for name in __future__.al
 
 
 class Source(NamedTuple):
-    """A kernel's AST and what is known of it before its arguments are.
+    """A kernel's AST, with the information that does not depend on its arguments.
 
     tree: the function's AST node. file: path of its text. often: names assigned more than once, which get stack slots.
     scope: values of global names and of closure variables.

@@ -1,9 +1,9 @@
 """Symbolic float64 numbers: operators of `Value` write LLVM instructions, with forward-mode differentiation.
 
-A `Value` is a float64 or a vector of lanes, alone or *dual*: with tangents, its derivatives along some directions. The
-rules of differentiation stand here, once: kernels' operations on lanes (`lanes`) and straight-line code (`trace`) both
-use them. Tangents do not change the value, to the last bit. At a kink the derivative is that of the branch taken: of
-select_lt that of the chosen operand, of |x| at 0 that from above; of a square root at 0 it is 0.
+A `Value` is a float64 or a vector of lanes, alone or *dual*: with tangents, its derivatives along some directions. This
+module defines the rules of differentiation for kernels' operations on lanes (`lanes`) and for straight-line code
+(`trace`). Tangents do not change the value, to the last bit. At a kink the derivative follows the branch taken: for
+select_lt the chosen operand, for |x| at 0 the value from above. The derivative of a square root at 0 is 0.
 """
 
 from __future__ import annotations

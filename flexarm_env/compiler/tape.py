@@ -2,9 +2,10 @@
 
 A `Tape` writes instructions as any builder does. While it records, each one that depends on a differentiated input
 becomes a `Node` of the current `Region`: a function, a loop body, one side of a branch. `sweep` writes the reverse code
-of a region. Memory has cotangents beside it (bars): a stored number takes those of its place, which are then 0; a
-loaded one adds to them. In the reverse sweep `back` gives a forward value: in the outermost region it is at hand;
-integers, addresses, cheap arithmetic and loads from unchanged arrays are recomputed; all others are saved.
+of a region. Memory has parallel memory for cotangents (bars). In the reverse sweep a store moves the cotangent of its
+place to the stored number and sets it to 0; a load adds its cotangent to that of the place. In the reverse sweep `back`
+gives a forward value: in the outermost region it is still available; integers, addresses, cheap arithmetic and loads
+from unchanged arrays are recomputed; all others are saved.
 """
 
 from __future__ import annotations
@@ -401,7 +402,8 @@ class Tape(Rooms):
 
     # --- forward values ----------------------------------------------------------------------------
     def back(self, value: Any) -> Any:
-        """Return a forward value in the reverse sweep: itself where it is at hand, otherwise recomputed or reloaded."""
+        """Return a forward value in the reverse sweep: itself if it is still available, otherwise recomputed or
+        reloaded."""
         if self.recording or not isinstance(value, ir.Instruction):
             return value
         self._asked.append(value)

@@ -1,8 +1,8 @@
 """Straight-line code: Python that runs once, at compile time, on symbolic values.
 
 A traced function gets a `Value` for each number and a `Slots` for each array; each operation on them writes one LLVM
-instruction into the calling kernel. Loops, tables, lists and dicts are gone by then, indices are constants, `stack`
-memory becomes registers, and only the operations are left to compile. Such a function accesses arrays of lanes
+instruction into the calling kernel. Python executes all loops, tables, lists and dicts, so only operations remain to be
+compiled; indices are constants, and `stack` memory becomes registers. Such a function accesses arrays of lanes
 (`lane_arrays`) at indices known at compile time, and branches on no symbolic value; kernels and functions of its own
 module that it calls are traced with it. Tuples of zeros (lane tags, sizes) and None stand for themselves.
 

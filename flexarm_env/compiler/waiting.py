@@ -29,7 +29,7 @@ PARTS = {
 
 
 class Task(NamedTuple):
-    """What is compiled, for the message, and the number of its programs (0: unknown)."""
+    """Name of a compilation for messages, and the number of its programs (0: unknown)."""
 
     what: str = ""
     programs: int = 0
@@ -45,9 +45,9 @@ _began, _ended, _count = float("-inf"), float("-inf"), 0
 
 @contextmanager
 def compiling(what: str, programs: int = 0) -> Iterator[None]:
-    """Name what is compiled meanwhile, for messages; the outermost name counts.
+    """Context manager that names the current compilation for messages; the outermost name is used.
 
-    programs: how many programs it has, the first of PARTS.
+    programs: number of its programs, which are the first of PARTS.
     """
     mark = _task.set(_task.get() or Task(what, programs))
     try:

@@ -1,6 +1,6 @@
 """Built-in words of the kernel language: each Python function with the emitter of its LLVM instructions.
 
-Where Python runs the kernels the functions themselves are called; compiled, `WORDS` gives the emitter. Its first
+In uncompiled mode the functions themselves are called; the compiler uses the emitters in `WORDS`. Its first
 argument e is the writer of the function being compiled: e.b is the IR builder. The others are items (`kinds`).
 """
 
@@ -232,11 +232,15 @@ def _length(e: Any, item: Any) -> Any:
 
 
 def _unsigned(e: Any, item: Any) -> Any:
-    """Write np.uint64(x): the same 64 bits with unsigned meaning; floats are truncated first."""
+    """Write np.uint64(x): of an integer the same 64 bits with unsigned meaning; floats are truncated first."""
     if isinstance(item, np.uint64) or (isinstance(item, Integer) and item.unsigned):
         return item
-    item = arithmetic.truncated(e.b, item)
-    return np.uint64(item) if known(item) else Integer(whole(e.b, item), True)
+    found = arithmetic.truncated(e.b, item)
+    if known(found):
+        return np.uint64(found)
+    return Integer(
+        whole(e.b, found) if arithmetic.whole_kind(item) else arithmetic.truncated_unsigned(e.b, item, found), True
+    )
 
 
 def _bool(e: Any, item: Any) -> Any:

@@ -44,7 +44,8 @@ class ArmModel:
 
     Attributes:
         A (2n, 2n), B (2n, N), C (4N, 2n): continuous time.
-        frequencies (n - N,): of the flexible modes, joints free, rad/s. ratios (n - N,): their damping ratios.
+        frequencies (n - N,): frequencies of the flexible modes, joints free, rad/s. ratios (n - N,): their damping
+            ratios.
         inertia (N, N): rigid inertia about the joints, kg m^2.
     """
 

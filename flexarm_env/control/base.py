@@ -64,11 +64,11 @@ class Setup:
     Args:
         task: "slew" (one link, tip angle) or "reach" (two links or more, tip position).
         arm: the nominal arm. control_dt: control period, s. torque_limits (N,): N m at an action of 1.
-        names, scales: of the observation's entries, in order; entry = value / scale.
+        names, scales: names and scales of the observation's entries, in order; entry = value / scale.
         history: number of instants in an observation, the oldest first.
-        sensors: that produce the entries; None: ideal or unknown. noise: standard deviations added to all entries, in
-            their units; (): none.
-        action_mode: meaning of an action; "": unknown. residual_share: of action_mode="residual_pd".
+        sensors: sensors that produce the entries; None: ideal or unknown. noise: standard deviations added to all
+            entries, in their units; (): none.
+        action_mode: meaning of an action; "": unknown. residual_share: share of action_mode="residual_pd".
         gravity: m/s^2; None: none. keep_out: shapes that the arm has to avoid.
         delay: total delay of torques and readings, s; the largest one if it is random. lag: time constant of the
         motors, s.
@@ -182,7 +182,7 @@ class Reader:
     """Convert the newest instant of an observation to :class:`Signals`.
 
     Args:
-        setup: of the environment. who: reader's name, for errors. bends: whether deflections are required.
+        setup: setup of the environment. who: reader's name, for errors. bends: whether deflections are required.
         goals: whether goal joint angles minus joint angles are required.
     Raises:
         ValueError: a required entry is not observed; the message names it.

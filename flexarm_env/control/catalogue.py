@@ -98,8 +98,8 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
     Args:
         name: "pd", "zv", "zvd", "lqr", "lqg", "mpc" or "time_optimal".
         env: a `Setup`, or an environment (single or vector) with action_mode "torque".
-        gains: of the controller's gains class, or a table of them by name, as `flexarm tune` writes; None takes the
-            tuned ones of the environment's task.
+        gains: gains of the controller's gains class, or a table of them by name, as `flexarm tune` writes; None takes
+            the tuned ones of the environment's task.
     Raises:
         ValueError: an unknown name, or an environment that the controller does not support.
     """

@@ -1,6 +1,6 @@
 """Export trained policies: one C file for a controller board, ONNX for machines that run it.
 
-Both contain what a `policy.npz` contains and agree with :class:`NumpyPolicy` to 1e-6: ONNX sums in double as it does,
+Both contain the data of a `policy.npz` and agree with :class:`NumpyPolicy` to 1e-6: ONNX sums in double as it does,
 the C file in float32 with compensated sums (Dekker 1971).
 """
 
@@ -154,7 +154,7 @@ def c_source(policy: NumpyPolicy, entries: Entries, name: str) -> str:
     """Generate the policy as one C99 file without `main`: float32, all arrays of fixed size.
 
     Args:
-        entries: of one instant; a policy whose observation contains several instants has a history.
+        entries: entries of one instant; a policy whose observation contains several instants has a history.
         name: prefix of the file's definitions: NAME_decide (the environment's observation to actions), NAME_reset and
             NAME_act (values in SI units, one instant after the other, to actions), NAME_memory, NAME_OBSERVATION, ...
     Raises:

@@ -199,7 +199,7 @@ def solve(
         x: states (n, S) to start from. guess: controls (T, n, N), or a plan, which is followed by its gains if it
             starts elsewhere. effort (N,): positive weights on the controls.
         iterations: at most. tolerance: stop when no arm's cost falls by a larger share of itself.
-        bound: of the controls. still (n, N): controls without cost.
+        bound: bound of the controls. still (n, N): controls without cost.
     Raises:
         Astray: neither the initial guess nor `still` leads to finite states.
     """

@@ -1,7 +1,7 @@
 """Export controllers: one C file each, in double precision, with the numbers of the Python class.
 
 Designs that need SciPy (Riccati equations, modes, a linear program) are solved here. The file contains their results
-and computes in a control period what `Controller.act` computes; its fragments are in `data/control/c`. Gains that
+and computes the actions of `Controller.act` in each control period; its fragments are in `data/control/c`. Gains that
 depend on an arm's posture are tabulated for all requested postures, `arm_model.GRID` apart.
 """
 
@@ -46,16 +46,17 @@ def controller_source(
     """Generate a controller as one C99 file without `main`: double, arrays of fixed size, no allocation.
 
     Args:
-        controller: of `control.make`. name: prefix of the file's definitions: NAME_reset, NAME_act (values in SI units
-            to actions, once a control period), NAME_decide (the same from the environment's observation), ...
-        slew: rad, of TimeOptimal: the slew, to either side, whose plan the file contains.
-        elbows: (low, high), rad, of each elbow's angle at the goal (of LQG: also on the way there): postures with
-            tabulated gains; others use those of the nearest. None: the full range of a two-link arm.
-        targets: (x, y, z), m, of an arm in space: points whose static rests, found from joint angles 0, the file
-            contains; any other target is replaced by the nearest of them.
+        controller: made by `control.make`. name: prefix of the file's definitions: NAME_reset, NAME_act (values
+            in SI units to actions, once a control period), NAME_decide (the same from the environment's observation),
+            ...
+        slew: rad; for TimeOptimal: the file contains the plan of this slew, to either side.
+        elbows: (low, high), rad, for each elbow: range of its angle at the goal (for LQG also during the motion) for
+            which gains are tabulated; other postures use the nearest entry. None: the full range of a two-link arm.
+        targets: (x, y, z), m, for an arm in space: the file contains the static equilibria at these points, searched
+            from joint angles 0. The controller replaces any other target by the nearest of these.
     Raises:
-        ValueError: MPC, which solves a program in each period; no slew; no elbows for three links or more; no targets
-            for an arm in space, or a target at which its tip finds no rest.
+        ValueError: MPC, which optimizes in each period; slew is missing; elbows are missing for three links or more;
+            targets are missing for an arm in space, or it has no equilibrium at a target.
     """
     kind = type(controller)
     if kind not in _BODIES:

@@ -43,8 +43,9 @@ def goal_of(lengths: Array, rates: Array, limits: Array, x: float, y: float, ang
     """Joint angles (N,), rad, of one straight-link arm with the tip at (x, y), m, from its root, inertial axes.
 
     The environments choose the same solution. lengths (N,), m; rates (N,), rad/s: a joint's time is proportional to
-    sqrt(|angle|) / rate; limits (2 N,), rad: low, high of each joint in turn; angles (N,): now, rad. Two links: the
-    solution reached sooner; more: least sum of squares (`tasks.angles`). Out of reach: along the line to the target.
+    sqrt(|angle|) / rate; limits (2 N,), rad: low, high of each joint in turn; angles (N,): now, rad. For two links the
+    solution that is reached sooner is chosen, for more links the one with the least sum of squares (`tasks.angles`).
+    If the point is out of reach, the arm points along the line to it.
     """
     goal: Array = angles.copy()
     if len(lengths) == 2:

@@ -20,7 +20,7 @@ def plant(model: ArmModel, dt: float, delay: float = 0.0, lag: float = 0.0) -> t
     line.
 
     Args:
-        dt: control period, s. delay: of commands and readings together, s. lag: time constant of the motors, s.
+        dt: control period, s. delay: delay of commands and readings together, s. lag: time constant of the motors, s.
     """
     A, B, C = model.A, model.B, model.C
     n, joints = B.shape

@@ -52,8 +52,9 @@ class LQGGains(StateWeights):
     """`StateWeights` of the regulator and noise parameters of the filter.
 
     Args:
-        noise, push: process noise over the torque limit: of the torques; and of forces that move the links beside them,
-            as the remainder of a large motion does (without it the filter would trust its modes forever).
+        noise, push: process noise, over the torque limit, of the torques and of further forces on the links. The
+            further forces represent the nonlinear part of large motions; without them the filter would trust its modes
+            too much.
         drift: change of the disturbance torque per control period that the filter allows for, over the limit.
     """
 
@@ -161,7 +162,8 @@ def measured(setup: Setup, gains: LQGGains, own: Plant) -> Design:
 def designed(setup: Setup, gains: LQGGains, own: Plant, seen: Array, variances: Array, bias: Array) -> Design:
     """Compute regulator and time-varying Kalman gains for measurement rows `seen` (p, 2n).
 
-    variances (p,): of the measurements. bias (b,): standard deviations of the biases of the last b measurements.
+    variances (p,): variances of the measurements. bias (b,): standard deviations of the biases of the last b
+        measurements.
     """
     from scipy.linalg import block_diag
 

@@ -54,7 +54,7 @@ def _law(setup: Setup, gains: PDGains | LQRGains, posture: tuple[float, ...]) ->
 def warn_of_delay(name: str, setup: Setup, gains: Any) -> None:
     """Warn if the setup's delay exceeds `SAFE` times the delay margin, or if its motor lag destabilizes the loop.
 
-    PD warns by itself if it is unstable. name: of the controller.
+    PD warns by itself if it is unstable. name: name of the controller.
     """
     if not (setup.delay or setup.lag) or setup.arm.spatial:
         return

@@ -1,4 +1,4 @@
-"""Receding-horizon control: every period plans the torques of the next periods anew and applies the first.
+"""Receding-horizon control: plan the torques of the next periods in every period and apply the first.
 
 `ilqr` plans on the elastica, within the torque limits, from the estimated state. The cost is effort and, from an
 arrival instant on, the distance from rest at the goal; the terminal cost is that of the linear regulator at the goal.
@@ -72,7 +72,7 @@ class MPCGains(StateWeights):
         memory: share of the predicted state kept per period in the unmeasured part.
         allowed: cost of the distance from the goal below which a plan has arrived.
         block: control periods over which planned torques are held. horizon: number of such blocks in a plan.
-        iterations: per decision. first: of an episode's first plan.
+        iterations: per decision. first: iterations of an episode's first plan.
         margin: distance of plans from shapes, over the arm's length, and from joint limits, rad.
     """
 

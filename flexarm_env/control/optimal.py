@@ -7,8 +7,8 @@
 `ilqr` solves all of them on the nonlinear elastica with torque limits. Bounds on joint angles and deflections, and
 terminal conditions, are enforced by multipliers. Times are whole control periods, found by bisection for all arms
 together. Solutions are local optima. Plans of `least_effort`, `least_time` and `follow` are replayed on a finer mesh
-with shorter steps (`Motion.replay`). In space plans whose replay misses are made again in half the step, `HALVINGS`
-times at most, unless `dynamics` was given a step.
+with shorter steps (`Motion.replay`). In space, if the replay of a plan violates a limit, the plan is repeated with half
+the step, at most `HALVINGS` times, unless a step was passed to `dynamics`.
 """
 
 from collections.abc import Callable, Sequence
@@ -36,8 +36,8 @@ class Motion:
 
     controls (T, n, N): torques over their limits; states (T + 1, n, S); periods (n,): control periods until each arm
     arrives; missed (n,): largest violation of the limits (see `TOLERANCE`). ends (n,): periods after which its controls
-    are zero. replay: of the controls on a finer mesh with shorter steps; None: not replayed. step: solver step of the
-    plan, s; nan: that of its plant.
+    are zero. replay: replay of the controls on a finer mesh with shorter steps; None: not replayed. step: solver step
+    of the plan, s; nan: that of its plant.
     """
 
     controls: Array
@@ -212,7 +212,7 @@ def least_time(
 ) -> Motion:
     """Plan from a state to rest in the fewest control periods.
 
-    Arguments as for `least_effort`; most: control periods. ValueError if an arm cannot arrive in as many.
+    Arguments as for `least_effort`; most: control periods. ValueError if an arm cannot arrive within `most` periods.
     """
     start, goal, own = _posed(plant, start, goal, bounds)
     most, joints = check.integer("most", most, minimum=1), plant.joints
@@ -253,7 +253,7 @@ def least_settling(
         plant: the arm. start, goal: states (n, S), the goal at rest.
         off: (states (..., n, S), arms (n,)) -> distances (..., n, 1) of the tip from its target over the allowed one,
             and their derivative (..., n, 1, S).
-        after: cost matrices after the arrival, of a stage (S, S) and of the last one (n, S, S).
+        after: cost matrices after the arrival: for a stage (S, S) and for the last stage (n, S, S).
         guess: controls (T, n, N) that arrive after `periods` (n,) or nearly. tail: periods of the plan after the
             arrival. most: periods.
     `missed` is in shares of the allowed distance.
@@ -353,8 +353,8 @@ def follow(
 
     Args:
         plant: the arm. start: states (n, S), tips at the path's start. path (T + 1, n, 2 or 3): tip positions at the
-            control instants, m about the root. bounds: see `Bounds`. weight: of squared distances, 1/m^2, against
-            squared torques over their limits; a larger weight gives better tracking.
+            control instants, m about the root. bounds: see `Bounds`. weight: weight of squared distances, 1/m^2,
+            against squared torques over their limits; a larger weight gives better tracking.
     Returns a motion; `missed` covers the bounds alone.
     """
     start = check.array("start", start, ("n", plant.size), STATES)

@@ -91,7 +91,7 @@ class NumpyPolicy:
     def check(self, setup: Setup) -> NumpyPolicy:
         """Return the policy; ValueError unless the environment's observation and action are those of its training.
 
-        Entries of the same names in other scales, those of another arm, are converted from here on.
+        If the entries have the same names but other scales (of another arm), observations are converted from then on.
         """
         self.ratio = fitted(self.meta, setup, self.size, self.weights[-1][0].shape[1])
         return self

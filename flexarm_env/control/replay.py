@@ -90,9 +90,9 @@ def replay(
     """Replay controls (T, n, N) from states start (n, S) on the finer plant.
 
     Args:
-        plant: of the plan. ends (n,): control periods after which each arm has to be at rest at the goal (n, S); goal
-            None: no goal. bound: on deflections; infinite: none. missed: violation of the other limits. rate: divisor
-            of joint rates, 1/s.
+        plant: plant of the plan. ends (n,): control periods after which each arm has to be at rest at the goal (n, S).
+        goal: None: no goal. bound: bound on deflections; infinite: none. missed: violation of the other limits.
+        rate: divisor of joint rates, 1/s.
     """
     fine = finer(plant)
     x, shares = refined(plant, fine, start), round(plant.period / fine.period)

@@ -1,7 +1,7 @@
 """Input shaping: a reference convolved with a few impulses leaves no residual vibration (ZV: Singer & Seering 1990).
 
-The impulses are designed for the modes of the arm under its PD control, so that vibration after the shaped reference is
-only that which the PD alone has to damp.
+The impulses are designed for the modes of the arm under its PD control, so that the shaped reference excites almost no
+vibration of these modes.
 """
 
 from __future__ import annotations

@@ -43,7 +43,8 @@ class NamedPolicy:
     Attributes:
         name: for display. env_id, env_kwargs: training environment and its keywords ("" and {}: any).
             make: environment -> policy, with `reset` and `act`; ValueError if they do not fit. kind: "controller",
-            "policy" (a network run by NumPy), "onnx" or "function". policy: of the last three kinds, not yet checked.
+            "policy" (a network run by NumPy), "onnx" or "function". policy: policy of the last three kinds, not yet
+            checked.
             path: its file, if any. asked: keywords that the user gave to training; evaluation uses them too.
     """
 
@@ -61,12 +62,13 @@ def load_policy(source: str | os.PathLike[str], env: Any = None) -> Any:
     """Load the policy named by a word or a path (the table of :mod:`flexarm_env.control.sources`).
 
     Args:
-        source: the word. env: the environment, or vector environment, in which it acts. Controllers need one; every
-            other policy is checked against it.
+        source: controller name, packaged policy, file, run folder, or module:name.
+        env: the environment, or vector environment, in which it acts. Controllers need one; every other policy is
+            checked against it.
     Returns:
         an object with `reset(observation)` and `act(observation)`; observations (entries,) or (n, entries).
     Raises:
-        ValueError: the word names nothing, the file is damaged, or the policy does not fit the environment.
+        ValueError: an unknown name, a damaged file, or a policy that does not fit the environment.
     """
     found = find_policy(os.fspath(source), "policy")
     if env is not None:

@@ -139,8 +139,9 @@ def lost_at(
 def angles_at(arm: Arm, point: Array, gravity: Sequence[float] | None = None) -> Array | None:
     """Return joint angles (N,), rad, within limits, with the rigid arm's tip at point (3,), m; None if there are none.
 
-    The tip is within 1e-9 of the arm's length. Of the solutions found from many starts, the one of least sum of
-    squares. gravity (3,): m/s^2, inertial axes; solutions that the torque limits can hold against it are preferred.
+    The tip is within 1e-9 of the arm's length. The search has many starts, and returns the solution with the least sum
+    of squares. gravity (3,): m/s^2, inertial axes; solutions that the torque limits can hold against gravity are
+    preferred.
     """
     starts = _bent(arm)
     found = approach(arm, starts, np.broadcast_to(point, (len(starts), 3)))

@@ -19,10 +19,10 @@ class TimeScales:
     """Time scales of an arm with torque limits.
 
     Attributes:
-        quarter_turns (N,): s, of each joint from rest to rest, the arm beyond it straight and rigid, at full torque
-            reversed midway (the minimum time). slew: s, the longest of these.
-        duration: s, of an episode. control_dt: control period, s. gamma: discount factor per control period, whose
-            horizon dt/(1 - gamma) equals a slew.
+        quarter_turns (N,): s, minimum time of a quarter turn of each joint from rest to rest: full torque, reversed
+            midway, with a straight rigid arm beyond the joint. slew: s, the longest of these.
+        duration: duration of an episode, s. control_dt: control period, s. gamma: discount factor per control period,
+            whose horizon dt/(1 - gamma) equals a slew.
     """
 
     quarter_turns: tuple[float, ...]

@@ -1,4 +1,4 @@
-"""Arms of an environment whose control periods are differentiated."""
+"""Differentiable control periods of an environment's arms."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -14,8 +14,8 @@ from .rollouts import Rollout, rollout
 
 
 class Part(NamedTuple):
-    """Arms that are moved together: rows that go in and that come out, what moves them, where their state's numbers are
-    in one of all arms."""
+    """A group of arms that are advanced together: their rows of input and output, the `Periods` that advance them, and
+    the places of their state's numbers in a full state."""
 
     read: Any
     write: Any
@@ -30,26 +30,27 @@ _STATE_OF = {"step": (0, "state"), "jacobians": (0, "state"), "vjp": (0, "state_
 class Arms(Periods):
     """n arms of an environment, one control period at a time, with exact derivatives.
 
-    A state is a row of numbers that holds all that an arm's future depends on; what it gives is what the environment
-    gives, to the last bit of its numbers (actions are float64 here). Nothing ends and nothing is drawn: sensors have no
-    noise, commands no jitter, and of pushes there is the one that is on or comes next; time limits, joint limits and
-    autoreset are left to the caller; a solver that fails gives NaN.
+    A state is a row of numbers that determines the arm's future. From it a period computes the same numbers as the
+    environment, to the last bit (but actions are float64). Episodes do not end and nothing is drawn at random: sensors
+    have no noise, commands no jitter, and a state contains only the present or next push. The caller handles time
+    limits, joint limits and resets. If the solver fails, results are NaN.
 
     Args:
-        id: of an environment of this package. n: how many arms. threads: at most so many; None: as the vector
-            environment chooses. parameters: also by payload mass and inertia, the factor on EI (in space those on EI,
-            EI_y and GJ), tau_d and the factor on the torque constant, and by what joints that are not ideal have of
-            stiffness, damping, rotor, friction and backlash (`stiffness[0]`, ...), which then stand last among the
-            numbers that move, but for what was seen.
-        keywords: of the environment and its solver.
+        id: id of an environment of this package. n: number of arms. threads: largest number of threads; None: chosen
+            as by the vector environment. parameters: also differentiate by parameters: payload mass and inertia,
+            factors on EI (in space also on EI_y and GJ), tau_d, the factor on the torque constant, and, for joints
+            that are not ideal, stiffness, damping, rotor, friction and backlash (`stiffness[0]`, ...). In a state the
+            parameters follow the numbers that change with time, before stored observations.
+        keywords: keywords of the environment and its solver.
     Attributes:
-        n, state_size, action_size, observation_size. moving: how many of a state's first numbers change with time or
-        are differentiated by; the others are given (targets, periods done, ...). names: of a state's numbers.
-        observation_space, action_space: of one arm. failed (n,): whether the solver failed in the last call. past (n,):
-        whether an arm was beyond a joint's limits at its end.
+        n, state_size, action_size, observation_size: sizes. observation_space, action_space: spaces of one arm.
+        moving: number of a state's leading entries that change with time or are differentiated; the other entries are
+            constants (targets, number of periods, ...). names: names of a state's entries.
+        failed (n,): whether the solver failed in the last call. past (n,): whether a joint was beyond its limits at the
+            end of the last call.
     Raises:
-        ValueError: another package's environment; what cannot be differentiated: prescribed motions where steps are
-        fitted (`step_tolerance`), or of other joints from arm to arm with `multipliers`; `reward.cost`; bad sizes.
+        ValueError: an environment of another package; an invalid size; `reward.cost`; prescribed motions together with
+            `step_tolerance`; prescribed motions of different joints in different arms together with `multipliers`.
     """
 
     def __init__(
@@ -82,10 +83,10 @@ class Arms(Periods):
             self._arrange()
 
     def reset(self, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> Array:
-        """Fresh starts, those of the vector environment with this seed and these options: states (n, S).
+        """Start episodes as the vector environment does with this seed and these options; return states (n, S).
 
-        Where a motion is prescribed to an arm, states hold accelerations and torques, under any formulation: `names`,
-        `moving` and `state_size` are then others than without.
+        With prescribed motions, states contain accelerations and torques under every formulation, so `names`, `moving`
+        and `state_size` may change.
         """
         if (options or {}).get("motion") is not None:
             self._not_fitted()
@@ -154,7 +155,7 @@ class Arms(Periods):
         return Jacobians(*made) if kind is Jacobians else tuple(made) if len(made) > 1 else made[0]
 
     def states(self) -> Array:
-        """The states (n, S) at which the environment's arms are."""
+        """Return the present states (n, S) of the environment's arms."""
         if self._led != [*self.environment.guides.values()]:
             self._arrange()
         if not self._parts:
@@ -165,25 +166,27 @@ class Arms(Periods):
         return rows
 
     def observe(self, state: Array) -> Array:
-        """What is to be seen (n, O) of states (n, S)."""
+        """Return the observations (n, O) of states (n, S)."""
         return self._each("observe", state=state) if self._parts else super().observe(state)
 
     def step(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
-        """State (n, S), observation (n, O) and reward (n,) a period later, under an action (n, A), clipped to +-1."""
+        """Return state (n, S), observation (n, O) and reward (n,) after a period with an action (n, A), clipped to
+        +-1."""
         return self._each("step", state=state, action=action) if self._parts else super().step(state, action)
 
     def rollout(self, state: Array, actions: Array) -> Rollout:
-        """The periods from states (n, S) under actions (T, n, A), and derivatives through them: see `Rollout`."""
+        """Advance states (n, S) by T periods with actions (T, n, A); return a `Rollout` with derivatives."""
         return rollout(self, state, actions)
 
     def jacobians(self, state: Array, action: Array) -> Jacobians:
-        """The same as `step`, with the derivative; of an action beyond +-1, by which nothing changes, zeros."""
+        """Return the results of `step` with their derivatives; derivatives by a clipped action are zero."""
         return self._each("jacobians", state=state, action=action) if self._parts else super().jacobians(state, action)
 
     def vjp(
         self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array
     ) -> tuple[Array, Array]:
-        """Cotangents (n, S), (n, O), (n,) of what a period comes to, taken back to its state (n, S), action (n, A)."""
+        """Return cotangents (n, S), (n, A) of state and action, from those of a period's state, observation and
+        reward."""
         if not self._parts:
             return super().vjp(state, action, state_bar, observation_bar, reward_bar)
         bars = {"state_bar": state_bar, "observation_bar": observation_bar, "reward_bar": reward_bar}
@@ -191,11 +194,11 @@ class Arms(Periods):
         return back
 
     def observe_jacobian(self, state: Array) -> tuple[Array, Array]:
-        """What is to be seen (n, O) of states (n, S), and its derivative (n, O, S)."""
+        """Return the observations (n, O) of states (n, S), and their derivatives (n, O, S)."""
         return self._each("observe_jacobian", state=state) if self._parts else super().observe_jacobian(state)
 
     def close(self) -> None:
-        """Let the threads go."""
+        """End the threads."""
         for part in self._parts:
             part.periods.close()
         if not self._parts:

@@ -1,4 +1,4 @@
-"""Arms that follow prescribed motions, each a model of its own that its environment moves outside the batch."""
+"""Derivatives of arms with prescribed motions; the environment simulates each of these outside the batch."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from ..validation import Array
 
 
 def program_of(program: Any, guide: Any) -> Any:
-    """A batch's program for the one arm of an `envs.motion.Guide`."""
+    """Return a program of the batch's kind for the single arm of an `envs.motion.Guide`."""
     sensors = program.sensors
     if sensors is not None:
         sensors = sensors._replace(gauges=np.ascontiguousarray(guide.gauges, np.float64).ravel())
@@ -19,7 +19,7 @@ def program_of(program: Any, guide: Any) -> Any:
 
 
 def guided(guide: Any, model: Any, lanes: int) -> Guided:
-    """What the arm has beside its model, and room to work in for so many lanes."""
+    """Return the arm's drive, motions and kinks, with scratch memory for this number of lanes."""
     own = guide.simulation
     return Guided(
         drive=own.drive, motions=own.n_motions, kinks=np.array(guide.scene.kinks, np.float64),
@@ -31,7 +31,7 @@ def guided(guide: Any, model: Any, lanes: int) -> Guided:
 
 
 def state_of(batch: Any, arm: int, guide: Any, model: Any, layout: Any, places: Any) -> Array:
-    """The numbers at `places` of arm `arm` as its guide has it: (1, S)."""
+    """Return the numbers at `places` of the state of arm `arm` in its guide: (1, S)."""
     block, work = np.zeros(layout.row), guide.simulation.work
     there = uncompiled(unpack)(SINGLE, model, block, 0)
     for name in ("q", "v", "a", "b", "u"):

@@ -1,7 +1,8 @@
-"""Observations that show what was before: late ones, several in one, and those whose sensors have a memory.
+"""Observations that depend on the past: delayed and stacked ones, and readings of sensors with memory.
 
-Then what was seen last is a part of the state, oldest first: `frames` observations of E entries, of which those that
-are shown come first. A period drops the oldest and puts a new one last, so that derivatives are moved and not computed.
+A state then contains the latest `frames` observations of E entries, the oldest first. With a delay, an observation
+consists of the oldest of these. A period drops the oldest observation and appends the new one, so derivatives of stored
+observations are only shifted.
 """
 
 from typing import Any
@@ -15,13 +16,14 @@ from ..validation import Array
 
 
 class Memory:
-    """What a batch's arms have seen.
+    """Stored observations of a batch's arms, as part of their states.
 
     Args:
-        batch: the arms. moving: X, the numbers of a state that move, without these.
+        batch: the arms. moving: X, number of a state's moving entries without stored observations.
     Attributes:
-        chosen (E,): entries observed, of all that there are. frames: observations that a state holds; 0: none, since an
-        observation follows from the rest. size: O, numbers in an observation. moving: X with what is held.
+        chosen (E,): indices of the observed entries. size: O, length of an observation. moving: X with stored
+            observations.
+        frames: number of observations stored in a state; 0 if an observation follows from the rest of the state.
     """
 
     def __init__(self, batch: Any, moving: int) -> None:
@@ -37,13 +39,13 @@ class Memory:
         self._batch, self._first, self.moving = batch, moving, moving + self.frames * self.entries
 
     def names(self, own: tuple[str, ...]) -> tuple[str, ...]:
-        """Names of a state's numbers, from those without what was seen."""
+        """Return the names of a state's entries, given the names without stored observations."""
         seen = tuple(f"seen[{k}]" for k in range(self.frames * self.entries))
         return own[: self._first] + seen + own[self._first :]
 
     # --- states ----------------------------------------------------------------------------------
     def parts(self, state: Array) -> tuple[Array, Array]:
-        """States without what was seen, and that."""
+        """Split states into states without stored observations, and the stored observations."""
         x, y = self._first, self.moving
         if self.frames == 0:
             return state, state[:, x:y]
@@ -56,7 +58,7 @@ class Memory:
         return np.concatenate([own[:, : self._first], past, own[:, self._first :]], axis=1)
 
     def with_past(self, own: Array, first: int = 0) -> Array:
-        """States of the batch's arms from `first` on: what they have seen, as they were told."""
+        """Add the stored observations of the batch's arms, from arm `first` on, to their states."""
         if self.frames == 0:
             return own
         batch, late = self._batch, np.zeros((len(own), self._age, self.entries))
@@ -72,7 +74,7 @@ class Memory:
         return past[:, : self.size].copy()
 
     def after(self, past: Array, seen: Array) -> tuple[Array, Array]:
-        """What was seen, and the observation, after (n, E) has been."""
+        """Append new entries (n, E); return the stored observations and the observation."""
         if self.frames == 0:
             return past, seen
         past = np.concatenate([past[:, self.entries :], seen], axis=1)
@@ -80,7 +82,7 @@ class Memory:
 
     # --- derivatives -----------------------------------------------------------------------------
     def whole(self, moved: Array) -> Array:
-        """A period's derivative (n, X + O + 1, X + A) from that without what was seen."""
+        """Extend a period's derivative to stored observations, (n, X + O + 1, X + A)."""
         if self.frames == 0:
             return moved
         x, y, entries = self._first, self.moving, self.entries
@@ -99,8 +101,8 @@ class Memory:
         return full
 
     def vjp(self, state: Array, seen: Array) -> tuple[Array, Array, Array]:
-        """Cotangents of states (n, S) and observations (n, O) after a period: those of states without what was seen, of
-        what was seen before the period, and of what was seen after it."""
+        """Split cotangents of states (n, S) and observations (n, O) after a period: those of states without stored
+        observations, of the observations stored before the period, and of the new entries."""
         own, past = self.parts(state)
         if self.frames == 0:
             return own, past, seen

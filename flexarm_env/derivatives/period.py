@@ -1,4 +1,4 @@
-"""Control periods of arms, differentiated: rows of numbers, no episodes, exact Jacobians."""
+"""Exact Jacobians and cotangents of control periods, for states as rows of numbers without episodes."""
 
 import math
 import warnings
@@ -51,11 +51,11 @@ def _renamed(name: str, now: str) -> None:
 
 
 class Jacobians(NamedTuple):
-    """What a control period of n arms comes to, and its derivative.
+    """Results of a control period of n arms, and their derivatives.
 
-    S numbers in a state, of which the first X move (`Arms.moving`); A in an action, O in an observation. Derivatives by
-    and of the numbers that move stand in `moved`; A, B, C, D, r_x, r_u show them for whole states, in which what does
-    not move passes through a period unchanged and, being given, is not asked how much it matters: columns of zeros.
+    A state has S entries, of which the first X move (`Arms.moving`); an action has A entries, an observation O.
+    `moved` contains the derivatives of and by moving entries. A, B, C, D, r_x and r_u are the same derivatives for
+    complete states: entries that do not move stay constant, and derivatives by them are set to zero.
     """
 
     state: Array  # (n, S), a period later
@@ -76,7 +76,7 @@ class Jacobians(NamedTuple):
 
     @property
     def A(self) -> Array:
-        """(n, S, S): the state by the state."""
+        """Derivative of the next state by the state, (n, S, S)."""
         x, _, size, _ = self._sizes
         full = self._whole(self.moved[:, :x, :x], 1, 2)
         full[:, np.arange(x, size), np.arange(x, size)] = 1.0
@@ -84,34 +84,34 @@ class Jacobians(NamedTuple):
 
     @property
     def B(self) -> Array:
-        """(n, S, A): the state by the action."""
+        """Derivative of the next state by the action, (n, S, A)."""
         x = self._sizes[0]
         return self._whole(self.moved[:, :x, x:], 1)
 
     @property
     def C(self) -> Array:
-        """(n, O, S): the observation by the state."""
+        """Derivative of the observation by the state, (n, O, S)."""
         x, entries, _, _ = self._sizes
         return self._whole(self.moved[:, x : x + entries, :x], 2)
 
     @property
     def D(self) -> Array:
-        """(n, O, A): the observation by the action."""
+        """Derivative of the observation by the action, (n, O, A)."""
         x, entries, _, _ = self._sizes
         return self.moved[:, x : x + entries, x:]
 
     @property
     def r_x(self) -> Array:
-        """(n, S): the reward by the state."""
+        """Derivative of the reward by the state, (n, S)."""
         return self._whole(self.moved[:, -1, : self._sizes[0]], 1)
 
     @property
     def r_u(self) -> Array:
-        """(n, A): the reward by the action."""
+        """Derivative of the reward by the action, (n, A)."""
         return self.moved[:, -1, self._sizes[0] :]
 
     def jvp(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
-        """Tangents (n, S), (n, A) of state and action to those of state, observation and reward a period later."""
+        """Map tangents (n, S), (n, A) of state and action to those of the next state, observation and reward."""
         x, entries, _, _ = self._sizes
         both = np.concatenate([state[:, :x], action], axis=1)
         out = (self.moved @ both[:, :, None])[:, :, 0]
@@ -119,7 +119,7 @@ class Jacobians(NamedTuple):
         return after, out[:, x : x + entries], out[:, -1]
 
     def vjp(self, state: Array, observation: Array, reward: Array) -> tuple[Array, Array]:
-        """Cotangents (n, S), (n, O), (n,) of a period's outcome to those (n, S), (n, A) of state and action before."""
+        """Map cotangents (n, S), (n, O), (n,) of next state, observation and reward to those of state and action."""
         x = self._sizes[0]
         given = np.concatenate([state[:, :x], observation, reward[:, None]], axis=1)
         out = (given[:, None, :] @ self.moved)[:, 0]
@@ -127,25 +127,25 @@ class Jacobians(NamedTuple):
         return np.concatenate([out[:, :x], state[:, x:]], axis=1), out[:, x:]
 
     def push(self, *items: Any) -> tuple[Array, Array, Array]:
-        """`jvp`, by its former name, for one release."""
+        """Deprecated name of `jvp`, for one release."""
         _renamed("push", "jvp")
         return self.jvp(*items)
 
     def pull(self, *items: Any) -> tuple[Array, Array]:
-        """`vjp`, by its former name, for one release."""
+        """Deprecated name of `vjp`, for one release."""
         _renamed("pull", "vjp")
         return self.vjp(*items)
 
 
 class Periods:
-    """Control periods of a batch's arms, with exact derivatives; what `Arms` says of states, steps and failures holds.
+    """Control periods of a batch's arms, with exact derivatives; see `Arms` for states, steps and failures.
 
     Args:
-        batch: the arms. parameters: see `Arms`. kept: a state holds accelerations and torques, also where periods begin
-        with accelerations solved afresh. guided: which arm alone, and its `envs.motion.Guide`; None: all arms, as they
-        move in the batch. alone: which arms are taken one at a time, their steps halved where Newton's iteration fails:
-        those for which it has failed beside others, as in the environment ("failed"), "all" or "none". whole: with the
-        terms of all parameters, as with `parameters` (`physics.model.complete`).
+        batch: the arms. parameters: see `Arms`. kept: states contain accelerations and torques even if periods begin by
+            solving for accelerations. guided: (index, `envs.motion.Guide`) of a single arm with prescribed motion;
+            None: all arms of the batch. alone: arms that are computed one at a time, with halved steps if Newton's
+            iteration fails: "failed" (those that failed in their lane, as in the environment), "all" or "none". whole:
+            include the terms of all parameters (`physics.model.complete`).
     Attributes:
         n, state_size, action_size, observation_size, moving, names, failed, past: see `Arms`. backwards: whether
         cotangents have kernels of their own (`vjp`).
@@ -239,7 +239,7 @@ class Periods:
 
     # --- states ----------------------------------------------------------------------------------
     def states(self) -> Array:
-        """The states (n, S) at which the batch's arms are."""
+        """Return the present states (n, S) of the batch's arms."""
         first, d = 0, self._program
         if self._guided is not None:
             first, guide = self._guided
@@ -254,7 +254,7 @@ class Periods:
         return self._memory.with_past(rows, first)
 
     def observe(self, state: Array) -> Array:
-        """What is to be seen (n, O) of states (n, S)."""
+        """Return the observations (n, O) of states (n, S)."""
         self._put(state, None)
         if self._memory.frames:
             return self._memory.shown(self._past)
@@ -262,14 +262,15 @@ class Periods:
         return self._rows("observation", self.observation_size)
 
     def step(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
-        """State (n, S), observation (n, O) and reward (n,) a period later, under an action (n, A), clipped to +-1."""
+        """Return state (n, S), observation (n, O) and reward (n,) after a period with an action (n, A), clipped to
+        +-1."""
         self._put(state, action)
         self._run(derivative.step)
         return self._with_halved("step", self._outcome(), state, action)
 
     # --- derivatives -----------------------------------------------------------------------------
     def jacobians(self, state: Array, action: Array) -> Jacobians:
-        """The same, with the derivative; of an action beyond +-1, by which nothing changes, zeros."""
+        """Return the results of `step` with their derivatives; derivatives by a clipped action are zero."""
         given = self._put(state, action)
         self._run(self._derivative)
         moved = self._program.jacobian.reshape(self._shape).copy()
@@ -281,12 +282,12 @@ class Periods:
     def vjp(
         self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array
     ) -> tuple[Array, Array]:
-        """Cotangents (n, S), (n, O), (n,) of what a period comes to, taken back to its state (n, S), action (n, A).
+        """Return cotangents (n, S), (n, A) of state and action, from those of a period's state, observation and reward.
 
-        Backwards (`backwards`) for a few times what the period costs: elasticas; without controllers exact beams,
-        floating frames of at most eight elastic coordinates a segment, and all these behind gears (but not by the
-        gears' own numbers, nor floating frames with Coulomb friction); targets at rest, ideal sensors. Of all others by
-        the Jacobians.
+        Kernels for cotangents (`backwards`), which cost a few times as much as a period, exist for elasticas; without
+        controllers for exact beams, floating frames of at most eight elastic coordinates a segment, and all these
+        with gears (without derivatives by the gears' parameters, and without Coulomb friction in floating frames). They
+        require targets at rest and ideal sensors. In all other cases the Jacobians are used.
         """
         given = checked("state_bar", state_bar, (self.n, self.state_size))
         seen = checked("observation_bar", observation_bar, (self.n, self.observation_size))
@@ -314,7 +315,7 @@ class Periods:
         return self.vjp(*items)
 
     def observe_jacobian(self, state: Array) -> tuple[Array, Array]:
-        """What is to be seen (n, O) of states (n, S), and its derivative (n, O, S)."""
+        """Return the observations (n, O) of states (n, S), and their derivatives (n, O, S)."""
         self._put(state, None)
         x, entries = self._program.moving, self.observation_size
         slopes = np.zeros((self.n, entries, self.state_size))
@@ -326,7 +327,7 @@ class Periods:
         return self._rows("observation", entries), slopes
 
     def close(self) -> None:
-        """Let the threads go."""
+        """End the threads."""
         self._crew.close()
         if self._one is not None:
             self._one.close()
@@ -412,7 +413,7 @@ class Periods:
 
 
 def checked(name: str, value: Any, shape: tuple[int, ...]) -> Array:
-    """Numbers of this shape, or a ValueError."""
+    """Validate numbers of this shape and return them as an array; ValueError for another shape."""
     rows = check.floats(name, value)
     if rows.shape != shape:
         raise check.InvalidValue(f"{name}.shape", rows.shape, f"must be {shape}")
@@ -423,8 +424,9 @@ def _passes(model: Any) -> int:
     arm = getattr(model, "arm", model)
     if isinstance(arm, SpatialBeam):
         return MOST_PASSES
-    # the matrix of contact leaves out that directions of forces turn within a step
-    return PASSES if isinstance(arm, ExactBeam | SpatialElastica) or model.newton.contact is not None else 1
+    # the matrix leaves out how contacts' normals and velocities change with the coordinates
+    touches = model.newton.contact is not None
+    return PASSES if touches or isinstance(arm, ExactBeam | SpatialElastica) else 1
 
 
 def _goes_back(model: Any, controls: bool, parameters: bool) -> bool:

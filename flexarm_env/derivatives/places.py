@@ -1,4 +1,4 @@
-"""Where a state's numbers are in an arm's memory, and what they are called."""
+"""Places of a state's numbers in an arm's memory, and their names."""
 
 from typing import Any, NamedTuple
 
@@ -38,9 +38,9 @@ class _Place(NamedTuple):
 def places_of(
     batch: Any, model: Any, stride: int, layout: Any, parameters: bool, kept: bool
 ) -> tuple[Any, tuple[str, ...], int]:
-    """Where a state's numbers are in a block whose elements lie `stride` apart; their names; how many of them move.
+    """Return the places of a state's entries in a block with elements `stride` apart, their names, and how many move.
 
-    kept: accelerations and torques are, also where periods begin with accelerations solved afresh.
+    kept: include accelerations and torques even if periods begin by solving for accelerations.
     """
     task, extras = batch.task, batch.extras
     rows, links = int(size(model.n)), len(task.links)
@@ -119,7 +119,7 @@ def _laws(model: Any) -> list[tuple[int, str, float]]:
 
 
 def laws_of(model: Any, names: tuple[str, ...]) -> tuple[list[int], list[float]]:
-    """Where in a state the numbers of the joints' laws are, and what they are."""
+    """Return the places in a state of the parameters of the joints' laws, and which parameters they are."""
     found = _laws(model)
     return [names.index(name) for _, name, _ in found], [value for _, _, value in found]
 

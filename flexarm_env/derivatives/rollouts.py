@@ -1,4 +1,4 @@
-"""Control periods in a row, and derivatives through all of them: forwards (`jvp`) and backwards (`vjp`)."""
+"""Rollouts of several control periods, with derivatives in forward (`jvp`) and reverse (`vjp`) mode."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -12,8 +12,8 @@ from .period import Periods, checked
 
 
 class Outcome(NamedTuple):
-    """Of n arms over T control periods, or how much it changes: states (T + 1, n, S), the first of them the start's;
-    observations (T, n, O) and rewards (T, n), after each period."""
+    """States (T + 1, n, S), initial ones first, observations (T, n, O) and rewards (T, n) after each period; or
+    tangents."""
 
     states: Array
     observations: Array
@@ -21,7 +21,7 @@ class Outcome(NamedTuple):
 
 
 class Gradient(NamedTuple):
-    """By the states at the start (n, S) and by the actions (T, n, A)."""
+    """Gradient with respect to the initial states (n, S) and the actions (T, n, A)."""
 
     state: Array
     actions: Array
@@ -31,13 +31,13 @@ class Gradient(NamedTuple):
 class Rollout:
     """T control periods of n arms under given actions.
 
-    States alone are kept, from which each period's derivative is computed anew when it is asked for. Nothing ends here:
-    `failed` and `past` say where an environment would have ended an episode; an arm whose solver failed has NaN from
-    there on. A rollout lies within one episode: no derivative passes a reset.
+    Only states are stored; `jvp` and `vjp` compute the derivatives of each period from them. Episodes do not end:
+    `failed` and `past` mark periods at which an environment would end the episode. After a solver failure an arm's
+    numbers are NaN. A rollout lies within one episode, so no derivative passes a reset.
 
     Attributes:
-        arms: what moves. states (T + 1, n, S), the first those of the start; actions (T, n, A); observations (T, n, O)
-        and rewards (T, n) after each period; failed, past (T, n): the solver failed, a joint was beyond its limits.
+        arms: the arms. states (T + 1, n, S): initial states first. actions (T, n, A). observations (T, n, O), rewards
+        (T, n): after each period. failed (T, n): the solver failed. past (T, n): a joint was beyond its limits.
     """
 
     arms: Periods
@@ -49,7 +49,8 @@ class Rollout:
     past: NDArray[np.bool_]
 
     def jvp(self, state: Any = None, actions: Any = None) -> Outcome:
-        """What changes of the start's states (n, S) and of the actions (T, n, A) come to, to first order."""
+        """Return the first-order change of the rollout due to changes of initial states (n, S) and actions (T, n,
+        A)."""
         count = len(self.actions)
         moved = np.zeros_like(self.states)
         moved[0] = _given("state", state, self.states[0].shape)
@@ -61,11 +62,11 @@ class Rollout:
         return Outcome(moved, seen, paid)
 
     def vjp(self, states: Any = None, observations: Any = None, rewards: Any = None) -> Gradient:
-        """The gradient of a number whose gradient by all that came of it is given; None: it does not depend on that.
+        """Return the gradient of a scalar, given its gradient with respect to the results of the rollout.
 
         Args:
-            states (T + 1, n, S), observations (T, n, O), rewards (T, n). For the sum of rewards, discounted or not, the
-                weight of each: `vjp(rewards=weights)`.
+            states (T + 1, n, S), observations (T, n, O), rewards (T, n): gradients with respect to these results; None:
+                zero. For a weighted sum of rewards use `vjp(rewards=weights)`.
         """
         by_states = _given("states", states, self.states.shape)
         by_seen = _given("observations", observations, self.observations.shape)
@@ -78,7 +79,7 @@ class Rollout:
 
 
 def rollout(arms: Periods, state: Any, actions: Any) -> Rollout:
-    """Where arms go from states (n, S) under actions (T, n, A), clipped to +-1; see `Rollout`."""
+    """Advance states (n, S) by T periods with actions (T, n, A), clipped to +-1; return the `Rollout`."""
     start = _given("state", state, (arms.n, arms.state_size))
     given = check.floats("actions", actions)
     if given.ndim != 3 or given.shape[1:] != (arms.n, arms.action_size):

@@ -1,4 +1,4 @@
-"""A run of one arm through a scene, and what its states change by with what the scene was made from."""
+"""Derivatives of a scene's run with respect to numbers of the scene or the arm."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ MOST_ROWS = 1_000_000
 
 
 class NotDifferentiable(ValueError):
-    """What a run is made of that has no derivative here, in words."""
+    """Raised for a run without a derivative; the message names the reason."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run of equal steps.
+    """A run in equal steps, with its states stored for differentiation.
 
     Attributes:
-        simulation: at the run's end. trajectory: of the samples. start (4, n): q, v, a, b of the start. q, v, a
-        (steps, n), t (steps,): at the steps' ends. every: steps between two samples.
+        simulation: state at the end. trajectory: the samples. start (4, n): initial q, v, a, b. q, v, a (steps, n) and
+        t (steps,): values at the ends of steps. every: number of steps between two samples.
     """
 
     simulation: Simulation
@@ -54,7 +54,7 @@ class Run:
 
     @classmethod
     def of(cls, simulation: Simulation, interval: float) -> Run:
-        """The run of a fresh Simulation of a scene, recorded every `interval` s; see `Trajectory.status`."""
+        """Run a fresh Simulation of a scene, recorded every `interval` s; see `Trajectory.status`."""
         scene = simulation.scene
         every = max(1, int(np.ceil(interval / simulation.dt * (1.0 - 1e-9))))
         if every * scene.duration / interval > MOST_ROWS:
@@ -66,7 +66,7 @@ class Run:
         return cls(simulation, recorded(simulation, chosen, shapes[::every], 0.0), start, q, v, a, t, every, {})
 
     def check(self) -> None:
-        """Raise NotDifferentiable, in words, for a run whose steps are not."""
+        """Raise NotDifferentiable if the steps of the run cannot be differentiated."""
         simulation = self.simulation
         model, scene = simulation.model, simulation.scene
         inside = [t for load in scene.loads for f in load.functions for t in f.jumps if 0.0 < t < scene.duration]
@@ -87,13 +87,14 @@ class Run:
                 raise NotDifferentiable(what)
 
     def slopes(self, neighbours: Sequence[tuple[Simulation, float, float]]) -> Array:
-        """What q and v of the samples, the start included, change by: (samples, 2, n).
+        """Return the derivatives of q and v at the samples, the start included, by a parameter: (samples, 2, n).
 
-        neighbours: two Simulations of the scene as it is with a number of it moved by an offset, each with the offset
-        and its weight in the derivative: central, (a, e, 1 / 2e), (b, -e, -1 / 2e), or on one side, (a, e, 2 / e),
+        neighbours: two Simulations of the scene with the parameter changed by an offset e, as (simulation, offset,
+        weight in the derivative). Central: (a, e, 1 / 2e), (b, -e, -1 / 2e). One-sided: (a, e, 2 / e),
         (b, 2 e, -1 / 2e).
+
         Raises:
-            NotDifferentiable: see `check`; a neighbour that is another kind of model.
+            NotDifferentiable: see `check`; or the changed parameter changes the structure of the model.
         """
         self.check()
         own = self.simulation
@@ -114,7 +115,8 @@ class Run:
             tangent = tangent + weight * _state(other)
             moved = moved + weight * other_psi
             stars.append(Neighbour(other.model, other.par, other_u.ravel(), offset, weight))
-        passes = PASSES if own.settings.formulation == "geometrically_exact" or own.scene.contacts else 1
+        approximate = own.settings.formulation == "geometrically_exact" or own.scene.contacts
+        passes = PASSES if approximate else 1
         passes = PASSES_IN_SPACE if own.scene.spatial else passes
         room, out = np.zeros(int(uncompiled(sensitivity.room_of)(model, own.par))), np.empty((len(h), 2 * n))
         w = uncompiled(unpack)(dual(SINGLE), model, room, 0)
@@ -133,9 +135,9 @@ class Run:
         return np.concatenate([tangent[:2].reshape(1, -1), out[self.every - 1 :: self.every]]).reshape(-1, 2, n)
 
     def moved(self, other: Simulation, change: Array, places: bool = True) -> Trajectory:
-        """The trajectory with q and v changed (samples, 2, n), of a neighbour's arm.
+        """Return the trajectory of a neighbour's arm, with changes (samples, 2, n) added to q and v.
 
-        places: also where that puts tip, joints and motors; all else is as it was.
+        places: also recompute tip, joints and motors; all other fields are unchanged.
         """
         q, v = self.trajectory.q + change[:, 0], self.trajectory.v + change[:, 1]
         found: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""Which of the targets that are drawn an arm can take up: within its joint limits, held by its motors."""
+"""Conditions on drawn targets: the arm reaches them within its joint limits, and its motors hold it there."""
 
 import dataclasses
 import itertools
@@ -131,7 +131,7 @@ def _first_lost(arm: Arm, begin: np.ndarray, points: np.ndarray) -> int | None:
 def check_target(task: Task, angles: np.ndarray, target: Pair, arm: Arm) -> None:
     """Raise `InvalidValue` if the joint limits of a planar arm exclude a given target.
 
-    angles (N,): of the joints at the start, rad; NaN where they are drawn.
+    angles (N,): angles of the joints at the start, rad; NaN where they are drawn.
     """
     if uncompiled(attainable)(task, _free(task), np.nan_to_num(angles), *target) < 0.5:
         given = target if len(task.targets) > 1 else target[0]

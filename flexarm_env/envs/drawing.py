@@ -1,4 +1,4 @@
-"""Strokes, discs and words on a supersampled pygame surface: what pictures of arms are made of."""
+"""Strokes, discs and text on a supersampled pygame surface, for pictures of arms."""
 
 import math
 from functools import lru_cache
@@ -34,10 +34,11 @@ def pygame_module() -> Any:
 
 
 class Sheet:
-    """One picture while it is drawn.
+    """A picture in progress.
 
     Args:
-        size: width and height of the picture, pixels. reach: half of the shorter side is `margin` reaches, m.
+        size: width and height of the picture, pixels. reach: arm's reach, m; half of the shorter side shows `margin`
+            times this length.
         center: the point in the middle, m (2,). cell: side of a grid square, m.
     Lengths named in points are 1/640 of the picture's shorter side.
     """
@@ -185,7 +186,7 @@ def _font(pixels: int) -> Any:
 def smooth(points: Array, root_angle: float, tip_angle: float, pieces: int = 6) -> Array:
     """Return a C1 cubic curve through points (n, 2) with given directions (rad) at its ends.
 
-    pieces: of each interval.
+    pieces: number of pieces of each interval.
     """
     if len(points) < 2:
         return np.repeat(points, 2, axis=0)

@@ -78,7 +78,8 @@ def _late(path: str, value: Any, step: float, name: str) -> tuple[int, int]:
 def controller(frame: Frame, mode: Any, share: Any) -> Controller | None:
     """Return the joint controllers under the action, or None if the action is a torque, a current or a voltage.
 
-    Stiffness: the full torque at an error of pi/4. Damping: critical for the rigid arm beyond the joint, straight.
+    The stiffness gives the full torque at an error of pi/4. The damping is critical for the straight rigid arm beyond
+    the joint.
     """
     if check.choice("action_mode", mode, ACTION_MODES) != "residual_pd":
         if share is not None:
@@ -208,7 +209,7 @@ def sensors(
 ) -> Sensors | None:
     """Read noise and delay of all entries, and the gauges; None if all is ideal.
 
-    names, scales: of all entries, gauges last.
+    names, scales: names and scales of all entries, gauges last.
     """
     table = table_of("sensors", None if isinstance(value, description.Sensors) else value, _SENSORS)
     places = [gauge.spot for gauge in gauges]

@@ -1,4 +1,4 @@
-"""Arms on a base that floats freely: the keyword `base`, and what there is not for them."""
+"""Arms on a freely floating base: the keyword `base`, and the features that such arms lack."""
 
 from dataclasses import replace
 from typing import Any

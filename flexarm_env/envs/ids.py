@@ -1,4 +1,4 @@
-"""Which environments a file may name: a policy or a recording does not choose what is imported and made."""
+"""Environments that a file may name, so that a policy or recording cannot import arbitrary code."""
 
 from collections.abc import Callable
 from typing import Any
@@ -31,9 +31,9 @@ def permitted(path: str, env_id: Any, env_kwargs: Any, named: str | None = None)
     """Return the environment id and keywords of a file, after checking that `gymnasium.make` may receive them.
 
     Args:
-        path: what they are called in a message. named: an id that the caller names himself, whatever it is.
+        path: their name in messages. named: an id that the caller explicitly permits.
     Raises:
-        ValueError: an id that is neither this package's own nor `named`; with its own, keywords that it does not take.
+        ValueError: an id that is neither this package's own nor `named`; or unknown keywords for an id of this package.
     """
     keywords = check.table_of(check.joined(path, "env_kwargs"), env_kwargs)
     if named is not None and env_id == named:

@@ -240,7 +240,7 @@ class Judge:
 
 
 class Worst:
-    """The maximum over several rules: that of an arm, and those of drawn extremes, which count by the weight SELDOM."""
+    """The maximum over the rules of the nominal arm and of the drawn extremes; the extremes have the weight SELDOM."""
 
     def __init__(self, rules: Sequence[Judge]) -> None:
         self.rules, self.arm, self.period = rules, rules[0].arm, rules[0].period
@@ -286,7 +286,8 @@ def judge(arm: Arm, drive: Drive, period: float, stiffness: float = 1.0) -> Judg
 def worst(arm: Arm, drive: Drive, period: float, drawn: Mapping[str, tuple[float, float]]) -> Worst:
     """Return the rule for an arm and its drawn extremes: the softest, and the stiffest with the least payload.
 
-    period: of control, s. drawn: ranges (low, high) of factors on EI, payload and torque_constant; others do not count.
+    period: control period, s. drawn: ranges (low, high) of factors on EI, payload and torque_constant; others do not
+    count.
     """
     (soft, stiff), (light, _), (_, strong) = (
         drawn.get(name, (1.0, 1.0)) for name in ("EI", "payload", "torque_constant")

@@ -12,18 +12,23 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import load_env_creator
-from gymnasium.vector import VectorEnv
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from .. import arms
 from .. import validation as check
+from ..batch import OneAtATime, one_at_a_time
 from ..bodies import RigidLink
 from ..parameters import Arm
 from ..sections import Link, Section, Taper
 from ..validation import Array32
-from .spec import same
-from .vector import VectorArmEnv
+from .motion import is_table
+from .single import checked_action
+from .spec import CHANGEABLE, same
+from .states import check_state
+from .vector import VectorArmEnv, checked_mask, checked_seeds, chosen_of
 
 Factor = float | Sequence[float]
 
@@ -31,8 +36,8 @@ Factor = float | Sequence[float]
 def scaled(arm: Arm, factor: Factor) -> Arm:
     """Return the arm with its links' lengths multiplied by a factor, one for all links or one for each.
 
-    Sections stay, and where they vary, the places at which they do are scaled; so are places of curvature. Rigid ends
-    and the mass and inertia of rigid links stay.
+    Sections do not change; if they or the curvature vary along the link, their places are scaled. Rigid ends, and the
+    mass and inertia of rigid links, do not change.
     """
     given = factor if check.several(factor) else [factor] * arm.n_links
     factors = check.numbers("lengths", given, f"a number, or {arm.n_links} of them", arm.n_links, "", above=0.0)
@@ -64,15 +69,16 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         env_id: a registered id. num_envs: number of arms, at least one for each length.
         lengths: factors on the lengths of all links, or for each arm a factor for each link. The arms are divided
             evenly among them: the first ones have the first factor.
-        keywords: of the environment, with `autoreset_mode` and `threads`.
+        keywords: keywords of the environment, with `autoreset_mode` and `threads`.
     Attributes:
-        parts: a native vector environment for each length, in order. lengths: as given. plan: of the first part.
+        parts: a native vector environment for each length, in order. lengths: as given. plan: plan of the first part.
     Raises:
         ValueError: fewer arms than lengths, a length that is not positive, or whatever the environment raises.
     """
 
     def __init__(self, env_id: str, num_envs: int, lengths: Sequence[Factor], **keywords: Any) -> None:
         """Check the arguments (see the class) and make a native vector environment for each length."""
+        self._door = OneAtATime()
         self.lengths = tuple(check.sequence("lengths", lengths, "at least one factor on lengths"))
         if not self.lengths:
             raise check.InvalidValue("lengths", lengths, "must hold at least one factor on lengths")
@@ -102,32 +108,57 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         ends = np.cumsum([part.num_envs for part in self.parts]).tolist()
         self._slices = [(part, slice(end - part.num_envs, end)) for part, end in zip(self.parts, ends, strict=True)]
 
+    @one_at_a_time
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array32, dict[str, Any]]:
-        """Start episodes: of all arms, or of those in options["reset_mask"]. Arm i gets seed + i, or seed[i]."""
-        mask = None if options is None else options.get("reset_mask")
-        if mask is not None and np.shape(mask) != (self.num_envs,):
-            raise check.InvalidValue("options.reset_mask", mask, f"must be a numpy array of {self.num_envs} bools")
+        """Start episodes: of all arms, or of those in options["reset_mask"]. Arm i gets seed + i, or seed[i].
+
+        Raises:
+            ValueError: as of the native vector environment; no episode has been started then.
+        """
+        seeds = checked_seeds(seed, self.num_envs)
+        chosen, rest = checked_mask(options, self.num_envs)
+        mask = np.zeros(self.num_envs, np.bool_)
+        mask[chosen] = True
+        own_options = [self._options_of(own, rest) for _, own in self._slices]
+        # reject options before any part starts
+        for (part, own), more in zip(self._slices, own_options, strict=True):
+            part.check_options(np.flatnonzero(mask[own]).tolist(), more)
         seen: list[Array32] = []
         infos: list[dict[str, Any]] = []
-        for part, own in self._slices:
-            if mask is not None and not mask[own].any():
+        for (part, own), more in zip(self._slices, own_options, strict=True):
+            if not mask[own].any():
                 seen.append(part.batch.observation.copy())
                 infos.append({})
                 continue
-            more = options if mask is None else {**(options or {}), "reset_mask": mask[own]}
-            some = seed[own] if isinstance(seed, Sequence) else None if seed is None else seed + own.start
-            observation, info = part.reset(seed=some, options=more)
+            if options is not None and "reset_mask" in options:
+                more = {**(more or {}), "reset_mask": mask[own]}
+            observation, info = part.reset(seed=seeds[own], options=more)
             seen.append(observation)
             infos.append(info)
         return np.concatenate(seen), self._joined(infos)
 
+    def _options_of(self, own: slice, options: dict[str, Any] | None) -> dict[str, Any] | None:
+        """Return the reset options of one part: from a list of `num_envs` motions those of its arms."""
+        motion = (options or {}).get("motion")
+        if not (isinstance(motion, list) and not is_table(motion) and len(motion) == self.num_envs > 1):
+            return options
+        some = motion[own]
+        return {**(options or {}), "motion": some[0] if len(some) == 1 else some}
+
+    @one_at_a_time
     def step(
         self, actions: Array32
     ) -> tuple[Array32, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Advance all arms by one control period."""
-        out = [part.step(np.ascontiguousarray(actions[own])) for part, own in self._slices]
+        checked = checked_action(actions, (self.num_envs, self.plan.arm.n_links))
+        if any(part.autoreset_mode is AutoresetMode.DISABLED for part in self.parts):
+            # a part that waits for its reset must stop the others, too
+            ended = [own.start + i for part, own in self._slices for i in part.ended]
+            if ended:
+                raise ResetNeeded(f"Arms {ended} have ended: reset them with options['reset_mask']")
+        out = [part.step(checked[own]) for part, own in self._slices]
         seen, reward, terminated, truncated = (np.concatenate([one[k] for one in out]) for k in range(4))
         return seen, reward, terminated, truncated, self._joined([one[4] for one in out])
 
@@ -155,25 +186,58 @@ class LengthsVectorEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
 
     def call(self, name: str, *args: Any, indices: Sequence[int] | None = None, **kwargs: Any) -> tuple[Any, ...]:
         """Call a method, or return an attribute, of the single environment for each arm, or for those in `indices`."""
+        chosen = chosen_of(indices, self.num_envs)
+        if name == "get_state":
+            return tuple(self.get_state(chosen))
+        if name == "set_state":
+            (states,) = (*args, *kwargs.values())
+            self.set_state([states] * len(chosen) if isinstance(states, dict) else states, chosen)
+            return (None,) * len(chosen)
         found = [value for part in self.parts for value in part.call(name, *args, **kwargs)]
-        return tuple(found if indices is None else (found[i] for i in indices))
+        return tuple(found[i] for i in chosen)
 
-    def get_state(self) -> list[dict[str, Any]]:
-        """Return a copy of everything that determines the future of each arm; see `set_state`."""
-        return [state for part in self.parts for state in part.get_state()]
+    @one_at_a_time
+    def get_state(self, indices: Sequence[int] | None = None) -> list[dict[str, Any]]:
+        """Return a copy of everything that determines the future of each arm, or of those in `indices`."""
+        places = [self._place(i) for i in chosen_of(indices, self.num_envs)]
+        return [part.get_state([i])[0] for part, i in places]
 
-    def set_state(self, states: Sequence[dict[str, Any]]) -> None:
+    @one_at_a_time
+    def set_state(self, states: Sequence[dict[str, Any]], indices: Sequence[int] | None = None) -> None:
         """Continue bit for bit from states of `get_state`, of this or an equal environment."""
-        for part, own in self._slices:
-            part.set_state(states[own])
+        chosen = chosen_of(indices, self.num_envs)
+        if not check.several(states) or len(states) != len(chosen):
+            given = f"{len(states)} states" if check.several(states) else states
+            raise check.InvalidValue("states", given, f"must be {len(chosen)}, one for each arm")
+        places = [self._place(i) for i in chosen]
+        # reject a state before any arm changes
+        for (part, _), state in zip(places, states, strict=True):
+            check_state(part.batch, state)
+        for part in self.parts:
+            some = [(state, i) for (owner, i), state in zip(places, states, strict=True) if owner is part]
+            if some:
+                part.set_state([state for state, _ in some], [i for _, i in some])
 
-    def set_attr(self, name: str, values: Sequence[Any]) -> None:
-        """Set an attribute of all arms, such as `starts`; arms of one length share one value."""
-        for part, own in self._slices:
-            first, *others = values[own]
+    def _place(self, i: int) -> tuple[VectorArmEnv, int]:
+        """Return the part that arm i belongs to, and its number there."""
+        part, own = next((part, own) for part, own in self._slices if i < own.stop)
+        return part, i - own.start
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Set an attribute of all arms that may change, `starts`: one value, or a list of one for each arm.
+
+        Arms of one length share one value.
+        """
+        check.choice("name", name, CHANGEABLE)
+        each = list(values) if check.several(values) else [values] * self.num_envs
+        if len(each) != self.num_envs:
+            raise check.InvalidValue(name, values, f"must be one value, or {self.num_envs}, one for each arm")
+        for _, own in self._slices:
+            first, *others = each[own]
             if not all(one is first or same(one, first) for one in others):
                 raise check.InvalidValue(name, values, "must be one value for all arms of a length")
-            setattr(part, name, first)
+        for part, own in self._slices:
+            setattr(part, name, each[own.start])
 
     def render(self) -> tuple[Any, ...] | None:
         """Return a picture (height, width, 3) uint8 of each arm in "rgb_array" mode."""

@@ -1,6 +1,6 @@
-"""Episodes with prescribed motion: what `reset(options={"motion": ...})` takes, and the arm that follows it.
+"""Episodes with prescribed motion: values of `reset(options={"motion": ...})`, and arms that follow them.
 
-Such an arm does not run in the batch but as a `Simulation` of its own, which lands on every kink: the very code path of
+Such an arm runs outside the batch in its own `Simulation`, which ends a step at every kink. This is the code path of
 `simulate`, so that the numbers are the same.
 """
 
@@ -35,9 +35,9 @@ WHAT = "must be a named motion, a table (n, 2 to 4), a .csv or .toml file, a Tim
 
 @dataclass(frozen=True)
 class Prescribed:
-    """Joint motions of an episode. functions: of the prescribed joints. end: s, where the motion ends.
+    """Joint motions of an episode. functions: motions of the prescribed joints. end: s, where the motion ends.
 
-    scene: the whole scene where one was given, to be replayed as it is.
+    scene: the scene to be replayed unchanged, if one was given.
     """
 
     functions: tuple[tuple[int, TimeFunction], ...]

@@ -1,4 +1,4 @@
-"""What is observed: entries that there are to be seen, how sensors read them, which are chosen, how many in a row."""
+"""Entries of observations: all available entries, their sensors, the selected ones, and their history."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -27,8 +27,8 @@ Entries = list[tuple[str, float]]
 class Sight:
     """Entries of the observation: names and scales of all, gauges and previous actions last.
 
-    chosen (C,): which are observed, in order; None: all, as they stand. instruments: sensors that read by a law, or
-    None. read: how many of these entries sensors read.
+    chosen (C,): indices of the observed entries, in order; None: all. instruments: sensors with a law of reading, or
+        None. read: number of entries that sensors read.
     """
 
     names: tuple[str, ...]
@@ -69,7 +69,7 @@ def checked_observation(observation: Any, history: Any) -> tuple[str | tuple[str
 def sensors_of(arm: Arm, observation: str | tuple[str, ...], given: Any) -> description.Sensors:
     """Return the environment's sensors: those given, else the arm's own unless the observation is "full".
 
-    Under "measured" an arm that names none has ideal ones, and one that names no encoders has ideal encoders.
+    With "measured", an arm without sensors gets ideal ones, and an arm without encoders ideal encoders.
     """
     own = arm.sensors
     if isinstance(given, description.Sensors):

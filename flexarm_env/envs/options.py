@@ -1,4 +1,4 @@
-"""What `gymnasium.make` takes, checked, and made into a Batch."""
+"""Arguments of `gymnasium.make`: validation, and construction of a Batch."""
 
 import dataclasses
 import inspect
@@ -22,7 +22,7 @@ from ..physics import precision
 from ..physics.gauges import Spot
 from ..scene import Contact
 from ..sensors import Law, Sensors
-from ..settings import FORMULATIONS, PRESETS, Settings, default_options, expand_preset, merged
+from ..settings import PRESETS, Settings, expand_preset, merged
 from ..shapes import Shape
 from . import contacts as touch
 from . import events, resolution
@@ -32,6 +32,7 @@ from .features import actuator as make_actuator
 from .features import reference as make_reference
 from .features import sensors as make_sensors
 from .floating import check_afloat, with_base
+from .keywords import SOLVER_OPTIONS
 from .motion import Prescribed, prescribed
 from .observation import ACTED, checked_observation, sensors_of, sight
 from .resolution_warnings import warn
@@ -77,9 +78,11 @@ OF_THE_ARM = Given()
 class Plan:
     """A checked environment: the arguments of a Batch, and names and scales of the entries that users see.
 
-    names, scales: of the entries of one observation; history: number of these in an observation, the oldest first.
-    record: of the task. gauges, gauge_scales: link and place of each strain gauge, 1/m. limit: control periods to
-    `duration` or max_episode_steps; max_steps: the latter. motion: of every episode of task="replay". entries: of info.
+    names, scales: names and scales of the entries of one observation; history: number of these in an observation, the
+        oldest first.
+    record: record of the task. gauges: link and place of each strain gauge. gauge_scales: 1/m. limit: control periods
+    to `duration` or max_episode_steps; max_steps: the latter. motion: motion of every episode of task="replay".
+    entries: entries of info.
     full: info has energies; words: info has words. action_mode: meaning of an action. keep_out: shapes that the arm
     must not enter. contacts: obstacles that it may touch. estimate: error of the tip due to mesh and step, over the
     arm's length. coarse: a warning if that is large, or "".
@@ -180,7 +183,7 @@ def plan(
     max_episode_steps: int | None = None,
     **options: Any,
 ) -> Plan:
-    """Check the arguments of an environment (see its class); a ValueError names key, value and what is allowed."""
+    """Check the arguments of an environment (see its class); a ValueError names key, value and the rule."""
     own = with_friction(with_base(_arm(kind, arm, joint_limits), base, kind.space), actuator)
     kind = priced(with_own_terms(afloat(kind, own), reward_terms), reward)
     factors = _factors(randomization, own)
@@ -439,7 +442,4 @@ def _factors(value: Any, arm: Arm) -> dict[str, events.Pair]:
     return {name: found[name] for name in names[:count]}
 
 
-ARGUMENTS = (
-    *list(inspect.signature(plan).parameters)[1:-1],
-    *dict.fromkeys(name for f in FORMULATIONS for name in default_options(f)),
-)
+ARGUMENTS = (*list(inspect.signature(plan).parameters)[1:-1], *SOLVER_OPTIONS)

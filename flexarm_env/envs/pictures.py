@@ -1,4 +1,4 @@
-"""From a batch to a picture: where the points are that `rendering.Renderer` draws."""
+"""Compute from a batch the points that `rendering.Renderer` draws."""
 
 import math
 from collections.abc import Callable
@@ -57,10 +57,10 @@ def bent(arm: Arm, deflection: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 class Wall:
-    """One window with the pictures of many arms in rows and columns, of the first MOST at most.
+    """One window with pictures of at most MOST arms in rows and columns.
 
     Args:
-        plan: what is drawn. count: how many arms there are.
+        plan: plan of the environment. count: number of arms.
     """
 
     def __init__(self, plan: Plan, count: int) -> None:

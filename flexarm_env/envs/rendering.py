@@ -1,4 +1,4 @@
-"""Pictures of planar arms of one or more links, drawn with pygame from points alone.
+"""Pictures of planar arms with one or more links, drawn with pygame from points.
 
 A picture shows the deformed links in true shape, the ghost of the rigid arm at the same joint angles, the target,
 the payload, hub and elbows, a trace of the tip, the tip deflections, the joint torques, the time and a metric grid.
@@ -68,15 +68,15 @@ class Renderer:
     """Draws arms, one picture a call.
 
     Args:
-        mode: "rgb_array" returns pixels, "human" shows a window in real time (where there is no display it says so
-            once, and draws nothing).
+        mode: "rgb_array" returns pixels, "human" shows a window in real time (without a display it warns once and draws
+            nothing).
         reach: largest distance of the tip from the root, m; sets the scale.
         size: width and height, pixels. fps: pictures a second of the window.
-        hub, payload: whether the root stands on a motor, whether the tip carries a payload.
-        deflection, torque: ends of the bars, shares of the link's length and of the limit; the same in every picture.
+        hub, payload: whether the root is on a motor, and whether the tip carries a payload.
+        deflection, torque: full scales of the bars, as shares of the link's length and of the torque limit.
     Raises:
-        ValueError: a mode that there is not, a reach that is not positive.
-        gymnasium.error.DependencyNotInstalled: there is no pygame.
+        ValueError: an unknown mode, or a reach that is not positive. gymnasium.error.DependencyNotInstalled: pygame is
+            missing.
     """
 
     def __init__(
@@ -148,10 +148,10 @@ class Renderer:
 
         Args:
             shape_points: for each of the N links its points (n, 2) from root to tip, m.
-            angles: (N, 2), of the tangents at their roots and tips, rad.
+            angles: (N, 2), angles of the tangents at the links' roots and tips, rad.
             target: (2,) m, or None. time: s; an earlier time than before starts a new episode.
             torques: (N,) in shares of the limit, or None. deflection: (N,) tip deflections over L, or None.
-            attitude: of a base that floats, rad, or None.
+            attitude: attitude of a floating base, rad, or None.
         Returns:
             (height, width, 3) uint8, or None in a window.
         """

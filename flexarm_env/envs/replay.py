@@ -1,4 +1,4 @@
-"""A scene replayed through an environment's `step`: the same numbers as `simulate`, by the road that agents take."""
+"""Replay a scene through an environment's `step`, with the same numbers as `simulate`."""
 
 import dataclasses
 import time
@@ -27,7 +27,7 @@ def through_env(scene: Scene, settings: Settings, sample: float | None = None, e
         settings: formulation and options, with dt. sample: control period, s; None takes the scene's.
         error_limit: as for `simulate`.
     Returns:
-        What `simulate` returns with the same settings, to the last bit (cpu_seconds apart).
+        The trajectory of `simulate` with the same settings, equal to the last bit (except cpu_seconds).
     Raises:
         ValueError: a scene that no environment can represent.
     """

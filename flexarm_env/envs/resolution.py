@@ -16,22 +16,23 @@ G = 1 + (theta / 0.55 rad)^3, large bends. theta is the largest angle between th
 e_2 = sum of T_C h t / I, Coulomb friction T_C. A reversal within a step leaves a rate that is off by up to T_C h / I
     (docs: theory, section 6), which acts on the position for t = 1 s.
 e_3 = kappa h^2 int Omega^3 dt, spin Omega of links of the exact beam in the plane, whose coordinates are positions: a
-    turn in steps of h is late by the fraction kappa (Omega h)^2 (`Settings.period_error`). In the other formulations,
-    whose coordinates are angles, a tenth of it counts, with the rate of elbows without limits for Omega.
+    turn in steps of h is late by the fraction kappa (Omega h)^2 (`Settings.period_error`). For the other formulations,
+    whose coordinates are angles, e_3 is a tenth of this, with the rate of elbows without limits for Omega.
 omega_c h <= 0.3, backlash: contact of a rotor J with the arm I through a gear k is resolved, with
     omega_c = sqrt(k (1/J + 1/I)). Measured. A PD loop that chatters begins with such steps, and trials shorten them.
-trials (`trials`), arms of several links: nonlinear episodes tell by how much more errors are amplified than G says; the
+trials (`trials`), arms of several links: nonlinear episodes measure by how much the amplification of errors exceeds G;
+the
     step and then the mesh are made finer until the error of a trial is small, and the estimate covers it.
 omega_3 h <= 0.45, chains of elasticas whose third vibration has less than a tenth of critical damping: with longer
     steps the energy of vibrations that are not resolved may grow. Measured.
 tau L / (E EI) <= 2 rad, elements E of a link in space: an element that turns by pi has no rotation vector. Measured.
-tolerance: the usual one times (h / usual h)^2 for steps of half the usual one and less, since increments fall so; in
-    space also times 100 I_min / I_max where that is below 1, for light wrists.
+tolerance: the usual tolerance times (h / usual h)^2 for steps of at most half the usual step, because increments
+decrease in this proportion; in space also times 100 I_min / I_max if that is below 1, for light wrists.
 
 The bound is e = G e_1 + e_2. The usual settings are kept where e <= `KEPT` and e_3 <= `SPUN`; otherwise settings with
 e <= `AIM` are taken. The estimate is `MARGIN` G e_1 + `MARGIN_OF_FRICTION` e_2 + e_3, to which `Batch.estimate` adds
-the error of leaving out stretch and shear. Of drawn factors the softest arm, and the stiffest with the least payload,
-count as well. Gravity and controllers other than the inner PD loop are not considered.
+the error due to neglected stretch and shear. With randomized factors, the softest arm and the stiffest arm with the
+smallest payload are also checked. Gravity and controllers other than the inner PD loop are not considered.
 """
 
 from __future__ import annotations
@@ -78,8 +79,8 @@ def resolve(
 ) -> Resolution:  # fmt: skip
     """Return the settings of an environment: the user's options, and a mesh, step and tolerance where these are open.
 
-    usual: default options of the formulation. given: the user's options. drawn: ranges of factors. period: s. trial: of
-    nonlinear motions (`trials`), None for none.
+    usual: default options of the formulation. given: the user's options. drawn: ranges of factors. period: s. trial:
+        trials of nonlinear motions (`trials`), None for none.
     """
     given = {name: value for name, value in given.items() if value is not None}
     first = Settings.make(formulation, **merged(dict(usual), given)).dividing(period)

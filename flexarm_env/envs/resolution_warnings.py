@@ -1,4 +1,4 @@
-"""What a user is told about a step or mesh that may not be good enough."""
+"""Warnings about a step or mesh that may be too coarse."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ FINEST = 1e-3
 
 
 class ResolutionWarning(UserWarning):
-    """An environment's step or mesh may leave its tip off by more than `COARSE` of the arm's length."""
+    """Warning: with this step or mesh the tip may have an error above `COARSE` of the arm's length."""
 
 
 class Rule(Protocol):
-    """What `resolution.Worst` knows of an arm."""
+    """Interface of `resolution.Worst`."""
 
     period: float
 
@@ -30,7 +30,7 @@ class Rule(Protocol):
 def too_coarse(rule: Rule, settings: Settings, estimate: float, name: str, most: float) -> str:
     """Return a sentence about settings whose estimate is above `most`: the tip's error and advice; "" for others.
 
-    estimate: error of the tip over the arm's length. name: of the settings' field with the mesh. A shorter step is
+    estimate: error of the tip over the arm's length. name: name of the settings' field with the mesh. A shorter step is
     advised if it brings the rule's estimate to COARSE, otherwise a finer mesh.
     """
     if estimate <= most:
@@ -46,7 +46,7 @@ def too_coarse(rule: Rule, settings: Settings, estimate: float, name: str, most:
 
 
 def amplified(estimate: float, formulation: str) -> str:
-    """Return a sentence about an arm whose motions amplify errors more than settings can make up for.
+    """Return a sentence about an arm that amplifies errors more than any settings can compensate.
 
     estimate: error of the tip over the arm's length.
     """
@@ -58,7 +58,7 @@ def amplified(estimate: float, formulation: str) -> str:
 def unsettled(period: float, estimate: float) -> str:
     """Return a sentence about a PD loop that chatters with an arm: its effect on the tip, and the settings to change.
 
-    period: of control, s. estimate: error of the tip over the arm's length.
+    period: control period, s. estimate: error of the tip over the arm's length.
     """
     what = "the PD loop of action_mode='residual_pd' does not settle with this arm, whatever the solver's step"
     size = "" if estimate <= COARSE else ", and the arm's tip may be off by " + (

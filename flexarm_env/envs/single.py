@@ -1,6 +1,6 @@
 """One arm as a `gymnasium.Env`: a batch of one."""
 
-from typing import Any
+from typing import Any, Unpack
 
 import gymnasium as gym
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..batch import CROWDED, MODE, OVER, REASONS, RUNNING, STATUS_WORDS, SUCCESS, View
 from ..validation import Array32
+from .keywords import Keywords
 from .motion import Guide
 from .resets import follow, guide_of, request_of, start_episode
 from .spec import Specified
@@ -28,7 +29,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
     skrl, recognize an environment by its class's direct bases.
     """
 
-    def __init__(self, **arguments: Any) -> None:
+    def __init__(self, **arguments: Unpack[Keywords]) -> None:
         """Check the keywords (`options.plan`) and compile or load the batch of one arm."""
         self.action_space, self.observation_space = self._prepare(arguments)
         self.batch = self.plan.batch(1)
@@ -57,7 +58,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
         """Start an episode.
 
         Args:
-            seed: of the environment's generator; None goes on with it.
+            seed: seed of the environment's generator; None: the generator continues.
             options: see the class. An unknown key or a wrong value is a ValueError, before anything changes.
         """
         asked = request_of(self.plan, options)
@@ -140,7 +141,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
 
     @property
     def renderer(self) -> Any:
-        """What draws (`rendering.Renderer`: `visible`, `closed`); None before the first picture."""
+        """The `rendering.Renderer` (with `visible` and `closed`); None before the first picture."""
         return self._renderer
 
     def snapshot(self) -> View:

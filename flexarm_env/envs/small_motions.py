@@ -82,7 +82,8 @@ def fine(arm: Arm) -> Chain:
 
 @lru_cache(64)
 def cut(arm: Arm, elements: int) -> Chain:
-    """Return the matrices of an arm whose links have so many beam elements, all links as many as the one with most."""
+    """Return the matrices of an arm with this number of beam elements per link; all links get the number of the finest
+    link."""
     lines = [Elements.cut(link, elements) for link in arm.links]
     most = max(line.n for line in lines)
     return chain_of(arm, [Elements.cut(line.link, (most - 1) // 2) for line in lines])
@@ -104,7 +105,7 @@ class Motion:
     def of(cls, arm: Arm, parts: Chain, pose: Array, settings: Settings | None = None, h: float = 0.0) -> Motion:
         """Return the small motions of a planar arm about absolute link angles `pose` (N,), rad.
 
-        parts: matrices of its links. settings, h: of the integrator's steps; None for the continuous equations.
+        parts: matrices of its links. settings, h: integrator's settings and step; None for the continuous equations.
         """
         n, count, m = parts.n, arm.n_links, parts.w.size
         # M_ij = P_ij cos(alpha_i - alpha_j), payload and rotary inertia (theory, eq. 5.2), about straight links
@@ -148,8 +149,8 @@ class Motion:
     def floating(self, arm: Arm, first: Array, mass: float) -> Motion:
         """Return the motions with the position (m) and attitude (rad) of a floating base as three more coordinates.
 
-        first (n,): momentum of the arm per rate of each coordinate, complex x + i y, kg m. mass: of the arm, kg. The
-        hub's torque acts on the base with the opposite sign.
+        first (n,): momentum of the arm per rate of each coordinate, complex x + i y, kg m. mass: mass of the arm, kg.
+        The hub's torque acts on the base with the opposite sign.
         """
         assert arm.base is not None
         made, n = self.grown(3), len(self.M)

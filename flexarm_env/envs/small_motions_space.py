@@ -148,8 +148,8 @@ def of_space(
 ) -> Motion:
     """Return the small motions of an arm in space about joint angles `pose` (N,), in its lowest modes.
 
-    elements: of each link. settings, h: of the integrator's steps, None for the continuous equations. stiffness: factor
-    on EI, EI_y and GJ of all links.
+    elements: number per link. settings, h: integrator's settings and step, None for the continuous equations.
+    stiffness: factor on EI, EI_y and GJ of all links.
     """
     made = _Assembly(arm, elements, pose)
     made.K *= stiffness

@@ -1,4 +1,4 @@
-"""What environments in space take; their task as data."""
+"""Checks, targets and task data of environments in space."""
 
 import dataclasses
 import itertools
@@ -64,7 +64,8 @@ class Place(Target):
     def narrowed(self, ranges: list[Pair], options: Mapping[str, Any], arm: Arm, path: str) -> list[Pair]:
         """Narrow the usual ranges about their middles, with a warning, where joint limits exclude some of their paths.
 
-        Ranges that are given stay. Raises `InvalidValue` if no share in `SHARES` of the others' widths fits.
+        Ranges given by the user are not changed. Raises `InvalidValue` if no share in `SHARES` of the other ranges'
+        widths fits.
         """
         names = [name for name, _ in self.paths[path]]
         free = [name in ("distance", "radius", "bearing", "elevation") and name not in options for name in names]

@@ -1,5 +1,5 @@
-"""Pictures of arms in space, drawn with pygame: in perspective over a ground, links as lit ribbons that show how they
-bend and twist, with shadows and plumb lines that say where things are."""
+"""Pictures of arms in space, drawn with pygame: a perspective view over a ground, with links as lit ribbons that show
+bending and twist, and with shadows and plumb lines that show positions."""
 
 import math
 from collections.abc import Sequence
@@ -73,7 +73,7 @@ class SpaceRenderer(Renderer):
 
     Args:
         sides: (N, 2), width and thickness of each link, m (`view.ribbons.Ribbons`). ground: height of the ground, m.
-        links: names of the bars of deflections.
+            links: names of the deflection bars.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class SpaceRenderer(Renderer):
 
         Args:
             chain: for each of the N links points (P, 3), m, and directions of its width there. rigid: (N + 1, 3), m:
-                joints and tip of the rigid arm, or None. The others: as those of `Renderer.frame`; target (3,).
+                joints and tip of the rigid arm, or None. Other arguments: as in `Renderer.frame`; target (3,).
         Returns:
             (height, width, 3) uint8, or None in a window.
         """

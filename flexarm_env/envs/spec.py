@@ -1,4 +1,4 @@
-"""The spec of a made environment, which says how long its episodes are."""
+"""Specs of created environments, which include the length of episodes."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from gymnasium.envs.registration import EnvSpec, registry
 from gymnasium.spaces import Box
 
 from ..batch import Batch
+from .keywords import Keywords, signature_of
 from .options import Plan, plan, with_starts
 from .task import Kind
 
@@ -32,7 +33,7 @@ CHANGEABLE = ("starts",)
 class ArmSpec(EnvSpec):
     """An EnvSpec whose `max_episode_steps` is the number of control periods in the environment's `duration`.
 
-    Wrappers that ask for the length of an episode get it. `gymnasium.make` and `make_vec`, when they make the
+    Wrappers can read the length of an episode from it. `gymnasium.make` and `make_vec`, when they make the
     environment again, get the limit that was given, or None: the environment ends its episodes itself, and a TimeLimit
     around another one made with a longer `duration` would cut them short.
     """
@@ -89,7 +90,12 @@ class Specified:
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012
     _spec: ArmSpec | None = None
 
-    def _prepare(self, arguments: dict[str, Any]) -> tuple[Any, Any]:
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        """Give the class a signature that names every keyword, for `help` and completion."""
+        super().__init_subclass__(**arguments)
+        cls.__signature__ = signature_of(cls.__init__, plan)  # type: ignore[attr-defined]
+
+    def _prepare(self, arguments: Keywords) -> tuple[Any, Any]:
         """Check the arguments and store the plan; return the spaces of one arm's actions and observations."""
         self.plan = plan(self.kind, **arguments)
         self._starts = arguments.get("starts")

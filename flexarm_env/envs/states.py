@@ -1,4 +1,4 @@
-"""States of environments, to be kept and gone back to; and their linear models."""
+"""Save and restore states of environments; linear models of environments."""
 
 import copy
 from collections.abc import Sequence

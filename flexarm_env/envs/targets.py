@@ -1,4 +1,4 @@
-"""What a task's target is, an angle or a point: as an option of reset, where it moves, at rest, and in a picture."""
+"""Targets of tasks, an angle or a point: reset options, moving and resting targets, and their picture."""
 
 import math
 from abc import ABC, abstractmethod
@@ -23,8 +23,8 @@ AHEAD = (0.1, 0.3)
 class Target(ABC):
     """Kind of a task's target: an angle or a point.
 
-    numbers: length of a target; records hold two at least, an angle's second is 0. paths: shapes of drawn paths, the
-    usual one first, with the names and units of the numbers that define each (four at most, in space five).
+    numbers: length of a target; records have at least two entries, the second of an angle is 0. paths: shapes of drawn
+    paths, the usual one first, with the names and units of the numbers that define each (four at most, in space five).
     """
 
     numbers: int
@@ -71,7 +71,8 @@ class Target(ABC):
         return shape, self.narrowed(ranges, options, arm, shape)
 
     def narrowed(self, ranges: list[Pair], options: Mapping[str, Any], arm: Arm, path: str) -> list[Pair]:
-        """Check ranges, of which `options` names those that a user gave; return them, or narrower ones that fit."""
+        """Check the ranges of drawn paths; return them, or narrower ranges that fit. options: the ranges given by the
+        user."""
         self.check_ranges(ranges, arm, path)
         return ranges
 

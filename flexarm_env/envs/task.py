@@ -1,4 +1,4 @@
-"""The tasks as data: arm, spaces, scales, rewards and starts; what single and vector environments share."""
+"""Tasks as data, shared by single and vector environments: arm, spaces, scales, rewards and starts."""
 
 import inspect
 import math
@@ -38,13 +38,13 @@ ATTITUDE = "attitude"
 class Kind:
     """A task as data, for arms of `links` (at least, at most; None: any number) links.
 
-    id: of the registry. task: default task's name. arm: default arm's name. duration: s. target: kind of target.
+    id: id of the registry. task: default task's name. arm: default arm's name. duration: s. target: kind of target.
     rewards: names and default weights of the reward's terms, in the order in which the task's `judge` computes them;
     the last is for failure. entries: names and scales of an arm's observation, in the order of `observe`. record: class
-    of the task's record for an arm, by which kernels are chosen. starts: ranges of fresh starts. bands: of success, by
-    name: the usual bound, its unit. replays: default motion of task="replay"; joints beyond its own follow its last
-    one. space: arms leave the plane. period: of control, s. gravity: m/s^2, by default. settings: default settings in
-    space.
+    of the task's record for an arm, by which kernels are chosen. starts: ranges of fresh starts. bands: usual bounds
+    of success with their units, by name. replays: default motions of task="replay"; further joints follow the last
+    one. space: whether arms leave the plane. period: control period, s. gravity: default gravity, m/s^2. settings:
+    default settings in space.
     """
 
     id: str
@@ -67,7 +67,7 @@ class Kind:
     def build(self, arm: Arm, weights: Array, period: float, aims: Mapping[str, Any], rules: int = 2) -> Task:
         """Return the task's record for an arm.
 
-        weights: of the reward's terms. period: of control, s. aims: fields that differ from the usual ones.
+        weights: weights of the reward's terms. period: control period, s. aims: fields that differ from the usual ones.
         """
         assert arm.torque_limits is not None
         scales = [scale for _, scale in self.entries(arm)]
@@ -221,9 +221,9 @@ def info_entries(
 ) -> tuple[Entry, ...]:
     """Return the numeric entries of info, in order.
 
-    Words (success, range, status, reason) are made from codes. full: energies. motors: motor angles and rates, for
-    joints that are not ideal. extras: options with their own entries. fitted: steps follow a tolerance. drawn: index of
-    each drawn factor, by name. touches: the arm may touch obstacles.
+    The texts in info (success, range, status, reason) are translated from codes. full: energies. motors: motor angles
+    and rates, for joints that are not ideal. extras: options with their own entries. fitted: steps follow a tolerance.
+    drawn: index of each drawn factor, by name. touches: the arm may touch obstacles.
     """
     n, targets, at = len(task.links), len(task.targets), info_places(task)
     entries = [
@@ -319,14 +319,14 @@ def reward_weights(
 ) -> Array:
     """Return the weights of the reward's terms for one control period: the kind's, replaced by given ones.
 
-    Rules 2: distance and attitude pay for what is left of their bounds (`tasks.task.left_of`), and failure costs by
-    default the most that the other terms can take in a whole episode, so that ending an episode early never pays, and
-    the most that they pay in `HOLD_TIME`: policies learn to stay clear of joint limits for good, not only on average. A
-    weight is that of the kind's own control period; in another all but failure's go in proportion, so that an episode's
-    return does not depend on the period. Rules 1: distance and attitude cost up to 1, weights are those of any period,
-    and failure's is the kind's.
+    Rules 2: distance and attitude pay their bound minus the loss (`tasks.task.left_of`). The default cost of a failure
+    is the largest loss that the other terms can cause in an episode, so that ending an episode early never pays, plus
+    their largest reward in `HOLD_TIME`, so that policies learn to stay clear of joint limits. Weights refer to the
+    kind's control period. For another period all weights except that of failure scale in proportion, so that an
+    episode's return does not depend on the period. Rules 1: distance and attitude cost up to 1, weights do not depend
+    on the period, and the weight of failure is the kind's.
 
-    joints: of the arm. period: of control, s. limit: control periods of an episode.
+    joints: number of joints. period: control period, s. limit: control periods of an episode.
     """
     weights: dict[str, float | None] = dict(kind.rewards) | {FAILURE: None}
     table = {} if chosen is None else check.table_of("reward", chosen)

@@ -1,15 +1,15 @@
-"""Trials of a step and a mesh: how much the motions of an arm of one's own amplify the errors of small motions.
+"""Trial episodes with a user's arm: they measure how much its motions amplify the errors of small motions.
 
-Links that others push on buckle, and chains whip: no linear theory knows of it. Episodes of bang-bang torques, held
-for 1 and for 8 of 100 control periods, are therefore run in steps of h and of h/2. With
+Links can buckle under the forces of other links, and chains can whip; linear theory includes neither. Episodes of
+bang-bang torques, held for 1 and for 8 of 100 control periods, are therefore run in steps of h and of h/2. With
 
     d    the largest distance of the tip between both, over L, infinite where one of them fails,
     d_1  that of small motions, and the tolerance,
     e_1  the error of small motions (`resolution`), of step and mesh,
 
 errors are amplified d / d_1 times, and the trial's error is max(d, e_1 d / d_1). Above `GROWN` times, an error that is
-small enough also needs the distance from episodes on the next mesh in steps of h/2 to be small. Where a PD loop
-chatters, small motions tell nothing, and that distance is the error.
+small enough also needs the distance from episodes on the next mesh in steps of h/2 to be small. If a PD loop chatters,
+small motions give no information, and that distance is the error.
 
 Of drawn factors (`randomization`) the softest arm with the heaviest payload under the strongest torques, and the
 stiffest with the lightest payload, run the same episodes beside the nominal arm.
@@ -61,7 +61,7 @@ Trial = Callable[[Settings], Array]
 
 
 class Rule(Protocol):
-    """What `resolution.Judge` knows of small motions."""
+    """Interface of `resolution.Judge` for small motions."""
 
     def small(self, settings: Settings, h: float) -> float:
         """e_1."""
@@ -88,9 +88,9 @@ def trials_of(
 ) -> Trial:  # fmt: skip
     """Return a function of settings that runs the trial episodes of an environment's arm and drive.
 
-    It returns the tips, a `Trial`; it is kept for the latest arms. Rewards do not matter to the episodes. period: of
-    control, s. mode, share: action mode and share of the residual action under a PD loop. amplifier: or None. drawn:
-    ranges (low, high) of factors by name (`starts.FACTORS`), whose softest and stiffest arm run too.
+    It returns the tips, a `Trial`; it is kept for the latest arms. The episodes ignore rewards. period: control period,
+    s. mode, share: action mode and share of the residual action under a PD loop. amplifier: or None. drawn: ranges
+    (low, high) of factors by name (`starts.FACTORS`), whose softest and stiffest arm run too.
     """
     drive = None if amplifier is None else tuple(None if x is None else tuple(x.tolist()) for x in amplifier)
     ends = corners(drawn or {})
@@ -246,7 +246,7 @@ def settled(
     trial: Trial, settings: Settings, finer: Settings, at: Callable[[Settings, float], Settings], least: float,
     length: float,
 ) -> tuple[Settings, float]:  # fmt: skip
-    """Return the settings with the longest step whose episodes are those of a finer mesh in half the step.
+    """Return the settings with the longest step whose episodes agree with those of a finer mesh in half the step.
 
     Also returns their distance from these, over L. The step is halved from that of `settings` until the distance is at
     most `TRIED`, or down to `least` (s). finer: settings with the finer mesh. at: as in `refined`. length: L of the

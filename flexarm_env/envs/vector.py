@@ -1,7 +1,7 @@
-"""Many arms as a `gymnasium.vector.VectorEnv`, each the very environment that `single` is, bit for bit."""
+"""Many arms as a `gymnasium.vector.VectorEnv`, each equal to the single environment bit for bit."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, overload
+from typing import Any, Unpack, overload
 
 import gymnasium as gym
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..batch import FRESH, REASONS, RUNNING, STATUS_WORDS, SUCCESS, Batch, OneAtATime, Sheet, View, one_at_a_time
 from ..validation import Array32
+from .keywords import Keywords
 from .motion import Guide, is_table
 from .resets import Request, follow, guide_of, request_of, start_episode
 from .single import F32, checked_action
@@ -40,7 +41,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         num_envs: int = 1,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
-        **arguments: Any,
+        **arguments: Unpack[Keywords],
     ) -> None:
         """Check the keywords (`options.plan`) and compile or load the batch.
 
@@ -92,11 +93,11 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         """Start episodes: of all arms, or of those in options["reset_mask"], an array of num_envs bools.
 
         Args:
-            seed: arm i is seeded with seed + i, or with seed[i]; None goes on with its generator.
+            seed: arm i is seeded with seed + i, or with seed[i]; None: its generator continues.
             options: those of the single environment, for every arm.
         """
-        seeds = self._checked_seeds(seed)
-        chosen, rest = self._checked_mask(options)
+        seeds = checked_seeds(seed, self.num_envs)
+        chosen, rest = checked_mask(options, self.num_envs)
         asked, guides = self._requests(chosen, rest)
         for i in chosen:
             if seeds[i] is not None:
@@ -194,7 +195,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
     # --- seeds and starts ----------------------------------------------------------------------------
     @property  # type: ignore[override]
     def np_random(self) -> tuple[np.random.Generator, ...]:
-        """The generators of the arms; may be set to as many others."""
+        """The arms' random generators; may be replaced by the same number of generators."""
         return tuple(self._generator(i) for i in range(self.num_envs))
 
     @np_random.setter
@@ -266,38 +267,22 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         asked = {i: one.copy() for i, one in asked.items()}  # a guide sets where its arm starts
         return asked, {i: made for i in arms if (made := guide_of(self.plan, asked[i])) is not None}
 
-    def _checked_seeds(self, seed: Any) -> Sequence[int | None]:
-        """Return a seed for each arm, or None: a number seeds arm i with seed + i."""
-        n = self.num_envs
-        if seed is None:
-            return [None] * n
-        if not check.several(seed):
-            first = check.integer("seed", seed, minimum=0)
-            return [first + i for i in range(n)]
-        if len(seed) != n:
-            raise check.InvalidValue("seed", seed, f"must be a number or a sequence of {n}")
-        return [None if s is None else check.integer(f"seed[{i}]", s, minimum=0) for i, s in enumerate(seed)]
+    def check_options(self, arms: Sequence[int], options: dict[str, Any] | None) -> None:
+        """Raise ValueError for options that a reset of these arms would reject."""
+        if arms:
+            self._requests(arms, options)
 
-    def _checked_mask(self, options: dict[str, Any] | None) -> tuple[list[int], dict[str, Any] | None]:
-        """Return the arms that options['reset_mask'] selects, and the other options."""
-        if options is None or "reset_mask" not in check.table_of("options", options):
-            return list(range(self.num_envs)), options
-        mask = options["reset_mask"]
-        right = isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (self.num_envs,)
-        if not right or not mask.any():
-            what = f"must be a numpy array of {self.num_envs} bools, at least one of them True"
-            raise check.InvalidValue("options.reset_mask", mask, what)
-        rest = {k: v for k, v in options.items() if k != "reset_mask"}
-        return np.flatnonzero(mask).tolist(), rest or None
+    @property
+    def ended(self) -> Sequence[int]:
+        """The arms whose episodes have ended and not started again, by number."""
+        return tuple(self._ended)
 
     # --- states --------------------------------------------------------------------------------------
     @one_at_a_time
     def get_state(self, indices: Sequence[int] | None = None) -> list[dict[str, Any]]:
         """Return a copy of all that determines the future of each arm, or of those in `indices`."""
-        guides = self._guides
-        return [
-            state_of(self.batch, i, self._generator(i), self._seeds[i], guides.get(i)) for i in self._chosen(indices)
-        ]
+        chosen, guides = chosen_of(indices, self.num_envs), self._guides
+        return [state_of(self.batch, i, self._generator(i), self._seeds[i], guides.get(i)) for i in chosen]
 
     @one_at_a_time
     def set_state(self, states: Sequence[dict[str, Any]], indices: Sequence[int] | None = None) -> None:
@@ -305,7 +290,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
 
         Arms whose episodes had ended restart with the next step, unless autoreset is disabled.
         """
-        chosen = self._chosen(indices)
+        chosen = chosen_of(indices, self.num_envs)
         if len(states) != len(chosen):
             raise check.InvalidValue("states", f"{len(states)} states", f"must be {len(chosen)}, one for each arm")
         for state in states:
@@ -318,14 +303,6 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
                 self._guides[i] = own
         self._ended = np.flatnonzero(self.batch.terminated | self.batch.truncated).tolist()
         self._started = self.batch.started
-
-    def _chosen(self, indices: Sequence[int] | int | None) -> list[int]:
-        """Return the arms that `indices` names: all, one, or several."""
-        if indices is None:
-            return list(range(self.num_envs))
-        if isinstance(indices, int | np.integer):
-            indices = (int(indices),)
-        return [check.integer(f"indices[{k}]", i, minimum=0, maximum=self.num_envs - 1) for k, i in enumerate(indices)]
 
     @overload
     def linearize(self, index: int, discrete: float | None = None) -> LinearModel: ...
@@ -347,7 +324,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         "get_state", "linearize" and "render", "set_state" with one state for all or a list of one each, and any
         attribute, which all arms share.
         """
-        chosen = self._chosen(indices)
+        chosen = chosen_of(indices, self.num_envs)
         if name == "get_state":
             return tuple(self.get_state(chosen, *args, **kwargs))
         if name == "set_state":
@@ -425,3 +402,37 @@ def _constant(value: Any, dtype: Any, n: int) -> NDArray[Any]:
     made.fill(value)
     made.flags.writeable = False
     return made
+
+
+def checked_seeds(seed: Any, n: int) -> Sequence[int | None]:
+    """Return a seed for each of n arms, or None: a number seeds arm i with seed + i."""
+    if seed is None:
+        return [None] * n
+    if not check.several(seed):
+        first = check.integer("seed", seed, minimum=0)
+        return [first + i for i in range(n)]
+    if len(seed) != n:
+        raise check.InvalidValue("seed", seed, f"must be a number or a sequence of {n}")
+    return [None if s is None else check.integer(f"seed[{i}]", s, minimum=0) for i, s in enumerate(seed)]
+
+
+def checked_mask(options: dict[str, Any] | None, n: int) -> tuple[list[int], dict[str, Any] | None]:
+    """Return the arms, of n, that options['reset_mask'] selects, and the other options."""
+    if options is None or "reset_mask" not in check.table_of("options", options):
+        return list(range(n)), options
+    mask = options["reset_mask"]
+    right = isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (n,)
+    if not right or not mask.any():
+        what = f"must be a numpy array of {n} bools, at least one of them True"
+        raise check.InvalidValue("options.reset_mask", mask, what)
+    rest = {k: v for k, v in options.items() if k != "reset_mask"}
+    return np.flatnonzero(mask).tolist(), rest or None
+
+
+def chosen_of(indices: Sequence[int] | int | None, n: int) -> list[int]:
+    """Return the arms, of n, that `indices` names: all, one, or several."""
+    if indices is None:
+        return list(range(n))
+    if isinstance(indices, int | np.integer):
+        indices = (int(indices),)
+    return [check.integer(f"indices[{k}]", i, minimum=0, maximum=n - 1) for k, i in enumerate(indices)]

@@ -1,6 +1,6 @@
-"""The initial vibration of an episode: a rate of change of the arm's shape in its first mode, joints free; in space in
-the first ones of bending along y, of bending along z and of torsion. Behind gears with play they are modes of the arm
-whose gears have taken hold: in the play a link turns freely, against its motor too."""
+"""Initial vibration of an episode: initial rates in the arm's first mode with free joints; in space in the first modes
+of bending along y, of bending along z and of torsion. With backlash, they are the modes of the arm with engaged gears,
+because within the gap a link turns freely."""
 
 import math
 
@@ -88,8 +88,10 @@ def swing(arm: Arm, settings: Settings) -> Array:
 
     Rows: n rates for `protocol.set_joint_configuration`; the energy, J, for an amplitude of 1; (c, 0, 0) with c in s^2
     large against the squared reciprocal of every frequency. The modes are those about straight links at joint angles 0,
-    without weight, in which most of the strain energy is of the named kind; 0 where there is none. All have the energy
-    with which, in the softer bending and to first order, a tip deflects by its link's length.
+    without gravity, in which most of the strain energy is of the named kind; rates are 0 if there is no such mode. All
+    three modes have
+    the same energy: to first order, the energy at which a tip deflects by its link's length in the softer bending
+    direction.
     """
     from ..linear.space import SmallMotions
     from ..linear.stability import undamped

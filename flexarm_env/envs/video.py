@@ -115,14 +115,14 @@ def film_path(path: str | os.PathLike[str]) -> Path:
 
 
 def write_film(path: str | os.PathLike[str], frames: Iterable[NDArray[np.uint8]], fps: float = 25.0) -> Path:
-    """Write pictures to a file, whole or not at all.
+    """Write pictures to a film file, completely or not at all.
 
     Args:
         path: ends with .mp4, .webm, .mkv, .mov or .gif. frames: (height, width, 3) uint8 each. fps: pictures a second.
     Raises:
-        ValueError: another ending, fps below FEWEST, a .gif of more than LONGEST s, or no picture at all.
-        DependencyNotInstalled: nothing here writes such a file.
-        OSError: it could not be written, on a full disk for example.
+        ValueError: another ending, fps below FEWEST, a .gif of more than LONGEST s, or no picture.
+            DependencyNotInstalled: no installed package writes this format. OSError: writing failed, for example on a
+            full disk.
     """
     target, fps = film_path(path), check.number("fps", fps, "1/s", minimum=FEWEST)
     target.parent.mkdir(parents=True, exist_ok=True)

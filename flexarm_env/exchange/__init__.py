@@ -1,6 +1,6 @@
 """Exchange of arms with other programs: chains of rigid bodies for MuJoCo (MJCF) and ROS (URDF), and arms from both.
 
-    chain_of        an arm as rigid bodies that springs join
+    chain_of an arm as rigid bodies joined by springs
     mjcf, urdf      texts of these files
     import_arm      an arm from a robot's URDF or MJCF file
     differences     how far a chain is off its arm

@@ -1,9 +1,9 @@
-"""An arm as a serial chain of rigid bodies joined by hinges, those of its joints and those that stand for bending.
+"""An arm as a serial chain of rigid bodies joined by hinges, for its joints and for bending and torsion.
 
 A flexible link becomes rigid pieces. Springs between them carry the bending compliance of the link: a spring at the
-place s_i replaces the integral of compliance over a cell of the link, 1 / k_i = int ds / EI. With Gauss points as
-places and Gauss weights w_i as cells, k_i = EI(s_i) / w_i, the tip's compliance under any tip load is exact from two
-springs a piece on. Stretch and shear are left out.
+place s_i replaces the integral of compliance over a cell of the link, 1 / k_i = int ds / EI. If the places are Gauss
+points with weights w_i as cells, k_i = EI(s_i) / w_i, two springs per piece already give the exact compliance of the
+tip under tip loads. Stretch and shear are neglected.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Small motions of a chain about its stress-free posture: frequencies, and how far the tip gives under a force."""
+"""Small motions of a chain about its stress-free posture: frequencies and tip compliance."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from .chain import Chain, chain_of
 class Posture(NamedTuple):
     """Chain with all hinge angles at 0, in the ground's axes.
 
-    anchors, axes (h, 3): of each hinge, m. frames (n, 3, 3), origins (n, 3): of the bodies. body_of (h,): index of each
-    hinge's body. tip (3,): m.
+    anchors, axes (h, 3): points and directions of each hinge, m. frames (n, 3, 3), origins (n, 3): of the bodies.
+    body_of (h,): index of each hinge's body. tip (3,): m.
     """
 
     anchors: Array

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from xml.etree import ElementTree
 
@@ -23,6 +24,16 @@ LEAST_STEP = 1e-4
 def text_of(values: Iterable[float]) -> str:
     """Format numbers so that they read back to the same double; no -0."""
     return " ".join(f"{float(value) + 0.0:.17g}" for value in values)
+
+
+def legal(text: str) -> str:
+    """Return a text with "?" for each character that XML does not allow, as control characters."""
+    return re.sub("[^\\t\\n\\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "?", text)
+
+
+def comment_of(line: str) -> str:
+    """Return the text of an XML comment, without the hyphens that would end it."""
+    return f" {legal(line).replace('--', '-').rstrip('-')} "
 
 
 def diagonal(inertia: Array, floor: float = LEAST) -> tuple[Array, Array]:
@@ -74,8 +85,8 @@ def mjcf(
     """Write a chain as MJCF.
 
     Bodies and hinges are named as in the chain. Each joint has a motor, `motor0`, ..., whose control is the torque in N
-    m, clipped to the arm's limit. The site `tip` is the arm's tip, x along the link. Geoms are for the eye: they do not
-    collide.
+    m, clipped to the arm's limit. The site `tip` is the arm's tip, x along the link. Geoms are for display only and do
+    not collide.
 
     Args:
         gravity: m/s^2. timestep: s, integrator: as MuJoCo names it; None: those of `choose_integrator`. comments: lines
@@ -85,9 +96,9 @@ def mjcf(
     if timestep is not None:
         step = check.number("timestep", timestep, "s", above=0.0)
     arm = chain.arm
-    root = ElementTree.Element("mujoco", model=arm.name)
+    root = ElementTree.Element("mujoco", model=legal(arm.name))
     for line in comments:
-        root.append(ElementTree.Comment(f" {line.replace('--', '-').rstrip('-')} "))
+        root.append(ElementTree.Comment(comment_of(line)))
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true")
     option = ElementTree.SubElement(
         root, "option", gravity=text_of(gravity), timestep=f"{step:.6g}", integrator=integrator or chosen

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -16,12 +17,16 @@ from flexarm_env import validation as check
 from flexarm_env.parameters import Arm, Elbow, Joint, Link, RigidLink, Section
 from flexarm_env.validation import Array
 
+from .bare import bare
 from .serial import Part, serial
 
 ROUND = 1e-12
 """Entries of rotations and axes below this are round-off of the file's numbers."""
 GEAR_RATIO = 100.0
 """Gear ratio assumed for a rotor, whose inertia a file states at the joint alone (armature)."""
+LONGEST = 1e9  # m, of a link
+LEAST_RATIO = 1e-9
+"""Least gear ratio: the motor inertia is divided by its square."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +40,7 @@ class Imported:
         root (3,): m, where the first joint is in the file; the arm's root is at the origin.
         tip: name of the body or site at the arm's tip; empty: the last link's center of mass.
         gravity (3,): m/s^2, of the file.
-        left_out: what the file has and the arm does not.
+        left_out: features of the file that the arm lacks.
         flexible: by link, what changed: shift of the center of mass, m, and inertia about the joint, ratio.
     """
 
@@ -60,26 +65,27 @@ def import_arm(
 ) -> Imported:
     """Read a serial chain of hinges from a URDF (.urdf) or MJCF (.xml, .mjcf) file.
 
-    Link k's x axis leads from joint k to joint k+1 or the tip; its z axis lies as near to the joint's axis as x lets
-    it. Bodies that are fixed to each other become one link. Angles are 0 where the file's model is in its first
-    posture.
+    Link k's x axis leads from joint k to joint k+1 or the tip; its z axis is perpendicular to x and as near as possible
+    to the joint's axis. Bodies that are fixed to each other become one link. Angles are 0 where the file's model is in
+    its first posture.
 
     Args:
         root: body in which the chain begins, where the file has several mechanisms.
-        tip: body or site at the arm's tip. None: of those fixed to the last link the one farthest from its joint, or
-            the last link's center of mass.
+        tip: body or site at the arm's tip. None: the body or site on the last link that is farthest from its joint, or
+            the link's center of mass if there is none.
         flexible: sections by the name of a body of the link. The link keeps its mass, evenly spread along the line
             from joint to joint: the section's m and J are scaled to it.
         tau_d: s, damping of the flexible links.
         gear_ratio: assumed for joints with armature, which becomes a motor inertia of armature / gear_ratio^2.
     Raises:
-        ValueError: what a serial chain cannot represent, by its name in the file. OSError: no such file. ImportError:
-            no MuJoCo.
+        ValueError: the file has an element that a serial chain cannot represent; the message names it. OSError: no such
+            file. ImportError: no MuJoCo.
     """
-    gear_ratio = check.number("gear_ratio", gear_ratio, above=0.0, maximum=1e9)
-    with check.in_file(path):
-        model = _model(Path(path))
-        found = serial(model, root, tip)
+    gear_ratio = check.number("gear_ratio", gear_ratio, minimum=LEAST_RATIO, maximum=1e9)
+    with check.in_file(path), np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        with _quiet():
+            model, left_out = _model(Path(path))
+            found = serial(model, root, tip)
         frames = _frames(found.parts, found.tip)
         arm = _arm(Path(path).stem, found.parts, frames, found.tip, gear_ratio)
         changes: dict[str, Mapping[str, float]] = {}
@@ -88,7 +94,7 @@ def import_arm(
             arm, changes[name] = made_flexible(arm, k, section, tau_d)
         return Imported(
             arm, tuple("+".join(part.names) for part in found.parts), tuple(part.joint for part in found.parts),
-            _three(found.parts[0].anchor), found.tip_name, _three(found.gravity), found.left_out, changes,
+            _three(found.parts[0].anchor), found.tip_name, _three(found.gravity), (*left_out, *found.left_out), changes,
         )  # fmt: skip
 
 
@@ -97,52 +103,38 @@ def _three(values: Array) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _model(path: Path) -> Any:
-    """Return the compiled model of a file."""
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep MuJoCo from printing warnings and writing them to MUJOCO_LOG.TXT: their subjects are checked here."""
     with check.needs("reading of URDF and MJCF files", "mujoco", "mujoco"):
         import mujoco
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda message: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+def _model(path: Path) -> tuple[Any, list[str]]:
+    """Return the compiled model of a file, and what was left out of its text."""
+    import mujoco
+
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")
     try:
-        text = path.read_text(encoding="utf-8")
-        top = ElementTree.fromstring(text)
+        top = ElementTree.fromstring(path.read_text(encoding="utf-8"))
     except (UnicodeDecodeError, ElementTree.ParseError) as error:
         raise check.Unreadable("", f"is no XML: {error}") from None
     if top.tag not in ("robot", "mujoco"):
         raise check.InvalidValue("<root element>", top.tag, 'must be "robot" (URDF) or "mujoco" (MJCF)')
+    text, left_out = ("", []) if top.tag == "mujoco" else bare(top)
     try:
         if top.tag == "mujoco":
-            return mujoco.MjModel.from_xml_path(str(path))
-        return mujoco.MjModel.from_xml_string(_bare(top))
+            return mujoco.MjModel.from_xml_path(str(path)), left_out
+        return mujoco.MjModel.from_xml_string(text), left_out
     except ValueError as error:
         raise check.Unreadable("", f"MuJoCo cannot read it: {' '.join(str(error).split())}") from None
-
-
-def _bare(robot: ElementTree.Element) -> str:
-    """Return a URDF text without shapes, whose files need not be there, and with each fixed link kept as a body."""
-    joints = {joint.get("name", ""): joint.get("type", "") for joint in robot.iter("joint") if joint.get("type")}
-    for name, kind in joints.items():
-        if kind not in ("revolute", "continuous", "fixed"):
-            raise check.InvalidValue(f"joint {name}", kind, 'must be "revolute", "continuous" or "fixed"')
-    for joint in robot.iter("joint"):
-        if joint.find("mimic") is not None:
-            what = "must not follow another joint (mimic): each joint of an arm turns by itself"
-            raise check.InvalidValue(f"joint {joint.get('name', '')}", "mimic", what)
-    for link in robot.iter("link"):
-        for part in [*link.findall("visual"), *link.findall("collision")]:
-            link.remove(part)
-        # links without mass are frames; an inertial of zeros is one as well
-        inertial = link.find("inertial")
-        mass = None if inertial is None else inertial.find("mass")
-        if inertial is not None and mass is not None and float(mass.get("value", "0")) == 0.0:
-            link.remove(inertial)
-    own = robot.find("mujoco")
-    if own is not None:
-        robot.remove(own)
-    ElementTree.SubElement(
-        ElementTree.SubElement(robot, "mujoco"), "compiler", fusestatic="false", balanceinertia="false"
-    )
-    return ElementTree.tostring(robot, encoding="unicode")
 
 
 def _frames(parts: tuple[Part, ...], tip: Array) -> list[Array]:
@@ -151,7 +143,10 @@ def _frames(parts: tuple[Part, ...], tip: Array) -> list[Array]:
     found: list[Array] = []
     for k, part in enumerate(parts):
         span = anchors[k + 1] - anchors[k]
-        length = float(np.linalg.norm(span))
+        # far numbers overflow in the lines below
+        length = check.number(
+            f"link {'+'.join(part.names)}.length", float(np.linalg.norm(span)), "m", minimum=0.0, maximum=LONGEST
+        )
         before = found[-1] if found else np.eye(3)
         # candidates for the third axis: the joint's, then those of the link before
         for z in (part.axis, *before.T[::-1]):
@@ -190,9 +185,10 @@ def _arm(name: str, parts: tuple[Part, ...], frames: list[Array], tip: Array, ge
         if k:
             elbows.append(Elbow(axis=_three(axes[k]), mount=mounts[k]))
         rotor, ratio = (part.armature / gear_ratio**2, gear_ratio) if part.armature else (0.0, 1.0)
-        joints.append(Joint(
-            motor_inertia=rotor, gear_ratio=ratio, friction_viscous=part.damping, friction_coulomb=part.friction,
-        ))  # fmt: skip
+        with check.under(f"joint {part.joint}"):
+            joints.append(Joint(
+                motor_inertia=rotor, gear_ratio=ratio, friction_viscous=part.damping, friction_coulomb=part.friction,
+            ))  # fmt: skip
     torques, ranges = [part.torque for part in parts], [part.limits for part in parts]
     named = ", ".join("+".join(part.names) for part in parts)
     return Arm(

@@ -1,7 +1,8 @@
-"""How far a chain of hinges is off the arm that it stands for, and its calibration to the arm's first frequency."""
+"""Deviation of a chain of hinges from its arm, and calibration to the arm's first frequency."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -37,15 +38,33 @@ def arm_modes(arm: Arm, count: int = COUNT) -> tuple[Array, Array]:
     return found.frequencies / (2.0 * np.pi), found.damping
 
 
+def _undamped(arm: Arm) -> Arm:
+    """Return the arm without damping of links and gears."""
+    links = tuple(link if link.rigid else replace(link, tau_d=0.0) for link in arm.links)
+    return replace(arm, links=links, tau_d=0.0, joints=tuple(replace(joint, damping=0.0) for joint in arm.joints))
+
+
 def calibrated(chain: Chain) -> tuple[Chain, float]:
-    """Scale the springs so that the lowest frequency, joints held, is the arm's; return the chain and the factor."""
+    """Scale the springs so that the lowest frequency, joints held, is the arm's; return the chain and the factor.
+
+    Of an arm whose first mode does not oscillate the undamped frequency counts.
+
+    Raises:
+        ValueError: double precision does not resolve the first frequency.
+    """
     own, target = chain_modes(chain)[0], arm_modes(chain.arm)[0]
     if not len(own) or not len(target):
         return chain, 1.0
+    if target[0] == 0.0:
+        target = arm_modes(_undamped(chain.arm))[0]
     factor = 1.0
     # a spring of a gear is not scaled, so that the frequency is no square root of the factor: secant steps
     for _ in range(20):
-        now = chain_modes(chain.stiffened(factor))[0][0]
+        found = chain_modes(chain.stiffened(factor))[0]
+        if not (len(found) and 0.0 < target[0] < math.inf):
+            what = "must have lengths, masses and stiffnesses whose first frequency double precision resolves"
+            raise check.InvalidValue("arm", chain.arm.name, what)
+        now = found[0]
         if abs(now / target[0] - 1.0) < 1e-12:
             break
         factor *= (target[0] / now) ** 2
@@ -56,7 +75,7 @@ def differences(chain: Chain, gravity: tuple[float, float, float] = (0.0, 0.0, 0
     """Compare a chain with its arm.
 
     Returns:
-        frequency_K_hz: of the arm, joints held; chain_frequency_K_hz: of the chain, as many as it has.
+        frequency_K_hz, chain_frequency_K_hz: frequencies of the arm, joints held, and of the chain, as many as it has.
         tip_compliance_error: largest relative error of the tip's displacement under a static tip force.
         tip_apart: largest distance of the two tips over the arm's length in `DURATION` s, under `PUSH` of the torque
         limits, reversed halfway; by MuJoCo, where it is installed and the arm has torque limits.
@@ -73,7 +92,11 @@ def differences(chain: Chain, gravity: tuple[float, float, float] = (0.0, 0.0, 0
         found["tip_compliance_error"] = float(np.abs(tip_compliance(chain) - exact).max() / np.abs(exact).max())
     if chain.arm.torque_limits is not None:
         if check.installed("mujoco") is not None:
-            found["tip_apart"] = tip_apart(chain, gravity)
+            try:
+                found["tip_apart"] = tip_apart(chain, gravity)
+            except ValueError as error:
+                # the solver, or MuJoCo, rejects the arm; its model stands all the same
+                found["tip_apart"] = f"not computed: {error}"
         else:
             found["tip_apart"] = "not computed: it needs mujoco (pip install mujoco)"
     found["left_out"] = list(chain.left_out)

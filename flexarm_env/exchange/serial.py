@@ -1,4 +1,4 @@
-"""The serial chain of hinges in a compiled model of MuJoCo; whatever else it has is rejected or named."""
+"""Extract the serial chain of hinges from a compiled model of MuJoCo; other features are rejected or listed."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ KINDS = ("free", "ball", "slide", "hinge")
 class Part:
     """Link of a chain with its joint, in the ground's axes with all angles 0; SI units.
 
-    names: of its bodies. joint: name. anchor, axis (3,): of the joint. centre (3,), inertia (3, 3): center of mass, and
-    the tensor about it. limits: rad, or None. torque: N m, or None.
+    names: names of its bodies. joint: name. anchor, axis (3,): point and direction of the joint. centre (3,), inertia
+    (3, 3): center of mass, and the tensor about it. limits: rad, or None. torque: N m, or None.
     """
 
     names: tuple[str, ...]
@@ -59,6 +59,7 @@ def serial(model: Any, root: str | None, tip: str | None) -> Serial:
     """
     import mujoco
 
+    gravity = np.array(check.numbers("option.gravity", model.opt.gravity.tolist(), "3 numbers", 3, "m/s^2"))
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
@@ -70,7 +71,7 @@ def serial(model: Any, root: str | None, tip: str | None) -> Serial:
     for group in groups:
         parts += reader.parts(group)
     place, name = reader.tip(groups[-1], tip, parts[-1])
-    return Serial(tuple(parts), place, name, np.array(model.opt.gravity), tuple(reader.left_out(inside)))
+    return Serial(tuple(parts), place, name, gravity, tuple(reader.left_out(inside)))
 
 
 class _Reader:
@@ -166,6 +167,8 @@ class _Reader:
             if np.any(model.dof_dampingpoly[dof]):
                 what = "must be one number (N m s/rad): an arm's joint friction is linear, with Coulomb friction"
                 raise check.InvalidValue(f"joint {name}.damping", np.array(model.dof_dampingpoly[dof]), what)
+            _check_span(f"joint {name}.range", model.jnt_range[j])
+            _check_span(f"joint {name}.actuatorfrcrange", model.jnt_actfrcrange[j])
             zero = float(model.qpos0[model.jnt_qposadr[j]])
             low, high = (float(x) - zero for x in model.jnt_range[j])
             mass, centre, inertia = self.total(group if j == joints[-1] else [])
@@ -197,18 +200,22 @@ class _Reader:
         model, limits = self.model, []
         name = model.joint(j).name or f"joint {j}"
         if model.jnt_actfrclimited[j]:
-            limits.append(float(np.abs(model.jnt_actfrcrange[j]).min()))
+            limits.append(_least(f"joint {name}.actuatorfrcrange", model.jnt_actfrcrange[j]))
         motors = [a for a in range(model.nu) if model.actuator_trntype[a] == JOINT and model.actuator_trnid[a, 0] == j]
         if len(motors) > 1:
             raise check.InvalidValue(f"joint {name}", f"{len(motors)} actuators", "must have one motor at most")
         for a in motors:
-            gear = abs(float(model.actuator_gear[a, 0]))
+            gear, motor = abs(float(model.actuator_gear[a, 0])), f"actuator {model.actuator(a).name or a}"
+            _check_span(f"{motor}.forcerange", model.actuator_forcerange[a])
+            _check_span(f"{motor}.ctrlrange", model.actuator_ctrlrange[a])
+            if not gear > 0.0:
+                raise check.InvalidValue(f"{motor}.gear", gear, "must be a number other than 0")
             if model.actuator_forcelimited[a]:
-                limits.append(gear * float(np.abs(model.actuator_forcerange[a]).min()))
+                limits.append(gear * _least(f"{motor}.forcerange", model.actuator_forcerange[a]))
             laws = (model.actuator_biastype[a], model.actuator_gaintype[a], model.actuator_dyntype[a])
             if not any(laws) and model.actuator_ctrllimited[a]:
                 gain = abs(float(model.actuator_gainprm[a, 0]))
-                limits.append(gear * gain * float(np.abs(model.actuator_ctrlrange[a]).min()))
+                limits.append(gear * gain * _least(f"{motor}.ctrlrange", model.actuator_ctrlrange[a]))
         return min(limits) if limits and min(limits) > 0.0 else None
 
     def tip(self, group: list[int], wanted: str | None, last: Part) -> tuple[Array, str]:
@@ -245,3 +252,17 @@ class _Reader:
                 name = model.actuator(a).name or f"actuator {a}"
                 found.append(f"law of {name} (its torque limit is kept)")
         return found
+
+
+def _check_span(path: str, span: Array) -> None:
+    """Raise ValueError for a range that does not increase; MuJoCo ignores such a range, and one of zeros is none."""
+    if np.any(span) and not span[0] < span[1]:
+        raise check.InvalidValue(path, tuple(span.tolist()), "must increase")
+
+
+def _least(path: str, span: Array) -> float:
+    """Return the least of a range's two directions. ValueError: it does not reach from below to above 0."""
+    low, high = map(float, span)
+    if not low < 0.0 < high:
+        raise check.InvalidValue(path, (low, high), "must reach from below 0 to above: an arm's motors turn both ways")
+    return min(-low, high)

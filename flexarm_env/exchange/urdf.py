@@ -1,4 +1,4 @@
-"""URDF: an arm with rigid links, for ROS and for whatever reads this format."""
+"""URDF: an arm with rigid links, for ROS and other programs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from flexarm_env import validation as check
 from flexarm_env.validation import Array
 
 from .chain import LEAST, Body, Chain
-from .mjcf import text_of
+from .mjcf import comment_of, legal, text_of
 
 RATE = 100.0
 """Velocity limit that URDF wants of each joint, rad/s, for arms, which have none."""
@@ -32,9 +32,9 @@ def urdf(chain: Chain, comments: Iterable[str] = ()) -> str:
             what = "must not be there: URDF has no springs; links must be rigid (segments = 0) and gears as well"
             raise check.InvalidValue(hinge.name, hinge.stiffness, what)
     arm = chain.arm
-    root = ElementTree.Element("robot", name=arm.name)
+    root = ElementTree.Element("robot", name=legal(arm.name))
     for line in comments:
-        root.append(ElementTree.Comment(f" {line.replace('--', '-').rstrip('-')} "))
+        root.append(ElementTree.Comment(comment_of(line)))
     ElementTree.SubElement(root, "link", name="base")
     before = "base"
     for body in chain.bodies:

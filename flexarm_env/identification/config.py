@@ -36,8 +36,8 @@ class Channel:
     """Column of the log: SI value = gain unit (column - offset), at the column's time minus `shift`.
 
     Args:
-        name: of the input ("joint0", "motor0", "torque0", "current0", "voltage0") or of the reading ("strain_gauge_1",
-            "hub_angle", ...; `Trajectory.measured`).
+        name: name of the input ("joint0", "motor0", "torque0", "current0", "voltage0") or of the reading
+            ("strain_gauge_1", "hub_angle", ...; `Trajectory.measured`).
         column: name in the file. factor: SI per unit of the column, times a gain. offset: in the column's unit; None,
             for outputs: a constant of each run, fitted. shift: delay of the column, s; positive or negative.
         low_pass: cut-off, Hz, of a zero-phase second-order Butterworth filter; None: none.
@@ -92,7 +92,7 @@ class Parameter:
 class Config:
     """Contents of the config file.
 
-    time: column of the instants; start: of a run, as of a `Scene`; skip: initial time, s, that is not compared.
+    time: column of the instants; start: start of a run, as of a `Scene`; skip: initial time, s, that is not compared.
     """
 
     time: Channel

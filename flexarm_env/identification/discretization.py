@@ -44,9 +44,10 @@ class Resolved:
     """Fit with known discretization error.
 
     Attributes:
-        problem: at the last step and mesh. fit: its z (p,) corrected for the shifts. uncertainty: intervals that
-            include the remaining shifts. shifts: by "step" and "mesh", (p,), in the parameters' sizes. coarse: names of
-            parameters that step or mesh change by more than their interval, although both were refined.
+        problem: the problem with the last step and mesh. fit: the fit, with z (p,) corrected for the shifts.
+            uncertainty: intervals that include the remaining shifts. shifts: by "step" and "mesh", (p,), in the
+            parameters' sizes. coarse: names of parameters that step or mesh change by more than their interval,
+            although both were refined.
     """
 
     problem: Problem

@@ -72,12 +72,12 @@ def excite(
 
     Args:
         arm: prior knowledge of it; a name or a TOML file is accepted too. It starts straight, at rest, without gravity.
-        seconds: duration. rate: Hz, at which torques change. modes: number of flexible modes in the band, as far as a
-            fifth of the rate allows. most_angle: largest joint rotation to either side, rad. most_torque: largest motor
-            torque, N m; default: half of each joint's limit. drawn: number of perturbed arms for which the bounds must
-            hold too; their EI, tip masses, hub inertia and damping vary each by factors up to `spread`.
-            most_deflection: largest tip deflection over its link's length. seed: of phases and perturbed arms.
-            options: of the solver, as in `simulate`.
+        seconds: duration. rate: Hz, at which torques change. modes: number of flexible modes in the band, whose upper
+            limit is a fifth of the rate. most_angle: largest joint rotation to either side, rad. most_torque: largest
+            motor torque, N m; default: half of each joint's limit. drawn: number of perturbed arms for which the bounds
+            must hold too; their EI, tip masses, hub inertia and damping vary each by factors up to `spread`.
+            most_deflection: largest tip deflection over its link's length. seed: seed of phases and perturbed arms.
+            options: options of the solver, as in `simulate`.
     Raises:
         ValueError: an invalid value; an arm without torque limits and no most_torque.
     """

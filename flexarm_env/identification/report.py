@@ -38,15 +38,15 @@ class Identification:
 
     Attributes:
         arm: as fitted, with the sensors of the given arm. given: that arm.
-        parameters, values (p,), start (p,): fitted parameters, their values, the arm's values before. uncertainty: of
-            the values. verdict: "good", or a sentence on why the fit should not be trusted.
-        train, held_out: Predictions by the fitted arm, of held-out runs without nuisances. unfitted, baseline: of the
-            same runs, training first, by the given arm and by one oscillator per output. oscillators: their frequency
-            (Hz) and damping ratio, by output.
-        frequencies, damping: of the fitted arm with the prescribed joints held, Hz and ratios; seen: ringing measured
-            in the runs, by output.
+        parameters, values (p,), start (p,): fitted parameters, their values, the arm's values before.
+        uncertainty: uncertainty of the values. verdict: "good", or a sentence on why the fit should not be trusted.
+        train, held_out: Predictions by the fitted arm, of held-out runs without nuisances. unfitted, baseline:
+            predictions of the same runs, training first, by the given arm and by one oscillator per output.
+            oscillators: their frequency (Hz) and damping ratio, by output.
+        frequencies, damping: frequencies and damping ratios of the fitted arm with the prescribed joints held, Hz and
+            ratios; seen: ringing measured in the runs, by output.
         fit: record of the fit. ranges: factors for `randomization`. experiment: the fitted model, with the joints'
-            initial angles of the logs. files: of the runs.
+            initial angles of the logs. files: files of the runs.
     """
 
     arm: Arm

@@ -152,7 +152,7 @@ def read_off(run: Run, name: str) -> list[Ringing]:
 class Oscillator:
     """Linear oscillator y'' + 2 damping w y' + w^2 y = sum of gains times inputs, with the sensor's filter; w = 2 pi f.
 
-    frequency f: Hz. Inputs that prescribe angles count with their accelerations.
+    frequency f: Hz. For inputs that prescribe angles, the accelerations of these angles are used.
     """
 
     frequency: float
@@ -198,7 +198,7 @@ def _through(run: Run, frequency: float, damping: float, law: Law) -> Array:
 
 
 def oscillator(runs: list[Run], name: str, law: Law) -> Oscillator:
-    """Fit the oscillator closest to an output of all runs, without offsets; law: of its sensor.
+    """Fit the oscillator closest to an output of all runs, without offsets; law: law of its sensor.
 
     Grid over the frequency (25 values, 0.3 to 30 Hz), then least squares in log frequency and log damping.
     """

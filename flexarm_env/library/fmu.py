@@ -70,7 +70,7 @@ def write_fmu(env: Any, path: Path, name: str, form: str = "3.0", cpu: str | Non
     States can be saved and restored. Directional derivatives are in the library only (`build.write`).
 
     Args:
-        env, name, cpu: as in `build.write`. path: of the file. form: version of the standard, a key of `FORMS`.
+        env, name, cpu: as in `build.write`. path: path of the file. form: version of the standard, a key of `FORMS`.
     Raises:
         ValueError: as `build.write`; no C compiler is found.
     """

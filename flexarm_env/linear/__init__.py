@@ -1,4 +1,4 @@
-"""Linear models of an arm about a point of its motion: state space, equilibrium, natural frequencies and shapes."""
+"""Linear models of an arm about a state: state space, static equilibrium, natural frequencies and mode shapes."""
 
 from ..rest import NoEquilibrium
 from .campbell import Campbell, campbell

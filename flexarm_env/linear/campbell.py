@@ -1,4 +1,4 @@
-"""Natural frequencies of a spinning arm against its spin: Campbell's diagram."""
+"""Natural frequencies of a spinning arm as functions of its spin (Campbell diagram)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,16 +18,17 @@ ROUND = 1e-3
 
 @dataclass(frozen=True)
 class Campbell:
-    """Frequencies of an arm in steady rotation, at each spin the n lowest.
+    """The n lowest frequencies of an arm in steady rotation, at each of m spins.
 
     Attributes:
         spins (m,): rad/s.
-        frequencies (m, n): rad/s, as an observer sees them who turns with the arm (`Modes.frequencies`).
-        at_rest (m, n): rad/s, as one sees them who rests: frequency + spin on circles with the spin (`Modes.whirl` 1),
-            spin - frequency on circles against it, the frequency itself where nothing moves across the axis; positive:
-            forward whirl (for a positive spin), negative: backward. NaN where points move on ellipses or to and fro
+        frequencies (m, n): rad/s, in the frame that rotates with the arm (`Modes.frequencies`).
+        at_rest (m, n): rad/s, in the fixed frame: frequency + spin for circles in the direction of the spin
+            (`Modes.whirl` 1), spin - frequency for circles against it, the frequency itself if no point moves across
+            the axis; positive: forward whirl (for a positive spin), negative: backward. NaN where points move on
+            ellipses or linearly
             across the axis: seen from rest, such a motion has several frequencies.
-        growing (m,): how many modes of all grow (`Modes.growing`).
+        growing (m,): number of unstable modes, among all modes (`Modes.growing`).
     """
 
     spins: Array
@@ -45,17 +46,17 @@ def campbell(
     clamped: bool | Sequence[int] = True,
     **options: Any,
 ) -> Campbell:
-    """Natural frequencies of an arm in steady rotation about its first joint's axis, against the spin.
+    """Compute natural frequencies of an arm in steady rotation about its first joint's axis, for several spins.
 
     Args:
         scene: pinned, without gravity; its loads are left out. spins: rad/s, one or more.
-        n: how many at each spin: the lowest as seen from rest where that has a meaning, otherwise as seen by one who
-            turns with the arm. Arms of the plane have the latter alone.
-        formulation, options, clamped: as for `modes`; the hub is held at its spin unless it is told otherwise.
+        n: number of frequencies at each spin: the lowest in the fixed frame if defined there, otherwise in the frame
+            that turns with the arm. Planar arms use the rotating frame.
+        formulation, options, clamped: as for `modes`; by default the hub is held at its spin.
     Returns:
         The Campbell; `plotting.plot_campbell` draws it.
     Raises:
-        ValueError: a value that is not allowed. NoEquilibrium: a spin is beyond what the arm's stiffness holds.
+        ValueError: a value that is not allowed. NoEquilibrium: the arm has no steady state at a spin.
     """
     n = check.integer("n", n, minimum=1)
     given = check.sequence("spins", spins, "one or more numbers (rad/s)")

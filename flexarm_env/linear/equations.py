@@ -1,9 +1,9 @@
-"""The equations of motion of a Simulation's arm as functions, their derivatives, and their independent coordinates.
+"""Equations of motion of a Simulation's arm as functions, with derivatives and independent coordinates.
 
     r(q, v, a, lambda, u) = M(q) a + h(q, v) + Phi_q^T lambda - B u = 0,   Phi(q) = 0
 
 The residual is linear in a, lambda and u and quadratic in v, so differences by these have no truncation error; those by
-q are of sixth order with a step of 0.5 % of what matters of a coordinate (truncation 1e-16, round-off 1e-13).
+q are of sixth order with a step of 0.5 % of a coordinate's scale (truncation 1e-16, round-off 1e-13).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ SIXTH, SECOND = ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60)), ((1, 1 / 2),)
 
 @dataclass(frozen=True)
 class Point:
-    """Coordinates with multipliers in them, rates, accelerations (n,), inputs and prescribed values of an instant."""
+    """Coordinates (multipliers included), rates and accelerations (n,), inputs and prescribed values at an instant."""
 
     q: Array
     v: Array
@@ -64,12 +64,13 @@ class Reduced:
     bend_q: Array
 
     def among(self, keep: Sequence[int]) -> tuple[Array, Array, Array]:
-        """M, C and K of some of the coordinates, the others held."""
+        """Return M, C and K of some coordinates, with the other coordinates fixed."""
         pick = np.ix_(keep, keep)
         return self.M[pick], self.C[pick], self.K[pick]
 
     def accelerations(self, driven: Rows) -> tuple[Array, Array]:
-        """x'' by (x, x', u), (n, 2 n + inputs), and by the accelerations of prescribed coordinates, (n, driven)."""
+        """Return the derivatives of x'' by (x, x', u), (n, 2 n + inputs), and by prescribed accelerations, (n,
+        driven)."""
         rest = np.setdiff1d(np.arange(len(self.M)), driven)
         right = np.hstack([-self.K, -self.C, self.B, -self.M[:, driven]])[rest]
         found = np.zeros((len(self.M), right.shape[1]))
@@ -79,7 +80,7 @@ class Reduced:
 
 
 def slopes(f: Callable[[Array], Array], x: Array, rows: Rows, steps: Array, weights: Any = SIXTH) -> Array:
-    """df/dx over some rows of x, by central differences; one column a row."""
+    """Return df/dx by central differences, one column for each of the given rows of x."""
     if not len(rows):
         return np.zeros((f(x).size, 0))
     columns = []
@@ -95,7 +96,7 @@ def slopes(f: Callable[[Array], Array], x: Array, rows: Rows, steps: Array, weig
 
 
 def exact_slopes(f: Callable[[Array], Array], x: Array, rows: Rows) -> Array:
-    """The same for an f of at most second degree in x: central differences with a step of 1 are exact."""
+    """Return df/dx of an f of at most second degree in x, for which central differences with step 1 are exact."""
     return slopes(f, x, rows, np.ones(len(x)), SECOND)
 
 
@@ -106,10 +107,12 @@ class Equations:
         free: rows of q that can move (no multiplier, not fixed, not prescribed). algebraic: rows of multipliers.
         independent, dependent: positions in `free`; the frame behind a joint of the floating frame depends on the one
             before it. joints: turnable joints, each with its position among the independent coordinates.
-        turned: joints that a torque can turn, each with the position of what it acts on: the motor's angle behind an
-            elastic gear, otherwise the joint's. motors: rows of the motors' angles behind elastic gears.
-        names: of the independent coordinates, "joint0", ... for the joints that can turn, "motor0", ... for motors.
-        driven: those of them that are prescribed, in the order of the scene's motions.
+        turned: joints that a torque can turn, each with the position of the angle on which the torque acts: the motor's
+            angle with an elastic gear, otherwise the joint's angle. motors: rows of the motors' angles behind elastic
+            gears.
+        names: names of the independent coordinates, "joint0", ... for the joints that can turn, "motor0", ... for
+            motors.
+        driven: the prescribed coordinates, in the order of the scene's motions.
     """
 
     def __init__(self, simulation: Simulation, stepping: bool = False, driven: bool = False) -> None:
@@ -155,7 +158,7 @@ class Equations:
         self._poses, self._energies = np.zeros(POSE.end * self.n_links), np.zeros(3)
 
     def under(self, share: float) -> Equations:
-        """The same arm under a share of its gravity."""
+        """Return the equations with gravity multiplied by a factor."""
         scene = self._simulation.scene
         if scene.gravity is None or share == 1.0:
             return self
@@ -171,7 +174,7 @@ class Equations:
         return r
 
     def status(self, q: Array) -> int:
-        """Whether the model holds there: a status code of `flexarm_env.physics.model`."""
+        """Return the model's status code (`flexarm_env.physics.model`) at a point."""
         zero = np.zeros(self.n)
         return self._evaluate(Point(q, zero, zero, self._no_inputs, self._psi), 0, zero.copy())
 
@@ -199,25 +202,25 @@ class Equations:
         return angles, rates
 
     def joint_slopes(self, q: Array) -> Array:
-        """Joint angles by the rows that can move (n_links, f): constant, angles being linear in q."""
+        """Return the constant derivatives (n_links, f) of the joint angles by the rows that can move."""
         return slopes(lambda x: self.joint_angles(x, np.zeros(self.n))[0], q, self.free, self.steps)
 
     def motor_angles(self, q: Array) -> Array:
-        """Angles (n_links,) that the joints' torques act on: the motors', relative to the link before."""
+        """Return the angles (n_links,) on which joint torques act: motor angles relative to the link before."""
         angles = self.joint_angles(q, np.zeros(self.n))[0]
         for k, row in self.motors.items():
             angles[k] = q[row]
         return angles
 
     def motor_slopes(self, q: Array) -> Array:
-        """These angles by the rows that can move (n_links, f): constant."""
+        """Return the constant derivatives (n_links, f) of the motor angles by the rows that can move."""
         slope = self.joint_slopes(q)
         for k, row in self.motors.items():
             slope[k] = self.free == row
         return slope
 
     def rotating(self, q: Array, spin: float) -> tuple[Array, Array]:
-        """Rates and accelerations of a rigid turn about the origin at a steady rate, rad/s."""
+        """Return rates and accelerations of a rigid rotation about the origin at a steady rate, rad/s."""
         v, a = np.zeros(self.n), np.zeros(self.n)
         if spin == 0.0:
             return v, a
@@ -228,7 +231,7 @@ class Equations:
         return v, a
 
     def slope(self, point: Point, field: str, rows: Rows, level: int = 0) -> Array:
-        """The residual of a level by some rows of a field of the point, (n, rows)."""
+        """Return the derivative (n, rows) of the residual at a level by some rows of a field of the point."""
 
         def moved(x: Array) -> Array:
             return self.residual(replace(point, **{field: x}), level)
@@ -237,14 +240,14 @@ class Equations:
         return slopes(moved, at, rows, self.steps) if field == "q" else exact_slopes(moved, at, rows)
 
     def constraint_slopes(self, point: Point) -> Array:
-        """The constraints by the rows that can move, (m, f)."""
+        """Return the derivatives (m, f) of the constraints by the rows that can move."""
         if not self.algebraic.size:
             return np.zeros((0, self.free.size))
         return self.slope(replace(point, v=np.zeros(self.n)), "v", self.free, 1)[self.algebraic]
 
     def reduced(self, point: Point, spin: float = 0.0) -> Reduced:
-        """The equations in independent coordinates. With a spin (rad/s) positions turn with the arm: then the point
-        is one of steady rotation about the origin, and the matrices are constant in time."""
+        """Return the equations in independent coordinates. With a spin (rad/s) positions turn with the arm: then the
+        point is one of steady rotation about the origin, and the matrices are constant in time."""
         free, lam, here, there = self.free, self.algebraic, self.independent, self.dependent
         f, n = free.size, here.size
         M, C, K = (self.slope(point, field, free)[free] for field in "avq")
@@ -289,7 +292,8 @@ class Equations:
         return x, rate
 
     def changes(self, q: Array, dq: Array) -> Array:
-        """Changes of the independent coordinates (n, columns) from those of the rows that can move (f, columns)."""
+        """Return changes (n, columns) of the independent coordinates, from changes (f, columns) of the rows that can
+        move."""
         result = dq[self.independent]
         if self.dependent.size:
             turns = self.joint_slopes(q) @ dq

@@ -1,12 +1,12 @@
-"""Rest under gravity and constant loads, and steady rotation: the rest that grows from the unloaded arm with its loads.
+"""Static equilibrium under gravity and constant loads, and steady rotation, by continuation from the unloaded arm.
 
-Where no joint can turn, the loads (and the square of the spin) are raised in steps. From each rest the next is
-foretold by the tangent of the path and found by Newton's iteration; a step whose rest lies far from what was foretold,
-or is unstable, is halved, so that the path keeps to its branch; but where the loads push an unstable rest to neither
-side, as they do a straight column, to round-off, the path goes on along the ridge. Where it ends, and where joints can
-turn, implicit steps go downhill: each minimises the potential plus s/2 |q - q_before|^2 in the norm of the mass matrix,
-by Newton; s falls as the steps succeed, so that the last ones are Newton's own. They end in a stable rest, but for a
-start on a ridge, which is kept.
+If no joint can turn, the loads (and the square of the spin) are increased in steps. The tangent of the path predicts
+the next equilibrium, and Newton's iteration corrects it. If the result is unstable or far from the prediction, the load
+step is halved, so that the path stays on its branch. A perfectly symmetric unstable equilibrium, such as a straight
+column beyond its critical load, is followed along the unstable branch. If the path ends, or if joints can turn,
+implicit steps reduce the potential energy: each step minimizes the potential plus s/2 |q - q_before|^2, in the norm of
+the mass matrix, by Newton's method. s is reduced after successful steps, so that the last steps are pure Newton steps.
+They end in a stable equilibrium, except that an unstable equilibrium at the start is kept.
 """
 
 import warnings
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from .. import validation as check
-from ..physics.model import OK
+from ..physics.model import OK, has_play
 from ..rest import NoEquilibrium, out_of_range
 from ..scene import JointTorque, Load, Motion, Scene
 from ..settings import Settings
@@ -53,17 +53,16 @@ _MOST = 400
 
 
 class UnstableEquilibrium(UserWarning):
-    """An arm that is moved by ever so little from the equilibrium found leaves it."""
+    """Warning: the equilibrium is unstable, so a small disturbance makes the arm leave it."""
 
 
 class Equilibrium(Simulation):
-    """A Simulation that stands at rest at t = 0, as `static_equilibrium` found it.
+    """A Simulation at rest at t = 0, returned by `static_equilibrium`.
 
     Attributes:
-        stability: of the rest at t = 0, with the joints held or free as `hold_joints` says.
-        followed: share of the loads up to which rest could be followed from the unloaded arm: 1.0 where it grew with
-            them all the way; less where the arm snaps on the way to its full loads, and comes to rest elsewhere; 0.0
-            where joints turn freely.
+        stability: of the equilibrium, with the joints held or free according to `hold_joints`.
+        followed: share of the loads up to which the continuation from the unloaded arm succeeded: 1.0 for all of the
+            loads; less if the arm snaps through at a partial load; 0.0 if joints turn freely.
     """
 
     stability: Stability
@@ -78,27 +77,30 @@ def static_equilibrium(
     require_stable: bool | None = None,
     **options: Any,
 ) -> Equilibrium:
-    """The arm at rest under its gravity and its constant loads; loads that change with time are left out.
+    """Compute the static equilibrium of an arm under gravity and constant loads; time-dependent loads are ignored.
 
-    With the joints held it is the rest that grows from the unloaded arm as all loads grow together. With free joints
-    it is the rest that the arm sinks to; a start at rest is kept, even where that is unstable (an arm upright).
-    In space it is found from the unloaded arm under the whole load: beyond what buckles the arm that may be another
-    rest than grows with the load, an unstable one, too (starts of scenes, `start="held"`, say nothing of that).
+    With held joints the equilibrium is followed from the unloaded arm while all loads grow together. With free joints
+    it is a minimum of the potential energy; an initial state in equilibrium is kept, even if it is unstable (an upright
+    arm).
+    In space the equilibrium is found from the unloaded arm under the whole load. Beyond the buckling load this may
+    differ from the equilibrium that grows with the load, and may be unstable. Scenes with `start="held"` give no
+    warning in this case.
 
     Args:
-        scene: its motions keep the value they have at t = 0.
+        scene: the scene; motions keep their values at t = 0.
         formulation, options: as for `simulate`.
         hold_joints: True: joints stay at their initial angles, and torques hold them, in place of the scene's joint
             torques; behind an elastic gear it is the motor that stays. False: joints turn freely, without Coulomb
             friction.
-        require_stable: of an unstable rest (a straight column beyond its critical load): None: warn; True: refuse it;
-            False: give it without a word.
+        require_stable: what to do if the equilibrium is unstable (a straight column beyond its critical load). None:
+            warn; True: raise NoEquilibrium;
+            False: return it without a warning.
     Returns:
-        A Simulation of the same arm at rest, at t = 0, with its `stability`; `joint_torques()` gives the holding
-        torques, N m, and they go on acting.
+        A Simulation of the same arm at rest, at t = 0, with its `stability`; `joint_torques()` returns the holding
+        torques, N m, which continue to act.
     Raises:
-        ValueError: an option that is not allowed. NoEquilibrium: with a sentence that says why, or (require_stable)
-        that the rest is unstable.
+        ValueError: an option that is not allowed. NoEquilibrium: none was found, or (with require_stable) it is
+            unstable; the message gives the reason.
     Warns:
         UnstableEquilibrium: see require_stable.
     """
@@ -136,7 +138,7 @@ def _in_space(scene: Scene, settings: Settings, hold_joints: bool) -> Equilibriu
 
 
 def warn_unstable(stability: Stability, refuse: bool) -> None:
-    """Warn the caller's caller of an unstable rest, or refuse it (NoEquilibrium)."""
+    """Warn about an unstable equilibrium at the caller's caller, or raise NoEquilibrium."""
     if not stability.stable:
         text = (
             f"the equilibrium found is unstable: a small disturbance of it grows by exp({stability.growth:.3g} t / s), "
@@ -148,7 +150,7 @@ def warn_unstable(stability: Stability, refuse: bool) -> None:
 
 
 def still(scene: Scene, hold_joints: bool, **changes: Any) -> Scene:
-    """The scene with its motions standing still, loads that change with time left out, and `changes` made."""
+    """Return the scene with constant motions, without time-dependent loads, and with `changes` to its fields."""
 
     def kept(load: Load) -> bool:
         steady = all(len(f.pieces) == 1 and not f.pieces[0, 2:6].any() for f in load.functions)
@@ -167,16 +169,16 @@ def still(scene: Scene, hold_joints: bool, **changes: Any) -> Scene:
 
 
 def find_rest(equations: Equations, start: Point, held: Sequence[int], spin: float = 0.0) -> tuple[Point, float]:
-    """The point of rest, or of steady rotation about the origin (spin, rad/s), that the start leads to, and the share
-    of the loads that the path to it was followed for.
+    """Find the point of rest, or of steady rotation about the origin (spin, rad/s), from a start; return it and the
+    share of the loads that the path to it was followed for.
 
     start: unloaded, at its initial angles; its u holds the loads. held: joints that stay at their angle; the point's u
     holds the torques that keep them there.
     """
     search = _Search(equations, start, held, spin)
     point, followed = start, 0.0
-    touching = getattr(equations.model, "play", None) is None  # in a gear's play no load holds the link
-    if touching and len(held) == len(equations.turned):  # nothing can turn
+    # in a gear's play no load holds the link: rest cannot be followed from the unloaded arm
+    if not has_play(equations.model) and len(held) == len(equations.turned):  # nothing can turn
         point, followed = search.follow(start)
     if followed < 1.0:
         point = search.sink(point, followed)

@@ -1,4 +1,4 @@
-"""Linear models of many arms alike in one compiled call: of elasticas with ideal joints."""
+"""Linear models of many arms of one kind in one compiled call, for elasticas with ideal joints."""
 
 import math
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ AT_ONCE = 3
 
 @dataclass(frozen=True)
 class LinearModels:
-    """`LinearModel` of each of k arms: the same attributes, arrays with the arms in front; `growing` is not looked at.
+    """Linear models of k arms: attributes of `LinearModel` with the arms as first axis, without `growing`.
 
     An arm whose solver fails within the period has NaN.
     """
@@ -50,21 +50,23 @@ class LinearModels:
 
 
 def stacked(models: Sequence[LinearModel]) -> LinearModels:
-    """Models of arms alike in one."""
+    """Combine models of arms of one kind in one `LinearModels`."""
     first = models[0]
     arrays = {k: np.stack([getattr(model, k) for model in models]) for k in ("A", "B", "C", "D", "x", "u", "y", "rate")}
     return LinearModels(**arrays, states=first.states, inputs=first.inputs, outputs=first.outputs, dt=first.dt)
 
 
 def compiled(system: System) -> bool:
-    """Whether there is a `Linearizer` for an arm."""
+    """Return whether a `Linearizer` supports the arm."""
     model = system.model
     own = isinstance(model, Elastica) and isinstance(model.n, tuple) and model.root is None and model.loads is None
     return own and WIDEST is not SINGLE
 
 
 class Linearizer:
-    """What makes linear models of n arms of a kind: a system, its settings (with dt), the period (None: continuous)."""
+    """Computes linear models of n arms of one kind.
+
+    Its arguments are a system, its settings (with dt) and the period (None: continuous)."""
 
     def __init__(self, system: System, settings: Settings, n: int, links: int, discrete: float | None) -> None:
         assert settings.dt is not None

@@ -1,7 +1,7 @@
-"""The derivative of what the solver does in a period: its own steps, with tangents in dual lanes.
+"""Derivative of the solver's steps in a period, with tangents in dual lanes.
 
-What a step does is then differentiated as it is computed, with multipliers, with a correction of the period, and of
-rotations, which depend, in second order of what a step turns by, on Newton's way.
+The steps are differentiated exactly as computed, including multipliers and the period correction, and including
+rotations, which depend on the Newton iterates in second order of the rotation in a step.
 """
 
 from typing import Any
@@ -25,7 +25,7 @@ tolerance."""
 
 
 def at_start(simulation: Simulation, model: Any) -> tuple[Array, Work]:
-    """A copy of the simulation's state, consistent at t+ by the model: its work array and the views of it."""
+    """Return a copy of the simulation's state with consistent accelerations at t+: the work array and its views."""
     work, n_motions = simulation.work, simulation.n_motions
     flat: Array = np.zeros(sum(view.size for view in work))
     w: Work = uncompiled(unpack)(SINGLE, model, flat, n_motions)
@@ -35,12 +35,12 @@ def at_start(simulation: Simulation, model: Any) -> tuple[Array, Work]:
 
 
 def point_of(w: Work) -> Point:
-    """The point of the motion in a work array (copied)."""
+    """Return a copy of the point (coordinates, rates, accelerations, inputs) in a work array."""
     return Point(w.q.copy(), w.v.copy(), w.a.copy(), w.u.copy(), w.psi.copy())
 
 
 def steps_of(simulation: Simulation, dt: float) -> tuple[int, float]:
-    """How many steps of which length the solver takes in a period, s; ValueError where a kink of the scene is in it."""
+    """Return number and length of the solver's steps in a period, s; ValueError if the period contains a kink."""
     end = simulation.t + dt
     kinks = [t for t in simulation.scene.kinks if simulation.t + 1e-12 < t < end - 1e-12]
     if kinks:

@@ -1,6 +1,6 @@
-"""State space of an arm in the plane: its independent coordinates and their rates.
+"""State space of a planar arm: its independent coordinates and their rates.
 
-What the solver does in a period is the derivative of its own steps, with tangents in dual lanes.
+Over a period, the model is the derivative of the solver's steps, with tangents in dual lanes.
 """
 
 import numpy as np
@@ -24,11 +24,11 @@ def gauge_name(link: int, place: float, measures: str = "xy") -> str:
 
 
 class PlaneModel:
-    """Parts of the `LinearModel` of a simulation about the state that it has.
+    """Parts of the `LinearModel` of a simulation about its present state.
 
     Attributes:
-        names: of the coordinates. inputs, x, u, rate: see `LinearModel`. A, B: continuous. still: M, C, K of what is
-            not prescribed.
+        names: names of the coordinates. inputs, x, u, rate: see `LinearModel`. A, B: continuous model. still: M, C, K
+            of the coordinates that are not prescribed.
     """
 
     def __init__(self, simulation: Simulation, stepping: bool, motions: bool) -> None:
@@ -50,8 +50,8 @@ class PlaneModel:
         self.still = reduced.among([i for i in range(n) if i not in driven])
 
     def period(self, dt: float) -> tuple[Array, Array, Array]:
-        """A, B and the next state of what the solver does in a period, s, without prescribed coordinates; once, for the
-        solver is moved on."""
+        """Return A, B and the next state of the solver over a period, s, without prescribed coordinates. Call it once:
+        the solver is moved on."""
         e, w, reduced = self._equations, self._w, self._reduced
         n, m, f = e.independent.size, e.inputs.size, e.free.size
         q = np.hstack([reduced.lift, np.zeros((f, n + m))])
@@ -62,7 +62,7 @@ class PlaneModel:
         return change[:, : 2 * n], change[:, 2 * n :], np.concatenate(e.state(w.q, w.v))
 
     def outputs(self, gauges: list[Spot]) -> tuple[tuple[str, ...], Array, Array]:
-        """Names, values, and derivatives by the state."""
+        """Return names and values of the outputs, and their derivatives by the state."""
         e, reduced, q, v = self._equations, self._reduced, self._start.q, self._start.v
 
         def shown(q: Array, v: Array) -> Array:

@@ -1,13 +1,13 @@
-"""Modes, rests and their stability of arms in space.
+"""Modes, static equilibria and their stability, for arms in space.
 
-Small motions about a point are increments d of the coordinates: of places along inertial axes, of rotations in the
+Small motions about a point are increments d of the coordinates: of positions along inertial axes, of rotations in the
 section's own. About a steady rotation Omega of the whole arm they are seen by an observer who turns with it,
 
     v = Omega x r + d',                a = Omega x (Omega x r) + 2 Omega x d' + d''                (places)
     w = A^T Omega + d',                alpha = (A^T Omega) x d' + d''                              (rotations)
 
-and M, C, K are the residual's differences by d'', d' and d there: rotations do not add up, so that these are
-taken through `protocol.update`.
+and M, C, K are the residual's differences by d'', d' and d there: rotations do not add up, so the differences use
+`protocol.update`.
 """
 
 from collections.abc import Callable
@@ -54,11 +54,11 @@ class SmallMotions:
         self.about(np.zeros(self.n), np.zeros(self.n), simulation.work.u)
 
     def but(self, held: list[int]) -> Rows:
-        """Rows that can move where these joints are held."""
+        """Return the rows that can move if these joints are held."""
         return np.array([k for k in self.free if k not in [self.joints[j] for j in held]], np.int64)
 
     def about(self, v: Array, a: Array, u: Array) -> None:
-        """Rates and accelerations (n,) that d' and d'' come on top of; torques and loads."""
+        """Return the reference rates and accelerations (n,), to which d' and d'' are added, and torques and loads."""
         self.v, self.a, self.u = v, a, u
 
     def _moving(self, d: Array, d1: Array, d2: Array, q0: Array) -> State:
@@ -88,14 +88,14 @@ class SmallMotions:
         return r
 
     def moved(self, q0: Array, rows: Rows, d: Array) -> Array:
-        """Coordinates an increment of some rows away."""
+        """Return the coordinates after an increment of some rows."""
         q, whole = q0.copy(), np.zeros(self.n)
         whole[rows] = d
         uncompiled(retract)(SINGLE, self.model, q, 1.0, whole, None)
         return q
 
     def slopes(self, q0: Array, which: int, rows: Rows) -> Array:
-        """Of `rows` of the residual by those of d (which = 0), d' (1) or d'' (2)."""
+        """Return derivatives of `rows` of the residual by these rows of d (which = 0), d' (1) or d'' (2)."""
 
         def changed(x: Array) -> Array:
             change = np.zeros((3, self.n))
@@ -111,10 +111,10 @@ class SmallMotions:
         return slopes(changed, np.zeros(self.n), rows, STEP * least / np.maximum(self.model.weight, 1e-300))
 
     def settle(self, q0: Array, rows: Rows) -> Array:
-        """Coordinates near q0 where the residual of these rows vanishes.
+        """Return coordinates near q0 at which these rows of the residual vanish.
 
         Raises:
-            NoEquilibrium: Newton's iteration does not get there.
+            NoEquilibrium: Newton's iteration fails.
         """
         q, nothing = q0, np.zeros((3, self.n))
         for _ in range(50):
@@ -130,7 +130,7 @@ class SmallMotions:
 
 
 def rest_of(scene: Scene, settings: Any, hold_joints: bool, kind: Callable[..., Any] = Simulation) -> Any:
-    """A simulation of the scene, which stands still, at its rest (`rest.relax`); torques hold its joints.
+    """Return a simulation of a scene without motion at its static equilibrium (`rest.relax`); torques hold its joints.
 
     Raises:
         NoEquilibrium: there is none.
@@ -152,7 +152,7 @@ def rest_of(scene: Scene, settings: Any, hold_joints: bool, kind: Callable[..., 
 
 
 def stability_of(simulation: Simulation, held: list[int]) -> Stability:
-    """Of a rest, joints `held` kept at their angles."""
+    """Return the stability of an equilibrium, with the joints `held` fixed."""
     motions = SmallMotions(simulation)
     rows = motions.but(held)
     return stability(motions.slopes(simulation.work.q, 2, rows), motions.slopes(simulation.work.q, 0, rows))

@@ -1,12 +1,12 @@
-"""State space of an arm in space: coordinates of the tangent space, which a free root has like all else.
+"""State space of an arm in space, in coordinates of the tangent space, also for a free root.
 
-Small motions about a point are increments d of the coordinates, of rotations in the section's own axes, and changes e
-of the rates. Rotations do not add up: exp(d^) moves on by d' = e - w x d with the section's own angular velocity w, so
+Small motions about a point are increments d of the coordinates (of rotations in the section's own axes) and changes e
+of the rates. Rotations do not commute: exp(d^) changes by d' = e - w x d with the section's own angular velocity w, so
 
     d' = e - W d,        M e' + C e + K d = B u,
 
-M, C, K being the residual's slopes at constant other quantities. What the solver does in a step is its own derivative,
-in dual lanes: its rotations depend, in second order of what a step turns by, on Newton's way.
+M, C, K being the residual's slopes at constant other quantities. Over a step, the model is the derivative of the solver
+in dual lanes, because its rotations depend on the Newton iterates, in second order of the rotation in a step.
 """
 
 from typing import Any
@@ -35,8 +35,8 @@ SHOWN = {
 
 
 class SpaceModel:
-    """Parts of the `LinearModel` of a simulation about the state that it has, of the f rows that can move; attributes
-    as those of `PlaneModel`."""
+    """Parts of the `LinearModel` of a simulation about its present state, for the f rows that can move; attributes as
+    those of `PlaneModel`."""
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation, self.motions = simulation, SmallMotions(simulation)
@@ -80,7 +80,7 @@ class SpaceModel:
         return found
 
     def period(self, dt: float) -> tuple[Array, Array, Array]:
-        """A, B and the next state of what the solver does in a period, s; of rotations its increments; once, for the
+        """Return A, B and the next state of the solver over a period, s; of rotations the increments. Call it once: the
         solver is moved on."""
         rows, f, n, w = self.rows, len(self.rows), self._right.shape[1], self._w
         q, v = np.zeros((f, n)), np.zeros((f, n))
@@ -94,7 +94,7 @@ class SpaceModel:
         return change[:, : 2 * f], change[:, 2 * f :], after
 
     def outputs(self, gauges: list[Any]) -> tuple[tuple[str, ...], Array, Array]:
-        """Names, values, and derivatives by the state."""
+        """Return names and values of the outputs, and their derivatives by the state."""
         simulation, model, f = self._simulation, self.motions.model, len(self.rows)
         links = range(simulation.scene.arm.n_links)
         rows = curvature_rows(simulation.scene, simulation.settings, simulation.system, gauges)

@@ -1,7 +1,7 @@
-"""Whether an arm stays near a point of its motion: eigenvalues of its equations there.
+"""Stability of an arm near a point of its motion, by the eigenvalues of its linearized equations.
 
-At rest loads, gravity and held joints have a potential, so that a point is stable where the stiffness of what can move
-has no negative eigenvalue (Lagrange and Dirichlet); one that is negative grows as exp(sqrt(-mu) t).
+At rest, loads, gravity and held joints have a potential. An equilibrium is stable if the stiffness of the coordinates
+that can move has no negative eigenvalue (Lagrange and Dirichlet); a mode with mu < 0 grows as exp(sqrt(-mu) t).
 """
 
 from collections.abc import Sequence
@@ -24,12 +24,12 @@ GROWS = 1e-6
 
 @dataclass(frozen=True)
 class Stability:
-    """Of an arm at rest, held as it is.
+    """Stability of an arm at rest, with its present joint conditions.
 
     Attributes:
         smallest: lowest squared frequency mu of the arm, rad^2/s^2, of K x = mu M x with the held joints left out;
             infinite where nothing can move.
-        negative: how many are negative. neutral: how many are zero to round-off (a joint that turns freely).
+        negative: number of negative mu. neutral: number of mu that are zero to round-off (a joint that turns freely).
     """
 
     smallest: float
@@ -38,7 +38,7 @@ class Stability:
 
     @property
     def stable(self) -> bool:
-        """No direction in which the arm moves away; it may drift in a neutral one."""
+        """Whether no motion grows; the arm may still drift in a neutral direction."""
         return self.negative == 0
 
     @property
@@ -48,14 +48,14 @@ class Stability:
 
 
 def at_rest(equations: Equations, point: Point, held: Sequence[int] = ()) -> Stability:
-    """The stability of a point of rest, the joints `held` kept at their angles; ValueError: a coordinate has no
+    """Return the stability of a point of rest with the joints `held` fixed; ValueError: a coordinate without
     inertia."""
     M, _, K = equations.reduced(point).among(moving(equations, held))
     return stability(M, K)
 
 
 def stability(M: Array, K: Array) -> Stability:
-    """Of the symmetric parts of inertia and stiffness."""
+    """Return the stability for the symmetric parts of inertia and stiffness."""
     if not M.size:
         return Stability(np.inf, 0, 0)
     squares, _ = undamped(0.5 * (M + M.T), 0.5 * (K + K.T))
@@ -63,20 +63,21 @@ def stability(M: Array, K: Array) -> Stability:
 
 
 def moving(equations: Equations, held: Sequence[int]) -> list[int]:
-    """Places of the independent coordinates other than the joints `held`."""
+    """Return the indices of the independent coordinates without the joints `held`."""
     still = [equations.turned[k] for k in held if k in equations.turned]
     return [i for i in range(equations.independent.size) if i not in still]
 
 
 def growing(eigenvalues: Complex) -> int:
-    """How many eigenvalues grow; a pair of complex ones, of which one is given, counts once."""
+    """Return the number of growing eigenvalues; a complex pair, of which one member is given, counts once."""
     return int((eigenvalues.real > GROWS * np.abs(eigenvalues)).sum())
 
 
 def eigenpairs(M: Array, C: Array, K: Array) -> tuple[Complex, Complex]:
-    """Eigenvalues with non-negative imaginary part, one of each rigid pair, and their vectors of coordinates.
+    """Return eigenvalues with non-negative imaginary part, one of each rigid pair, and their vectors.
 
-    In the basis of the undamped modes, in which the inertia is 1 and the symmetric part of the stiffness diagonal.
+    They are computed in the basis of the undamped modes, in which the inertia is 1 and the symmetric part of the
+    stiffness is diagonal.
     """
     squares, basis = undamped(0.5 * (M + M.T), 0.5 * (K + K.T))
     symmetric = np.abs(K - K.T).max() < 1e-8 * np.abs(K).max()
@@ -120,10 +121,11 @@ def _damped(squares: Array, K: Array, C: Array) -> tuple[Complex, Complex]:
 
 
 def undamped(M: Array, K: Array) -> tuple[Array, Array]:
-    """Squared frequencies and M-normalised shapes of M x'' + K x = 0; those of rigid motions exactly 0.
+    """Return squared frequencies and M-normalized shapes of M x'' + K x = 0; frequencies of rigid motions are exactly
+    0.
 
-    Frequencies of stretch may be 1e8 times those of bending, and their round-off with them: the low ones are taken
-    from the inverse problem, whose largest eigenvalues they are.
+    Stretching frequencies may be 1e8 times the bending frequencies, with a correspondingly large round-off. The low
+    frequencies therefore come from the inverse problem, whose largest eigenvalues they are.
     """
     from scipy.linalg import eigh
 

@@ -1,4 +1,4 @@
-"""State space of an arm about a point of its motion, continuous, or over one period with the torques held."""
+"""State-space model of an arm about a point of its motion, continuous or over one period with constant torques."""
 
 from collections.abc import Iterator, Sequence
 from copy import copy
@@ -35,15 +35,15 @@ class LinearModel:
         states: n independent coordinates, then their rates: "joint0", ..., "joint0_rate", ...; SI. In space they are
             those of the tangent space: of a rotation ("link0.rx1", ...) increments in the section's own axes, from 0 at
             the point, and its angular velocity there.
-        inputs: torques of the joints that can turn and are not prescribed, "torque0", ..., N m; with `motions` then the
-            accelerations of prescribed coordinates, "joint0_acceleration", ..., rad/s^2 or m/s^2.
+        inputs: torques of the joints that can turn and are not prescribed, "torque0", ..., N m; with `motions` followed
+            by the accelerations of prescribed coordinates, "joint0_acceleration", ..., rad/s^2 or m/s^2.
         outputs: "joint0" ... (rad), their rates, "deflection0" ... (each link's tip normal to its root's tangent, m),
             their rates, "tip_x", "tip_y" (m); behind elastic gears "motor0", "motor0_rate", ...; and what `gauges` asks
             for, "curvature0@0", ... (1/m). In space "deflection0_y", "deflection0_z", "twist0" (rad), "tip_z";
             "curvature_z0@0" in x-z, "torsion0@0".
-        x, u, y: the point of the motion. rate: x' there; with dt, the state one period later.
+        x, u, y: operating point. rate: x' at this point; with dt, the state one period later.
         t: its time, s. dt: period, s, or None (continuous).
-        growing: how many motions of the continuous model grow about the point, joints free; 0 where it is stable. The
+        growing: number of unstable motions of the continuous model, with free joints; 0 if it is stable. The
             round-off of A's eigenvalues (a stiff beam's zero ones) does not count here.
     """
 
@@ -81,19 +81,19 @@ def linearize(
     gauges: Sequence[Spot] = (),
     **options: Any,
 ) -> LinearModel:
-    """The linear model of an arm about a point of its motion.
+    """Compute the linear model of an arm about a point of its motion.
 
     Args:
-        target: a Simulation, taken at the state, torques and parameters it has now (it is not changed); or a Scene,
-            taken at its start (`static_equilibrium` gives a Simulation at rest under gravity).
+        target: a Simulation, linearized at its present state, torques and parameters (and not changed); or a Scene,
+            linearized at its start (`static_equilibrium` gives a Simulation at rest under gravity).
         formulation, options: of a Scene, as for `simulate`.
         discrete: period, s, over which the torques are held; None for the continuous model.
-        method: "solver": the derivative of what the solver does in a period (accelerations afresh, then steps of at
-            most the settings' dt), along the motion; "zoh": the exponential of the continuous model.
-        motions: True: prescribed coordinates and their rates are states, their accelerations inputs (continuous, or
-            method "zoh"); False: they are neither.
+        method: "solver": the derivative of the solver's steps in a period (new accelerations, then steps of at most the
+            settings' dt), along the motion; "zoh": the exponential of the continuous model.
+        motions: True: prescribed coordinates and their rates are states, and their accelerations inputs (continuous, or
+            method "zoh"); False: they are left out.
         gauges: (link, place from 0 at its root to 1 at its tip) of curvatures among the outputs; times half the
-            thickness they are strains. In space a third entry says what of `sensors.MEASURES`.
+            thickness they are strains. In space a third entry is one of `sensors.MEASURES`.
     Returns:
         The LinearModel. Coulomb friction is left out.
     Raises:
@@ -148,7 +148,7 @@ def _places(gauges: object, links: Sequence[Link], space: bool) -> list[Any]:
 def simulation_of(
     target: Simulation | Scene, formulation: str | None, options: dict[str, Any], period: float | None = None
 ) -> Simulation:
-    """The target itself, or a Simulation of the scene at its start, in steps that divide a period, s."""
+    """Return the target, or a Simulation of the scene at its start with steps that divide a period, s."""
     if isinstance(target, Simulation):
         given = options if formulation is None else {"formulation": formulation, **options}
         for name, value in given.items():
@@ -159,7 +159,7 @@ def simulation_of(
 
 
 def without_friction(simulation: Simulation) -> Simulation:
-    """The simulation, or a view of it without Coulomb friction, which has no derivative."""
+    """Return the simulation, or a view of it without Coulomb friction, which has no derivative."""
     model = smooth(simulation.model)
     if model is simulation.model:
         return simulation
@@ -169,7 +169,7 @@ def without_friction(simulation: Simulation) -> Simulation:
 
 
 def held(A: Array, B: Array, dt: float) -> tuple[Array, Array]:
-    """A continuous model over one period dt with its input held."""
+    """Discretize a continuous model over one period dt with constant inputs."""
     from scipy.linalg import expm
 
     n, m = B.shape
@@ -186,7 +186,7 @@ def _over(dt: float, A: Array, B: Array, rate: Array, x0: Array) -> tuple[Array,
 
 
 def state_of(simulation: Simulation) -> Array:
-    """The state of a Simulation in the order of `LinearModel.states`, (2n,), SI."""
+    """Return the state of a Simulation in the order of `LinearModel.states`, (2n,), SI."""
     equations = Equations(check.instance("simulation", simulation, Simulation))
     return np.concatenate(equations.state(simulation.work.q, simulation.work.v))
 
@@ -194,7 +194,8 @@ def state_of(simulation: Simulation) -> Array:
 def set_state(simulation: Simulation, x: Array) -> None:
     """Give a Simulation the state x (2n,), in the order of `LinearModel.states`; dependent coordinates follow.
 
-    Raises ValueError where x has the wrong size or is not finite, RuntimeError where no position of the arm has it.
+    Raises ValueError if x has the wrong size or is not finite, and RuntimeError if no configuration of the arm has this
+    state.
     """
     equations = Equations(check.instance("simulation", simulation, Simulation))
     n, w = equations.independent.size, simulation.work

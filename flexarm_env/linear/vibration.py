@@ -1,4 +1,4 @@
-"""Natural frequencies and shapes about a point of the motion, steady rotation included."""
+"""Natural frequencies and mode shapes about a point of the motion, also in steady rotation."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -23,8 +23,8 @@ class Modes:
     """The n lowest modes of an arm about a point of its motion.
 
     Attributes:
-        frequencies (n,): natural frequencies, rad/s: the size of `eigenvalues`; 0 for a rigid motion, and for a pole
-            that decays or grows without oscillation. The modes are in ascending order of that size.
+        frequencies (n,): natural frequencies, rad/s: the magnitude of `eigenvalues`; 0 for a rigid motion, and for a
+            pole that decays or grows without oscillation. The modes are sorted by this magnitude, ascending.
         damping (n,): ratios -Re lambda / |lambda|; 1 for each pole of an overdamped mode, -1 for a pole that grows
             without oscillation, 0 for a rigid motion.
         eigenvalues (n,): lambda, rad/s, the one of a pair with positive imaginary part.
@@ -32,10 +32,10 @@ class Modes:
             their largest one, which has unit length, m. In rotation points move on ellipses; this is the real part.
         points (points, 2) or (points, 3): the chain itself, root to tip, m.
         spin: rad/s.
-        growing: how many modes of all, not of the n lowest alone, grow: 0 where the arm stays near the point.
-        whirl (n,): in space, which way the points go round the first joint's axis, as an observer sees it who turns
-            with the arm: 1 on circles with a positive spin, -1 against it, 0 where they move to and fro; NaN where they
-            stay or move along the axis alone. In the plane empty.
+        growing: number of unstable modes among all modes, not only the n lowest; 0 if the point is stable.
+        whirl (n,): in space, direction in which points circle the first joint's axis, in the frame that turns
+            with the arm: 1 for circles in the direction of a positive spin, -1 against it, 0 for linear motion; NaN if
+            points rest or move only along the axis. Empty in the plane.
     """
 
     frequencies: Array
@@ -57,24 +57,24 @@ def modes(
     clamped: bool | Sequence[int] = False,
     **options: Any,
 ) -> Modes:
-    """Natural frequencies, damping ratios and shapes of an arm about a point of its motion.
+    """Compute natural frequencies, damping ratios and mode shapes of an arm about a point of its motion.
 
     Args:
-        target: a Scene, about its equilibrium with the joints held at their initial angles (`static_equilibrium`); or a
-            Simulation, about the state it has now.
-        n: how many modes at most.
+        target: a Scene: modes about its equilibrium with the joints held at their initial angles
+            (`static_equilibrium`); or a Simulation: modes about its present state.
+        n: largest number of modes.
         formulation, options: of a Scene, as for `simulate`.
-        spin: rad/s, about the root of a pinned Scene without gravity, its loads left out: the modes are those of the
-            arm in steady rotation, stretched and bent as that makes it, as seen by an observer who turns with it.
-        clamped: False: joints that are not prescribed or rigid can turn (their torques stay what they are); True: the
-            hub is held ("clamped modes"); or the indices of the joints that are held. Behind an elastic gear it is the
-            motor's side that is held. Coulomb friction is left out.
+        spin: rad/s, about the root of a pinned Scene without gravity and without its loads: modes of the arm in steady
+            rotation, stretched and bent by the rotation, in the rotating frame.
+        clamped: False: joints that are not prescribed or rigid can turn, with constant torques; True: the
+            hub is held ("clamped modes"); or the indices of the joints that are held. With an elastic gear the motor's
+            side is held. Coulomb friction is left out.
     Returns:
         The Modes.
     Raises:
-        ValueError: a value that is not allowed. NoEquilibrium: of a Scene, there is none.
+        ValueError: a value that is not allowed. NoEquilibrium: a Scene without an equilibrium.
     Warns:
-        UnstableEquilibrium: of a Scene, its equilibrium is unstable although the joints are held.
+        UnstableEquilibrium: a Scene whose equilibrium is unstable although the joints are held.
     """
     n = check.integer("n", n, minimum=1)
     spin = check.number("spin", spin, "rad/s")

@@ -48,7 +48,7 @@ def decay(x):
     z = z * y + 0.5
     z = z * y + 1.0
     z = z * y + 1.0
-    # 1024 = 2^10
+    # exp(-x) = exp(y)^1024: squared ten times
     for _ in range(10):
         z = z * z
     return z
@@ -69,14 +69,14 @@ def arctangent(y, x):
     # above pi/8: atan t = pi/4 + atan((t - 1) / (t + 1))
     far = select_lt(t, _EIGHTH, 0.0, math.pi / 4)
     t = select_lt(t, _EIGHTH, t, (t - 1.0) / (t + 1.0))
-    # tangent of half the angle, below tan(pi/16), then the series
+    # t <- tan(angle / 2) < tan(pi/16), where twelve terms of the series of atan(t) / t suffice
     t = t / (square_root(t * t + 1.0) + 1.0)
     z = t * t
     p = z * _ATAN[11] + _ATAN[10]
     for k in range(9, -1, -1):
         p = p * z + _ATAN[k]
     angle = t * p * 2.0 + far
-    # back to the octant and the quadrant of (x, y)
+    # angle of (x, y) in (-pi, pi]: pi/2 - angle where b > a, pi - angle where x < 0
     angle = select_lt(a, b, angle, math.pi / 2 - angle)
     angle = select_lt(x, 0.0, math.pi - angle, angle)
     return select_lt(y, 0.0, -angle, angle)

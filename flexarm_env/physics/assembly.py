@@ -36,7 +36,8 @@ def assemble(scene: Scene, settings: Settings) -> System:
     """
     if scene.spatial:
         return _in_space(scene, settings)
-    # properties that some variants of the formulations lack
+    # rejected by variant: the formulation's HONOURS holds rigid ends, but multipliers and mass_damping omit their
+    # levers
     for k, link in enumerate(scene.arm.links):
         if link.rigid_ends and (settings.multipliers or scene.arm.mass_damping):
             name = next(name for name in ENDS if getattr(link, name))
@@ -70,10 +71,11 @@ def assemble(scene: Scene, settings: Settings) -> System:
             "mass_damping", drag, "must be 0 with frame='chord': it is drag relative to a frame clamped to the link's "
             "root (give frame='root'); tau_d damps under every formulation"
         )  # fmt: skip
-    # every other field that is not at its default must be named in the formulation's HONOURS
+    # any other field off its default must be in the formulation's HONOURS, because the assembly would silently ignore
+    # it
     _check_honoured(scene.arm, "", settings.formulation, with_contributions(_builder(settings.formulation).HONOURS))
     system = _built(scene, settings)
-    # initial motion of the straight links
+    # v0 <- rates of straight links that turn at scene.rates (rad/s) and whose root moves at scene.velocity (m/s)
     if any(scene.rates) or any(scene.velocity):
         system = dataclasses.replace(system, v0=_rates(scene, settings))
     return with_masses(scene, settings, system)
@@ -116,7 +118,7 @@ def _check_honoured(part: Any, path: str, formulation: str, honours: Honours) ->
             _check_honoured(entry, f"{path}[{i}]", formulation, honours)
     elif dataclasses.is_dataclass(part):
         given: type = type(part)
-        # the nearest base class that the formulation names
+        # nearest base class that HONOURS names: its fields are checked first, then the subclass itself is rejected
         kind = next((kind for kind in given.__mro__ if kind in honours), None)
         known = honours[kind] if kind else ()
         for field in dataclasses.fields(part):
@@ -157,7 +159,8 @@ def _rates(scene: Scene, settings: Settings) -> Array:
     Coordinates depend on place and angles through lines, sines and cosines: central differences of sixth order are
     exact to round-off.
     """
-    # step: 0.01 rad of the fastest turn, or 0.01 of the arm's length
+    # t (s): in it the fastest link turns by 0.01 rad or the root moves by 0.01 L, where the differences are exact to
+    # 1e-12
     longest = max(1e-300, *map(abs, scene.rates), *(abs(x) / scene.arm.total_length for x in scene.velocity))
     t = 0.01 / longest
 
@@ -257,7 +260,7 @@ def drive(scene: Scene, system: System) -> Drive:
             terms.append((entry, len(functions)))
             functions.append(function)
 
-    # loads: joint torques, then per point load its force (N) and torque (N m) components
+    # u: joint torques (N m), then for each point load its force (N) and torque (N m), inertial axes
     point = 0
     for load in scene.loads:
         if isinstance(load, JointTorque):
@@ -269,10 +272,10 @@ def drive(scene: Scene, system: System) -> Drive:
             for k, function in enumerate(own):
                 add(scene.arm.n_links + len(own) * point + k, function)
             point += 1
-    # terms of one entry must follow each other
+    # terms of one entry of u in sequence, because `set_inputs` clears an entry at its first term
     terms.sort(key=lambda term: term[0])
     entries, added = np.array(terms, np.int64).reshape(-1, 2).T.copy()
-    # motions: prescribed rows and their functions
+    # known: rows of q that motions prescribe, or negative: rows of multipliers; motions: their functions' numbers
     known = np.array([system.coordinates[motion.coordinate] for motion in scene.motions], np.int64)
     motions = np.arange(len(functions), len(functions) + len(scene.motions), dtype=np.int64)
     functions += [motion.function for motion in scene.motions]

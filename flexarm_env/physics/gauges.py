@@ -32,7 +32,7 @@ def curvatures(
     scene: Scene, settings: Settings, names: Sequence[str], places: Sequence[Spot], q: Array
 ) -> Array:
     """Return curvatures (n, G), 1/m, at G spots for n configurations q (n, rows), less those of the stress-free arm."""
-    # `curvature_rows` needs the names of the rows alone, here also without a System
+    # `curvature_rows` reads only q0 and names, so that a stand-in spares the assembly of a System
     like: Any = SimpleNamespace(q0=q[0], names=names)
     rows = curvature_rows(scene, settings, like, places)
     if scene.spatial and settings.formulation != "elastica":
@@ -40,7 +40,7 @@ def curvatures(
         read_gauges(assemble(scene, settings).model, np.ascontiguousarray(q), rows, out)
         return out
     if not scene.spatial and any(link.curved for link in scene.arm.links):
-        # curved links: the start configuration is free of stress
+        # curved links: less the curvature kappa_0 of q0, which has no stress
         q = q - assemble(scene, settings).q0
     return np.asarray(q @ rows.T)
 
@@ -83,7 +83,8 @@ def _elastica(scene: Scene, settings: Settings, system: System, link: int, s: fl
     n, row = settings.nodes, np.zeros(len(system.q0))
     line = chain(scene.arm, n).lines[link]
     row[link * n : (link + 1) * n] = line.slope(np.array([s]))[0]
-    # the first node's row is the joint angle, relative to the last node of the link before: both add up
+    # row 0 is the joint angle beta, relative to the last tangent before: phi_0 = phi_(n-1) + beta, so that both rows
+    # add
     if link > 0:
         row[link * n - 1] += row[link * n]
     return row
@@ -97,7 +98,7 @@ def _exact(scene: Scene, settings: Settings, system: System, link: int, s: float
     assert settings.elements is not None and settings.order is not None
     elements, order, own = settings.elements, settings.order, scene.arm.links[link]
     length = own.length / elements
-    # element e and its coordinate xi in [-1, 1]; even elements of a uniform link, else its mesh
+    # element e and xi in [-1, 1]: even elements of a uniform link, else those of its mesh
     e = min(int(s / length), elements - 1)
     xi = 2.0 * (s / length - e) - 1.0
     if own.uniform is None:
@@ -106,14 +107,14 @@ def _exact(scene: Scene, settings: Settings, system: System, link: int, s: float
         length = float(ends[e + 1] - ends[e])
         xi = 2.0 * (s - float(ends[e])) / length - 1.0
     row, at = np.zeros(len(system.q0)), CHAIN.offsets(0, scene.arm.n_links, elements, order)
-    # vertices: (psi_right - psi_left) / length
+    # psi' of the linear functions: (psi_right - psi_left) / l
     left = at.elements + AXES * order * (elements * link + e) + T
     right = left + AXES * order
     row[[left, right]] = -1.0 / length, 1.0 / length
     # the link's first angle is the vertex's psi plus the hinge angle
     if e == 0 and link > 0:
         row[at.hinges + link - 1] = -1.0 / length
-    # slopes of the interior functions
+    # psi' of the interior functions, g_j'(xi) 2 / l
     row[left + AXES : right : AXES] = functions(order, np.array([xi]))[1][1:, 0] / length
     return row
 
@@ -127,7 +128,7 @@ def _floating(scene: Scene, settings: Settings, system: System, link: int, s: fl
     own = bodies_of(scene.arm, settings)[link * segments : (link + 1) * segments]
     for b, body in enumerate(own):
         if s <= start + body.length * (1.0 + 1e-12) or body is own[-1]:
-            # stations and section angles there; the root is added where it is no station
+            # phi at the stations, whose slope between them is kappa; the root is added where it is no station
             x = np.concatenate([[0.0], body.stations]) if body.stations[0] > 0.0 else body.stations
             angles = body.shapes[:, 2] if body.stations[0] <= 0.0 else np.vstack([body.root, body.shapes[:, 2]])
             i = int(np.clip(np.searchsorted(x, s - start) - 1, 0, len(x) - 2))

@@ -93,11 +93,11 @@ BOOKS = Layout(
     Field("dissipated", (), "J", "energy dissipated by damping and friction"),
     Field("beyond", (), "J", "work of damping forces beyond that, of strain rates that steps do not resolve"),
 )  # fmt: skip
-# energy account of an arm
+# books: W (J), D (J), and the work of damping forces beyond D (J)
 WORK_DONE, DISSIPATED, BEYOND, *_ = BOOKS.places
 
 COUNTS = Layout(
     "Counts", "", *(Field(name, (), "", "") for name in ("iterations", "factorisations", "halvings", "steps"))
 )
-# numbers of Newton iterations, factorizations, halved steps and steps of all lanes together
+# counts of Newton iterations, factorizations, halvings and steps: lanes share them, since they iterate together
 ITERATIONS, FACTORISATIONS, HALVINGS, STEPS, *_ = COUNTS.places

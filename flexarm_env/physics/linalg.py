@@ -29,13 +29,13 @@ def solve(a: ArrayLike, b: ArrayLike) -> NDArray[Any]:
     """
     a, x = np.array(a, np.float64), np.array(b, np.float64)
     for k in range(len(a)):
-        # partial pivoting
+        # pivot: the largest |a_ik|, because minors may vanish
         best = k + int(np.argmax(abs(a[k:, k])))
         for rows in (a, x):
             rows[[k, best]] = rows[[best, k]]
         if not abs(a[k, k]) > 0.0:
             raise np.linalg.LinAlgError("singular matrix")
-        # scale row k to a unit pivot, eliminate column k from all other rows
+        # Gauss-Jordan: row k / a_kk, then column k is eliminated from all other rows, whose sums have a set order
         others = np.arange(len(a)) != k
         x[k] /= a[k, k]
         a[k] /= a[k, k]
@@ -64,7 +64,7 @@ def band_lu(lane, A: Lanes, pivot, n, below, above):
     width = 2 * below + above + 1
     for k in range(n):
         last = min(n - 1, k + below)
-        # largest entry of column k on or below the diagonal
+        # pivot: largest |A_ik|, i >= k within the band, by values alone: tangents do not choose rows
         pivot_size, p = max_over_lanes(absolute(A[k * width + below])), k
         for i in range(k + 1, last + 1):
             candidate = max_over_lanes(absolute(A[i * width + k - i + below]))

@@ -66,7 +66,7 @@ def complete(model: Any) -> Any:
         return model._replace(arm=complete(model.arm))
     if isinstance(model, FloatingFrame | FloatingChain):
         return model._replace(mesh=complete(model.mesh))
-    # None leaves a term out, a tag (0,) includes it
+    # None leaves a term out, a tag (0,) includes it: one compiled kernel then serves all arms
     absent = [name for name in ("payload", "payload_turns", "damping", "damped") if getattr(model, name, 0) is None]
     return model._replace(**dict.fromkeys(absent, (0,)))
 
@@ -366,6 +366,11 @@ class Jointed(NamedTuple):
     contributions: tuple[Any, ...] = ()
     points: tuple[int, ...] | None = None
     derived: tuple[int, ...] | None = None
+
+
+def has_play(model: Any) -> bool:
+    """Return whether a gear of the model has backlash (`Gears.play`); False for an arm with ideal joints."""
+    return any(isinstance(part, Gears) and part.play is not None for part in getattr(model, "contributions", ()))
 
 
 Honours = dict[type, tuple[str, ...]]

@@ -44,7 +44,7 @@ def packed(shapes: Sequence[Shape]) -> Array:
         d, kind = shape.dimension, SHAPES.index(type(shape))
         axes, place, sizes = np.eye(3), np.zeros(3), np.full(3, ENDLESS)
         axes[:d, :d], place[:d], sizes[: len(shape.sizes)] = shape.axes, shape.place, shape.sizes
-        # of a half-space only the normal is used, as the first column
+        # a half-space has only its normal n, stored as the first axis
         if kind == HALF_SPACE:
             axes[:, 0] = 0.0
             axes[:d, 0] = shape.normal  # type: ignore[attr-defined]
@@ -59,7 +59,8 @@ def _corner(a, b, c):
     a, b, c (m): the point's distance beyond each pair of opposite faces, |coordinate| - half side, negative between
     them; of a cylinder a is the distance beyond its mantle.
     """
-    # outside: distance from the nearest face, edge or corner; inside: from the nearest face
+    # inside all of a, b, c <= 0: minus the distance from the nearest face; outside: from the nearest face, edge or
+    # corner
     zero = a * 0.0
     x, y, z = maximum(a, zero), maximum(b, zero), maximum(c, zero)
     inside = maximum(maximum(a, b), c)
@@ -79,7 +80,7 @@ def distance(table, s, x, y, z):
     a = (dx * table[A] + dy * table[A + 3]) + dz * table[A + 6]
     b = (dx * table[A + 1] + dy * table[A + 4]) + dz * table[A + 7]
     c = (dx * table[A + 2] + dy * table[A + 5]) + dz * table[A + 8]
-    # half-space: component along the normal
+    # half-space: distance a along its normal
     far = a
     if kind == SPHERE:
         far = square_root((a * a + b * b) + c * c) - table[h]

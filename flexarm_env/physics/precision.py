@@ -134,10 +134,10 @@ def ratio(
     sigma = worst.torque / torque
     if not sigma <= MOST:
         path, value, unit = worst.path, worst.value, worst.unit
-        # name the factor where the arm without factors would be accepted
+        # blame the factor if sigma of the arm without factors is allowed, otherwise the arm
         own = max(stiffnesses(arm, settings, space=space), key=lambda one: one.torque)
         name = path.rpartition(".")[2]
-        # the factor on EI acts on EI_y as well
+        # EI_factor scales EI_y as well, which may be the stiffer axis
         name = "EI" if factors.get(name) == factors.get("EI") else name
         if factors.get(name, 1.0) != 1.0 and own.torque / torque <= MOST:
             path, value, unit = f"randomization.{name}[1]", factors[name], "times the arm's"
@@ -183,7 +183,7 @@ def check_parameters(
     assert h is not None
     if spring > MOST * torque:
         raise check.InvalidValue(f"{path}.stiffness", spring, refusal(MOST * torque, "N m/rad", settings, torque))
-    # largest S without damping, over the largest that is allowed
+    # sigma at tau_d = 0, over the largest allowed one: above 1 the stiffness factor alone is to blame
     worst = max(stiffnesses(arm, settings, factors, 0.0, arm.spatial), key=lambda one: one.torque)
     bent, name = worst.torque / (MOST * torque), worst.path.rpartition(".")[2]
     name = name if name in factors else "EI"
@@ -220,7 +220,7 @@ def moving(scene: Scene) -> float:
     inertia = float(rigid_inertia(arm, np.zeros((1, arm.n_links - 1)))[0, 0, 0])
     mass = arm.payload.mass + sum(link.mass for link in arm.links)
     t = np.union1d(np.linspace(0.0, scene.duration, FASTEST), [k for k in scene.kinks if k <= scene.duration])
-    # spin at the start; weight; loads, with forces at the arm's reach; prescribed motions
+    # T (N m): I w^2 of the spin at the start; m g L; loads, with forces at the arm's reach; prescribed motions
     found = [inertia * rate**2 for rate in scene.rates]
     if scene.gravity is not None:
         found.append(mass * math.hypot(*scene.gravity) * reach)

@@ -36,8 +36,8 @@ Residual and Newton matrix
     factor(lane, model, S), solve(lane, model, S, x)
         Factor S in place; x <- S^-1 x in place.
     add_stiffness(lane, model, S, k, x)
-        Before `factor`: add x to the diagonal entry of row k, a joint's angle; None, infinitely stiff: replace row and
-        column k, of the root or of a joint, by those of the identity.
+        Before `factor`: add x (N m/rad) to the diagonal entry of row k, a joint's angle, beside earlier x. None,
+        infinitely stiff: replace row and column k, of the root or of a joint, by those of the identity.
 
 Newton iteration
     correct_positions(lane, model, par, w, active, slopes, predicted)
@@ -52,7 +52,8 @@ Coordinates
     tangent_map(lane, model, d, inverse, x)       x <- T^T x, or T^-T x (inverse), in rows of rotations, with
                                                   exp(d + e) = exp(d) exp(T e) to first order.
     set_joint_configuration(lane, model, live, angles, rates, q, v)
-        In space, where `live` > 1/2: q <- straight links at joint angles `angles`; v <- joint rates, unless None.
+        In space, where `live` > 1/2: q <- straight links at joint angles `angles` (links,), rad. Unless rates is None,
+        v <- their motion with rates (n,): of joints, and of vertices relative to their rotating link, in link axes.
 
 Work, energy and momentum
     input_displacements(lane, model, par, q, y, since=None)

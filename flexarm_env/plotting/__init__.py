@@ -1,8 +1,9 @@
-"""Figures of trajectories by one call each; PNG, PDF or SVG by the path's ending. Needs matplotlib (`plot` extra).
+"""Figures of trajectories, one function for each kind; the path's ending selects PNG, PDF or SVG. Needs matplotlib
+(`plot` extra).
 
-`plot_trajectory` is the paper's kind of figure: deformed shapes with time labels, beside tip deflection and energy.
-`plot_comparison` sets runs against each other and a reference; `plot_energies` and `plot_spectrum` look closer;
-`plot_all` draws all of a run into a folder.
+`plot_trajectory` draws the paper's figure: deformed shapes with time labels, beside tip deflection and energy.
+`plot_comparison` compares runs with each other and with a reference. `plot_energies` and `plot_spectrum` show energies
+and frequencies. `plot_all` writes all figures of a run to a folder.
 """
 
 from __future__ import annotations
@@ -45,16 +46,16 @@ def plot_trajectory(
 ) -> Path:
     """Plot deformed shapes with time labels beside tip deflection and energy over time.
 
-    What is left to swing after the last drive lies on itself in true shape; then its deflection is drawn larger, which
-    the panel's title says.
+    Small vibrations after the end of the drives would be invisible, so their deflection is enlarged; the panel's title
+    states the factor.
 
     Args:
         trajectory: a run. path: the file to write. reference: a table (`scenes.reference(NAME).columns`) whose tip
-            path is drawn as dots. shapes: how many shapes. title: None writes scene and formulation.
+            path is drawn as dots. shapes: number of shapes. title: None: scene and formulation.
     Returns:
         The path.
     Raises:
-        ValueError: the file's ending is not one that matplotlib writes.
+        ValueError: matplotlib does not support the file's ending.
     """
     if trajectory.scene.spatial:
         return plot_in_space(trajectory, path, shapes, _title(trajectory, title))
@@ -86,11 +87,11 @@ def plot_comparison(
 ) -> Path:
     """Plot several runs of a scene: tip paths, tip deflections, and distances of the tips from a reference.
 
-    Where lines lie on each other all are seen: the first is wide, the others are dashes upon it.
+    The first line is wide and the others are dashed, so that coinciding lines are all visible.
 
     Args:
-        trajectories: runs by their labels. path: the file to write. reference: a table; without one the first run
-            stands for it. title: over the figure.
+        trajectories: runs by their labels. path: the file to write. reference: a table; None: the first run. title:
+            title of the figure.
     Returns:
         The path.
     Raises:
@@ -151,7 +152,8 @@ def spectrum(t: Array, x: Array) -> tuple[Array, Array]:
     """Return the amplitude spectrum of an evenly sampled signal x (n,) at times t (n,), s, with a Hann window.
 
     Returns frequencies (Hz) and amplitudes (unit of x), (n // 2 + 1,) each.
-    The mean is taken out; a sine of amplitude A gives a peak of A. Raises ValueError for uneven or too few samples.
+    The mean is removed; a sine of amplitude A gives a peak of height A. Raises ValueError for uneven or too few
+    samples.
     """
     step = np.diff(t)
     if t.size < 8 or np.ptp(step) > 1e-6 * step.mean():
@@ -168,9 +170,9 @@ def plot_spectrum(
 
     Args:
         trajectory, path, title: as for `plot_trajectory`.
-        since: s; the part before it is left out. Default: the last instant at which a drive jumps or ends.
+        since: s; earlier samples are ignored. Default: the last instant at which a drive jumps or ends.
     Raises:
-        ValueError: too few samples are left.
+        ValueError: too few samples remain.
     """
     start = _last_drive(trajectory) if since is None else since
     chosen = trajectory.t >= start - 1e-9
@@ -212,10 +214,10 @@ def plot_all(
     """Write all plots of a run: shapes.png with the tip deflection, energies.png, spectrum.png.
 
     Args:
-        trajectory: a run. folder: is made where it is not there. reference: as for `plot_trajectory`.
+        trajectory: a run. folder: created if missing. reference: as for `plot_trajectory`.
         ending: png, pdf or svg.
     Returns:
-        The paths; without the spectrum where too few samples follow the last kink.
+        The paths, without the spectrum if too few samples follow the last kink.
     """
     home = Path(folder)
     paths = [
@@ -379,8 +381,8 @@ def _peaks(amplitude: Array) -> list[int]:
 def plot_campbell(found: Campbell, path: str | os.PathLike[str], title: str = "") -> Path:
     """Plot frequencies over spin, with the line of one vibration per turn; returns `path`.
 
-    Forward and backward whirl as seen from rest; where some motion is neither (an arm that is no body of revolution),
-    all as an observer sees them who turns with the arm. Spins at which something grows have a mark at the foot.
+    Whirl frequencies are those in the fixed frame. If some motion is neither forward nor backward whirl (the arm is not
+    a body of revolution), all frequencies are in the rotating frame. Unstable spins are marked at the bottom.
     """
     spins, rests = np.abs(found.spins), np.isfinite(found.at_rest).all()
     values = np.abs(found.at_rest if rests else found.frequencies)

@@ -1,4 +1,4 @@
-"""The house's style of figures, and what several kinds of them have in common."""
+"""Common style and elements of all figures."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ _STYLE: Any = {
 def styled_figure(path: str | os.PathLike[str], width: float, height: float, title: str = "") -> Iterator[Figure]:
     """Open a styled figure, width by height inches, in a `with` block; it is written to `path` at the end.
 
-    Raises ValueError for a path whose ending is of no picture.
+    Raises ValueError for a path without a picture's ending.
     """
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(width, height), layout="constrained")

@@ -82,7 +82,7 @@ class Session:
 
     Args:
         env: single environment of this package whose actions are torques. limits: see `Limits`. key: shared secret;
-            None: unsigned packets. hold: action of the watchdog, "zero" torque or "angles" held by PD. seed: of resets.
+            None: unsigned packets. hold: watchdog's action, "zero" torque or "angles" held by PD. seed: of the resets.
     Attributes:
         row: last period: time (s) and readings at its start, and the torques applied in it. counts: packets by
             `Refusal` and by "accepted", "challenged", "busy", "missing" (gaps in the peer's sequence numbers).

@@ -122,7 +122,7 @@ def _period(lane, d, g, block, bars, tape):
     w, bar = unpack(lane, model, block, 0), unpack(lane, model, bars, 0)
     par, poses, record, action, seen, info, saved, _ = sections(layout, block)
     par_bar, poses_bar, record_bar, action_bar, seen_bar, reward_bar, _, _ = sections(layout, bars)
-    # forward pass: the reverse pass needs the state at the end of each step, so each goes onto the tape
+    # forward: q, v, a at each step's end go onto the tape, since its matrix and residual are needed backwards
     fill(lane, d, d.places, layout, g, block)
     save_lanes(w, record, saved)
     command_motors(lane, p, model, par, poses, record, action, w)
@@ -130,7 +130,7 @@ def _period(lane, d, g, block, bars, tape):
     start = tape[p.n_steps * length :]
     for s in range(p.n_steps):
         _turn(lane, model, p.task, p.actuator, s, record, w, tape[s * length :])
-        # the jump's state, matrix, accelerations and torques before it are stored behind those of the steps
+        # a jump of a by u - u_0: its state, S, a and u_0 before it go behind the ends of all steps
         if may_jump_before_step(p.actuator, s):
             jump_with_torques(lane, p, model, par, s, record, saved, block, w, (0,))
             write_parts(_of_step(lane, model, p.task, w), start[s * (length + more) :])
@@ -141,7 +141,7 @@ def _period(lane, d, g, block, bars, tape):
             foreseen = accumulated_increment(lane, w)[1]
             local_difference(lane, model, w.q0, foreseen, foreseen)
         write_parts(_of_step(lane, model, p.task, w), tape[s * length :])
-    # cotangents of the outcome, through observation, reward and poses to the state at the period's end
+    # cotangents of observation and reward, through poses (inertial axes), to q, v, a at the period's end
     for i in range(lane_count(lane)):
         if g * lane_count(lane) + i < d.n:
             d.failed[g * lane_count(lane) + i] = np.uint8(w.flag[i])
@@ -152,7 +152,7 @@ def _period(lane, d, g, block, bars, tape):
     # cotangents of rotation vectors become those of body-axes increments
     if model.newton.rotations is not None:
         tangent_map(lane, model, w.q, True, bar.q)
-    # reverse pass through steps, jumps and motors
+    # steps, jumps and motors from the last to the first, because a cotangent needs the state that it belongs to
     slopes = newmark_slopes(p.scheme, p.h)
     for s in range(p.n_steps - 1, -1, -1):
         read_parts(_of_step(lane, model, p.task, w), tape[s * length :])
@@ -163,10 +163,10 @@ def _period(lane, d, g, block, bars, tape):
             read_parts(_of_jump(w), start[s * (length + more) + length :])
             _vjp_torques_jump(lane, p, par, par_bar, s, record, saved, block, w, bar)
         _vjp_turn(lane, model, p.task, p.actuator, s, record, record_bar, w, bar, tape[s * length :])
-    # and back to those of rotation vectors
+    # back to cotangents of rotation vectors: T^T, the inverse of the map above
     if model.newton.rotations is not None:
         tangent_map(lane, model, w.q, False, bar.q)
-    # commands
+    # commands in the record come from the actions, and through a PD controller from q and v
     if p.actuator is not None:
         _vjp_commands(lane, p.task, p.actuator, record, w, record_bar, bar)
     _vjp_command(
@@ -177,7 +177,6 @@ def _period(lane, d, g, block, bars, tape):
     _read_off(lane, d, g, bars)
 
 
-# --- where torques jump -------------------------------------------------------------------------------
 @kernel
 def _vjp_torques_jump(lane, p, par, par_bar, s, record, saved, block, w, bar):
     """Apply the reverse derivative of `motors.jump_with_torques`: cotangents in `bar` from after the jump to before it.
@@ -216,7 +215,6 @@ def _vjp_switch(lane, p, par, par_bar, s, record, saved, block, w, bar):
         vjp_restart(lane, p.model, par, par_bar, w, bar, first, p.h)
 
 
-# --- what is kept of each step ----------------------------------------------------------------------
 @kernel
 def _length(model, task):
     """Return how many numbers are stored per step: q, v, a, increment of q, torques, motor torques before it."""
@@ -255,7 +253,6 @@ def _of_jump(w):
     return w.S, w.a0, w.u0
 
 
-# --- motors -----------------------------------------------------------------------------------------
 @kernel
 def _turn(lane, model, task, actuator, s, record, w, tape):
     """Update the motors' torques for step s, after storing those before it in the step's part of the tape.
@@ -282,14 +279,13 @@ def _vjp_turn(lane, model, task, actuator, s, record, record_bar, w, bar, tape):
         torques = record[motors_at(task, actuator).torque * len(lane) :]
         copy_rows(lane, size(task.links), tape[_last(model, task) * len(lane) :], torques)
         _vjp_motors(lane, task, actuator, s, record, w, record_bar, bar)
-        # u0 was a copy of u
+        # u_0 was a copy of u: its cotangent adds to that of the u before
         if s > 0:
             for k in range(size(model.n_inputs)):
                 store(bar.u, k, load(lane, bar.u, k) + load(lane, bar.u0, k))
                 store(bar.u0, k, splat(lane, 0.0))
 
 
-# --- rows -------------------------------------------------------------------------------------------
 @kernel
 def _seed(lane, d, g, bars):
     """Set the cotangent block of group g: 0, and the cotangents of final state, observation and reward.

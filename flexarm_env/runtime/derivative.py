@@ -141,14 +141,14 @@ def _columns(d, first, last, moves):
     """
     p, block = d.program, d.scratch[first * d.both.row : (first + 1) * d.both.row]
     for g in range(first, last):
-        # fixed steps
+        # fixed steps: all arms have one model
         if p.models is None or moves is None:
             _all_columns(d, p.model, 1, -1, g, block, moves)
             write_outcome(d.dual, d, d.twice, d.both, g, block)
         else:
-            # fitted steps: the number of steps is not differentiated
+            # values first, because each arm's k is known only then; the number of steps is not differentiated
             _values_of(d, first, g, moves)
-            # columns of the arms that took k halvings, from the model of k halvings
+            # the model of k halvings, because the inertia M* (5.3) depends on h
             for k in range(FITS):
                 if _taken(d, k, g):
                     _all_columns(d, p.models[k], 2**k, k, g, block, moves)
@@ -173,7 +173,7 @@ def _all_columns(d, model, parts, level, g, block, moves):
     if d.guide is None:
         _some_columns(d, model, parts, level, g, 0, d.columns, block, moves, False)
     else:
-        # guided arms: any change of a torque is a kink, so that columns of actions need a start anew
+        # guided arms: any change of a torque is a kink, so that columns of actions start anew (a jump of a)
         _some_columns(d, model, parts, level, g, d.moving, d.columns, block, moves, True)
         _some_columns(d, model, parts, level, g, 0, d.moving, block, moves, False)
 
@@ -187,7 +187,7 @@ def _some_columns(d, model, parts, level, g, begin, end, block, moves, anew):
     """
     for j in range(begin, end, at_once(d)):
         last, w = min(j + at_once(d), end), unpack(d.dual, model, block, 0)
-        # tangents 0 but for one entry a column, then the period, then the tangents of its outcome
+        # dx/dz_j: tangent 1 in entry j, 0 in all others; after the period the tangents of its outcome
         fill(d.dual, d, d.twice, d.both, g, block)
         seed(d.dual, d, j, last, block)
         _go(d.dual, d.program, d.guide, None, model, parts, d.both, block, w, moves, anew)
@@ -231,7 +231,7 @@ def fill(lane, d, places, layout, g, block):
     arm get the numbers of the group's first.
     """
     joints = size(d.program.task.links)
-    # numbers of the record that the state does not hold
+    # numbers of the record that the state does not contain are 0, so that a period depends on the state alone
     for k in range(layout.record, layout.action):
         block[k] = 0.0
     fill_rows(lane, d.n, g, places, d.state, block)
@@ -268,7 +268,7 @@ def _go(lane, p, guide, models, model, parts, layout, block, w, moves, anew):
     """
     if moves is not None:
         par, poses, record, action, _, _, saved, scratch = sections(layout, block)
-        # payload change, then the steps of the period
+        # m_p changes before the save, as in `episode._period`; then the steps
         if guide is None:
             change_payloads(lane, p, par, record, w)
             save_lanes(w, record, saved)
@@ -290,7 +290,7 @@ def close(lane, p, layout, block, w):
     move_targets(lane, p.reference, p.task, p.period, record)
     store(record, PERIODS, load(lane, record, PERIODS) + 1.0)
     see(lane, p, layout, block, w)
-    # stream None: readings have no noise
+    # stream None: readings without noise, because noise has no derivative
     for i in range(lane_count(lane)):
         measure(lane, p, None, i, poses, record, block[layout.seen : layout.info], False)
 

@@ -63,13 +63,13 @@ def open_account(lane, p, par, record: Lanes, w):
     # in, out   record.accounted, record.exchanged;  w and par where a payload changes
     """
     first = select_lt(record[PERIODS], 0.5, 1.0, 0.0)
-    # first period: E_0 and |E_0|
+    # first period: E_0, and X_0 = T + U + |V_g|, to which the periods' work adds
     if max_over_lanes(first) > 0.5:
         held, gravity = _energies(lane, p.model, par, w.q, w.v)
         store_where(lane, first, record, ACCOUNTED, held + gravity, record[ACCOUNTED])
         store_where(lane, first, record, EXCHANGED, held + absolute(gravity), record[EXCHANGED])
     if p.payload_change is not None:
-        # J: a payload change changes the energy without work; the balance must not count it as an error
+        # a payload change changes E without work: its gain (J) counts as W, otherwise the balance would end the episode
         if _changes(lane, record, w):
             before, height = _energies(lane, p.model, par, w.q, w.v)
             change_payloads(lane, p, par, record, w)
@@ -122,7 +122,7 @@ def close_step(lane, p, model, par, record, w: Work, start: Lanes):
     record.accounted, its absolute value to record.exchanged. No-op if the balance of energy is not checked (p.watched).
     """
     if p.watched is not None:
-        # w.y <- joint angles at the end of the step
+        # W += u (y - y_0), J: y are joint angles, or a geared motor's angle (rad), at the step's end
         input_displacements(lane, model, par, w.q, w.y)
         work = 0.0
         for k in range(size(p.task.links)):
@@ -140,7 +140,7 @@ def _may_be_unbalanced(lane, p, w: Work, allowed):
     other than the elastica have no estimate: True. (A period of the elastica costs no more than twelve evaluations of
     its energy.)
     """
-    # no estimate: the formulation is not the elastica
+    # the elastica alone has an estimate of T, from sum v^2 of its angles; all others evaluate E
     if p.model.newton.resolved is None:
         return True
     square = 0.0
@@ -162,7 +162,7 @@ def close_account(lane, p, par, record: Lanes, saved: Lanes, w: Work):
     """
     model, live = p.model, _is_sound(lane, w)
     start, first = saved[: size(model.n)], 0 if p.actuator is None else size(p.task.links)
-    # W of the period
+    # W of the period: sum of u (y - y_0), J
     if first < size(model.n_inputs):
         input_displacements(lane, model, par, start, w.y0)
         input_displacements(lane, model, par, w.q, w.y, (start, w.y0))
@@ -170,7 +170,7 @@ def close_account(lane, p, par, record: Lanes, saved: Lanes, w: Work):
         for i in range(first, size(model.n_inputs)):
             work = work + w.u[i] * (w.y[i] - w.y0[i])
         _add_work(lane, record, live, work)
-    # allowed energy beside that of gravity; the energy itself is evaluated only where it may be larger
+    # allowed energy without V_g: E itself is evaluated only where it may be larger, because that costs a sweep
     floor = 0.0
     for k in range(size(p.task.links)):
         floor = floor + p.task.torque_limits[k]
@@ -184,7 +184,7 @@ def close_account(lane, p, par, record: Lanes, saved: Lanes, w: Work):
 
 
 @kernel
-def inertia_per_rate(lane, model, par, q, v):
+def inertia_per_rate(lane, model, par, q, v: Lanes):
     """Return the inertia (kg m^2) of the arm turning as a whole at q, divided by the number of rates that are 1 in v.
 
     q: coordinates (m, rad). v: rates of a rigid rotation at 1 rad/s, each 0 or 1. The result is 2 T / sum v with

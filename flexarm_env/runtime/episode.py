@@ -100,23 +100,23 @@ def _period(lane, p, g, block, w):
     """
     par, poses, record, action, seen, info, saved, scratch = sections(p.layout, block)
     outcome = stack(lane, OUTCOME)
-    # inputs; draws and payload changes come before the save, so that a repeated period does not draw again
+    # draws and payload changes come before the save, so that a repeated period does not draw again
     read_actions(lane, p, g, action, record, w.flag)
     open_account(lane, p, par, record, w)
     draw_pushes(lane, p, g, record, w)
     open_contacts(lane, p.model, w)
     save_lanes(w, record, saved)
-    # mechanics: advance the state by the period, then check the balance of energy
+    # q, v, a a period later; then E - E_0 - W against its bound
     move(lane, p, p.models, p.model, 1, par, poses, record, action, saved, scratch, block, w)
     close_account(lane, p, par, record, saved, w)
     task_poses(lane, p.model, par, w.q, w.v, poses)
-    # task: targets, observation, reward
+    # targets move before the observation, which shows the target that the next action is for
     move_targets(lane, p.reference, p.task, p.period, record)
     observe_state(lane, p, False, poses, record, seen)
     observe_material(lane, p, par, record, w, seen)
     live = find_sound(lane, p.entries, w.flag, seen)
     reward(lane, p, live, poses, action, record, info, outcome)
-    # info, and the rows that the caller reads
+    # info comes last, because clearance and energies are those of the final state
     record_clearance(lane, p, g, w.q, live, info)
     put_contacts(lane, p, w, live, info)
     record_period(lane, p, par, record, scratch, w, live, info, outcome)
@@ -149,7 +149,6 @@ def read_actions(lane, p, g, action, record, flag):
         flag[i] = code
 
 
-# --- observation and reward ----------------------------------------------------------------------------
 @kernel
 def observe_state(lane, p, first, poses, record, seen):
     """Write the true observation, without strain gauges, into `seen`: each entry over its scale, clipped to +-10.
@@ -204,7 +203,6 @@ def reward(lane, p, live, poses, action, record, info, outcome: Lanes):
     outcome[1] = past
 
 
-# --- info ----------------------------------------------------------------------------------------------
 @kernel
 def record_period(lane, p, par, record, scratch, w, live, info, outcome):
     """Write the period's info where live > 1/2, except success and reward terms, which `reward` writes.
@@ -238,7 +236,7 @@ def record_torques(lane, p, par, record: Lanes, w: Work, live, info):
     emf = None
     if p.amplifier is not None:
         emf = p.amplifier.emf
-    # w.y <- joint rates, rad/s: displacements are linear in the coordinates
+    # w.y <- B^T v, the joint rates (rad/s), because displacements are linear in q
     if emf is not None:
         input_displacements(lane, p.model, par, w.v, w.y)
     for k in range(n):
@@ -269,7 +267,7 @@ def record_energies(lane, p, par, w: Work, live, info):
         put_info(lane, live, info, at.dissipated, w.books[DISSIPATED] + w.books[BEYOND])
         put_info(lane, live, info, at.work, w.books[WORK_DONE])
         n, motors = size(p.task.links), info_of(p.task).motors
-        # input displacements of q are angles, of v their rates
+        # B^T q are joint angles (rad), B^T v their rates (rad/s)
         for rates in range(2):
             input_displacements(lane, p.model, par, w.v if rates else w.q, w.y)
             for k in range(n):
@@ -279,14 +277,13 @@ def record_energies(lane, p, par, w: Work, live, info):
 @kernel
 def copy_info(lane, p, g, info: Lanes):
     """Copy the info of group g from lanes into p.table (INFO, groups, lanes), which the caller reads entry by entry."""
-    # entry 0 of group g; the next entry of the same group is `groups` rows of lanes further on
+    # entry k of group g is k `groups` rows of lanes after entry 0: the table has arms as columns
     column: Lanes = p.table[g * len(lane) :]
     groups = p.block.shape[0] // p.layout.row
     for k in range(info.shape[0]):
         column[k * groups] = info[k]
 
 
-# --- the end of a period, arm by arm -------------------------------------------------------------------
 @kernel
 def finish(lane, p, g, w, poses, record, seen, info, saved, outcome):
     """Write the results of group g that the caller reads; return how many of its arms need the caller.
@@ -302,10 +299,10 @@ def finish(lane, p, g, w, poses, record, seen, info, saved, outcome):
         if arm >= p.n:
             continue
         mode, reason = record[MODE * lanes + i], w.flag[i]
-        # moved, with a result that counts
+        # this arm moved and its result counts; in lanes a Newton failure is repeated alone, where steps can be halved
         if mode == RUNNING and not (reason == NEWTON_FAILED and lanes > 1):
             if reason == ACTION_NOT_FINITE:
-                # not moved, or to be repeated: the state is that of the start of the period
+                # not moved, or to be repeated: back to q, v, a at the period's start
                 restore_lane(lanes, i, w, saved, record)
             count += finish_arm(lane, p, arm, outcome, reason, poses, record, seen, info)
             continue
@@ -313,7 +310,7 @@ def finish(lane, p, g, w, poses, record, seen, info, saved, outcome):
         if mode == RUNNING:
             info[reason_at + i] = float(RETRY)
             count += 1
-        # the step after an episode's end only resets (Gymnasium's next-step autoreset)
+        # the step after an episode's end only resets, as Gymnasium's next-step autoreset prescribes
         elif mode == FRESH:
             record[MODE * lanes + i] = float(RUNNING)
         elif mode == GUIDED:
@@ -338,7 +335,7 @@ def finish_arm(lane, p, arm, outcome, reason, poses, record, seen, info):
     if reason == OK and outcome[lanes + i] > 0.5:
         reason = float(JOINT_LIMIT)
     n_terms, at = size(task.terms), info_of(task)
-    # the arm moved: its observation passes the sensors; otherwise the last observation and no reward
+    # the sensors read only an arm that moved; otherwise the last observation stays and the reward is 0
     if reason == OK or reason == JOINT_LIMIT:
         write_observation(lane, p, arm, poses, record, seen, False)
         draw_lateness(p.actuator, p.stream, arm, record, lanes)
@@ -349,13 +346,13 @@ def finish_arm(lane, p, arm, outcome, reason, poses, record, seen, info):
         total = 0.0
     if reason == OUT_OF_RANGE:
         info[at.in_range * lanes + i] = 0.0
-    # last reward term: failure
+    # the last term is the failure's: minus its weight in the period in which the arm fails, otherwise 0
     lost = 0.0
     if reason != OK:
         lost = -task.weights[n_terms - 1]
     info[(at.terms + n_terms - 1) * lanes + i] = lost
     info[at.reason * lanes + i] = reason
-    # truncation after the periods allowed
+    # truncated once periods >= periods_allowed; an arm that fails in that period is terminated as well
     steps = record[PERIODS * lanes + i] + 1.0
     record[PERIODS * lanes + i] = steps
     over = steps > record[PERIODS_ALLOWED * lanes + i] - 0.5

@@ -40,7 +40,6 @@ def _axes(task):
     return 2 + size(task.targets) // 3
 
 
-# --- at the start of an episode ------------------------------------------------------------------------
 @kernel
 def draw_events(lanes, p, arm, par, record, info):
     """Draw the payload change and the first push of an arm's episode into its record; info.payload <- its mass, kg.
@@ -68,21 +67,20 @@ def _draw_push(pushes, stream, arm, record, lanes, axes):
     A push that would begin after pushes.until never comes (first = inf). lanes: lanes of a group.
     """
     i = arm % lanes
-    # start, a whole period; as many draws for a push that never comes
+    # period of the push; it is drawn in every case, so that the stream does not depend on the settings
     first = record[PERIODS * lanes + i] + math.floor(draw(stream, arm, pushes.wait, 0) + 0.5)
     force, angle = draw(stream, arm, pushes.force, 0), 2.0 * math.pi * uniform(stream, arm)
     if first > pushes.until:
         first = math.inf
     record[(PUSHED + _PUSH.first) * lanes + i] = first
     record[(PUSHED + _PUSH.over) * lanes + i] = first + pushes.lasting
-    # direction: uniform on the circle or on the sphere
+    # force times a unit vector, uniform on the circle (height 0) or the sphere (height uniform); inertial axes
     height = 2.0 * uniform(stream, arm) - 1.0 if axes == 3 else 0.0
     level, at = force * math.sqrt(1.0 - height * height), (PUSHED + _PUSH.force) * lanes + i
     record[at], record[at + lanes] = level * math.cos(angle), level * math.sin(angle)
     record[at + 2 * lanes] = force * height
 
 
-# --- at the start of a control period ------------------------------------------------------------------
 @kernel
 def draw_pushes(lane, p, g, record, w):
     """Draw the next push of each arm of group g that is to be moved and whose last push is over; no-op without pushes.
@@ -110,7 +108,8 @@ def change_payloads(lane, p, par: Lanes, record, w):
         live[0] = 0.0
         new[0] = par[PAYLOAD_MASS]
         new[1] = par[PAYLOAD_INERTIA]
-        # new: payload mass and inertia for all lanes, changed in those that are due
+        # m_p and J_p of all lanes at once: the jump of accelerations is solved in lanes; old values where no change is
+        # due
         for i in range(lane_count(lane)):
             if w.flag[i] == OK and record[CHANGE * lanes + i] == record[PERIODS * lanes + i]:
                 factor = record[(CHANGE + 1) * lanes + i]
@@ -138,7 +137,6 @@ def set_pushes(lane, p, record, w):
                 w.u[(first + d) * lanes + i] = record[(PUSHED + _PUSH.force + d) * lanes + i] if on else 0.0
 
 
-# --- at its end ----------------------------------------------------------------------------------------
 @kernel
 def record_events(lane, p, par: Lanes, record: Lanes, w: Work, live, info: Lanes, outcome: Lanes):
     """Write the period's cost, payload mass (kg) and push (N) into info where live > 1/2, and price the cost.
@@ -151,7 +149,7 @@ def record_events(lane, p, par: Lanes, record: Lanes, w: Work, live, info: Lanes
         at, first = info_of(p.task).further, size(p.task.links)
         if p.cost is not None or p.keep_out is not None:
             passed = _cost(lane, p, w.q, info)
-            # clearance below the margin costs as well
+            # cost 1 where clearance (m) < margin as well
             if p.keep_out is not None:
                 close = info[at + FURTHER.clearance]
                 passed = select_lt(close, p.keep_out.margin, 1.0, passed)
@@ -160,7 +158,7 @@ def record_events(lane, p, par: Lanes, record: Lanes, w: Work, live, info: Lanes
             store_where(lane, live, record, COST, before + cost, before)
             info[at + FURTHER.cost] = cost
             put_info(lane, live, info, at + FURTHER.episode_cost, before + cost)
-            # reward term of the cost
+            # reward -= price * cost
             if p.task.charged is not None:
                 k = size(p.task.terms) - 2 - min(size(p.task.acted), 1)  # before change, if any, and failure
                 outcome[0] += reward_term(lane, p.task, live, info, k, -cost)
@@ -180,7 +178,7 @@ def _cost(lane, p, q, info: Lanes):
     """
     most, task, cost = 0.0, p.task, p.cost
     if cost is not None:
-        # deflection of each link over its limit
+        # |deflection| / L of each link over its limit; cost 1 where any ratio is above 1
         if cost.deflection is not None:
             at, links = info_of(task).deflection, size(task.links)
             for k in range(links):
@@ -189,7 +187,7 @@ def _cost(lane, p, q, info: Lanes):
                     across = info[at + links + k]
                     bend = square_root(bend * bend + across * across)
                 most = maximum(most, bend / cost.deflection[k])
-        # strain at each station over its limit
+        # |strain| at each station over its limit, a gauge row divided by it
         if cost.strain is not None:
             n, planes = size(p.model.n), 1 + size(task.targets) // 3
             for g in range(0, cost.strain.shape[0] // n, planes):

@@ -64,7 +64,7 @@ def _fit(lane, p, models, par, poses, record: Lanes, action, saved, scratch, blo
     """
     links, level = size(p.task.links), record[LEVEL : LEVEL + 1]
     open_fit(lane, links, level, record, saved, scratch, w)
-    # runs that no arm asks for are left out
+    # a run of k halvings is left out where no lane needs it
     for k in range(FITS):
         if start_run(lane, k, saved, scratch, record, w):
             take_steps(lane, p, models[k], 2**k, par, poses, record, action, saved, block, w)
@@ -106,9 +106,9 @@ def open_fit(lane, links, level, record, saved, scratch, w):
     """
     for i in range(len(lane)):
         scratch[_FLAG * len(lane) + i] = w.flag[i]
-        # at least one halving is kept: the error needs a pair
+        # k_0 >= 1: e_k (6.4) compares two runs
         scratch[_FINE * len(lane) + i] = max(1.0, level[i]) if w.flag[i] == OK else -1.0
-    # arms that take no part keep their present state as result
+    # lanes that take no part keep their state: their result is saved here
     save_lanes(w, record, _result(lane, links, saved, scratch))
 
 
@@ -175,13 +175,13 @@ def _compare(lanes, i, k, links, allowed, period, poses, record, scratch, result
     fine, flag = scratch[_FINE * lanes + i], w.flag[i]
     if fine != k and fine != k + 1:
         return
-    # a Newton failure in lanes ends the fit: the arm will be repeated alone
+    # a Newton failure in lanes ends the fit, because the arm is repeated alone, where steps can be halved
     lost = flag == NEWTON_FAILED and lanes > 1
-    # error of the finer run, m; infinite for a coarse or failed run
+    # e_k L (m) of the finer run (6.4); infinite for a coarse or failed run
     error = math.inf
     if fine == k and flag == OK:
         error = _apart(lanes, i, links, period, poses, scratch)
-    # keep the run if its error is allowed, or if there are no shorter steps
+    # kept: e_k <= epsilon, or k = FITS - 1, the shortest steps
     if lost or (fine == k and (error <= allowed or k == FITS - 1)):
         scratch[_FLAG * lanes + i], scratch[_FINE * lanes + i], scratch[TAKEN * lanes + i] = flag, -1.0, float(k)
         scratch[APART * lanes + i] = error
@@ -189,7 +189,7 @@ def _compare(lanes, i, k, links, allowed, period, poses, record, scratch, result
             level[i] = k - 1.0 if error < LOWER * allowed else float(k)
         save_lane(lanes, i, w, record, result)
         return
-    # otherwise its tips are the coarser ones of the next pair; nan after a failure, which makes the next error infinite
+    # r and r' of the tips become those of k - 1 for the next pair; nan after a failure, so that its e_k is infinite
     for j in range(links):
         for c in range(2):
             at = (_TIPS + 4 * j + c) * lanes + i
@@ -213,7 +213,7 @@ def _apart(lanes, i, links, period, poses, scratch):
             at = (_TIPS + 4 * j + c) * lanes + i
             way = abs(poses[(POSE.end * j + POSE.tip_x + c) * lanes + i] - scratch[at])
             way += period * abs(poses[(POSE.end * j + POSE.tip_vx + c) * lanes + i] - scratch[at + 2 * lanes])
-            # negated comparison: nan counts as infinite
+            # `not <=`: nan counts as infinite
             if not way <= most:
                 most = way if math.isfinite(way) else math.inf
     return most

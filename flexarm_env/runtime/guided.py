@@ -50,25 +50,25 @@ def follow_motions(lane, guide, p, model, par, record: Lanes, action, w: Work, a
     drive, periods = guide.drive, without_tangents(record[PERIODS])
     x: Work = unpack(lane, model, guide.room, guide.motions)
     stretch, end = stack(_ONE, _STRETCH), stack(_ONE, _ONE)
-    # the state moves to a work array of its own, which has rows for motions
+    # a work array of its own, because the arm's own one has no rows for prescribed motions (psi, reactions)
     _copy_state(lane, model, w, x)
     copy_rows(lane, size(model.n_inputs), x.u, x.u0)
     _drop_known_tangents(lane, drive, x)
     x.flag[0] = float(OK)
-    # time from the number of periods; an instant within round-off of a kink is the kink
+    # t = periods times period, not a sum; within round-off of a kink it is the kink
     t, kinked = _landed(guide.kinks, min(periods * p.period, guide.duration))
     side = 1e-6 * guide.longest
-    # motions as they are before t (after t at the start)
+    # psi as it is before t, so that a jump of motions at t is seen as one; at the start after t
     set_motions(lane, drive, x.psi, t, t - side if periods > 0.5 else t + side)
     for k in range(_AT.end):
         stretch[k] = 0.0
-    # one interval, from t to the end of the period or of the motions
+    # one interval from t to the end of the period, or of the motions if that comes first
     stretch[_AT.time], stretch[_AT.longest], end[0] = t, guide.longest, min((periods + 1.0) * p.period, guide.duration)
-    # a kink at t: jump of loads and motions; then the jump of the torques
+    # a kink at t: v, a jump with loads and motions first, then a with the torques
     if kinked and periods > 0.5:
         stretch[_AT.starts] = AT_KINK
         start_consistently(lane, model, drive, par, x, stretch)
-    if _set_torques(lane, guide, p.task, model, action, x, anew):
+    if _set_torques(lane, guide, p.task, action, x, anew):
         stretch[_AT.starts] = AT_KINK
     sample_rows(
         lane, model, drive, par, guide.room, guide.motions, size(p.task.links), stretch, end, guide.kinks, guide.chunk,
@@ -109,7 +109,7 @@ def _drop_known_tangents(lane, drive, x):
 
 
 @kernel
-def _set_torques(lane, guide, task, model, action: Lanes, x, anew):
+def _set_torques(lane, guide, task, action: Lanes, x, anew):
     """Set x.u to the joint torques (N m) that the action commands, where guide.takes is 1; return whether one changed.
 
     Torque = action (joints, lanes), in [-1, 1], times task.torque_limits. Entries of joints that are not free

@@ -76,7 +76,7 @@ def _period(lane, d, g, chunks, block, scratch, w):
     """
     p, layout, model = d.program, d.plain, d.program.model
     par, poses, record, action, _, _, saved, _ = sections(layout, block)
-    # values: start of the period, commands
+    # values in plain lanes, because all columns share them: state at the start, commands
     fill(lane, d, d.places, layout, g, block)
     change_payloads(lane, p, par, record, w)
     save_lanes(w, record, saved)
@@ -84,18 +84,18 @@ def _period(lane, d, g, chunks, block, scratch, w):
     for c in range(chunks):
         _open(d, g, c, scratch)
     slopes = newmark_slopes(p.scheme, p.h)
-    # each step: motors, jump, step; then its tangents from the factored matrix at its end
+    # motors, jump, step in plain lanes; then d(q, v, a, b) from the S that the step has factored at its end
     for s in range(p.n_steps):
         _turn(lane, d, s, chunks, record, scratch, w)
         if may_jump_before_step(p.actuator, s):
             _jump(lane, d, chunks, par, s, record, saved, block, scratch, w)
         advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
         factor_step_end(lane, model, par, w, slopes)
-        # tangents of q, v, a, b from the step's start to its end
+        # d(q, v, a, b) of the step's end by those of its start: -S^-1 dr, column by column
         for c in range(chunks):
             both, x = _chunk(d, c, scratch)
             step_tangents(lane, d.dual, model, _parameters(d, both), w, x, slopes, p.scheme, d.passes)
-    # outcome
+    # tangents of observation and reward by those of q, v, a at the period's end
     for c in range(chunks):
         _close(lane, d, g, c, scratch, w)
     close(lane, p, layout, block, w)
@@ -112,7 +112,7 @@ def _turn(lane, d, s, chunks, record, scratch, w):
     """
     actuator = d.program.actuator
     if actuator is not None:
-        # inputs before the step, for the jump
+        # u_0 <- u before the step: the jump of a is by u - u_0
         if s > 0:
             copy_rows(lane, size(d.program.model.n_inputs), w.u, w.u0)
         update_motor_torques(lane, d.program.task, actuator, s, record, w)
@@ -145,7 +145,7 @@ def _close(lane, d, g, c, scratch, w):
     w: state at the end of the period in plain lanes. The chunk's tangents are in its dual block.
     """
     both, x = _chunk(d, c, scratch)
-    # values of the state at the period's end come from the plain lanes
+    # values from the plain lanes, so that they have the bits of a step without derivatives
     copy_state(lane, d.dual, d.program.model, w, x)
     close(d.dual, d.program, d.both, both, x)
     take_columns(d.dual, d, -1, g, c * at_once(d), min((c + 1) * at_once(d), d.columns), both)
@@ -178,7 +178,7 @@ def _afresh(lane, d, chunks, par, block, scratch, w):
     for c in range(chunks):
         both, x = _chunk(d, c, scratch)
         restart_tangents(lane, d.dual, model, _parameters(d, both), w, x)
-        # x.r holds the solution with its tangents
+        # x.r: a with its tangents, solved from rest; b = a
         copy_rows(d.dual, size(model.n), x.r, x.a)
         copy_rows(d.dual, size(model.n), x.r, x.b)
 
@@ -216,7 +216,7 @@ def _stiff(lane, d, chunks, par, s, record, saved, block, scratch, w):
     for c in range(chunks):
         both, x = _chunk(d, c, scratch)
         if max_over_lanes(first) > 0.5:
-            _start_tangents(lane, d, model, p, both, w, x)
+            _start_tangents(lane, d, model, both, w, x)
         before_switch(lane, d.dual, model, _parameters(d, both), w, x)
     jump_accelerations(lane, model, par, block, 0, p.h, None)
     for c in range(chunks):
@@ -225,7 +225,7 @@ def _stiff(lane, d, chunks, par, s, record, saved, block, scratch, w):
 
 
 @kernel
-def _start_tangents(lane, d, model, p, both, w, x):
+def _start_tangents(lane, d, model, both, w, x):
     """Set the tangents of accelerations and inputs in lanes where an episode begins; other lanes keep theirs.
 
     both, x: a dual block and its work array. x.v0 is scratch.

@@ -48,7 +48,7 @@ def clearance(keep_out, model, g, lanes, i, q):
     intervals between centerline points; keep_out.rows, points: tag of n numbers, and scratch for the points.
     """
     mine, points = stack(_ONE, keep_out.rows), keep_out.points[g]
-    # coordinates of this arm without lanes, then its centerline
+    # q of this arm without lanes, because `centerline` is compiled for one arm
     for k in range(size(model.n)):
         mine[k] = q[k * lanes + i]
     count = centerline(model, mine, points)
@@ -61,7 +61,7 @@ def clearance(keep_out, model, g, lanes, i, q):
         if points.shape[1] > 2:
             z = points[j, 2]
             dz = z - points[j - 1, 2]
-        # subdivide the interval from point j back to point j - 1
+        # points between j and j - 1, at most SPACING L apart, so that no shape slips between two
         for part in range(keep_out.parts[j]):
             back = part / keep_out.parts[j]
             for s in range(keep_out.shapes.shape[0] // OBSTACLE.places.end):

@@ -129,7 +129,7 @@ def read(lane, laws, room, c, memory, base, stream, arm, value, first):
     """
     i, o, at = arm % lane_count(lane), c * _LAW.end, channel_of(base, room, c)
     since, late, share, bow = laws[o + _LAW.every], int(laws[o + _LAW.late]), laws[o + _LAW.share], o + _LAW.bow
-    # start: the filter is at rest at `value`
+    # start: the filter is at rest, y = value, y' = 0
     if first:
         _remember(lane, laws, room, o, at, memory, stream, arm, value)
         here = load_lane(lane, memory, at.output, i)
@@ -143,7 +143,7 @@ def read(lane, laws, room, c, memory, base, stream, arm, value, first):
         store_lane(lane, memory, at.slope, i, laws[o + _LAW.own + 2] * y + laws[o + _LAW.own + 3] * s + held)
         since = memory[at.since * len(lane) + i] + 1.0
         here = load_lane(lane, memory, at.output, i)
-        # fractional delay: straight line between outputs plus the bow of the filtered line
+        # y(t - share) = y + share (y_0 - y) + bow, because the filtered line is not straight
         if share > 0.0:
             here = here + (y - here) * share
             here = here + (laws[bow] * y + laws[bow + 1] * s + laws[bow + 2] * u + laws[bow + 3] * value)
@@ -156,7 +156,7 @@ def read(lane, laws, room, c, memory, base, stream, arm, value, first):
         store_lane(lane, memory, at.past + k, i, load_lane(lane, memory, at.past + k - 1, i))
     if room > 0:
         store_lane(lane, memory, at.past, i, now)
-    # a reading is taken every `every` periods and held between: gain, bias, noise, rounding
+    # y = gain x + bias + noise, rounded, every `every` periods; held between
     if since > laws[o + _LAW.every] - 0.5:
         here = here * load_lane(lane, memory, at.gain, i) + load_lane(lane, memory, at.bias, i)
         noise, quantum = laws[o + _LAW.noise], laws[o + _LAW.quantum]
@@ -253,13 +253,13 @@ def tip_acceleration(lane, memory, base, room, c, i, x, y, angle, vx, vy, rate, 
         norm = re * re + im * im
         fx, fy = (X * re + Y * im) / norm, (Y * re - X * im) / norm
         turn = angle - half - bow
-    # memory for the next period
+    # memory: place, velocity and angle, to which the next period's means refer
     store_lane(lane, memory, a.place, i, x)
     store_lane(lane, memory, b.place, i, y)
     store_lane(lane, memory, a.speed, i, vx)
     store_lane(lane, memory, b.speed, i, vy)
     store_lane(lane, memory, a.turn, i, angle)
     store_lane(lane, memory, b.turn, i, rate)
-    # take off the phase of the middle: components in the tip's own axes
+    # times e^(-i turn): from the middle's axes to the tip's own axes
     sine, cosine = sincos(turn)
     return cosine * fx + sine * fy, cosine * fy - sine * fx

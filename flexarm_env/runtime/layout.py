@@ -55,12 +55,12 @@ def layout_of(lanes: int, model: Any, task: Any, entries: int, extras: Any, fitt
     # the record is saved only where motors or a moving target change it within a period
     kept = 0 if extras.actuator is None and extras.reference is None else record
     saved = SAVED.offsets(0, size(model.n), size(model.n_inputs), 0, kept).end
-    # integrator's work array first, rounded up to a cache line of 8 numbers
+    # integrator's work array first, rounded up to 8 float64, a cache line: eight lanes of all that follows fill one
     first = -(-int(uncompiled(work_size)(lanes, model, 0)) // 8) * 8
     starts = [first]
     space = len(task.targets) == 3
     pose = SPACE_POSE.end if space else POSE.end
-    # par, poses, record, action, seen, info, saved, in the order of `Block`
+    # offsets of par, poses, record, action, seen, info, saved, in lanes
     for count in (parameters_of(model, space), pose * links + len(task.base), record, links, entries, info, saved):
         starts.append(starts[-1] + count * lanes)
     scratch = SCRATCH.offsets(0, links, saved).end * lanes if fitted else 0

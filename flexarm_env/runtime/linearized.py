@@ -91,7 +91,7 @@ def _read_off(lane, d, block, w):
     poses = block[(d.work + PARAMETERS) * len(lane) :]
     out = poses[POSE.end * links * len(lane) :]
     link_poses(lane, d.model, _par(lane, d, block), w.q, w.v, poses)
-    # deflections and their rates, then the tip
+    # outputs: deflections and their rates (m, m/s, link axes), then x, y of the tip (inertial axes)
     for k in range(links):
         normal, _, rate, _, _, _, _, _, _ = deflection(lane, poses, k)
         store(out, 2 * links + k, normal)
@@ -99,7 +99,7 @@ def _read_off(lane, d, block, w):
     tip = POSE.end * (links - 1) + POSE.tip_x
     store(out, 4 * links, load(lane, poses, tip))
     store(out, 4 * links + 1, load(lane, poses, tip + 1))
-    # input displacements of q are joint angles, of v their rates
+    # B^T q are joint angles (rad), B^T v their rates (rad/s)
     for rates in range(2):
         input_displacements(lane, d.model, _par(lane, d, block), w.v if rates else w.q, w.y)
         for k in range(links):
@@ -134,7 +134,7 @@ def _group(lane, wide, d, g, at_once):
     block = d.block
     w, par = unpack(lane, model, block, 0), _par(lane, d, block)
     columns, length = 2 * n + links, room(d.work * len(wide), len(wide), links)
-    # accelerations at the start
+    # a of the start: states are q and v alone, so that a follows from the equations
     _fill(lane, d, d.places, g, block, w)
     _read_off(lane, d, block, w)
     restart(lane, model, None, par, block, 0, 0.0, d.h, True)
@@ -149,7 +149,7 @@ def _group(lane, wide, d, g, at_once):
         for k in range(n):
             store(x.a, k, load(wide, x.r, k))
             store(x.b, k, load(wide, x.r, k))
-    # steps, and their tangents from the factored matrix at each step's end
+    # steps in plain lanes; d(q, v) from the factored S at each step's end
     slopes = newmark_slopes(d.scheme, d.h)
     for _ in range(d.n_steps):
         advance(lane, model, None, par, block, 0, 0.0, d.h, 1, d.scheme, None)
@@ -158,7 +158,7 @@ def _group(lane, wide, d, g, at_once):
             both = d.scratch[j // at_once * length : (j // at_once + 1) * length]
             x = unpack(wide, model, both, 0)
             step_tangents(lane, wide, model, _par(wide, d, both), w, x, slopes, d.scheme, 1)
-    # results
+    # rows of A, B or of a period's map: tangents of the columns j ... j + at_once
     for j in range(0, columns, at_once):
         both = d.scratch[j // at_once * length : (j // at_once + 1) * length]
         x = unpack(wide, model, both, 0)

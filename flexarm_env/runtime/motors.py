@@ -52,12 +52,12 @@ def _control(lane, task, controller, model, par, poses, record: Lanes, w: Work):
         task_poses(lane, model, par, w.q, w.v, poses)
     else:
         input_displacements(lane, model, par, w.q, w.y)
-    # proportional part
+    # k_p (goal - angle)
     for k in range(size(task.links)):
         angle = _joint(lane, task, poses, k, _ANGLE) if controller.motors is None else w.y[k]
         error = record[GOAL + k] - angle
         w.u[k] = w.u[k] * controller.share + error * controller.stiffness[k]
-    # damping part, then saturation
+    # - k_d rate; then the torque is clipped to its limits
     if controller.motors is not None:
         input_displacements(lane, model, par, w.v, w.y)
     for k in range(size(task.links)):
@@ -104,7 +104,7 @@ def command(lane, task, controller, amplifier, model, par, action: Lanes, poses,
     if amplifier is not None:
         _amplify(lane, task, amplifier, model, par, action, factor, w)
     else:
-        # torque as a share of the limit, with or without a PD controller
+        # u = action tau_max, plus the PD controller's share; times the drawn factor on torques
         for k in range(size(task.links)):
             w.u[k] = action[k] * task.torque_limits[k]
         if controller is not None:
@@ -124,13 +124,13 @@ def take_steps(lane, p, model, parts, par, poses, record, action, saved, block, 
     # scratch   poses
     """
     command_motors(lane, p, model, par, poses, record, action, w)
-    # constant torques: one jump, then all steps at once
+    # u is constant in the period: a jumps once, then all steps in one call
     if p.actuator is None:
         jump_with_torques(lane, p, model, par, 0, record, saved, block, w)
         advance(lane, model, None, par, block, 0, 0.0, p.h / parts, p.n_steps * parts, p.scheme, p.books)
     else:
         start = stack(lane, p.task.links)
-        # torques of step s, the jump of accelerations that they cause, the step, and the motors' work in it
+        # u of step s, the jump of a that u - u_0 causes, the step, and the work u (y - y_0) in it
         for s in range(p.n_steps):
             if s > 0:
                 copy_rows(lane, size(model.n_inputs), w.u, w.u0)
@@ -187,7 +187,7 @@ def start_stiff(lane, p, model, par, s, record, saved: Lanes, block, w: Work):
     """
     n, first = size(model.n), is_starting(lane, s, record)
     if max_over_lanes(first) > 0.5:
-        # all lanes are solved; those that do not begin are then restored
+        # a of all lanes is solved; lanes that do not begin get theirs back
         restart(lane, model, None, par, block, 0, 0.0, p.h, True)
         for k in range(size(model.n_inputs)):
             store_where(lane, first, w.u0, k, w.u[k], w.u0[k])
@@ -250,10 +250,10 @@ def update_motor_torques(lane, task, actuator, s, record: Lanes, w: Work):
     """
     n, at = size(task.links), motors_at(task, actuator)
     share, mean = _lag(lane, task, actuator, record)
-    # row of the command that acts in step s
+    # row of the command that acts in step s: in the first `late` steps of a period that of the period before
     age = actuator.age + 1 if s < actuator.late else actuator.age
     for k in range(n):
-        # command that has arrived by step s without jitter
+        # command (N m) that acts without jitter
         asked = record[at.commands + age * n + k]
         if actuator.jitter is not None:
             _, period, oldest = actuator.jitter
@@ -263,7 +263,7 @@ def update_motor_torques(lane, task, actuator, s, record: Lanes, w: Work):
                 due = s + (older - 1 - actuator.age) * period - actuator.late
                 before = record[at.commands + older * n + k]
                 asked = select_lt(due + 0.5, late, before, asked)
-        # first-order lag and saturation: end of the step, then mean over it
+        # tau+ = clip(tau + share (c - tau)), and the mean over the step
         torque = record[at.torque + k]
         left = asked - torque
         record[at.torque + k] = clip(torque + left * share, actuator.limits[k])

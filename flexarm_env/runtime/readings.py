@@ -21,12 +21,12 @@ def read_rows(laws, room, memory, stream, period, gravity, encoders, shaken, inp
     """
     for k in range(inputs.shape[0]):
         first, c, column, put = k == 0, 0, 0, 0
-        # encoders: one channel, two columns of out
+        # encoders: angle and filtered rate (rad, rad/s) from one channel
         for _ in range(encoders):
             angle, rate = read_encoder(SINGLE, laws, room, c, memory, 0, stream, 0, inputs[k, column], first)
             out[k, put], out[k, put + 1] = angle, rate
             c, column, put = c + 1, column + 1, put + 2
-        # accelerometer: specific force in the tip's axes, a channel for each axis
+        # accelerometer: specific force r'' - g (m/s^2) in the tip's axes, a channel for each axis
         if shaken is not None:
             if size(shaken) == 2:
                 x, y, angle = inputs[k, column], inputs[k, column + 1], inputs[k, column + 2]
@@ -44,7 +44,7 @@ def read_rows(laws, room, memory, stream, period, gravity, encoders, shaken, inp
                 out[k, put] = read(SINGLE, laws, room, c, memory, 0, stream, 0, found[axis], first)
                 c, put = c + 1, put + 1
             column += 6 if size(shaken) == 2 else 12
-        # all other quantities: one column, one channel
+        # the rest have one number each, hence one channel
         while put < out.shape[1]:
             out[k, put] = read(SINGLE, laws, room, c, memory, 0, stream, 0, inputs[k, column], first)
             c, column, put = c + 1, column + 1, put + 1

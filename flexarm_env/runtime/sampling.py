@@ -94,24 +94,24 @@ def _go(lane, arm, drive, p, w, stretch, stop, chunk, most, scheme, books):
     start, done = stretch[_AT.time], int(stretch[_AT.done])
     if done > 0:
         start = stretch[_AT.begun]
-    # steps of equal length; 1e-9 keeps round-off from adding a step
+    # h <= longest: ceil of the quotient; 1e-9 keeps round-off from adding a step
     if start < stop - NEAR * max(1.0, stop):
         n_steps = max(1, math.ceil((stop - start) / stretch[_AT.longest] * (1.0 - 1e-9)))
         h = (stop - start) / n_steps
         while done < n_steps:
-            # out of steps: store where to continue
+            # `most` steps are done: the caller may interrupt here, and the next call continues at `begun`
             if most <= 0:
                 stretch[_AT.begun], stretch[_AT.done] = start, done
                 return -1
             before = w.books[WORK_DONE * len(lane)]
             steps = min(chunk, n_steps - done)
             most -= steps
-            # gross work: absolute work of each chunk
+            # gross work: sum of |W| by chunks, because W of a vibration cancels over a whole run
             stretch[_AT.time] = advance_within(lane, arm, drive, p, w, start + done * h, h, steps, scheme, books)
             stretch[_AT.gross] += abs(w.books[WORK_DONE * len(lane)] - before)
             if w.flag[0] != OK:
                 return -1
-            # flag a state that is not finite
+            # a comparison with NaN is false, so that no bound catches it: q itself is checked
             for k in range(size(arm.n)):
                 if not math.isfinite(w.q[k * len(lane)]):
                     w.flag[0] = NOT_FINITE
@@ -181,7 +181,7 @@ def sample_rows(
             start_consistently(lane, model, drive, par, w, stretch)
         if i == instants.shape[0]:
             return i
-        # next stop: the sample instant, or a kink before it; kinks behind are passed over
+        # next stop: t_i, or a kink before it; kinks at or behind the present time are over
         stop, wanted, kinked = instants[i], True, False
         if kinks is not None:
             while k < kinks.shape[0] and kinks[k] <= stretch[_AT.time] + NEAR * max(1.0, kinks[k]):
@@ -190,12 +190,12 @@ def sample_rows(
             if kinked:
                 wanted = stop <= kinks[k] + NEAR * max(1.0, stop)
                 stop = kinks[k]
-        # one interval
+        # steps to the stop; a run that stands on it already takes none
         moving = stretch[_AT.time] < stop or stretch[_AT.done] > 0.0
         most = _go(lane, model, drive, par, w, stretch, stop, chunk, most, scheme, books)
         if most < 0:
             return i
-        # sample; the energy must not grow beyond what accounts for it
+        # at a sample E must not exceed what W and V account for
         if wanted:
             i += 1
             if table is not None:
@@ -208,6 +208,6 @@ def sample_rows(
                 if moving and has_gained_energy(kinetic, strain, gravity, start, gross, w.books[DISSIPATED], gain):
                     w.flag[0] = DIVERGED
                     return i
-        # a kink was reached and the run continues from it
+        # a kink was reached: v and a jump there before the next interval
         if kinked and i < instants.shape[0]:
             stretch[_AT.starts] = AT_KINK

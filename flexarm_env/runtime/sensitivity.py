@@ -100,14 +100,14 @@ def tangent_rows(lane, wide, model, drive, steps, scheme, factors, here, ahead, 
     """
     n, length, inputs = size(model.n), size(model.n_factor), size(model.n_inputs)
     w, more = unpack(wide, model, room, 0), room[work_size(2, model, 0) :]
-    # vectors of n numbers; d in dual lanes; par with tangents 0
+    # dual numbers d of n rows; par with tangents 0, because given <- dr/dtheta is added apart
     r, given, dv, da = more[:n], more[n : 2 * n], more[2 * n : 3 * n], more[3 * n : 4 * n]
     d, par = more[4 * n : 6 * n], more[6 * n :]
     for i in range(here.par.shape[0]):
         store(par, i, splat(wide, here.par[i]))
     for k in range(steps.h.shape[0]):
         h, slopes, own = steps.h[k], newmark_slopes(scheme, steps.h[k]), factors[k * length : (k + 1) * length]
-        # prediction of the step with the tangents of its start
+        # prediction (6.1) with the tangents of q, v, a, b at the step's start
         newmark_predict(wide, model, w, h, scheme)
         copy_rows(wide, n, w.q, w.q0)
         copy_rows(wide, n, w.v, w.v0)
@@ -132,7 +132,7 @@ def tangent_rows(lane, wide, model, drive, steps, scheme, factors, here, ahead, 
                 r[i], dv[i], da[i] = given[i] + w.r[2 * i + 1], w.v[2 * i + 1], w.a[2 * i + 1]
             remove_known_rows(lane, model, drive, r, own, False)
             solve(lane, model, own, r)
-            # joints that slide: their Coulomb friction changes with theta as well; stored with the factors in `own`
+            # joints that slide: T = +-T_C(theta) changes as well; W = S^-1 e_i is stored with the factors
             for one in (here, ahead, behind):
                 if one.weight != 0.0:
                     change_friction(lane, one.model, one.par, one.weight, own)
@@ -144,7 +144,7 @@ def tangent_rows(lane, wide, model, drive, steps, scheme, factors, here, ahead, 
             retract(wide, model, w.q, 1.0, w.r, None)
             for i in range(n):
                 w.q[2 * i] = steps.q[k * n + i]
-        # rates follow; b for the next step
+        # dv, da follow dq by (6.1); b for the next step
         _follow(wide, model, drive, w, d, slopes, steps, k, moved)
         for i in range(n):
             store(w.b, i, load(wide, w.b0, i) + load(wide, d, i) * slopes.b)

@@ -75,16 +75,16 @@ def measure(lane, p, stream, arm, poses, record, seen, first):
     """
     instruments = p.instruments
     if instruments is not None:
-        # channels are the last numbers of the record; sensor entries follow those of the task and of a moving target
+        # channels are the last numbers of the record, so that offsets of all others do not depend on the sensors
         base, at = record.shape[0] // len(lane) - readings_size(instruments), size(p.task.entries)
         if p.reference is not None:
             at += p.reference.scales.shape[0]
-        # encoders first: frames of moving targets and goals use the angles that they read
+        # encoders first, because frames of moving targets and goals use the angles that they read
         who = Who(stream, arm, arm % lane_count(lane), base, first)
         c = _encoders(lane, p, instruments, who, poses, record, seen)
         _turned(lane, p, instruments, who, poses, record, seen)
         at = _goals(lane, p, instruments, who, at, poses, record, seen)
-        # accelerometer, gyroscope, camera: one entry and one channel for each number
+        # accelerometer (m/s^2), gyroscope (rad/s), camera (rad or m): one entry and one channel for each number
         felt = _acceleration(lane, p, instruments, who, c, poses, record)
         for readings in (felt, _spin(lane, p, instruments, who, poses), _picture(lane, p, instruments, who, poses)):
             for value in readings:
@@ -159,13 +159,13 @@ def _encoders(lane, p, instruments, who, poses, record, seen):
     if instruments.encoders is not None:
         i, n, encoders = who.i, size(p.task.links), instruments.encoders
         for k in range(n):
-            # quantity measured: the joint's angle
+            # angle of the joint between both sections, behind the gear (rad)
             true = _true_angle(lane, p.task, i, k, poses)
             # an encoder on the motor reads the motor's angle, after the ratio
             if instruments.motors is not None:
                 if instruments.motors[k] == 1:
                     true = load_lane(lane, record, channel_of(who.base, instruments.room, k).motor, i)
-            # readings; the rate is filtered differences of the angle
+            # angle with its law, and rate <- filtered differences of readings: an encoder has no rate of its own
             angle, rate = read_encoder(
                 lane, instruments.laws, instruments.room, k, record, who.base, who.stream, who.arm, true, who.first
             )
@@ -188,7 +188,7 @@ def _turned(lane, p, instruments, who, poses, record, seen):
     if instruments.encoders is not None:
         if p.reference is not None:
             i, first, count = who.i, size(p.task.entries), p.reference.scales.shape[0]
-            # in space: rotation about the axis of joint 0 by true less measured angle
+            # in space: exp(axis (true - measured)), axis of joint 0 (inertial): the target as the encoder sees it
             if p.reference.axis is not None:
                 axis = Vector(p.reference.axis[0], p.reference.axis[1], p.reference.axis[2])
                 read_as = _angle(lane, p.task, instruments, who, 0, poses, record)
@@ -202,7 +202,7 @@ def _turned(lane, p, instruments, who, poses, record, seen):
             elif size(p.task.targets) == 2:
                 off = _angle(lane, p.task, instruments, who, 0, poses, record)
                 sine, cosine = sincos(off - load_lane(lane, poses, POSE.angle, i))
-                # in the plane: rotate back by measured less true angle
+                # in the plane: rotated by measured - true, the target as the encoder sees it
                 for k in range(first, first + count, 2):
                     x, y = load_lane(lane, seen, k, i), load_lane(lane, seen, k + 1, i)
                     store_lane(lane, seen, k, i, clip(cosine * x + sine * y, CLIP))
@@ -283,7 +283,7 @@ def _acceleration(lane, p, instruments, who, c, poses, record):
             who.first,
         )  # fmt: skip
         return Vector(x / accelerometer[3], y / accelerometer[3], z / accelerometer[3])
-    # in the plane: x, y, angle of the tip and their rates
+    # in the plane: x, y (m, inertial axes), psi (rad) of the tip and their rates
     o = POSE.end * (size(p.task.links) - 1)
     x, vx = load_lane(lane, poses, o + POSE.tip_x, i), load_lane(lane, poses, o + POSE.tip_vx, i)
     y, vy = load_lane(lane, poses, o + POSE.tip_y, i), load_lane(lane, poses, o + POSE.tip_vy, i)
@@ -345,7 +345,7 @@ def _gauges(lane, p, instruments, who, c, record, seen):
             _show(lane, instruments, who, k, c + g, record, seen, load_lane(lane, seen, k, who.i))
 
 
-# --- the observation -----------------------------------------------------------------------------------
+# the observation is written arm by arm, because histories and noise belong to arms
 @kernel
 def _select(lanes, p, arm, record, seen, first):
     """Write one arm's row of p.observation, float32: all entries, or the chosen ones behind earlier observations.
@@ -356,10 +356,10 @@ def _select(lanes, p, arm, record, seen, first):
     """
     selection, observation = p.selection, p.observation
     if selection is not None:
-        # older: how many entries all frames have but the newest
+        # older: entries of all frames but the newest
         count, older = selection.chosen.shape[0], selection.chosen.shape[0] * (selection.frames - 1)
         out = arm * (count + older)
-        # shift the history by one observation
+        # history: all frames move one place, the oldest drops out
         for j in range(older):
             observation[out + j] = observation[out + j + count]
         for j in range(count):
@@ -371,7 +371,7 @@ def _select(lanes, p, arm, record, seen, first):
             else:  # the action of the period that ends here
                 done = p.action[arm * size(p.task.links) + k - p.entries]
                 observation[out + older + j] = np.float32(min(1.0, max(-1.0, done)))
-        # no past yet: repeat the newest observation
+        # no past at the start: the history repeats the newest observation
         if first:
             for j in range(older):
                 observation[out + j] = observation[out + older + j % count]
@@ -429,7 +429,7 @@ def _entry(lanes, p, arm, k, record, seen, first):
     value, sensors = seen[k * lanes + arm % lanes], p.sensors
     if sensors is not None:
         if sensors.noise[k] > 0.0:
-            # normal noise, standard deviation in scales
+            # value + sigma N(0, 1), sigma in scales of the entry
             value = min(CLIP, max(-CLIP, value + sensors.noise[k] * normal(p.stream, arm)))
         # `value` moves through the past: newest in, oldest out
         past = _past_at(lanes, p, record)

@@ -72,7 +72,7 @@ def _start(lane, p, arm, mode, block, w):
     task, lanes, i, n_joints = p.task, len(lane), arm % len(lane), size(p.task.links)
     par, poses, record, action, seen, info, _, _ = sections(p.layout, block)
     own, at = stack(_ONE, task.links + _START), start_at(0, n_joints)
-    # own: a `START`, of this arm alone (not in lanes)
+    # own: a `START` of this arm without lanes, because draws branch arm by arm
     _draw(task, p.ranges, p.stream, p.request, arm, own)
     # record: all zero but for the numbers drawn and the periods allowed, which a reset sets
     limit = record[PERIODS_ALLOWED * lanes + i]
@@ -81,12 +81,12 @@ def _start(lane, p, arm, mode, block, w):
     record[PERIODS_ALLOWED * lanes + i], record[MODE * lanes + i] = limit, float(mode)
     record[TORQUE_FACTOR * lanes + i] = own[at.factors + FACTOR.torque_constant]
     record[TARGET * lanes + i], record[(TARGET + 1) * lanes + i] = own[at.target], own[at.target + 1]
-    # the arm's own parameters; no inputs
+    # par of this arm, from the drawn factors; u = 0
     for k in range(PARAMETERS):
         par[k * lanes + i] = own[at.parameters + k]
     for k in range(w.u.shape[0] // lanes):
         w.u[k * lanes + i] = 0.0
-    # state: straight links at the drawn joint angles
+    # q: straight links at the drawn joint angles, in the plane by a table of each row (`assembly`)
     if p.ranges.pose is not None:
         _place(lanes, i, p.ranges.pose, p.ranges.shake, n_joints, own, size(p.model.n), w.q, w.v, w.a, w.b)
     else:
@@ -97,14 +97,14 @@ def _start(lane, p, arm, mode, block, w):
         _draw_more(p, lanes, i, arm, own[at.factors : at.parameters], par)
     if p.ranges.pose is None and p.ranges.shake is not None:
         _swing(lane, p, i, _only(lane, i), own, par, action, w)
-    # no action yet; goal: the initial joint angles, from which `aim` finds those that reach the target
+    # goal <- initial joint angles: `aim` finds the posture nearest to them that reaches the target
     for k in range(n_joints):
         action[k * lanes + i] = 0.0
         if p.ranges.pose is not None:
             record[(GOAL + k) * lanes + i] = own[at.angles + k]
     for k in range(w.books.shape[0] // lanes):
         w.books[k * lanes + i] = 0.0
-    # moving target, poses, info; the order of draws from the stream is part of the specification
+    # target, poses, info: the sequence of draws from the stream is a part of the specification
     if p.reference is not None:
         start_path(p.reference, task, p.stream, arm, record, lanes)
     task_poses(lane, p.model, par, w.q, w.v, poses)
@@ -121,7 +121,7 @@ def _start(lane, p, arm, mode, block, w):
     draw_events(lanes, p, arm, par, record, info)
     record_clearance(lane, p, arm // lanes, w.q, live, info)
     put_contacts(lane, p, w, live, info)
-    # factors drawn, for info
+    # drawn factors, so that info tells which arm an episode has
     if size(task.further) > 0:
         for k in range(FACTOR.end):
             info[(info_of(task).further + FURTHER.drawn + k) * lanes + i] = own[at.factors + k]
@@ -151,12 +151,12 @@ def _draw(task, ranges, stream, request, arm, own):
     """
     n = size(task.links)
     at, asked = start_at(0, n), request_at(0, n, 0)
-    # joint angles, all 0 in a share of the starts
+    # theta_k (rad), drawn or requested; a share of the starts is straight, all 0
     straight = uniform(stream, arm) < ranges.straight[0]
     for k in range(n):
         angle = draw(stream, arm, ranges.start, k)
         own[at.angles + k] = _given(request[asked.angles + k], 0.0 if straight else angle)
-    # target; in the plane drawn again until the arm can hold itself there
+    # target (m or rad); in the plane drawn again until tau_k of its posture are within the limits
     first, second = draw(stream, arm, ranges.target, 0), draw(stream, arm, ranges.target, 1)
     first, second = target_from(task, own[at.angles : at.end], first, second)
     if ranges.attainable is not None and ranges.pose is not None:
@@ -167,11 +167,11 @@ def _draw(task, ranges, stream, request, arm, own):
             first, second = target_from(task, own[at.angles : at.end], first, second)
     own[at.target] = _given(request[asked.target], first)
     own[at.target + 1] = _given(request[asked.target + 1], second)
-    # amplitudes of the initial vibration: one in the plane, one for each mode in space
+    # amplitude of the initial vibration, in [-1, 1] ranges.vibration: of one mode in the plane, of _MODES in space
     for k in range(1 if ranges.pose is not None or ranges.shake is None else _MODES):
         vibration = (2.0 * uniform(stream, arm) - 1.0) * ranges.vibration
         own[at.vibration + k] = _given(request[asked.vibration + k], vibration)
-    # factors on nominal values; those behind ALWAYS are drawn by `_draw_more`
+    # factors on nominal values; those behind ALWAYS are 1 here and drawn by `_draw_more`
     for k in range(ALWAYS):
         own[at.factors + k] = draw(stream, arm, ranges.factors, k)
     for k in range(ALWAYS, FACTOR.end):
@@ -191,13 +191,13 @@ def _draw_more(p, lanes, i, arm, factors, par):
     """
     for k in range(p.ranges.more.shape[0] // 2):
         factors[ALWAYS + k] = draw(p.stream, arm, p.ranges.more, k)
-    # factor on the payload's inertia, on top of that on mass and inertia
+    # J_p = nominal * payload * payload_inertia: the former scales m_p and J_p, the latter J_p alone
     par[PAYLOAD_INERTIA * lanes + i] = par[PAYLOAD_INERTIA * lanes + i] * factors[FACTOR.payload_inertia]
     friction, play, rotor = factors[FACTOR.friction], factors[FACTOR.backlash], factors[FACTOR.motor_inertia]
     if p.ranges.pose is None:
         par[EI_Y_FACTOR * lanes + i] = par[EI_Y_FACTOR * lanes + i] * factors[FACTOR.EI_y]
         par[GJ_FACTOR * lanes + i] = par[GJ_FACTOR * lanes + i] * factors[FACTOR.GJ]
-    # laws of the joints: the model's numbers, then those that factors change
+    # par of the joints <- the model's numbers (`LAWS`), then the drawn factors on friction, play, rotor
     if p.ranges.laws is not None:
         laws = par[size(p.model.own) * lanes :]
         for k in range(0, p.model.data.shape[0], LAWS.end):
@@ -207,7 +207,8 @@ def _draw_more(p, lanes, i, arm, factors, par):
             laws[(k + LAWS.coulomb) * lanes + i] = p.model.data[k + LAWS.coulomb] * friction
             laws[(k + LAWS.play) * lanes + i] = p.model.data[k + LAWS.play] * play
             laws[(k + LAWS.rotor) * lanes + i] = p.model.data[k + LAWS.rotor] * rotor
-        # hub inertia: the difference to the nominal one goes to the hub of the first joint's law, or to its rotor
+        # change of J_hub (kg m^2): to `LAWS.hub` if the hub is behind an elastic gear, otherwise to the rotor, which
+        # turns with it
         at = LAWS.rotor * lanes + i
         if p.model.hub is not None:
             at = LAWS.hub * lanes + i
@@ -262,19 +263,20 @@ def _place_in_space(lane, p, arm, own, par, poses, record, action, w):
     live, at, asked = _only(lane, i), start_at(0, n), request_at(0, n, n)
     for k in range(0, size(p.model.n) * lanes, lanes):
         w.q[k + i], w.v[k + i], w.a[k + i], w.b[k + i] = 0.0, 0.0, 0.0, 0.0
-    # goal angles, drawn or requested
+    # theta of the goal, drawn; a requested one replaces it below, so that a request leaves the later draws the same
     for k in range(n):
-        angle = draw(p.stream, arm, p.ranges.target, k)
-        record[(GOAL + k) * lanes + i] = _given(p.request[asked.goals + k], angle)
+        record[(GOAL + k) * lanes + i] = draw(p.stream, arm, p.ranges.target, k)
         action[k * lanes + i] = own[at.angles + k]
     if p.ranges.attainable is not None:
         _draw_held(p, arm, lanes, record)
-    # target: the tip of the last link at the goal
+    for k in range(n):
+        record[(GOAL + k) * lanes + i] = _given(p.request[asked.goals + k], record[(GOAL + k) * lanes + i])
+    # target r (inertial axes): the tip of straight links at the goal angles
     set_joint_configuration(lane, p.model, live, record[GOAL * lanes : (GOAL + n) * lanes], None, w.q, w.v)
     task_poses(lane, p.model, par, w.q, w.v, poses)
     for d in range(size(p.task.targets)):
         record[(TARGET + d) * lanes + i] = poses[(SPACE_POSE.end * (n - 1) + SPACE_POSE.tip + d) * lanes + i]
-    # state: straight links at the initial angles, which `action` holds meanwhile
+    # q <- straight links at the initial angles, which `action` holds meanwhile because u = 0 here
     set_joint_configuration(lane, p.model, live, action, None, w.q, w.v)
 
 
@@ -282,15 +284,14 @@ def _place_in_space(lane, p, arm, own, par, poses, record, action, w):
 def _draw_held(p, arm, lanes, record):
     """Draw goal angles (rad) anew until the motors can hold the rigid arm there, at most MOST_DRAWS times.
 
-    Angles that a reset requests stay. record.goal of the arm's lane: in and out. arm: number in the batch; lanes: of a
-    group.
+    record.goal of the arm's lane: in and out. arm: number in the batch; lanes: of a group.
     """
     n, i = size(p.task.links), arm % lanes
-    asked, mine = request_at(0, n, n), stack(_ONE, p.task.links)
+    mine = stack(_ONE, p.task.links)
     for k in range(n):
         mine[k] = record[(GOAL + k) * lanes + i]
     for _ in range(MOST_DRAWS):
-        if held_in_space(p.ranges.attainable, p.task.links, mine) > 0.5 or not math.isnan(p.request[asked.goals]):
+        if held_in_space(p.ranges.attainable, p.task.links, mine) > 0.5:
             break
         for k in range(n):
             mine[k] = draw(p.stream, arm, p.ranges.target, k)
@@ -357,7 +358,7 @@ def _start_info(lanes, p, arm, record, info):
     for k in range(i, at.further * lanes, lanes):
         info[k] = 0.0
     info[at.in_range * lanes + i], info[at.error * lanes + i] = 1.0, p.estimate
-    # `aim` works on one arm's record without lanes
+    # `aim` is compiled for one arm: its record without lanes
     mine = stack(_ONE, task.links + _RECORD)
     for k in range(GOAL + size(task.links)):
         mine[k] = record[k * lanes + i]

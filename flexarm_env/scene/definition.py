@@ -1,7 +1,7 @@
 """A scene: an arm, its initial configuration, prescribed motions, loads, and duration.
 
 Angles are measured from the global +x axis, counter-clockwise, in rad; all quantities are in SI units. A scene is
-frozen, hashable and validated at creation: a ``ValueError`` names the key path, the value and what is allowed.
+frozen, hashable and validated at creation: a ``ValueError`` names the key path, the value and the rule.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ class Scene:
         duration: s. dt: default step, s. sample: default sampling interval, s (None: ``dt``).
         root: "pinned" (position fixed or prescribed, hub angle free unless prescribed) or "free" (a free body; for an
             arm with a base, the base and the arm on it).
-        position: of the root at t = 0, m: (x, y), in space (x, y, z).
+        position: position of the root at t = 0, m: (x, y), in space (x, y, z).
         angles: absolute angles of the links at t = 0, N numbers (rad), or () for all along +x; for curved links those
             of their tangents at their roots. If the links turn out of the plane (`Arm.spatial`), the joint angles
             instead.
-        velocity: of the root before t = 0, m/s: (x, y), in space (x, y, z). rates: absolute rates of the links before
-            t = 0, N numbers (rad/s), or () for none; in space the joint rates. Links turn as rigid bodies, and a motion
-            that begins with another rate jumps.
+        velocity: velocity of the root before t = 0, m/s: (x, y), in space (x, y, z). rates: absolute rates of the links
+            before t = 0, N numbers (rad/s), or () for none; in space the joint rates. Links turn as rigid bodies, and a
+            motion that begins with another rate jumps.
         start: "unloaded": without stress. "held": at rest under gravity and the loads at t = 0, with the joints at
             `angles` (the motor's side of an elastic gear), released at t = 0 unless a motion prescribes them.
             "equilibrium": at rest under these loads with free joints.
@@ -328,7 +328,7 @@ class Scene:
         Args:
             source: a path, or the text itself. parameter_set: name of a parameter set in the file, or None.
         Raises:
-            ValueError: names the file, the key path, the value and what is allowed.
+            ValueError: names the file, the key path, the value and the rule.
             OSError: the file does not exist.
         """
         return toml.read(cls, source, parameter_set)

@@ -31,8 +31,9 @@ def divided(arm: Arm) -> bool:
 def default_mesh(arm: Arm, formulation: str, given: Collection[str] = (), space: bool = False) -> dict[str, int]:
     """Return mesh options that divide links with jumps or kinks as finely as the default divides uniform ones.
 
-    The result is {} if no link has a jump or kink: the formulation's default then applies. One number serves all links,
-    that of the link that needs most; nodes are limited to 24 and to what the link with fewest smooth pieces permits.
+    The result is {} if no link has a jump or kink: the formulation's default then applies. All links use the same
+    number, the largest that a link requires. Nodes are limited to 24 and to the limit of the link with the fewest
+    smooth pieces.
 
     Args:
         given: names of the user's options; a mesh or modes among them take precedence. space: whether the scene is in

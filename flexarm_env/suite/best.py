@@ -31,7 +31,7 @@ class Record:
 
     Attributes:
         actions: (T, n, N) float32. values: (n,), return minus price times cost. by: (n,), the policy that played each
-            episode, or from which the search started that found it. digest: of the task. date: ISO.
+            episode, or the start of the search that found it. digest: digest of the task. date: ISO.
     """
 
     actions: NDArray[np.float32]

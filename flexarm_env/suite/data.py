@@ -22,12 +22,12 @@ class Task:
 
     Attributes:
         id: name and version, "slew-measured-v2". number: its position in the suite. title: a short one.
-        environment: id of the underlying environment. keywords: of that environment.
+        environment: id of the underlying environment. keywords: keywords of that environment.
         budget: control periods allowed for training. hard: the difficulty that it isolates.
         price: per unit of an episode's cost (info["episode_cost"] at its end); scores use return minus price times
         cost.
         rules: version of the rules of rewards and drawn targets (keyword `rules` of the environment).
-        digest: of the resolved arm and keywords (`flexarm_env.suite.digest`), as recorded in the file.
+        digest: digest of the resolved arm and keywords (`flexarm_env.suite.digest`), as recorded in the file.
     """
 
     id: str

@@ -28,9 +28,9 @@ class Judged:
 
     Attributes:
         returns: sums of rewards. successes: "is_success" at the end, not terminated early. costs: sums of info["cost"]
-            (0 on tasks without it). lengths: control periods. settled: the control period, counted from 1, at the end
-            of which the success began that lasted to the end; 0 without success. wall_s, cpu_s: total, without
-            compilation. decision_us: wall time per decision and episode, microseconds.
+            (0 on tasks without it). lengths: control periods. settled: number of the control period, counted from 1,
+            from whose end on the bounds of success hold; 0 without success. wall_s, cpu_s: total, without compilation.
+            decision_us: wall time per decision and episode, microseconds.
     """
 
     returns: list[float]

@@ -64,7 +64,7 @@ class Line:
 
     @property
     def policy(self) -> bool:
-        """Whether the method can play any episode, unlike actions optimized beforehand."""
+        """Whether the method can play any episode; optimized actions cannot."""
         return all(entry["policy"].get("kind") != "actions" for entry in self.entries)
 
     def trained(self, key: str) -> float:

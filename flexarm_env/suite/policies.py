@@ -31,8 +31,8 @@ class Chosen:
         kind: "controller", "policy", "onnx" or "function". source: the name with the task's id filled in.
         fingerprint: changes with the policy. make: vector environment -> Policy, or a ValueError if they do not fit.
             run: training seed, if its file records it. training: record of the training (steps, wall_s, cpu_s).
-            canonical: returns the numbers with which it computes, as bytes, from which the seeds of its second hundred
-            episodes follow (`flexarm_env.suite.second`); None: it has the public hundred only.
+            canonical: function that returns the policy's numbers as bytes, which determine the seeds of its second
+                hundred episodes (`flexarm_env.suite.second`); None: only the public hundred.
     """
 
     kind: str

@@ -39,13 +39,13 @@ class Results:
     """Results file.
 
     Attributes:
-        name: of the method. run: seed, if there are several runs. tasks: by id, the results: "digest", "first_seed",
-            "episodes", "returns", "successes", "costs", "lengths", "settled" (one number per episode; older files lack
-            the last), "wall_s", "cpu_s", "decision_us", "policy" (kind, source, fingerprint), "training" (algorithm,
-            steps, wall_s, cpu_s; or null), "pd" (values of PD on the same episodes), "second" (the numbers of the
-            second hundred, its "first_seed" and "pd"; or null), "further" (values of the episodes with the following
-            seeds, if differences between methods require more; or null), "versions", "date". refused: by id, the reason
-            why it could not be evaluated.
+        name: name of the method. run: seed, if there are several runs. tasks: by id, the results: "digest",
+            "first_seed", "episodes", "returns", "successes", "costs", "lengths", "settled" (one number per episode;
+            older files lack the last), "wall_s", "cpu_s", "decision_us", "policy" (kind, source, fingerprint),
+            "training" (algorithm, steps, wall_s, cpu_s; or null), "pd" (values of PD on the same episodes), "second"
+            (the numbers of the second hundred, its "first_seed" and "pd"; or null), "further" (values of the episodes
+            with the following seeds, if differences between methods require more; or null), "versions", "date".
+            refused: by id, the reason why it could not be evaluated.
     """
 
     name: str
@@ -105,9 +105,9 @@ def judged(
     A result on all episodes of the protocol is never replaced by one on fewer: the latter is returned, not written.
 
     Args:
-        word, choose: as in `flexarm_env.suite.policies`. name, run: of the results; default: those of the policy, whose
-            file must then contain only this policy. episodes: from the protocol's first on; beyond the protocol's
-            hundred only the values are kept, and no fewer than before.
+        word, choose: as in `flexarm_env.suite.policies`. name, run: name and run of the results; default: those of the
+            policy, whose file must then contain only this policy. episodes: from the protocol's first on; beyond the
+            protocol's hundred only the values are kept, and no fewer than before.
     Returns:
         the results on these tasks; messages on the tasks that failed; by task, a note on results not evaluated now.
     """

@@ -30,8 +30,8 @@ FLOOR = "pd"
 class Reference:
     """Reference values J of a task for scores, on the episodes of the protocol.
 
-    digest: of the task they belong to. pd, best: of PD control, and the best known. by: the method that reached the
-    best.
+    digest: digest of the task they belong to. pd, best: value of PD control, and the best known. by: the method that
+    reached the best.
     """
 
     digest: str

@@ -57,14 +57,14 @@ def sooner_angles(lengths, rates, limits, x, y, angles):
     rad. angles (2,): present joint angles in, those at the target out, rad.
     """
     a, b = lengths[0], lengths[1]
-    # elbow angle by the law of cosines (clamped: targets out of reach), bearing of the target
+    # cos(bend) = (r^2 - a^2 - b^2) / 2ab, clamped where the target is out of reach; bearing of the target
     cosine = (x * x + y * y - a * a - b * b) / (2.0 * a * b)
     bend = math.acos(min(1.0, max(-1.0, cosine)))
     bearing, inner = math.atan2(y, x), math.atan2(b * math.sin(bend), a + b * math.cos(bend))
     hub_now, elbow_now = angles[0], angles[1]
     least = math.inf
     for side in (1.0, -1.0):
-        # squared time of the slower joint, up to a factor
+        # max_k (dtheta_k / rate_k^2): squared time of the slower joint, up to a factor
         elbow, hub = side * bend, _within(nearest_turn(bearing - side * inner, hub_now), limits)
         way = max(abs(hub - hub_now) / (rates[0] * rates[0]), abs(elbow - elbow_now) / (rates[1] * rates[1]))
         if elbow < limits[2] or elbow > limits[3] or hub < limits[0] or hub > limits[1]:
@@ -117,7 +117,7 @@ def _force(lengths, limits, x, y, fx, fy):
         determinant = a * d - b * c
         if off <= _CLOSE * length or determinant == 0.0:
             break
-        # Newton step with the 2 x 2 Jacobian, halved until the tip comes nearer
+        # Newton step by the 2 x 2 Jacobian of (x, y) by the force, halved until the tip comes nearer
         step_x, step_y = (d * (x - px) - b * (y - py)) / determinant, (a * (y - py) - c * (x - px)) / determinant
         share, better, next_x, next_y, now = 1.0, False, fx, fy, off
         for _ in range(_HALVINGS):
@@ -131,7 +131,7 @@ def _force(lengths, limits, x, y, fx, fy):
         if not better:
             break
         fx, fy, off = next_x, next_y, now
-    # accepted with a thousand times the tolerance
+    # accepted within 1e3 times the tolerance: there, halved steps come no nearer, by round-off
     if not off <= 1e3 * _CLOSE * length:
         total = math.inf
     return fx, fy, total
@@ -152,7 +152,7 @@ def _guess(lengths, x, y, angles):
         alpha += angles[k]
         px, py = px + lengths[k] * math.cos(alpha), py + lengths[k] * math.sin(alpha)
     determinant = xx * yy - xy * xy
-    # singular: joints and point in a line
+    # determinant 0: joints and point in a line, where moments of f are not independent
     if determinant <= 1e-12 * xx * yy:
         return 0.0, 0.0
     return (yy * gx - xy * gy) / determinant, (xx * gy - xy * gx) / determinant
@@ -204,7 +204,7 @@ def _arc_bend(lengths, distance):
     lengths (N,): of the chain's straight links, m.
     """
     low, high, nearest, kept = 0.0, -1.0, math.inf, 0.0
-    # scan from straight to folded for the first bend that comes near enough
+    # coarse scan: |arc tip| - distance may have several zeros, and the first one bends least
     for j in range(_SCAN + 1):
         bend = math.pi * j / _SCAN
         px, py = _arc(lengths, bend)
@@ -217,7 +217,7 @@ def _arc_bend(lengths, distance):
         low = bend
     if high <= 0.0:
         return kept
-    # bisection
+    # bisection of |arc tip| - distance, positive at `low`, negative at `high`
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
         px, py = _arc(lengths, middle)
@@ -303,7 +303,7 @@ def next_angles(lengths, limits, x, y, angles):
     (N,): present joint angles in, those at the target out, rad.
     """
     now = angles[0]
-    # Newton from the force nearest to the present angles
+    # f from the present angles: the force (rad/m) whose moments about the joints are nearest to them
     angles[0] = nearest_turn(now, 0.0)
     fx, fy = _guess(lengths, x, y, angles)
     fx, fy, total = _force(lengths, limits, x, y, fx, fy)

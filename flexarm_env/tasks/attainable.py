@@ -56,7 +56,8 @@ def attainable(task, needs, angles, x, y):
     mine[TARGET], mine[TARGET + 1] = x, y
     for k in range(size(task.links)):
         mine[GOAL + k] = angles[k]
-    # goal posture; an angle that counts modulo whole turns is taken nearest to the middle of its limits
+    # goal posture; an angle that counts modulo whole turns is moved to the middle of its limits, so that it passes if
+    # any turn does
     aim(task, mine)
     return _allowed(task, needs, mine)
 
@@ -96,7 +97,7 @@ def _allowed(task, needs, mine):
     if task.turns is not None and limits[0] > -math.inf and limits[1] < math.inf:
         mine[GOAL] = nearest_turn(mine[GOAL], 0.5 * (limits[0] + limits[1]))
     good, alpha, px, py = 1.0, 0.0, 0.0, 0.0
-    # angles within their limits; tip of the straight links
+    # theta_k within limits; (p_x, p_y): tip of the straight links (inertial axes)
     for k in range(n):
         angle = mine[GOAL + k]
         if not (limits[2 * k] - _CLOSE <= angle <= limits[2 * k + 1] + _CLOSE):
@@ -105,7 +106,8 @@ def _allowed(task, needs, mine):
         px, py = px + task.lengths[k] * math.cos(alpha), py + task.lengths[k] * math.sin(alpha)
     if size(task.targets) > 1 and not math.hypot(px - x, py - y) <= _CLOSE * task.length:
         good = 0.0
-    # static torques from the tip inwards: a joint carries its own link and all links beyond
+    # tau_k = g_x S_y - g_y S_x (N m), S: first moment (inertial axes) of all links from k on, straight; from the tip
+    # inward
     torque = 0.0
     for j in range(n):
         k = n - 1 - j

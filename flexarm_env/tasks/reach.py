@@ -59,7 +59,7 @@ def reach_observe(lane, task, poses: Lanes, record: Lanes, out):
     for k in range(n):
         o = POSE.end * k
         normal, _, rate, _, _, _, _, sine, cosine = deflection(lane, poses, k)
-        # joint angles: hub relative to a floating base, elbow relative to the tip section before it
+        # theta_k (rad): the hub's against a floating base, an elbow's against the tip section before it
         if k == 0:
             hub_sine, hub_cosine = sine, cosine
             sine, cosine = hub_angle(lane, task, poses, sine, cosine)
@@ -94,7 +94,7 @@ def reach_judge(lane, task, poses: Lanes, action, record: Lanes, live, info):
     """
     n = size(task.links)
     shaking = 0.0
-    # deflection and its rate of each link, over its length
+    # deflection / L and rate / L of each link (link axes)
     for k in range(n):
         normal, _, rate, _, _, _, _, _, _ = deflection(lane, poses, k)
         put_info(lane, live, info, DEFLECTION + k, normal / task.lengths[k])
@@ -125,11 +125,11 @@ def reward_point(lane, task, error, speed, shaking, poses, action, record, live,
     over the length, 1/s; shaking: 1/s^2, sum of squares of deflection rates over the lengths. Terms go into info, where
     live > 1/2.
     """
-    # success: error and speed within their bands
+    # success: |r - target| / L and speed / L (1/s) within their bands
     good = select_lt(error, task.bands[0], 1.0, 0.0)
     good = level(lane, task, poses, select_lt(speed, task.bands[1], good, 0.0))
     record_success(lane, task, good, record, live, info)
-    # settle: 1 at rest on the target, by fixed widths or by the bands
+    # settle = exp(-(50 error)^2 - (10 speed)^2), or 1 / (1 + s^2) by the success bands
     wide, narrow, slow = error * 10.0, error * 50.0, speed * 10.0
     settle = decay(narrow * narrow + slow * slow)
     if task.paid is not None:
@@ -138,7 +138,7 @@ def reward_point(lane, task, error, speed, shaking, poses, action, record, live,
         settle = settled(lane, square if size(task.base) == 0 else square + squared_turn(lane, task, poses))
     total = reward_term(lane, task, live, info, 0, decay(wide * wide))
     total = total + reward_term(lane, task, live, info, 1, settle)
-    # distance, effort, vibration: losses of at most 1 (effort: per joint)
+    # losses, at most 1 each (effort 1 per joint): |r - target| / L, sum action^2, sum (deflection rate / L)^2
     total = total + reward_term(lane, task, live, info, 2, left_of(task, minimum(error, 1.0)))
     total = total + reward_term(lane, task, live, info, 3, -effort(lane, task, action))
     total = total + reward_term(lane, task, live, info, 4, -minimum(shaking, 1.0))
@@ -187,7 +187,7 @@ def reach_draw_path(task, stream, arm, start, drawn, path):
     random numbers of the arm. start: not used.
     """
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
-    # center, from its distance and bearing
+    # center (inertial axes), from its distance and bearing
     path[_PATH.x] = drawn[0] * math.cos(drawn[3])
     path[_PATH.y] = drawn[0] * math.sin(drawn[3])
     path[_PATH.size] = drawn[2]
@@ -205,7 +205,7 @@ def reach_draw_line(task, stream, arm, start, drawn, path):
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
     cosine, sine = math.cos(drawn[3]), math.sin(drawn[3])
     path[_PATH.vx], path[_PATH.vy] = -side * drawn[2] * sine, side * drawn[2] * cosine
-    # position at t = 0
+    # x(0) = point - v t: the path passes the drawn point at the drawn time
     path[_PATH.x] = drawn[0] * cosine - path[_PATH.vx] * drawn[1]
     path[_PATH.y] = drawn[0] * sine - path[_PATH.vy] * drawn[1]
 
@@ -217,7 +217,7 @@ def reach_path_at(task, path, t, out):
     path: a `PATH`. The center of a circular path rests; on a straight path the radius is 0. out: a `MOVING`.
     """
     radius, rate = path[_PATH.size], path[_PATH.rate]
-    # angle on the circle
+    # angle on the circle at t: rate t + phase, from the x axis (inertial)
     angle = rate * t + path[_PATH.phase]
     out[_MOVING.x] = path[_PATH.x] + path[_PATH.vx] * t + radius * math.cos(angle)
     out[_MOVING.y] = path[_PATH.y] + path[_PATH.vy] * t + radius * math.sin(angle)

@@ -85,23 +85,23 @@ def slew_judge(lane, task, poses, action, record: Lanes, live, info):
     attitude) over their success bands. poses: of the link, inertial axes; info is written where live > 1/2. Joint limit
     passed: 1.0 where the joint is beyond its limits, otherwise 0.0.
     """
-    # tip relative to the root: polar angle, its rate; deflection
+    # tip less root: polar angle and its rate (inertial axes), deflection (root axes)
     normal, along, rate, dx, dy, dvx, dvy, _, _ = deflection(lane, poses, 0)
-    # angle error; distance pays by it in half turns where whole turns do not matter: no way is longer than one
+    # e (rad); `way` in half turns where whole turns do not matter: no way is longer than one
     error = absolute(_error(lane, task, poses, record, normal, along))
     way = error if task.turns is None else error * (1.0 / math.pi)
-    # rate of the tip's polar angle, rad/s
+    # (r x v) / r^2: rate of the tip's polar angle, rad/s
     turning = (dx * dvy - dy * dvx) / (dx * dx + dy * dy)
     rate = absolute(rate / task.length)
     put_info(lane, live, info, DEFLECTION, normal / task.length)
-    # success: angle, rate and vibration within their bands
+    # success: angle (rad), rate (rad/s) and deflection rate / L (1/s) within their bands
     slip = turning - record[TARGET_RATE]
     good = select_lt(error, task.bands[0], 1.0, 0.0)
     good = select_lt(absolute(slip), task.bands[1], good, 0.0)
     good = level(lane, task, poses, select_lt(rate, task.bands[2], good, 0.0))
     record_success(lane, task, good, record, live, info)
     record_tip(lane, task, poses, record, live, info)
-    # settle: 1 at rest on the target, by fixed widths or by the bands
+    # settle = exp(-(50 e)^2 - (5 slip)^2), or 1 / (1 + s^2) by the success bands
     wide, narrow, slow = error * 10.0, error * 50.0, slip * 5.0
     settle = decay(narrow * narrow + slow * slow)
     if task.paid is not None:
@@ -110,7 +110,7 @@ def slew_judge(lane, task, poses, action, record: Lanes, live, info):
         settle = settled(lane, square if size(task.base) == 0 else square + squared_turn(lane, task, poses))
     total = reward_term(lane, task, live, info, 0, decay(wide * wide))
     total = total + reward_term(lane, task, live, info, 1, settle)
-    # distance, effort, vibration: losses of at most 1 (effort: per joint)
+    # losses, at most 1 each (effort 1 per joint): way, sum action^2, (deflection rate / L)^2
     total = total + reward_term(lane, task, live, info, 2, left_of(task, minimum(way, 1.0)))
     total = total + reward_term(lane, task, live, info, 3, -effort(lane, task, action))
     total = total + reward_term(lane, task, live, info, 4, -minimum(rate * rate, 1.0))

@@ -63,7 +63,7 @@ def space_observe(lane, task, poses: Lanes, record, out):
         show_scaled(lane, task, out, 2 * n + k, poses[SPACE_POSE.end * k + SPACE_POSE.rate])
     for k in range(n):
         if task.lengths[k] > 0.0:
-            # flexible links: deflections and rates over the length
+            # flexible links: deflection along y, z and its rates over L (root axes); rigid ones have no entry
             o = SPACE_POSE.end * k + SPACE_POSE.deflection
             for d in range(4):
                 show_scaled(lane, task, out, to + d, poses[o + d] / task.lengths[k])
@@ -88,7 +88,7 @@ def space_judge(lane, task, poses: Lanes, action, record: Lanes, live, info):
     """
     n, at = size(task.links), info_of(task)
     shaking, past = 0.0, 0.0
-    # deflection along y and z, its rate, over the length; twist; joint limits
+    # deflection along y and z and its rate over L (root axes); twist (rad); joint limits
     for k in range(n):
         o = SPACE_POSE.end * k
         if task.lengths[k] > 0.0:
@@ -162,12 +162,12 @@ def space_draw_path(task, stream, arm, start, drawn, path):
     stream[arm]: random numbers of the arm. start: not used.
     """
     away, _, _ = _directions(drawn[3], drawn[4])
-    # center of the circle
+    # center of the circle, distance times direction (inertial axes)
     path[_PATH.x], path[_PATH.y], path[_PATH.z] = drawn[0] * away[0], drawn[0] * away[1], drawn[0] * away[2]
     path[_PATH.size] = drawn[2]
     path[_PATH.rate] = 2.0 * math.pi / drawn[1]
     path[_PATH.phase] = 2.0 * math.pi * uniform(stream, arm)
-    # direction of the circle's axis, uniform on the sphere
+    # axis of the circle, uniform on the sphere: bearing uniform, cos(tilt) uniform
     path[_PATH.bearing] = 2.0 * math.pi * uniform(stream, arm)
     path[_PATH.tilt] = math.acos(1.0 - 2.0 * uniform(stream, arm))
 
@@ -181,10 +181,10 @@ def space_draw_line(task, stream, arm, start, drawn, path):
     """
     away, around, up = _directions(drawn[3], drawn[4])
     turn = 2.0 * math.pi * uniform(stream, arm)
-    # velocity, across the direction to that point
+    # v across the direction, so that the path's nearest point is the drawn one
     c, s = drawn[2] * math.cos(turn), drawn[2] * math.sin(turn)
     path[_PATH.vx], path[_PATH.vy], path[_PATH.vz] = c * around[0] + s * up[0], c * around[1] + s * up[1], s * up[2]
-    # position at t = 0
+    # x(0) = point - v t: the path passes the drawn point at the drawn time (inertial axes)
     path[_PATH.x] = drawn[0] * away[0] - path[_PATH.vx] * drawn[1]
     path[_PATH.y] = drawn[0] * away[1] - path[_PATH.vy] * drawn[1]
     path[_PATH.z] = drawn[0] * away[2] - path[_PATH.vz] * drawn[1]
@@ -205,7 +205,7 @@ def space_path_at(task, path, t, out):
     out[_MOVING.x] = path[_PATH.x] + path[_PATH.vx] * t + (c * first[0] + s * other[0])
     out[_MOVING.y] = path[_PATH.y] + path[_PATH.vy] * t + (c * first[1] + s * other[1])
     out[_MOVING.z] = path[_PATH.z] + path[_PATH.vz] * t + (c * first[2] + s * other[2])
-    # time derivative
+    # v + rate (c other - s first), the time derivative
     out[_MOVING.vx] = path[_PATH.vx] + rate * (c * other[0] - s * first[0])
     out[_MOVING.vy] = path[_PATH.vy] + rate * (c * other[1] - s * first[1])
     out[_MOVING.vz] = path[_PATH.vz] + rate * (c * other[2] - s * first[2])

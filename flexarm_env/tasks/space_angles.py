@@ -55,7 +55,7 @@ def _stretched(chain, links, angles, lines):
     for k in range(size(links)):
         o = _AT.end * k
         axis = Vector(chain[o + _AT.axis], chain[o + _AT.axis + 1], chain[o + _AT.axis + 2])
-        # less whole turns
+        # less whole turns, in [-pi, pi), because `quaternion` is a series about 0
         angle = angles[k] - 2.0 * math.pi * math.floor(angles[k] / (2.0 * math.pi) + 0.5)
         # axes of link k in inertial axes
         A = A @ rows_of(chain, o) @ matrix(quaternion(angle * axis))
@@ -101,7 +101,7 @@ def _approach(chain, links, length, limits, point, steps, angles):
             S = S + outer(column, column)
         f, largest = _solved(S, off), 1e-12
         for k in range(size(links)):
-            # largest change of a joint limits the step
+            # step scaled so that no joint turns by more than _FARTHEST, because J is local
             largest = max(largest, abs(dot(_column(lines, k, tip), f)))
         share = min(1.0, _FARTHEST / largest)
         for k in range(size(links)):
@@ -142,7 +142,8 @@ def seek_point(chain, links, length, limits, point, angles):
     least, mine, best = math.inf, stack(_ONE, links), stack(_ONE, links)
     for trial in range(3):
         if least > 1e-9:
-            # attempt 0: present angles; 1 and 2: elbows bent to alternating sides
+            # attempt 0 starts at the present angles, 1 and 2 at elbows bent to alternating sides, because straight arms
+            # are singular
             for k in range(size(links)):
                 side = _SIDE if (k + trial) % 2 == 0 else -_SIDE
                 mine[k] = angles[k] if trial == 0 or k == 0 else side

@@ -72,11 +72,11 @@ class Starts:
         pose: rows of the state of straight links in terms of `program.BASIS`; None in space. nominal: an arm's own
         parameters.
         """
-        # without a table for vibrations links start at rest
+        # no table of vibrations: links start at rest, q' = 0
         still = None if pose is None else np.zeros(pose.size)
         tables = self.start, self.target, [*self.drawn.values()]
         start, target, drawn = (np.array(rows, np.float64).ravel() for rows in tables)
-        # factors that every episode draws, then the requested ones
+        # the first ALWAYS factors are drawn in every episode, so that the stream does not depend on the settings
         always, asked = drawn[: 2 * ALWAYS], drawn[2 * ALWAYS :]
         return Ranges(
             start=start, target=target, factors=always, more=asked if asked.size else None,

@@ -15,7 +15,7 @@ def uniform(stream, arm):
     """
     z = stream[arm] + np.uint64(0x9E3779B97F4A7C15)
     stream[arm] = z
-    # mix the counter's bits
+    # SplitMix64: multiply and xor-shift spread each bit of the counter over all 64
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     z = z ^ (z >> np.uint64(31))

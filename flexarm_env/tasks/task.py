@@ -142,7 +142,7 @@ def show_base(lane, task, poses: Lanes, sine, cosine, out):
     """
     if size(task.base) > 0:
         k = size(task.entries) - 7
-        # attitude and its rate
+        # attitude psi_b as (sin, cos), which is continuous over whole turns, and psi_b' over its scale
         s, c = sincos(of_base(lane, task, poses, BASE_POSE.angle))
         show_scaled(lane, task, out, k, s)
         show_scaled(lane, task, out, k + 1, c)
@@ -182,7 +182,7 @@ def reward_attitude(lane, task, poses: Lanes, live, info, total):
     """
     if size(task.base) > 0:
         turned, at = of_base(lane, task, poses, BASE_POSE.angle), info_of(task).further + FURTHER.base
-        # attitude and place of the hub
+        # psi_b (rad) and the hub's x, y (m, inertial axes)
         put_info(lane, live, info, at, turned)
         put_info(lane, live, info, at + 1, poses[POSE.x])
         put_info(lane, live, info, at + 2, poses[POSE.y])
@@ -213,7 +213,7 @@ def past_limits(lane, task, poses: Lanes):
     A joint's angle is that of its link's root section, less that of the tip section before it or of the floating base.
     """
     past = 0.0
-    # joint 0 turns relative to the base
+    # joint 0 is measured against the base's attitude psi_b, joint k against the tip section before it
     before = of_base(lane, task, poses, BASE_POSE.angle)
     for k in range(size(task.links)):
         angle = poses[POSE.end * k + POSE.angle] - before
@@ -229,10 +229,10 @@ def record_success(lane, task, good, record: Lanes, live, info):
     good: 1 where all errors are within their bands. Success is a count (record.hold) of at least task.hold; where
     task.once is a tag, it lasts to the end of the episode.
     """
-    # an instant outside a band starts the count again
+    # hold counts periods in a row: an instant outside a band starts the count again
     before = record[HOLD]
     held = select_lt(0.5, good, before + 1.0, 0.0)
-    # a success that lasts keeps its count
+    # `once` (a tag): the count stays, because a success lasts to the episode's end
     if task.once is not None:
         held = select_lt(before, task.hold - 0.5, held, before)
     store_where(lane, live, record, HOLD, held, before)
@@ -279,7 +279,7 @@ def reward_change(lane, task, action: Lanes, record: Lanes, live, info, total):
     """
     change = 0.0
     for j in range(size(task.acted)):
-        # last action of joint j, after the goal angles in the record
+        # sum_j (u_j - u_j of the last period)^2; last actions are behind the goal angles
         at = GOAL + size(task.links) + j
         before, now = record[at], action[j]
         change = change + (now - before) * (now - before)

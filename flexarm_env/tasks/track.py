@@ -20,13 +20,13 @@ def _on_path(reference, task, record, lanes, i, t, k, out):
     """
     targets = size(task.targets)
     if reference.table.shape[0] > 0:
-        # given table
+        # table: targets x, then their rates v, a row per period; the last row holds after its end
         rows = reference.table.shape[0] // (2 * targets)
         row = min(k, rows - 1) * 2 * targets
         for d in range(targets):
             out[_MOVING.x + d], out[_MOVING.vx + d] = reference.table[row + d], reference.table[row + targets + d]
         return
-    # drawn path of this arm
+    # drawn path: the PATH of this arm, copied from its lane because `path_at` has none
     path = stack(_ONE, _PATH)
     for j in range(GOAL - PATH_AT):
         path[j] = record[(PATH_AT + j) * lanes + i]
@@ -68,7 +68,7 @@ def _move_target(lanes, reference, task, period, record, i):
     out, mine = stack(_ONE, _PLACE), stack(_ONE, task.links + _RECORD)
     k = record[PERIODS * lanes + i] + 1.0
     _set_target(reference, task, record, lanes, i, k * period, int(k), out)
-    # `pursue` reads and writes one arm's record, without lanes
+    # `pursue` is compiled for one arm: its record without lanes
     for j in range(GOAL, GOAL + size(task.links)):
         mine[j] = record[j * lanes + i]
     for d in range(max(2, size(task.targets))):
@@ -111,7 +111,7 @@ def _look_ahead(lanes, reference, task, period, first, record, seen, i):
     out, rows = stack(_ONE, _PLACE), reference.ahead.shape[0]
     k = record[PERIODS * lanes + i] + (0.0 if first else 1.0)
     for row in range(rows + 1):
-        # row 0: the rate now; later rows: displacement from the present target
+        # row 0: v of the target now; later rows: x at instants ahead less x now
         step = k if row == 0 else k + reference.ahead[row - 1]
         _on_path(reference, task, record, lanes, i, step * period, int(step), out)
         for d in range(targets):
@@ -134,7 +134,7 @@ def start_path(reference, task, stream, arm, record, lanes):
     for k in range(size(task.links)):
         angles[k] = record[(GOAL + k) * lanes + i]
     draw_attainable(reference, task, stream, arm, angles, path, MOST_DRAWS)
-    # path into the record, target at t = 0
+    # the drawn numbers go to the record, because each period recomputes the target from t
     for k in range(len(_PATH)):
         record[(PATH_AT + k) * lanes + i] = path[k]
     _set_target(reference, task, record, lanes, i, 0.0, 0, out)

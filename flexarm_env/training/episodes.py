@@ -78,9 +78,10 @@ class Episodes:
     """Results of n episodes, one entry or column each; errors in rad (slew) or m (reach).
 
     Attributes:
-        task, dt: of the environment. success (n,), settling (n,) s (the full duration if it never settled),
-        settled (n,), vibration (n,) m, overshoot (n,) share of the way, effort (n,) s, returns (n,),
-        terminated (n,): ended early. errors (steps + 1, n): over time. way (n,): error at the start.
+        task, dt: task and control period, s, of the environment. success (n,), settled (n,), terminated (n,): whether
+            an episode succeeded, settled, and ended early. settling (n,): s, the full duration if it never settled.
+        vibration (n,): m. overshoot (n,): share of the way. effort (n,): s. returns (n,): returns.
+        errors (steps + 1, n): tip errors over time. way (n,): error at the start.
     """
 
     task: str

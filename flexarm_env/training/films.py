@@ -38,7 +38,7 @@ class Arguments:
         out: the file: .mp4, .gif, .webm, .mkv or .mov.
         env: id of the environment.
         env_kwargs: keywords of the environment, as JSON; they override those of a policy's training.
-        seed: of the episode.
+        seed: seed of the episode.
         seconds: duration of the part that is shown; default the whole episode.
         fps: pictures per second of film, at most one per control period.
         speed: seconds of the episode per second of film.

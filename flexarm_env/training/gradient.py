@@ -34,10 +34,10 @@ NOT_OF_ARMS = ("autoreset_mode", "num_envs", "vectorization_mode", "render_mode"
 class Window:
     """Record of T control periods of n arms: lists of T entries.
 
-    states (n, S), seen (n, O): before each period; inputs: of the policy's layers; wanted, noise (n, A): actions before
-    clipping, and their random part. rewards (T, n): including the costs of limits and the price of failure; slopes
-    (n, O): derivatives of the limits' part by the observation after the period. ended, failed (T, n): episode ended;
-    solver failed. after (T, n, O): observations after each period.
+    states (n, S), seen (n, O): before each period; inputs: inputs of the policy's layers; wanted, noise (n, A): actions
+    before clipping, and their random part. rewards (T, n): including the costs of limits and the price of failure.
+    slopes (n, O): derivatives of the limits' part by the observation after the period. ended, failed (T, n): whether
+    the episode ended, and whether the solver failed. after (T, n, O): observations after each period.
     """
 
     states: list[Array]
@@ -56,12 +56,14 @@ class Gradient(BaseAlgorithm):
     """Short-horizon analytic policy gradient.
 
     Args:
-        policy: "MlpPolicy". env: a vector environment of this package. learning_rate: of actor and critic.
-        n_steps: control periods of a window. batch_size, n_epochs: of the critic's fit in each window. gamma: discount.
+        policy: "MlpPolicy". env: a vector environment of this package.
+        learning_rate: learning rate of actor and critic. n_steps: control periods of a window. gamma: discount.
+        batch_size, n_epochs: batch size and epochs of the critic's fit in each window.
         gae_lambda: weight of longer returns in the critic's targets. max_grad_norm: largest norm of the actor's
-        gradient. limit_margin: distance, rad, from a joint's limit below which it costs, up to `limit_cost` per period
-        at the limit (where an episode ends, returns jump, which no derivative shows). policy_kwargs, seed, verbose,
-        device, tensorboard_log: as PPO's.
+            gradient.
+        limit_margin: distance, rad, from a joint's limit below which a cost acts, up to `limit_cost` per period at the
+            limit (derivatives do not show that returns jump at the end of an episode).
+        policy_kwargs, seed, verbose, device, tensorboard_log: as for PPO.
     """
 
     policy_aliases: ClassVar = {"MlpPolicy": ActorCriticPolicy}

@@ -1,4 +1,4 @@
-"""Policies by the words that a command line takes, and models of Stable-Baselines3 while they are trained."""
+"""Policies by their names on the command line, and models of Stable-Baselines3 during training."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ from flexarm_env.training.export_policy import numpy_policy
 
 
 class TorchPolicy:
-    """A Stable-Baselines3 model with its normaliser, as a Policy; one of RecurrentPPO remembers since the beginning."""
+    """A Stable-Baselines3 model with its normalizer, as a Policy; models of RecurrentPPO have a memory."""
 
     def __init__(self, model: Any, normaliser: Any) -> None:
         """Store the model and its normalizer, with an empty memory."""

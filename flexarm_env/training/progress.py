@@ -1,4 +1,4 @@
-"""Progress of a training run: rows of the learning curve, the best policy so far, when the task was solved."""
+"""Progress of a training run: rows of the learning curve, the best policy so far, and the time of solution."""
 
 import sys
 from collections.abc import Callable

@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 
 
 def staggered(native: Any, seed: int) -> NDArray[np.float32] | None:
-    """Bring reset environments to times spread over an episode; returns the observations there, (n, O).
+    """Advance reset environments to times spread over an episode; return the observations there, (n, O).
 
     Episodes of one length that start together would show each rollout a single phase of the task: all arms moving, then
     all at rest. The arms run without action, each reset at a time of its own. None if episodes are a single step.
 
     Args:
-        native: a native vector environment. seed: of the order of the times.
+        native: a native vector environment. seed: seed of the order of the times.
     """
     n, limit = native.num_envs, int(native.unwrapped.plan.limit)
     ages = np.random.default_rng(seed).permutation(np.arange(n) * limit // n)

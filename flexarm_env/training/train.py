@@ -26,7 +26,7 @@ from flexarm_env.training import blas, episodes
 from flexarm_env.training import config as configs
 from flexarm_env.training.arguments import parse
 from flexarm_env.training.progress import Progress, finish, training_program
-from flexarm_env.training.runs import OF_POLICY, Training, checkpoints, new_record, write_json, write_text
+from flexarm_env.training.runs import OF_POLICY, Training, checkpoints, new_record, read_run, write_json, write_text
 
 NEEDED = {"torch": "torch", "stable_baselines3": "stable-baselines3", "yaml": "pyyaml", "tqdm": "tqdm"}
 """Packages of the extra `train` required by training, by their modules."""
@@ -73,6 +73,8 @@ def train(arguments: Arguments) -> Any:
         what = "must be left out with --algo gradient, whose arms share one length"
         raise check.InvalidValue("env_kwargs.lengths", kwargs[episodes.LENGTHS], what)
     asked = episodes.user_keywords(arguments.env, {**chosen, **arguments.env_kwargs})
+    if arguments.resume:  # among them what was chosen for the arm at the run's start
+        asked = read_run(folder).get("asked", asked)
     judged = episodes.validation(arguments.env, kwargs, asked)
     eval_env = episodes.make_episodes(arguments.env, arguments.eval_episodes, **judged)
     setup = Setup.of(eval_env)

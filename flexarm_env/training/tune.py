@@ -101,7 +101,7 @@ class SearchProgress:
     """Cost function that reports a search's progress on standard error, in place on a terminal, elsewhere now and then.
 
     Args:
-        cost: of gains. name: of the controller. total: largest number of evaluations of the search.
+        cost: cost function of gains. name: name of the controller. total: largest number of evaluations of the search.
     """
 
     EVERY = (0.5, 10.0)  # s from one line to the next, on a terminal and elsewhere

@@ -22,8 +22,9 @@ class Watch(BaseCallback):
     """Evaluate between rollouts, keep the best model, save checkpoints, and stop the run when the task is solved.
 
     Args:
-        arguments: of the run. env: the vector environment for evaluation. meta: of the exported policy.
-        progress: of an earlier part of the run. total: steps of the run.
+        arguments: arguments of the run. env: the vector environment for evaluation. meta: metadata of the exported
+            policy.
+        progress: progress of an earlier part of the run. total: steps of the run.
     """
 
     def __init__(self, arguments: Training, env: Any, meta: dict[str, Any], progress: Progress, total: int) -> None:

@@ -1,4 +1,4 @@
-"""A player for the browser: runs and episodes in one HTML file that needs nothing else.
+"""A player for the browser: runs and episodes in one self-contained HTML file.
 
 simulate(named("robot_arm_motion")).view().save("arm.html")
 Player([quick.clip("8 segments"), exact.clip("exact beam")]).save("both.html")

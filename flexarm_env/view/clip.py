@@ -1,4 +1,4 @@
-"""What is shown of a run: its points, what pulls at them, its charts; deflection drawn larger."""
+"""Contents of a player: points of the arm over time, forces and torques, charts; enlarged deflections."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ from ..validation import Array
 class Pull:
     """A force or torque on a point of the chain.
 
-    name: in the legend. point: index of the point. values: (n,) N m, a torque; or (n, 2) N, a force, in space (n, 3).
-    limit: N m of a torque at its largest; None, or where they are larger: the largest of these values. axis (n, 3): of
-    a torque in space.
+    name: shown in the legend. point: index of the point. values: (n,) N m, a torque; or (n, 2) N, a force, in space (n,
+        3).
+    limit: largest torque, N m; None, or a value that is exceeded: the largest of the values. axis (n, 3): axis of a
+        torque in space.
     """
 
     name: str
@@ -40,19 +41,20 @@ class Chart:
 
 @dataclass(frozen=True)
 class Clip:
-    """A run of n instants as it is shown, N links, P points; SI units.
+    """A run as shown by the player: n instants, N links, P points; SI units.
 
     Attributes:
-        label: what it is called beside others. note: one line on how it was computed, and how it ended.
-        t (n,): s. points (n, P, 2): from root to tip, m. cuts (N + 1,): which are root, joints and tip.
-        angles (n, N, 2): of the tangents at each link's root and tip, rad.
-        rigid (n, N): angles of the links' roots if nothing bent, at the same joint angles, rad (`rigid_angles`).
+        label: name shown beside other runs. note: one line with the formulation and the outcome.
+        t (n,): s. points (n, P, 2): from root to tip, m. cuts (N + 1,): indices of root, joints and tip.
+        angles (n, N, 2): angles of the tangents at each link's root and tip, rad.
+        rigid (n, N): angles of the links' roots in the rigid arm at the same joint angles, rad (`rigid_angles`).
         rest (P, 2): the links without stress, each from its root and its tangent there, m; of a joint, that tip.
         curvature (n, P): 1/m, at the points; at a joint, of the link that ends there.
         surface: m, from the neutral axis to the surface, where one number tells it; strain is curvature times that.
-        target (n, 2): m, or None. polar: the target is an angle, and its distance means nothing.
-        pulls: forces and torques. charts: what is drawn over time, in order.
-        pinned: the root stands on a motor. payload: the tip carries something. walls: outlines of what it keeps out of.
+        target (n, 2): m, or None. polar: whether the target is an angle, so that its distance has no meaning.
+        pulls: forces and torques. charts: charts in the order shown.
+        pinned: whether the root is on a motor. payload: whether the tip carries a payload. walls: outlines of shapes to
+            avoid.
         base (n,): attitude of a base that floats with the motor on it, rad, or None.
     """
 
@@ -85,7 +87,7 @@ class Clip:
 
 
 def thinner(clip: Any, names: Sequence[str], step: int) -> Any:
-    """Return a clip with every `step`-th instant and the last; names: of its arrays over time."""
+    """Return a clip with every `step`-th instant and the last; names: names of its arrays over time."""
     if step <= 1:
         return clip
     i = np.unique(np.append(np.arange(0, len(clip.t), step), len(clip.t) - 1))
@@ -113,10 +115,10 @@ def thinned(cuts: Sequence[int], most: int) -> tuple[NDArray[np.intp], tuple[int
 
 
 def rigid_angles(joints: ArrayLike, turns: ArrayLike) -> Array:
-    """Return the angles (..., N), rad, at the roots of links that do not bend.
+    """Return the angles (..., N), rad, at the roots of the links of the rigid arm.
 
-    joints (..., N): angles of the joints, joint 0 from the x axis, joint k from the tip of link k - 1. turns (N,): from
-    root to tip of each link, 0 but for links that are curved without stress.
+    joints (..., N): angles of the joints, joint 0 from the x axis, joint k from the tip of link k - 1. turns (N,):
+        angle from root to tip of each stress-free link; 0 for straight links.
     """
     before = np.concatenate([[0.0], np.cumsum(turns)[:-1]])
     return np.asarray(np.cumsum(joints, axis=-1) + before)
@@ -127,12 +129,12 @@ def magnified(
 ) -> Array:
     """Return the chain with its deflection from the rigid arm at the same joint angles multiplied by a factor.
 
-    Each link's deflection over its root's tangent, and each angle by which bending turns the links beyond, is
-    multiplied by the factor; lengths along the tangents, the root and the joints' angles stay. A factor of 1 gives the
-    points.
+    The factor multiplies each link's deflection from its root's tangent, and the angle by which its bending turns the
+    following links. Lengths along the tangents, the root and the joint angles do not change. A factor of 1 returns the
+    points unchanged.
 
     Args:
-        points (P, 2): from root to tip, m. cuts (N + 1,): which are root, joints and tip. angles (N, 2): of the
+        points (P, 2): from root to tip, m. cuts (N + 1,): indices of root, joints and tip. angles (N, 2): angles of the
             tangents at each link's root and tip, rad. rigid (N,), rest (P, 2): as those of a `Clip`. factor: positive.
     Returns:
         (P, 2), m.

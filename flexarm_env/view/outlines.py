@@ -1,4 +1,4 @@
-"""What shapes look like: an outline in the plane, flat faces in space."""
+"""Drawn outlines of planar shapes, and flat faces of shapes in space."""
 
 from itertools import pairwise
 

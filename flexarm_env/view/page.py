@@ -32,8 +32,8 @@ class Player:
     """A page that plays clips over each other or side by side.
 
     Args:
-        clips: at least one; label tells them apart. title: of the page; default the labels.
-        most_bytes: that the page may have; where all instants would need more, they are thinned evenly.
+        clips: at least one, with different labels. title: title of the page; default the labels.
+        most_bytes: largest size of the page; longer runs are thinned evenly to fit.
     Raises:
         ValueError: no clip, or clips that do not fit even with two instants each.
     """
@@ -75,7 +75,7 @@ class Player:
         return page(self.data, self.title)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write the page to a file, whole or not at all; its folder is made. Raises OSError."""
+        """Write the page to a file, completely or not at all; create its folder. Raises OSError."""
         target = Path(path)
         write_text(target, self.html)
         return target

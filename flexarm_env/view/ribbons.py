@@ -35,7 +35,7 @@ def ribbons(arm: Arm, settings: Settings, q: Array, pieces: int = 6) -> Ribbons:
     """Return the links as ribbons from states q (n, rows).
 
     Between sections the line is the cubic that leaves one and reaches the next along their x axes, and the width turns
-    evenly about one axis; pieces: of each such part.
+    evenly about one axis; pieces: number of pieces of each such part.
     """
     lines, cuts = [], [0]
     for link, motion in zip(arm.links, links(arm, settings, q, np.zeros_like(q)), strict=True):

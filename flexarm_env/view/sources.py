@@ -1,4 +1,4 @@
-"""Clips of what the package has recorded: trajectories, and episodes that are played again."""
+"""Clips of trajectories and of replayed episodes."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -215,8 +215,9 @@ def of_episode(
     """Return the clip of an episode.
 
     Args:
-        plan: of its environment. views: `batch.View` of each instant. rows: observations and infos by name.
-        rewards: of its steps. label: what it is called. rate: gives (G, rows) curvature, 1/m, from the state at places.
+        plan: plan of its environment. views: `batch.View` of each instant. rows: observations and infos by name.
+        rewards: rewards of its steps. label: name of the clip. rate: gives (G, rows) curvature, 1/m, from the state at
+            places.
     """
     arm: Arm = plan.arm
     energies = {k.removeprefix("energy_"): x for k, x in rows.items() if k.startswith("energy_") or k == "work"}

@@ -1,4 +1,4 @@
-"""What is shown of a run in space: ribbons, what pulls at them, charts, and the shapes that it keeps out of."""
+"""Contents of a player in space: links as ribbons, forces and torques, charts, and shapes to avoid."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ from .ribbons import Ribbons, ribbons, ribbons_of, sides
 
 @dataclass(frozen=True)
 class SpaceClip:
-    """A run of n instants in space as it is shown, N links, P points; SI units.
+    """A run in space as shown by the player: n instants, N links, P points; SI units.
 
     Attributes:
         label, note, t, pulls, charts, pinned, payload: as those of a `Clip`; forces are (n, 3).
         points, across (n, P, 3), cuts (N + 1,): see `view.ribbons.Ribbons`. sides (N, 2): width and thickness, m.
-        length: of the arm, m. ground: its height, m. rigid (n, N + 1, 3): joints and tip of the rigid arm, m, or None.
-        target (n, 3): m, or None. walls: faces of what it keeps out of, (corners, 3) m each.
+        length: length of the arm, m. ground: its height, m. rigid (n, N + 1, 3): joints and tip of the rigid arm, m, or
+            None.
+        target (n, 3): m, or None. walls: faces of shapes to avoid, (corners, 3) m each.
     """
 
     label: str
@@ -91,7 +92,7 @@ def _bending(arm: Arm, deflection: Array, twist: Array) -> list[Chart]:
 def of_run(run: Any, label: str | None, note: str, charts: Sequence[Chart]) -> SpaceClip:
     """Return the clip of a `SpatialTrajectory`.
 
-    charts: of torques and energies, shown after those of deflection and twist. label: the scene's name if None.
+    charts: charts of torques and energies, shown after those of deflection and twist. label: the scene's name if None.
     """
     scene: Scene = run.scene
     far = 0.7 * scene.arm.total_length

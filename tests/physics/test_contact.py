@@ -205,7 +205,7 @@ def test_friction_acts_on_the_surface_of_the_sphere() -> None:
 
 # --- a beam ----------------------------------------------------------------------------------------------
 def clamped_free(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Roots beta, tip values and mean values of the first modes of a clamped-free beam of length 1, of mean square 1."""
+    """Roots beta, tip values and means of the first modes of a clamped-free beam of length 1, of mean square 1."""
     roots, tips, means = [], [], []
     s = (np.polynomial.legendre.leggauss(200)[0] + 1.0) / 2.0
     weights = np.polynomial.legendre.leggauss(200)[1] / 2.0

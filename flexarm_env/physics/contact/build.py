@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexarm_env import validation as check
-from flexarm_env.compiler import SINGLE, Lanes, kernel, size, uncompiled
-from flexarm_env.physics import protocol
+from flexarm_env.compiler import SINGLE, size, uncompiled
+from flexarm_env.physics.contact.account import respond
 from flexarm_env.physics.contact.layout import HERE, LAW, READ, Touching, Watch
 from flexarm_env.physics.layout import POSE, SPACE_POSE
 from flexarm_env.physics.model import System
@@ -78,38 +78,12 @@ def duration(contact: Contact, mass: float) -> float:
     power = contact.exponent + 1.0
     depth = (0.5 * power * mass * contact.speed**2 / contact.stiffness) ** (1.0 / power)
     share = 2.0 * math.sqrt(math.pi) * math.gamma(1.0 + 1.0 / power) / math.gamma(0.5 + 1.0 / power)
-    return share * depth / contact.speed
+    return float(share * depth / contact.speed)
 
 
 def largest_stiffness(contact: Contact, mass: float, dt: float) -> float:
     """Return the stiffness (N/m^n) at which `duration` is `STEPS` steps of dt (s)."""
-    return contact.stiffness * (duration(contact, mass) / (STEPS * dt)) ** (contact.exponent + 1.0)
-
-
-@kernel
-def _respond(lane, model, par, state, u: Lanes, weights, part, r: Lanes, S, out):
-    """Write to out, for each point and axis, the generalized force of 1 N on the point and S^-1 times that force.
-
-    Runs in Python only. S: Newton matrix of the arm alone with fixed coordinates; out (points, axes, 2, n).
-    """
-    n, model = size(model.arm.n), model.arm
-    still = np.zeros(n)
-    protocol.assemble(lane, model, par, state, u, weights, r, S)
-    for k in model.fixed:
-        protocol.add_stiffness(lane, model, S, k, None)
-    protocol.factor(lane, model, S)
-    protocol.residual(lane, model, par, state, u, still, S)
-    for p in range(len(part.points)):
-        for i in range(len(part.space)):
-            k = part.input + p * len(part.entries) + i
-            u[k] = 1.0
-            protocol.residual(lane, model, par, state, u, r, S)
-            u[k] = 0.0
-            r[:] = still - r
-            r[model.fixed] = 0.0
-            out[p, i, 0, :n] = r
-            protocol.solve(lane, model, S, r)
-            out[p, i, 1, :n] = r
+    return float(contact.stiffness * (duration(contact, mass) / (STEPS * dt)) ** (contact.exponent + 1.0))
 
 
 def effective_masses(system: System, dt: float) -> Array:
@@ -126,7 +100,7 @@ def effective_masses(system: System, dt: float) -> Array:
     c_m, out = 4.0 / (dt * dt), np.zeros((len(part.points), axes, 2, n))
     S = np.zeros(size(model.arm.n_factor))
     state, weights = State(system.q0[:n].copy(), still, still.copy()), Weights(c_m, 2.0 / dt, 1.0)
-    uncompiled(_respond)(SINGLE, model, system.par, state, u, weights, part, r, S, out)
+    uncompiled(respond)(SINGLE, model, system.par, state, u, weights, part, r, S, out)
     compliance = np.einsum("pin,pjn->pij", out[:, :, 0], out[:, :, 1])
     largest = np.linalg.eigvalsh(0.5 * (compliance + compliance.transpose(0, 2, 1)))[:, -1]
     return np.asarray(1.0 / (c_m * largest))

@@ -11,113 +11,14 @@ forces and blocks of 0.
 
 from __future__ import annotations
 
-from ...compiler import Lanes, kernel, max_over_lanes, maximum, select_lt, sincos, size, square_root, stack
+from ...compiler import Lanes, kernel, max_over_lanes, maximum, select_lt, size, stack
 from .. import protocol
 from ..contributions import register
-from ..layout import POSE, SPACE_POSE
+from .account import after_step, damping_power, energy
 from .friction import column_of_slip, component, solve_friction, unit_entry
-from .law import cross, dot, gap_of, meet
-from .layout import HERE, LAWS, READ, Touching
-
-_here = kernel(HERE.offsets)
-
-
-@kernel
-def here_of(part, p):
-    """Return the offsets in S of point p's `HERE`."""
-    axes, n = len(part.axes), size(part.room)
-    first = _here(0, axes, n)
-    return _here(part.at + p * first.end, axes, n)
-
-
-@kernel
-def obstacle_count(part):
-    """Return the number of obstacles."""
-    return part.meets.shape[0] // len(part.points)
-
-
-@kernel
-def place_of(lane, part, y: Lanes, p):
-    """Return the place (m, three numbers) of point p from the arm's input displacements y."""
-    k = part.input + p * len(part.entries)
-    if len(part.space) == 2:
-        return y[k], y[k + 1], 0.0 * y[k]
-    return y[k], y[k + 1], y[k + 2]
-
-
-@kernel
-def motion_of(lane, part, poses: Lanes, p):
-    """Return velocity (m/s) and angular velocity (rad/s) of point p, inertial axes, from the arm's task poses."""
-    if len(part.space) == 2:
-        o = POSE.end * part.links[p]
-        zero = poses[o + POSE.tip_vx] * 0.0
-        return (poses[o + POSE.tip_vx], poses[o + POSE.tip_vy], zero), (zero, zero, poses[o + POSE.tip_rate])
-    o = SPACE_POSE.end * part.links[p]
-    velocity = poses[o + SPACE_POSE.velocity], poses[o + SPACE_POSE.velocity + 1], poses[o + SPACE_POSE.velocity + 2]
-    turn = poses[o + SPACE_POSE.turn], poses[o + SPACE_POSE.turn + 1], poses[o + SPACE_POSE.turn + 2]
-    spin = poses[o + SPACE_POSE.spin], poses[o + SPACE_POSE.spin + 1], poses[o + SPACE_POSE.spin + 2]
-    return velocity, _rotated(turn, spin)
-
-
-@kernel
-def _rotated(psi, x):
-    """Return exp(psi^) x, the vector x rotated by the rotation vector psi (rad)."""
-    square = dot(psi, psi)
-    angle = square_root(square)
-    sine, cosine = sincos(angle)
-    small = select_lt(square, 1e-8, 1.0, 0.0)
-    safe = select_lt(0.5, small, 1.0, square)
-    # sin(a) / a and (1 - cos(a)) / a^2
-    first = select_lt(0.5, small, 1.0 - square * (1.0 / 6.0), sine / square_root(safe))
-    second = select_lt(0.5, small, 0.5 - square * (1.0 / 24.0), (1.0 - cosine) / safe)
-    once = cross(psi, x)
-    twice = cross(psi, once)
-    return (
-        x[0] + once[0] * first + twice[0] * second, x[1] + once[1] * first + twice[1] * second,
-        x[2] + once[2] * first + twice[2] * second,
-    )  # fmt: skip
-
-
-@kernel
-def _gap(lane, part, y: Lanes, p):
-    """Return the distance (m) of point p from the nearest of its obstacles; y: the arm's input displacements."""
-    least = 1e300
-    place = place_of(lane, part, y, p)
-    for o in range(obstacle_count(part)):
-        if part.meets[p * obstacle_count(part) + o] > 0.5:
-            gap = gap_of(part, p, o, place)
-            least = select_lt(gap, least, gap, least)
-    return least
-
-
-@kernel
-def _touches(gap):
-    """Return whether the gap (m) is negative in any lane."""
-    return max_over_lanes(select_lt(gap, 0.0, 1.0, 0.0)) > 0.5
-
-
-@kernel
-def _any_touches(lane, part, S: Lanes):
-    """Return whether a point touches in any lane, by the gaps in S."""
-    least = 1e300
-    for p in range(len(part.points)):
-        gap = S[here_of(part, p).gap]
-        least = select_lt(gap, least, gap, least)
-    return _touches(least)
-
-
-@kernel
-def wrench(part, p, met):
-    """Return force (N) and moment about the point (N m) of a `Meeting` on the arm, two vectors of three."""
-    friction = met.slip[0] * -met.grip, met.slip[1] * -met.grip, met.slip[2] * -met.grip
-    # the friction force acts on the sphere's surface, at -r n
-    moment = cross(met.normal, friction)
-    radius = -part.radii[p]
-    force = (
-        met.normal[0] * met.force + friction[0], met.normal[1] * met.force + friction[1],
-        met.normal[2] * met.force + friction[2],
-    )  # fmt: skip
-    return force, (moment[0] * radius, moment[1] * radius, moment[2] * radius)
+from .kinematics import any_touches, gap_at, here_of, motion_of, obstacle_count, place_of, wrench
+from .law import cross, dot, meet
+from .layout import LAWS, Touching
 
 
 @kernel
@@ -126,9 +27,9 @@ def point_forces(lane, part, model, par, state, S: Lanes, inputs: Lanes):
     y = stack(lane, model.points)
     protocol.input_displacements(lane, model.arm, par, state.q, y)
     for p in range(len(part.points)):
-        S[here_of(part, p).gap] = _gap(lane, part, y, p)
+        S[here_of(part, p).gap] = gap_at(lane, part, y, p)
         S[here_of(part, p).bound] = 0.0
-    if _any_touches(lane, part, S):
+    if any_touches(lane, part, S):
         poses = stack(lane, part.poses)
         protocol.task_poses(lane, model.arm, par, state.q, state.v, poses)
         for p in range(len(part.points)):
@@ -170,7 +71,7 @@ def assemble(lane, part, model, par, state, u: Lanes, weights, r, S: Lanes):
         for p in range(len(part.points)):
             at = here_of(part, p)
             S[at.active] = select_lt(S[at.gap], 0.0, 1.0, 0.0)
-        if _any_touches(lane, part, S):
+        if any_touches(lane, part, S):
             y, poses = stack(lane, model.points), stack(lane, part.poses)
             protocol.input_displacements(lane, model.arm, par, state.q, y)
             protocol.task_poses(lane, model.arm, par, state.q, state.v, poses)
@@ -416,109 +317,6 @@ def multiply(lane, part, model, S: Lanes, x, y: Lanes):
                 column = _column(lane, at.B, n, S, i)
                 for k in range(n):
                     y[k] += column[k] * share
-
-
-# --- work and energy -----------------------------------------------------------------------------------
-@kernel
-def energy(lane, part, model, par, q, v, sums):
-    """Return sums, (kinetic, strain, gravitational; J), with the energy k d^(n + 1) / (n + 1) stored in contacts."""
-    kinetic, strain, gravity = sums
-    y = stack(lane, model.points)
-    protocol.input_displacements(lane, model.arm, par, q, y)
-    zero = (0.0, 0.0, 0.0)
-    for p in range(len(part.points)):
-        if _touches(_gap(lane, part, y, p)):
-            for o in range(obstacle_count(part)):
-                if part.meets[p * obstacle_count(part) + o] > 0.5:
-                    strain = strain + meet(part, p, o, place_of(lane, part, y, p), zero, zero).stored
-    return kinetic, strain, gravity
-
-
-@kernel
-def damping_power(lane, part, model, par, q, v, x, total):
-    """Return total (W) plus the power at rates x that contacts dissipate at rates v, by damping and friction."""
-    y = stack(lane, model.points)
-    protocol.input_displacements(lane, model.arm, par, q, y)
-    least = 1e300
-    for p in range(len(part.points)):
-        gap = _gap(lane, part, y, p)
-        least = select_lt(gap, least, gap, least)
-    if _touches(least):
-        rates, others = stack(lane, part.poses), stack(lane, part.poses)
-        protocol.task_poses(lane, model.arm, par, q, v, rates)
-        protocol.task_poses(lane, model.arm, par, q, x, others)
-        for p in range(len(part.points)):
-            velocity, spin = motion_of(lane, part, rates, p)
-            other, turn = motion_of(lane, part, others, p)
-            for o in range(obstacle_count(part)):
-                if part.meets[p * obstacle_count(part) + o] > 0.5:
-                    met = meet(part, p, o, place_of(lane, part, y, p), velocity, spin)
-                    force, moment = wrench(part, p, met)
-                    # all forces but the elastic one
-                    power = dot(force, other) + dot(moment, turn) - dot(met.normal, other) * met.elastic
-                    total = total - power
-    return total
-
-
-# --- readings ------------------------------------------------------------------------------------------
-_FAR = 1e-3
-"""Share of `Watch.reach`, the most that a point moves per weighted increment of 1, beyond which the gap of the last
-Newton iterate tells that no point touches at the end of the step."""
-
-
-@kernel
-def after_step(lane, part, model, par, q, v, S: Lanes, h):
-    """Store the `READING` of each point in S and add the forces times h (s) to its impulses.
-
-    The forces at the end of a step count for the whole step, which integrates a force that begins and ends at 0 as the
-    trapezoidal rule does.
-    """
-    least = 1e300
-    for p in range(len(part.points)):
-        gap = S[here_of(part, p).gap]
-        least = select_lt(gap, least, gap, least)
-    near = select_lt(least, model.newton.contact.reach * _FAR, 1.0, 0.0)
-    if h == 0.0 or max_over_lanes(near) > 0.5:
-        y, poses = stack(lane, model.points), stack(lane, part.poses)
-        protocol.input_displacements(lane, model.arm, par, q, y)
-        protocol.task_poses(lane, model.arm, par, q, v, poses)
-        for p in range(len(part.points)):
-            _store_reading(lane, part, p, y, poses, h, S)
-    else:
-        for p in range(len(part.points)):
-            at = here_of(part, p)
-            for k in range(READ.impulse):
-                S[at.reading + k] = 0.0
-            S[at.reading + READ.penetration] = -S[at.gap]
-
-
-@kernel
-def _store_reading(lane, part, p, y: Lanes, poses: Lanes, h, S: Lanes):
-    """Store the `READING` of point p from input displacements y and task poses; add forces times h (s) to impulses."""
-    velocity, spin = motion_of(lane, part, poses, p)
-    least, normal, sliding, total, friction = 1e300, 0.0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    for o in range(obstacle_count(part)):
-        if part.meets[p * obstacle_count(part) + o] > 0.5:
-            met = meet(part, p, o, place_of(lane, part, y, p), velocity, spin)
-            force, _ = wrench(part, p, met)
-            total = total[0] + force[0], total[1] + force[1], total[2] + force[2]
-            friction = (
-                friction[0] - met.slip[0] * met.grip, friction[1] - met.slip[1] * met.grip,
-                friction[2] - met.slip[2] * met.grip,
-            )  # fmt: skip
-            normal = normal + met.force
-            sliding = select_lt(met.gap, least, met.sliding, sliding)
-            least = select_lt(met.gap, least, met.gap, least)
-    at, tangential = here_of(part, p).reading, square_root(dot(friction, friction))
-    S[at + READ.normal] = normal
-    S[at + READ.tangential] = tangential
-    S[at + READ.penetration] = -least
-    S[at + READ.sliding] = sliding
-    for k in range(3):
-        S[at + READ.force + k] = total[k]
-    S[at + READ.impulse] += normal * h
-    S[at + READ.friction] += tangential * h
-    S[at + READ.peak] = maximum(S[at + READ.peak], normal)
 
 
 register(

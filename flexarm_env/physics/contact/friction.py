@@ -1,4 +1,4 @@
-"""Friction of a point on an obstacle, solved for in each Newton iteration beside the linear system (theory, (6.10)).
+"""Friction of a point on an obstacle, solved for in each Newton iteration beside the linear system (theory, (6.9)).
 
 Near rest the regularized law is so steep that Newton's iteration with its derivative alternates between both directions
 of sliding. The residual contains the friction force F_k of the present iterate, the matrix S does not contain its

@@ -1,6 +1,6 @@
 """Forces between a point of the arm and an obstacle: Hunt-Crossley normal force and regularized Coulomb friction.
 
-    F_n = max(0, k d^n (1 + 3/2 alpha dd/dt)),    F_t = -mu F_n w / sqrt(|w|^2 + v_s^2)          theory, (6.8), (6.9)
+    F_n = max(0, k d^n (1 + 3/2 alpha dd/dt)),    F_t = -mu F_n w / sqrt(|w|^2 + v_s^2)          theory, (6.8)
 
 d: penetration, w: sliding velocity of the sphere's surface in the tangent plane. Vectors are tuples of three in
 inertial axes, in the plane with z = 0.

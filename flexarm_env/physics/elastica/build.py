@@ -73,7 +73,7 @@ def phase_correction(
     n, C = parts.n, np.zeros_like(parts.R)
     lengthening, share = 2.0 * settings.period_error * h * h, HEAVIER * h**4
     for k in range(len(parts.lines)):
-        # M of link k with phi_i - phi_j as without stress
+        # M_ij = P_ij cos(phi_i - phi_j) + R_ij of link k, at the angles phi without stress
         own = slice(k * n, (k + 1) * n)
         P, to = parts.P[own, own], arm[own]
         if rest is not None:
@@ -126,21 +126,21 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     count, m = arm.n_links, arm.n_links * n
     own = m <= UNROLLED and scene.undriven
     movable = [scene.root == "free" or scene.motion_of(name) is not None for name in ("root_x", "root_y")]
-    # rows: angles, then x, y of a root that is among the coordinates
+    # rows of q: phi_i of all nodes, then x, y (inertial axes) of a root that is not fixed
     has_root = any(movable) or not own
     rows = m + (2 if has_root else 0)
     fixed = [joint * n for joint in scene.rigid_joints]
     fixed += [m + i for i in range(2) if has_root and not movable[i]]
-    # weights of load points, tips and drawn points
+    # weights w_i: a point at root + sum_i w_i (cos phi_i, sin phi_i), for loads, link tips and points drawn
     sizes = {"links": count, "nodes": n}
     ends = [LOAD.pack(sizes, **_end(parts, load)) for load in scene.loads if isinstance(load, PointLoad)]
     tips = np.concatenate([line.tip_angle for line in parts.lines])
     stations = np.concatenate([parts.arms_to(k, _stations(line, points, k)) for k, line in enumerate(parts.lines)])
-    # correction of the period for the step settings.dt, none without a step
+    # M - M* (5.3), which belongs to one time step: none where settings.dt is None
     correction, carried, rest = np.zeros_like(parts.R), payload_arm(parts, arm.payload), parts.rest
     if settings.dt is not None:
         correction = phase_correction(parts, arm.payload.mass, carried, rest, settings.dt, settings)
-    # free flight: the last rows are the center of mass
+    # free flight: the last rows are the center of mass, c = root + sum beta_j e_j, because it moves without the angles
     beta = np.zeros(m)
     if scene.root == "free":
         beta = (parts.b + arm.payload.mass * carried) / (parts.mass + arm.payload.mass)
@@ -149,7 +149,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
         P=parts.P, R=parts.R - correction, K=parts.K, b=parts.b, w=parts.w, tips=tips, beta=beta.real,
         mass=parts.mass, root=scene.position, gravity=scene.gravity or (0.0, 0.0), C=correction, points=stations,
     )  # fmt: skip
-    # features: the shared kernel has all of them, a small chain's own kernel only its own
+    # tags: the shared kernel contains every term, a small chain's own kernel only the terms of its arm
     damping = damped(arm)
     if damping is None and not own:
         damping = (0,)
@@ -176,7 +176,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
         points=None if bending is None else tag(sum(len(line.quadrature()[0]) for line in parts.lines), own),
         bends=None if bending is None else bends(parts),
     )
-    # initial state without stress; the last rows, root + sum beta_j e_j, in free flight the center of mass
+    # phi without stress; the last rows are root + sum beta_j e_j, in free flight the center of mass (inertial axes)
     names, coordinates = _names(count, n, has_root, "centre" if scene.root == "free" else "root")
     angles = np.repeat(scene.angles, n) if rest is None else np.repeat(scene.angles, n) + rest
     centre = scene.position + product([np.cos(angles), np.sin(angles)], beta.real)

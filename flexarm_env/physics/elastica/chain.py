@@ -37,7 +37,7 @@ MOST_IN_PIECE = 12
 
 def nodes(n: int, tip: bool) -> Array:
     """Return n nodes on [-1, 1], the first at -1: Lobatto's, with the last at +1, if ``tip``, otherwise Radau's."""
-    # roots of P'_{n-1} between the ends, or of P_{n-1} + P_n
+    # Lobatto: roots of P'_{n-1} between the ends; Radau: roots of P_{n-1} + P_n
     basis = np.zeros(n + 1)
     if tip:
         basis[n - 1] = 1.0
@@ -48,7 +48,7 @@ def nodes(n: int, tip: bool) -> Array:
 
 def _roots(series: Array) -> Array:
     """Return the real roots of a Legendre series in rising order, the same bits on all processors."""
-    # Newton's steps begin at rounded roots, on which all libraries agree
+    # three Newton steps from roots rounded to 1e-7, so that every LAPACK yields the same bits
     roots = np.sort(legendre.legroots(series).real).round(7)
     for _ in range(3):
         roots -= legendre.legval(roots, series) / legendre.legval(roots, legendre.legder(series))
@@ -96,7 +96,8 @@ class Line:
         pieces, first, found = [], 0, meshing.pieces(link, n - 1, "nodes")
         if (most := 1 + (MOST_IN_PIECE - 1) * len(found)) < n:
             raise check.InvalidValue("nodes", n, f"must be at most {most} for a link of {len(found)} smooth piece(s)")
-        # Radau's nodes on the last piece of the last link, Lobatto's elsewhere: neighbors share the node between them
+        # Radau's nodes on the last piece of the last link, where M = 0; Lobatto's elsewhere: neighbors share the node
+        # between them
         for piece, steps in zip(found, meshing.counts(found, n - 1, MOST_IN_PIECE - 1), strict=True):
             last = piece.last == link.length and not tip
             pieces.append((piece.first, piece.last, first, basis(steps + 1, not last)))
@@ -116,7 +117,8 @@ class Line:
         s = np.asarray(s, np.float64)
         table = np.zeros((s.size, self.n))
         for a, b, first, functions in self.pieces:
-            # places on this piece; at a jump those of the piece behind it
+            # xi in [-1, 1] of points on this piece; a point on a jump belongs to the piece behind it, whose EI counts
+            # there
             here = (s >= a) & ((s < b) | (b == self.length))
             x = 2.0 * (s[here] - a) / (b - a) - 1.0
             table[here, first : first + len(functions.own)] = of_piece(x, functions, b - a)
@@ -143,7 +145,7 @@ class Line:
         table = self.integral(np.clip(s, 0.0, self.length))
         if not self.link.rigid_ends:
             return table
-        # root end along the first tangent, tip end along the last one
+        # rigid ends are levers along the beam's tangent: at the root along phi_0, at the tip along phi(L)
         table[:, 0] += self.link.root_offset + np.minimum(s, 0.0)
         return np.asarray(table + np.outer(np.maximum(s - self.length, 0.0), self.tip_angle))
 
@@ -154,7 +156,7 @@ class Line:
             return product(legendre.legvander(x, len(of.own)), of.primitive) * (0.5 * length)
 
         table = self._table(s, of_piece)
-        # pieces that lie wholly before s
+        # int_0^s l_l ds' of a piece that lies before s is its full integral: places continue from its end
         for a, b, first, of in self.pieces[:-1]:
             table[np.asarray(s) >= b, first : first + len(of.own)] += of_piece(np.ones(1), of, b - a)[0]
         return table
@@ -258,7 +260,7 @@ def chain_of(arm: Arm, lines: Sequence[Line]) -> Chain:
     P, R, K = np.zeros((total, total)), np.zeros((count, n, n)), np.zeros((count, n, n))
     b, w = np.zeros(total), np.zeros(total)
     beyond = 0.0  # mass that hangs on the link's tip
-    # from the tip: each link's own blocks, with all mass beyond it as a point at its tip joint
+    # from the tip inward: P_ij = int m S_i S_j of link k, with the mass of all links beyond as a point at its tip joint
     for k in reversed(range(count)):
         link, line, own = arm.links[k], lines[k], slice(k * n, (k + 1) * n)
         s = line.quadrature()[0]
@@ -270,7 +272,7 @@ def chain_of(arm: Arm, lines: Sequence[Line]) -> Chain:
         R[k] = _rotary(arm, k, line)
         K[k] = line.matrix(line.slope(s), "EI")
         beyond += link.mass
-        # rigid ends: point masses in their middles
+        # rigid ends: their mass at the middle of the end, P_ij += m w_i w_j; the rotary part is in R
         if link.rigid_ends:
             for mass, along, _ in link.ends:
                 at = line.position(np.array([along - link.root_offset]))[0]
@@ -297,7 +299,7 @@ def _rotary(arm: Arm, k: int, line: Line) -> Array:
         R = line.link.uniform.J * line.integral(np.array([line.length]))[0]
     else:
         R = line.total(line.lagrange(line.quadrature()[0]), "J")
-    # hub or elbow at the first node, next elbow at the last one, rigid ends with the angles of the link's ends
+    # R: inertia (kg m^2) on the first node (hub or elbow), on the last one (next elbow), and on the ends' angles
     R[0] += arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right
     if k < arm.n_links - 1:
         R[-1] += arm.elbow(k + 1).inertia_left

@@ -141,6 +141,7 @@ def add_nonlinear_stiffness(lane, model, factor, q, S: Lanes):
     """Add to S (row-major, nodes' angles) the stiffness of a nonlinear law M(kappa) beyond EI; no-op for a linear law.
 
     factor: the arm's own factor on EI times the weight of the stiffness in the matrix; q: coordinates.
+    Theory, section 5, "Eccentric payload".
     """
     if model.bends is not None:
         x, m, rows = stack(lane, model.scratch), _nodes(model), size(model.n)
@@ -188,7 +189,8 @@ def add_offset_tangent(lane, model, payload, on: Nodes, cm, S: Lanes):
 
     p_ij (kg m^2) is the complex coefficient of masses, conj(w_i) w_j m_p and the terms of beta if the root moves, less
     the real one that `equations._tangent` has used. w_j, beta_j (m): complex weights of e_j in the payload's position
-    from the root and, negative, in the root's position. No-op without an eccentric payload.
+    from the root and, negative, in the root's position.
+    No-op without an eccentric payload. Theory, section 5, "Eccentric payload".
     """
     if model.eccentric is not None:
         D, m, rows = model.data, _nodes(model), size(model.n)

@@ -105,7 +105,7 @@ def _forces(lane, model, par: Lanes, state, u: Lanes, on: Nodes, r: Lanes):
         if model.damping is not None:
             angle = viscoelastic(angle, rate, scaled_by_share(model.damping, i // n, tau_d))
         x[i] = angle * stiffness
-    # acceleration of the root less gravity
+    # a - g of the root, inertial axes (equivalence principle)
     frame_x, frame_y = 0.0, 0.0
     if model.root is not None:
         frame_x, frame_y = root_position(lane, model, a, ex, ey)
@@ -307,12 +307,14 @@ def _root_tangent(lane, model, payload, on: Nodes, cm, S: Lanes):
 
     cm: weight of M; n_j = (-sin phi_j, cos phi_j); m: number of nodes. sum_j moment_j e_j (kg m), moment_j = payload
     w_j + b_j - mass beta_j, is the first moment about the point (x, y), 0 up to round-off about the center of mass.
+    Theory, (5.2).
     """
     D = model.data
     at = constants(model)
     if model.root is not None:
         m, rows = size(model.links) * size(model.nodes), size(model.n)
-        # by the nodes' angles: force rows, moment columns
+        # coupling of angles with the root: rows of force (inertial axes), columns of moment, (m_p w_j + b_j - m beta_j)
+        # de_j
         for j in range(m):
             moment = payload * D[at.w + j] + D[at.b + j] - (payload + D[at.mass]) * D[at.beta + j]
             S[(m + X) * rows + j] = moment * on.ex[j]
@@ -335,7 +337,7 @@ def _to_relative(lane, model, S: Lanes):
     """
     n, rows = size(model.nodes), size(model.n)
     for k in range(size(model.links) - 1, 0, -1):
-        # columns, then rows
+        # S <- T^T S T: columns of both nodes of a joint add, then rows
         for j in range(rows):
             o = j * rows + k * n
             S[o - 1] += S[o]

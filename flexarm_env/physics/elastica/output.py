@@ -56,11 +56,11 @@ def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
     """Write the displacement conjugate to each input to y: joint angles (rad), then x, y, angle of each load point.
 
     q: coordinates. Positions (m) in inertial axes: root + sum_j arm_j e_j with the load's weights arm_j (m) and the
-    nodes' unit tangents e_j. par and since are not used: angles in the plane add up.
+    nodes' unit tangents e_j. par and since are not used: angles in the plane add up. Theory, section 5.
     """
     n, links = size(model.nodes), size(model.links)
     m = n * links
-    # joint k is the coordinate of the first node of link k
+    # y_k = q_(k n): the first node's coordinate of link k is its joint angle beta_k
     for k in range(links):
         y[k] = q[k * n]
     if model.loads is not None:
@@ -79,6 +79,7 @@ def _bending(lane, model, shares, x: Lanes, y: Lanes):
 
     K_k: bending stiffness of link k (N m), for an EI factor of 1. shares: a number a link, or a tag or None for 1.
     Differences from the link's root node enter: K 1 = 0, and so a rigid rotation contributes exactly nothing.
+    Theory, (5.2).
     """
     D = model.data
     at = constants(model)
@@ -114,6 +115,7 @@ def energy(lane, model, par: Lanes, q, v):
     """Return (kinetic, strain, gravitational) energy, J; gravity's is 0 with the center of mass at the origin.
 
     par: the arm's payload mass (kg), payload inertia (kg m^2) and EI factor; q, v: coordinates and their rates.
+    Theory, (5.2).
     """
     D = model.data
     at = constants(model)
@@ -150,7 +152,7 @@ def energy(lane, model, par: Lanes, q, v):
         px = payload * tip_x + weighted_sum(lane, D, at.b, ex, m)
         py = payload * tip_y + weighted_sum(lane, D, at.b, ey, m)
         twice = twice + (mass * (vx * vx + vy * vy) + (vx * px + vy * py) * 2.0)
-    # -mass center . g, (cx, cy): first moment of mass about the origin
+    # V = -g . (c_x, c_y), first moment of mass about the origin (kg m, inertial axes)
     gravity = 0.0
     if model.gravity is not None:
         root_x, root_y = _root(lane, model, q, c, s)
@@ -166,7 +168,7 @@ def link_poses(lane, model, par, q, v, out, tasks=None):
     """Write `layout.POSES` of each link to out: x, y (m), angle (rad) of its root, their rates, the same of its tip.
 
     Inertial axes. Root and tip are the joints, beyond rigid ends; angles are those of the beam's tangents there. q, v:
-    coordinates and their rates. par and tasks are not used.
+    coordinates and their rates. par and tasks are not used. Theory, section 5.
     """
     D = model.data
     at = constants(model)

@@ -88,7 +88,7 @@ def stretch_and_shear(scene: Scene, n: int) -> float:
         bent = _response(square, damping, force, t)
         sheared = _response(square / (1.0 + square * modes.section_work(shape)), damping, force, t)
         bow = modes.deflection(shape) / length
-        # a deflection is bounded, its linear model is not
+        # over max(1, bow |q|): a deflection is bounded, which its linear model is not
         off = (sheared - bent) / max(1.0, bow * np.abs(bent).max())
         tip += np.outer(modes.tip(shape) / length, off)
         deflection += bow * np.abs(off)
@@ -172,7 +172,7 @@ class _Modes:
             K[own, own] = chain.K[k]
         tip = chain.lines[-1].tip_angle
         self.M[m - n :, m - n :] += (payload.inertia + payload.mass * payload.offset[1] ** 2) * np.outer(tip, tip)
-        # free root: inertia about the center of mass; joints that do not move have no coordinate
+        # M - b b^T / m: a free root moves with the center of mass; rigid joints have no coordinate
         free_root = scene.root == "free"
         M = self.M - np.outer(self.b, self.b) * cosines / self.mass if free_root else self.M
         held = {int(k.joint) for k in scene.motions if k.joint is not None} | set(scene.rigid_joints)
@@ -242,7 +242,8 @@ class _Modes:
             last = k == arm.n_links - 1
             force = force + (arm.payload.mass if last else arm.elbow(k + 1).mass) * starts[k + 1]
             force = force + link.tip_mass * starts[k + 1]
-            # displacement at 65 places, inertia force of each interval, and the force beyond each place
+            # u at 65 places, inertia force m u ds of each interval, and the force beyond each place, whose parts are N
+            # and Q
             finer = np.linspace(0.0, link.length, 65)
             field = starts[k][:, None] + move[:, own] @ line.position(finer).T
             masses = link.along(0.5 * (finer[1:] + finer[:-1])).m
@@ -278,7 +279,7 @@ class _Modes:
             if isinstance(load, JointTorque):
                 force += joints[load.joint] * load.function(t)
                 continue
-            # point load: virtual work with the displacement and the angle of its point
+            # generalized force by virtual work: F . du + tau dphi of the loaded point (inertial axes)
             ends = arm.links[load.link]
             s = -ends.root_offset if load.end == "root" else ends.length + ends.tip_offset
             point = across @ (self.chain.arms_to(load.link, np.array([s]))[0] * shape) + root

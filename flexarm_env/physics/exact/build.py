@@ -40,7 +40,7 @@ def sections(arm: Arm, elements: int, order: int) -> Array:
         return np.concatenate([_varying(part, order) for link in arm.links for part in link.cut(elements, "elements")])
     rows = []
     for link in arm.links:
-        # h: half the element's length
+        # h = l / 2: weights of Gauss points on [-1, 1] become lengths, and d/dx = (d/dxi) / h
         h, s = 0.5 * link.length / elements, link.mean
         J = max(s.J, LEAST_ROTARY * s.m * (2.0 * h) ** 2)
         stiffness = {"k1": 0.25 * s.EA / h, "k2": 0.25 * s.C / h, "kb": 0.25 * s.EI / h}
@@ -58,7 +58,7 @@ def _varying(part: Link, order: int) -> Array:
 
     part: the element as a link of its own, length l.
     """
-    # Gauss points of the strains, then a quadrature that is exact for the element's sections
+    # EA, C at the p Gauss points, which integrate strains with reduced order; EI, m, J by a quadrature that is exact
     l = part.length
     points = part.along(0.5 * l * (1.0 + legendre.leggauss(order)[0]))
     s, weights = part.quadrature()
@@ -139,7 +139,7 @@ def curved(scene: Scene, elements: int, order: int) -> Array:
         if k > 0:
             q[at.hinges + k - 1] = scene.initial_value(f"joint{k}")
             psi += q[at.hinges + k - 1]
-        # rigid root end, elements, rigid tip end
+        # z = x + i y along the link: rigid root end (its tangent is e^(i psi)), elements, rigid tip end
         z += link.root_offset * np.exp(1j * psi)
         for (_, part), bend in zip(_placed(link, elements), bends, strict=True):
             # psi of the nodes, d at the Gauss points, and the (right - left, interior ...) of x + i y that have this d
@@ -169,7 +169,8 @@ def straight(scene: Scene, elements: int, order: int) -> Array:
     row = at.elements
     q[row : row + AXES] = x, y, scene.angles[0]
     for k, link in enumerate(arm.links):
-        # vertices along the link, even unless its section varies; then the next joint, beyond the rigid end
+        # vertices at even arc lengths unless the section varies; then the next joint, beyond the rigid end (inertial
+        # axes)
         step, ends = link.length / elements, None if link.uniform else link.mesh(elements, "elements")
         for e in range(elements):
             row += AXES * order
@@ -223,7 +224,7 @@ def build(scene: Scene, settings: Settings) -> System:
     if settings.period_correction and rigid:
         why = "where links have rigid ends, or the payload an offset"
         raise check.InvalidValue("period_correction", True, f"must be False {why}")
-    # rows: names, loads, pairs (x, y) that rotate with the arm, angles of vertices, weights 1/L of lengths
+    # weight 1/L for x, y, 1 for angles; vectors: pairs (x, y) of rows, which a turn of the arm rotates
     names, coordinates = rows(arm, elements, order)
     loads = [load_rows(load, arm, elements, order) for load in scene.loads if isinstance(load, PointLoad)]
     hinges = CHAIN.offsets(0, arm.n_links, elements, order).hinges

@@ -94,7 +94,8 @@ def bending_entries(section: Any, t: Tables, share: Any) -> Any:
             return None if abs(bend) < 1e-13 else kb * bend
 
         return entry
-    # varying sections: full matrix by (right - left, interior ...); left and right vertex share its first row
+    # varying sections: K of (right - left, interior ...) is full; psi_l and psi_r share its first row with opposite
+    # signs
     first, factor = VARYING.offsets(0, p).bend, section.factor * share
 
     def own(n1: int, n2: int) -> Any:

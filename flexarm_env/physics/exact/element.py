@@ -89,7 +89,7 @@ def _momenta(sums: Sums, t: Tables, section: Any, nodes: list[Any], axis: int) -
     if not hasattr(section, "ml"):
         all_of = [dot(inertia_row(section, len(nodes) - 1, axis, n), nodes) for n in range(len(nodes))]
         return all_of[2:], (all_of[0] + all_of[1]) * 0.5, (all_of[1] - all_of[0]) * 0.5
-    # symmetric functions act on left + right, antisymmetric ones on right - left
+    # int m a_k g_i: symmetric functions g act on left + right, antisymmetric ones on right - left
     m, unit = t.mass, section.jl if axis == T else section.ml
     both, across = nodes[0] + nodes[1], nodes[1] - nodes[0]
     even, odd = [both, *nodes[2::2]], [across, *nodes[3::2]]
@@ -149,16 +149,16 @@ def forces(lane, order, gravity, state, left, section, r: Lanes, circle):
 
     state: q, v, a from the left vertex on. left: `Vertex`, acceleration less gravity (m/s^2; None: none). circle:
     (sine, cosine) of psi at the Gauss points. section: `Section` or `Varying`. Returns the right `Vertex`, with the
-    element's force on it, and a `Point` for each Gauss point, as one list."""
+    element's force on it, and a `Point` for each Gauss point, as one list. Theory, (5.1)."""
     p, sums = len(order), Sums()
     t, tau = tables(p), section.tau
     place = _nodes(lane, state.q, p, left.place)
     inertia = _nodes(lane, state.a, p, left.acceleration)
-    # the left vertex's acceleration is less gravity already
+    # x, y of the left vertex come as a - g already; the other nodes' a is reduced here
     if gravity is not None:
         for k in (X, Y):
             inertia[k][1] = inertia[k][1] - gravity[k]
-    # strains at the Gauss points: d, psi' and, with damping, their rates
+    # d = (x', y') in section axes, Gamma + e_1 times l; psi' and, with damping, the rates (5.1)
     rate = [[0.0] * (p + 1)] * 3
     if tau is not None:
         rate = _nodes(lane, state.v, p, left.rate)
@@ -176,7 +176,7 @@ def forces(lane, order, gravity, state, left, section, r: Lanes, circle):
         if tau is not None:
             r1, r2 = _strain_rates((c, s, g1, g2), ux[g], uy[g], omega[g])
             e1, e2 = viscoelastic(e1, r1, tau), viscoelastic(e2, r2, tau)
-        # N and Q (section axes), turned to inertial axes; their moment on psi, since dg_1/dpsi = g_2, dg_2/dpsi = -g_1
+        # N, Q turned from section to inertial axes; moment on psi by dg_1/dpsi = g_2, dg_2/dpsi = -g_1
         w = float(t.weights[g])
         n1, n2 = e1 * times(k1, w), e2 * times(k2, w)
         x, y = rotate_2d(c, s, n1, n2)
@@ -187,7 +187,7 @@ def forces(lane, order, gravity, state, left, section, r: Lanes, circle):
     beyond = _nonlinear_part(section, t, kappa, lambda e, of: of.force - e)
     if tau is not None:
         bent = [viscoelastic(x, y, tau) for x, y in zip(bent, [turning, *rate[T][2:]], strict=True)]
-    # rows of all nodes: inertia and internal forces
+    # r of all nodes: int m a g_i + int n g_i', inertial axes for x and y
     force = []
     for k in (X, Y, T):
         rows, mean, half = _momenta(sums, t, section, inertia[k], k)
@@ -219,7 +219,7 @@ def tangent(lane, order, points, section, weights, S: Lanes):
     t = tables(p)
     ck, tau, length = weights.stiffness, section.tau, length_of(section)
     share = viscoelastic_slope(None, tau, weights.damping, ck)
-    # derivatives of the forces by d_x, d_y (inertial axes), psi: material, geometric; without d(strain rate)/dq
+    # derivatives by d_x, d_y (inertial axes), psi: material, geometric; without d(strain rate)/dq
     h: list[list[Any]] = [[] for _ in range(6)]  # xx xy yy xt yt tt
     for g, (k1, k2, own) in enumerate(materials(section, p)):
         c, s, g1, g2, n1, n2, _ = points[POINT * g : POINT * (g + 1)]
@@ -280,7 +280,7 @@ def tangent(lane, order, points, section, weights, S: Lanes):
         at += 1
         rows.append(row)
         ratios.append(ratio)
-    # Schur complement on both vertices, in the order of `layout.CONDENSED`
+    # K_oo - K_oi K_ii^-1 K_io on both vertices o, in the order of `layout.CONDENSED`
     lefts, rights = outer[:AXES], outer[AXES:]
     assert at == ELEMENT_FACTORS.offsets(0, p).condensed
     pairs = [(lefts[i], lefts[j]) for i in range(AXES) for j in range(i, AXES)]
@@ -356,7 +356,7 @@ def energy_sums(lane, order, q, v, psi, spin, left, section):
         strain = strain + (both + (bend[g] * bend[g]) * section.kb if uniform else both) * weight
     for more in _nonlinear_part(section, t, _nonlinear_bending(sums, t, bent), lambda e, of: (of.energy - e * e) * 0.5):
         strain = strain + more
-    # consistent mass: 1/2 rates^T M rates and first moments, by axis
+    # T = 1/2 v^T M v with the consistent mass, and the first moments int m x, int m y (inertial axes)
     squares, moments = [], []
     if not uniform:
         strain = strain + dot(moments_of(section, t, bent), bent) * 0.5
@@ -380,7 +380,7 @@ def damping_sums(lane, order, q, v, x, psi, left, section):
     """Return x^T C v / tau_d (W/s), the power at rates x of an element's damping forces at rates v, as a list of one.
 
     psi: the left vertex's angle in q, its rate in v and in x. left: a pair for v and for x, each None or (x, y, vx, vy)
-    of the left end where the arrays do not hold them."""
+    of the left end where the arrays do not hold them. Theory, (5.1)."""
     p, sums = len(order), Sums()
     t = tables(p)
     one, two = ((None,) * 4 if at is None else at for at in left)
@@ -396,6 +396,7 @@ def damping_sums(lane, order, q, v, x, psi, left, section):
         omega = values_at(sums, t, rate[T], turning)
         rows = []
         for g, (s, c) in enumerate(circle):
+            # Gamma', kappa' (section axes) at the Gauss points, by the rates v and x
             at = c, s, *rotate_back_2d(c, s, dx[g], dy[g])
             rows.append((*_strain_rates(at, ux[g], uy[g], omega[g]), bend[g]))
         strains.append(rows)
@@ -433,7 +434,7 @@ def propagate_positions(lane, order, start: Lanes, q: Lanes, psi, new_psi, x, y)
     change = [b - a for a, b in zip([psi, *old], [new_psi, *new], strict=True)]
     angle = values_at(sums, t, change, change[1] - change[0])
     dx, dy = (slopes(sums, t, _axis(lane, start, p, k))[1] for k in (X, Y))
-    # d of the new positions, then (right - left, interior ...) with this d: slopes are orthogonal, norm = sum w slope^2
+    # (right - left, interior ...) with these d: slopes are orthogonal, norm = sum w slope^2
     moved = []
     for g in range(p):
         s, c = _small_rotation(angle[g])

@@ -65,7 +65,7 @@ def _subtract_loads(lane, model, u: Lanes, q: Lanes, r: Lanes):
     A load at the end of a lever of length l along psi also has the moment l (cos psi F_y - sin psi F_x) on psi."""
     loads = model.loads
     for f in range(loads.shape[0] // ROWS_OF_LOAD.end):
-        # force on x and y; torque on the section angle psi, or psi + delta behind a hinge
+        # B u: force on x and y (inertial axes); torque on psi, or on psi + delta behind a hinge
         at, k = ROWS_OF_LOAD.end * f, model.links + OF_LOAD.end * f
         r[loads[at + ROWS_OF_LOAD.x]] -= u[k + OF_LOAD.x]
         r[loads[at + ROWS_OF_LOAD.y]] -= u[k + OF_LOAD.y]
@@ -90,17 +90,18 @@ def _add_vertex_mass(lane, model, S: Lanes, o, mass):
 
 @kernel
 def _add_lumped_inertia(lane, model, par: Lanes, weights, S: Lanes):
-    """Add the weighted inertia of hub, elbows, payload to S and clear its `pinned` flags, with weights.with_matrix."""
+    """Add the weighted inertia of hub, elbows, payload to S and clear its `pinned`, `own`, with weights.with_matrix."""
     if weights.with_matrix:
         cm = weights.mass
         factors, own = factors_of(model), element_factors_at(0, len(model.order))
-        zero = 0.0
         for k in range(AXES):
-            S[factors.pinned + k] = zero
+            S[factors.pinned + k] = 0.0
         S[factors.elements + own.condensed + LL + TT] += cm * model.hub_inertia
         for k in range(1, model.links):
-            S[factors.hinges + OF_HINGE.end * (k - 1) + OF_HINGE.pinned] = zero
-            # elbow: mass and left inertia at the tip before it, right inertia at the root behind it
+            S[factors.hinges + OF_HINGE.end * (k - 1) + OF_HINGE.pinned] = 0.0
+            if model.jointed is not None:
+                S[factors.hinges + OF_HINGE.end * (k - 1) + OF_HINGE.own] = 0.0
+            # elbow: m and the left J on the vertex before it; the right J on psi + delta behind it
             elbow = elbow_of(model, k)
             after = factors.elements + own.end * model.elements * k + own.condensed
             before = after - own.end
@@ -157,7 +158,7 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
     q, v, a = state
     p, rows, own = len(model.order), rows_of(model), element_factors_at(0, len(model.order))
     zero = 0.0
-    # root vertex: gravity as an acceleration of the frame, hub inertia less the hub torque as first moment
+    # a - g at the root (equivalence principle); moment J_h psi'' - tau_0 of hub inertia and hub torque
     torque = a[T] * model.hub_inertia - u[0]
     ax, ay, alpha = load_vector(lane, a, 0)
     rate = zero, zero, zero
@@ -169,7 +170,7 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
     i, o = rows.elements, factors_of(model).elements
     _directions(lane, model, q, S)
     for k in range(model.links):
-        # vertex where the beam of link k begins
+        # first vertex of link k's beam: behind the rigid end's lever, or behind the hinge at psi + delta
         first, before = i, left
         if model.rigid is not None:
             left = beam_start(lane, model, state, k, left, i)
@@ -177,7 +178,7 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
             left = _vertex_behind_hinge(lane, model, state, k, left)
         section = section_of(lane, model, par, k)
         for _ in range(model.elements):
-            # rows of the left vertex and the interior; forces on the right vertex go on to the next element
+            # r of left vertex and interior; the force on the right vertex (inertial axes) goes on to the next element
             j = i
             here = State(q[j:], v[j:], a[j:])
             circle = S[o + own.circle :]
@@ -190,11 +191,11 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
         if model.rigid is not None:
             beam_start_rows(lane, model, state, u, k, before, first, r, weights, S)
         elif k > 0:
-            # the moment on psi + delta is one on psi, beside that of the link before, and one on delta
+            # psi behind the hinge is psi + delta: by virtual work its moment acts on the rows of psi and of delta
             moment = r[first + T]
             r[first + T] = (before.force[T] + before.acceleration[T] * elbow_of(model, k).left) + moment
             r[rows.hinges + k - 1] = moment - u[k]
-    # last vertex: payload
+    # m_p (a - g) and J_p psi'' on the last vertex
     if model.rigid is not None:
         fx, fy, moment = last_vertex_force(lane, model, par, state, left, i, weights, S)
     else:
@@ -268,14 +269,13 @@ def add_stiffness(lane, model, S: Lanes, k, x):
     """Add x (N m/rad) to the angle of joint row k: at the hub in S at once, at an elbow in `factor`.
 
     None: flag row k, of the root or of a hinge, so that `factor` and `solve` keep it fixed."""
-    factors = factors_of(model)
-    hinge = factors.hinges + OF_HINGE.end * (k - rows_of(model).hinges)
+    factors, hinge = factors_of(model), factors_of(model).hinges + OF_HINGE.end * (k - rows_of(model).hinges)
     if x is None:
         S[factors.pinned + k if k < AXES else hinge + OF_HINGE.pinned] = 1.0
     elif k < AXES:
         S[factors.elements + element_factors_at(0, len(model.order)).condensed + LL + TT] += x
     else:
-        S[hinge + OF_HINGE.own] = x
+        S[hinge + OF_HINGE.own] += x
 
 
 @kernel
@@ -310,7 +310,7 @@ def factor(lane, model, S):
     """Factor S = L D L^T in place from tip to root; S as `assemble` leaves it, rows fixed by `add_stiffness`."""
     factors, own = factors_of(model), element_factors_at(0, len(model.order))
     zero, one = 0.0, 1.0
-    # payload and tip lever of the last link, then each link's elements, root lever, hinge, tip lever of the link before
+    # from tip to root: payload, tip lever; then each link's elements, root lever, hinge, tip lever of the link before
     tail = condense_payload(lane, model, S, (zero, zero, zero, zero, zero, zero))
     tail = condense_to_near_point(lane, model, S, model.links - 1, TIP_END, tail)
     o = factors.end
@@ -324,7 +324,7 @@ def factor(lane, model, S):
             if S[(h + OF_HINGE.pinned) * len(lane)] == 0.0:
                 tail = _eliminate_hinge_angle(lane, model, S, h, tail)
             tail = condense_to_near_point(lane, model, S, k - 1, TIP_END, tail)
-    # root: rows of the identity where it is fixed
+    # fixed rows of the root become those of the identity, so that their increments stay 0
     xx, xy, xt, yy, yt, tt = tail
     pinned = factors.pinned
     if S[(pinned + X) * len(lane)] != 0.0:
@@ -399,7 +399,7 @@ def solve(lane, model, S: Lanes, x: Lanes):
         if k > 0:
             h, d = factors.hinges + OF_HINGE.end * (k - 1), rows.hinges + k - 1
             if load_lane(lane, S, h + OF_HINGE.pinned, 0) == 0.0:
-                # right side of psi + delta: that of delta; the rest of psi's row belongs to the section before it
+                # b of psi + delta: that of delta, the moment behind the hinge; the rest belongs to psi before it
                 own_side = x[d]
                 both = own_side - taken
                 tt = x[i + T] - own_side
@@ -408,7 +408,7 @@ def solve(lane, model, S: Lanes, x: Lanes):
                 tx, ty = tx - S[h + OF_HINGE.x] * both, ty - S[h + OF_HINGE.y] * both
                 x[d] = both
             tt = about_tip(lane, model, S, k - 1, x, i, tx, ty, tt)
-    # root: solution from its 3x3 factors
+    # (x, y, psi) of the root: L D L^T of its 3 x 3 matrix
     pinned, root = factors.pinned, factors.root
     if load_lane(lane, S, pinned + X, 0) != 0.0:
         tx = x[X]
@@ -433,7 +433,7 @@ def solve(lane, model, S: Lanes, x: Lanes):
                     psi = psi + S[h + OF_HINGE.own] * tt
             x[d] = psi - tt
             tt = psi
-        # from the start of the beam: right vertex of each element, then its interior
+        # from the beam's start: x_right from x_left by the condensed factors, then the interior by L^-T
         tx, ty = far_point_increment(lane, model, S, k, ROOT_END, tx, ty, tt)
         for _ in range(model.elements):
             left = tx, ty, tt

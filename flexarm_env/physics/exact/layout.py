@@ -13,7 +13,7 @@ from ..layout import LEVER
 from ..materials import BENDING, NORMAL_AND_SHEAR
 from ..model import STIFFNESS_FACTOR, TAU_D
 
-# --- coordinates
+# coordinates: x, y (m, inertial axes), psi (rad); interior ones are departures from both vertices' line
 
 NODE = Layout(
     "Node", "",
@@ -39,7 +39,7 @@ CHAIN = Layout(
 )  # fmt: skip
 """Rows of q, v, a and r, from root to tip."""
 
-# --- constants of the model
+# constants: EA, C, EI over 2 l, because d and kappa are derivatives by xi in [-1, 1]; m, J times l / 2
 
 OWN = len(NORMAL_AND_SHEAR) + len(BENDING)
 SECTION = Layout(
@@ -88,7 +88,7 @@ ROWS_OF_LOAD = Layout(
 ).places  # fmt: skip
 """Rows of CHAIN that a point load acts on."""
 
-# --- Newton matrix and factors
+# S: blocks by x, y (inertial axes) and psi; symmetric ones hold six numbers
 
 SYMMETRIC = Layout("Symmetric", "", *(Field(name, (), "", "") for name in ("xx", "xy", "xt", "yy", "yt", "tt")))
 """A symmetric 3x3 matrix of (x, y, psi), t for psi; factored L D L^T: 1 / D on the diagonal, L beside it."""
@@ -146,7 +146,7 @@ LEVER_FACTORS = Layout(
 )  # fmt: skip
 """Terms of a lever in the Newton matrix: behind `FACTORS`, for each link's root and tip, then an eccentric payload."""
 
-# --- offsets for kernels, records
+# offsets as constants, so that the compiler folds them into addresses
 
 _OF_SECTION, _OF_ELBOW = SECTION.places, ELBOW.places
 _LEVER = LEVER.places.end

@@ -68,7 +68,7 @@ def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
     kinetic = (spin * spin) * (0.5 * model.hub_inertia)
     strain, mx, my = 0.0, 0.0, 0.0
     for k in range(model.links):
-        # elbow: mass at the joint, rotary inertia before and behind the hinge
+        # T of the elbow: 1/2 m |v|^2 at the joint, 1/2 J psi'^2 with psi before the hinge (left) and behind it (right)
         if k > 0:
             elbow = elbow_of(model, k)
             x, y, vx, vy = joint_motion(lane, model, q, v, k)
@@ -77,7 +77,7 @@ def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
             psi, spin = root_angle(lane, model, q, k), root_angle(lane, model, v, k)
             kinetic = kinetic + (spin * spin) * (0.5 * elbow.right)
         section, left = section_of(lane, model, par, k), beam_start_motion(lane, model, q, v, k)
-        # rigid ends, then elements
+        # T, U and first moments (inertial axes) of the rigid end's lever, then of the elements
         if model.rigid is not None:
             more, x, y = rigid_end_sums(lane, model, q, v, k)
             kinetic, mx, my = kinetic + more, mx + x, my + y
@@ -90,7 +90,7 @@ def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
             i += AXES * len(model.order)
             psi, spin = q[i + T], v[i + T]
             left = next_vertex_motion(lane, model, q, v, i)
-    # payload, at the tip or off it
+    # T = 1/2 (m_p |v|^2 + J_p psi'^2) at the payload's center, which may be off the tip
     mass = par[PAYLOAD_MASS]
     x, y, vx, vy = joint_motion(lane, model, q, v, model.links)
     x, y, vx, vy = payload_place(lane, model, psi, spin, x, y, vx, vy)
@@ -101,12 +101,15 @@ def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
 
 @kernel
 def damping_power(lane, model, par: Lanes, q: Lanes, v: Lanes, x: Lanes):
-    """Return x^T C(q) v, W: the power at rates x of the Kelvin-Voigt damping forces at rates v; 0 without damping."""
+    """Return x^T C(q) v, W: the power at rates x of the Kelvin-Voigt damping forces at rates v; 0 without damping.
+
+    Theory, (5.1).
+    """
     if model.damped is None:
         return 0.0
     i, total = rows_of(model).elements, 0.0
     for k in range(model.links):
-        # section angle at the left of the next element, in q, v and x
+        # psi (rad) of the left vertex in q, v and x: behind a hinge psi + delta
         psi = root_angle(lane, model, q, k), root_angle(lane, model, v, k), root_angle(lane, model, x, k)
         section = section_of(lane, model, par, k)
         left = beam_start_motion(lane, model, q, v, k), beam_start_motion(lane, model, q, x, k)
@@ -130,7 +133,7 @@ def link_poses(lane, model, par, q: Lanes, v: Lanes, out, tasks=None):
     coordinates and their rates. par and tasks are not used.
     """
     for k in range(model.links + 1):
-        # joint k: root of link k, tip of link k - 1
+        # r, psi and their rates at joint k (inertial axes): the root of link k and the tip of link k - 1
         x, y, vx, vy = joint_motion(lane, model, q, v, k)
         if k < model.links:
             at = POSE.end * k
@@ -167,7 +170,7 @@ def centerline(model, q, points):
                 if model.rigid is not None and e % model.elements == 0:
                     x, y, _, _ = beam_start_motion((0,), model, q, q, e // model.elements)
                     left = x, y
-                # linear functions of both vertices, then the interior functions
+                # x, y (inertial axes) = (1 - share) left + share right + interior functions
                 for axis in range(2):
                     value = left[axis] * (1.0 - share) + q[i + at.right + axis] * share
                     for k in range(p - 1):
@@ -192,7 +195,7 @@ def restore_strains(lane, model, start: Lanes, q: Lanes):
     i = rows_of(model).elements
     x, y, _ = load_vector(lane, q, i)
     for k in range(model.links):
-        # left section angle at the start of the step and in q
+        # psi (rad) of the beam's first section, in `start` and in q
         psi, new_psi = root_angle(lane, model, start, k), root_angle(lane, model, q, k)
         for _ in range(model.elements):
             j = i

@@ -120,14 +120,14 @@ def beam_start(lane, model, state: State, k, tip, i):
 
     For k = 0 `tip` is the joint at the chain's root. The new vertex has no force. Its moment is the hub's inertia
     torque less the hub torque (k = 0), or the elbow's inertia torque behind the hinge. `beam_start_rows` later
-    transmits the beam's force back. state: q, v, a of the arm.
+    transmits the beam's force back. state: q, v, a of the arm. Theory, section 5, "Rigid ends".
     """
     (x, y, psi), (vx, vy, turning), (ax, ay, alpha), (_, _, moment) = tip.place, tip.rate, tip.acceleration, tip.force
     # omega is for centripetal terms, `turning` for strain rates, which a damped model alone reads
     omega = state.v[i + T]
     zero = 0.0
     if k > 0:
-        # tip lever of the link before, then the hinge
+        # lever e of link k - 1's tip end: r + e, v + w n; then psi + delta behind the hinge (inertial axes)
         d = rows_of(model).hinges + k - 1
         lever = lever_vector(lane, model, k - 1, TIP_END, psi)
         x, y, vx, vy = lever_end_velocity(lane, lever, turning, x, y, vx, vy)
@@ -149,13 +149,13 @@ def _through(lane, model, k, end, lever, motion, force, moment, far, weights, S)
     The lever's own inertia is included. k, end: the lever is at this end of link k. lever: vector e, m, inertial axes.
     motion: rate, second rate of its angle, acceleration (x, y; less gravity) of the near point. force (N), moment (N
     m): at the far point. far: mass at the far point, kg, for the matrix alone. With weights.with_matrix the lever's
-    factors are written to S.
+    factors are written to S. Theory, section 5, "Rigid ends".
     """
     rate, second, ax, ay = motion
     ex, ey = lever
     own = lever_at(k, end)
     mass, inertia = model.rigid[own + OF_LEVER.mass], model.rigid[own + OF_LEVER.inertia]
-    # inertia force of the lever's mass, in its middle
+    # inertia force m (a + alpha n/2 - w^2 e/2) of the lever's mass, in its middle (inertial axes)
     mx, my = _lever_acceleration(lever, rate, second, ax, ay, 0.5)
     mx, my = mx * mass, my * mass
     fx, fy = force
@@ -172,7 +172,7 @@ def _through(lane, model, k, end, lever, motion, force, moment, far, weights, S)
 
 @kernel
 def beam_start_rows(lane, model, state: State, u: Lanes, k, tip, i, r: Lanes, weights, S):
-    """Write the residual rows of the vertex before link k (row i) and of its hinge, with rigid ends.
+    """Write the residual rows of the vertex before link k (row i) and of its hinge, with rigid ends (theory, 5).
 
     In: r[i : i + 3], force (N, inertial axes) and moment (N m) on the start of the beam of link k. Out: the same rows
     for the vertex `tip`, which is the near point of the tip lever before the hinge (k = 0: of the root lever), and the
@@ -189,12 +189,13 @@ def beam_start_rows(lane, model, state: State, u: Lanes, k, tip, i, r: Lanes, we
         d, elbow = rows_of(model).hinges + k - 1, elbow_of(model, k)
         before = lever_vector(lane, model, k - 1, TIP_END, psi)
         jx, jy = _lever_acceleration(before, omega, alpha, ax, ay, 1.0)
-        # beam start -> joint
+        # force and moment on the beam's first vertex, carried through the lever e to the joint: M + e x f
         motion = omega + state.v[d], alpha + state.a[d], jx, jy
         lever = lever_vector(lane, model, k, ROOT_END, psi + state.q[d])
         fx, fy, turn = _through(lane, model, k, ROOT_END, lever, motion, (fx, fy), turn, zero, weights, S)
         r[d] = turn - u[k]
-        # joint, with the elbow's mass -> vertex, with the force of the beam before it
+        # at the joint m (a - g) of the elbow; then through the tip lever to the vertex before it, with that beam's
+        # force
         fx, fy = fx + jx * elbow.mass, fy + jy * elbow.mass
         fx, fy, turn = _through(
             lane, model, k - 1, TIP_END, before, (omega, alpha, ax, ay), (fx, fy),
@@ -212,7 +213,7 @@ def last_vertex_force(lane, model, par: Lanes, state: State, tip, i, weights, S)
     omega, mass, k = state.v[i + T], par[PAYLOAD_MASS], model.links - 1
     lever = lever_vector(lane, model, k, TIP_END, tip.place[T])
     px, py = _lever_acceleration(lever, omega, alpha, ax, ay, 1.0)
-    # payload -> end of the tip lever -> last vertex
+    # m_p (a - g) at the payload's center, carried through its lever to the end of the tip lever and to the last vertex
     motion = omega, alpha, px, py
     px, py, more, there = _payload_force(lane, model, tip.place[T], motion, mass, weights, S)
     motion, moment = (omega, alpha, ax, ay), moment + more
@@ -220,7 +221,7 @@ def last_vertex_force(lane, model, par: Lanes, state: State, tip, i, weights, S)
     return fx + gx, fy + gy, turn
 
 
-# --- factors -----------------------------------------------------------------------------------------
+# factors: far point (x, y, psi) of a lever e condensed to the near one by n = (-e_y, e_x)
 
 
 @kernel
@@ -229,11 +230,11 @@ def condense_to_near_point(lane, model, S, k, end, tail):
 
     Order (xx, xy, xt, yy, yt, tt), t for psi. The lever is at the `end` of link k; its `LEVER_FACTORS` are in S. With n
     = (-e_y, e_x) the far point moves by dx + n dpsi, a map T, and the lever's middle by dx + n/2 dpsi: T^T (tail + far
-    mass) T + the lever's own mass + `turn` on psi. Without levers `tail` itself.
+    mass) T + the lever's own mass + `turn` on psi. Without levers `tail` itself. Theory, section 5, "Rigid ends".
     """
     if model.rigid is None:
         return tail
-    # mass at the far point, then congruence by n
+    # S_near = T^T S_far T with (x, y, psi)_far = (x, y, psi) + psi n, n = (-e_y, e_x)
     at = _factors_at(model, k, end)
     nx, ny = load_pair(lane, S, at + OF_FACTORS.x)
     far, mass, turn = load_vector(lane, S, at + OF_FACTORS.far)
@@ -308,7 +309,7 @@ def about_tip(lane, model, S, k, x: Lanes, i, tx, ty, tt):
     return tt - moment_about(lane, model, S, k, TIP_END, x[i + X] - tx, x[i + Y] - ty)
 
 
-# --- what is read off --------------------------------------------------------------------------------
+# motions of far points from near ones: r + e, v + w n
 
 
 @kernel
@@ -357,7 +358,10 @@ def next_vertex_motion(lane, model, q, v, i):
 
 @kernel
 def rigid_end_sums(lane, model, q: Lanes, v: Lanes, k):
-    """Return kinetic energy (J) and first moments of mass (x, y; kg m, inertial axes) of the rigid ends of link k."""
+    """Return kinetic energy (J) and first moments of mass (x, y; kg m, inertial axes) of the rigid ends of link k.
+
+    Theory, section 5, "Rigid ends".
+    """
     zero = 0.0
     kinetic, mx, my = zero, zero, zero
     for side in range(2):
@@ -369,7 +373,7 @@ def rigid_end_sums(lane, model, q: Lanes, v: Lanes, k):
         else:
             x, y, vx, vy = vertex_motion(lane, q, v, i)
             psi, spin = q[i + T], v[i + T]
-        # middle of the lever, where its mass is
+        # r + e/2, v + w n/2: the lever's mass is in its middle (inertial axes)
         ax, ay = lever_vector(lane, model, k, side, psi)
         x, y, vx, vy = lever_end_velocity(lane, (ax * 0.5, ay * 0.5), spin, x, y, vx, vy)
         kinetic = kinetic + ((vx * vx + vy * vy) * mass + (spin * spin) * inertia) * 0.5

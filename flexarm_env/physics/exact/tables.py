@@ -60,7 +60,7 @@ def tables(order: int) -> Tables:
     points, weights = legendre.leggauss(order)
     value, slopes = functions(order, points)
     slopes = np.array([_tidy(row) for row in slopes])
-    # products of two functions have degree 2p: exact with p + 1 points
+    # int g_i g_j: products of degree 2p, exact with p + 1 Gauss points
     fine, fine_weights = legendre.leggauss(order + 1)
     at = functions(order, fine)[0]
     mass = _tidy(product(at * fine_weights, at.T))

@@ -58,7 +58,7 @@ class Element:
         """Return quadrature points xi in (0, 1), their weights (sum 1) and the sections there."""
         if self.link.uniform is not None:
             return [(x, weight, self.link.uniform) for x, weight in zip(*QUADRATURE, strict=True)]
-        # Gauss points of each smooth piece between the places where sections jump
+        # Gauss points piece by piece, because EI, m jump between pieces and no rule is exact across a jump
         x, weights = FINER
         ends = np.array(self.link.points)
         half = 0.5 * np.diff(ends)[:, None]
@@ -83,7 +83,7 @@ class Element:
         # strains by nodal coordinates: shear v' - phi, which is constant in the element, and stretch u'
         gamma = (self.mu - 1.0) * np.array([0.0, 1.0 / l, 0.5, 0.0, -1.0 / l, 0.5])  # v' - phi
         stretch = np.array([-1.0, 0.0, 0.0, 1.0, 0.0, 0.0]) / l
-        # sum of EI phi'^2, C gamma^2 and EA u'^2 over the quadrature points
+        # K = sum over quadrature points of EI phi'^T phi' + C gamma^T gamma + EA u'^T u'
         for xi, weight, at in self.points:
             for stiffness, strain in ((at.EI, self.bend(xi)), (at.C, gamma), (at.EA, stretch)):
                 total += weight * l * stiffness * np.outer(strain, strain)
@@ -151,7 +151,7 @@ def linear_stiffness(section: Section, length: float) -> Array:
     """Return the axial and bending stiffness, eq. [44], on (u1, v1, phi1, u2, v2, phi2), shape (6, 6)."""
     mu, l = shear_factor(section, length), length
     stiffness = np.zeros((6, 6))
-    # stretch: EA/l on (u1, u2)
+    # EA/l on (u_1, u_2), eq. [44]
     stiffness[np.ix_([0, 3], [0, 3])] = section.EA / l * np.array([[1, -1], [-1, 1]])
     a, b = 12 * mu / l**2, 6 * mu / l
     # bending with shear: EI/l on (v1, phi1, v2, phi2)

@@ -139,7 +139,7 @@ def propagate_to_tip(lane, model, D, q, v, a, pose, S):
 
 
 @kernel
-def _strains(lane, model, D, stiffness, tau, q: Lanes, v: Lanes, strains: Lanes):
+def _strains(lane, model, D, tau, q: Lanes, v: Lanes, strains: Lanes):
     """Compute each finite element's axial force (N), and the gradient of its stretch by its window's coordinates.
 
         von Karman:  stretch = g'q + q'Hq / 2,  gradient = g + H q,  its rate H v        (theory, eq. 1.2)
@@ -147,7 +147,7 @@ def _strains(lane, model, D, stiffness, tau, q: Lanes, v: Lanes, strains: Lanes)
 
     g, H (G): `SPAN.stretch`, `SPAN.H`; window: the element's elastic coordinates, from `window` on.
 
-    # in       tau: tau_d, s; q, v: elastic coordinates and rates; stiffness: not read (EA has no factor)
+    # in       tau: tau_d, s; q, v: elastic coordinates and rates; EA has no factor
     # out      strains: a `STRAIN` per element; `rate` only with damping and von Karman
     """
     n, wide = size(model.n), len(model.window)
@@ -202,7 +202,7 @@ def forces(
     """
     own, n = constants(model), size(model.n)
     now, vec = factors_at(0, n).now, vectors_at(0, n)
-    # R'' - g (frame axes), w, alpha; force and moment at the tip
+    # R'' - g (frame axes), w, alpha; g = A^T G (frame axes) and the moment M at the tip (3.2)
     cos, sin = load_pair(lane, S, now + NOW.cos)
     ax, ay = load_pair(lane, S, now + NOW.a)
     w, alpha = load_pair(lane, S, now + NOW.rate)
@@ -240,7 +240,7 @@ def forces(
     turning = (sx * ay - sy * ax) + alpha * inertia + lever + (w * spin_rate) * 2.0
     x, y = load_pair(lane, S, now + NOW.tip)
     turning = turning + (x * gy - y * gx) + moment
-    _strains(lane, model, D, stiffness, tau, q, v, strains)
+    _strains(lane, model, D, tau, q, v, strains)
     # r_q = f_q + elastic force + (dt/dq)'g + phi_t M - rho M_b
     for i in range(n):
         # rows of Gamma = d s_bar/dq and of dt/dq
@@ -274,7 +274,7 @@ def forces(
         if model.chord is not None:
             total = total - turning * D[own.root + i]
         r[i] = total
-    # axial forces of the elements times the gradients of their stretches
+    # axial forces N of the elements times d(stretch)/dq, the gradient of (1.2)
     wide = len(model.window)
     kept = strain_at(0, wide)
     for e in range(len(model.elements)):

@@ -53,7 +53,7 @@ def carried(arm: Arm, link: int, rest: float = 0.0) -> tuple[float, float]:
     payload. The inertia is about the point.
     """
     own, mass, inertia, distance = arm.links[link], 0.0, 0.0, rest + arm.links[link].tip_offset
-    # rest of the link itself
+    # m and I = int m (s - s_0)^2 + J of the link's own rest behind the point
     if own.uniform is not None:
         section = own.uniform
         mass, inertia = section.m * rest, section.m * rest**3 / 3 + section.J * rest
@@ -61,7 +61,7 @@ def carried(arm: Arm, link: int, rest: float = 0.0) -> tuple[float, float]:
         behind = own.part(own.length - rest, own.length)
         mass, inertia = behind.mass, behind.moment(2) + behind.rotary
     for k in range(link + 1, arm.n_links):
-        # elbow and link k, `distance` m from the point
+        # parallel axes: elbow and link k at `distance` m from the point add m d^2 to I
         elbow, item = arm.elbow(k), arm.links[k]
         length = item.length
         mass += elbow.mass + item.mass
@@ -74,7 +74,7 @@ def carried(arm: Arm, link: int, rest: float = 0.0) -> tuple[float, float]:
         else:
             inertia += item.moment(2) + distance * (2.0 * item.moment(1) + distance * item.mass) + item.rotary
         distance += length + item.tip_offset
-    # the link's own rigid end at half its length, then the payload
+    # the link's own rigid end, m b at half its length (parallel axes), then the payload at its lever
     mass, inertia = mass + own.tip_mass, inertia + own.tip_inertia + own.tip_mass * (rest + 0.5 * own.tip_offset) ** 2
     far = abs(distance + arm.payload.lever)
     return mass + arm.payload.mass, inertia + arm.payload.inertia + arm.payload.mass * far**2
@@ -97,12 +97,12 @@ def _cut(link: Link, settings: Settings) -> list[Link]:
     segments = settings.segments or 1
     if segments > len(link.jumps):
         return link.cut(segments, "segments")
-    # even segments, whose ends are the jumps where both coincide up to rounding
+    # even segments; an end that equals a jump of the section up to rounding is set to it, so that no sliver remains
     ends = np.linspace(0.0, link.length, segments + 1)
     for jump in link.jumps:
         ends[abs(ends - jump) <= ROUNDED * link.length] = jump
     parts = [link.part(a, b) for a, b in itertools.pairwise(ends.tolist())]
-    # each jump inside a segment must be the end of an element
+    # an element has one section, so that each jump inside a segment must be an element's end
     least = 1 + max(len(part.jumps) for part in parts)
     if settings.elements is not None and segments > 1 and least > settings.elements:
         jumps = len(link.jumps)
@@ -121,7 +121,7 @@ def bodies_of(arm: Arm, settings: Settings) -> list[Body]:
     for k, link in enumerate(arm.links):
         parts = _cut(link, settings)
         if settings.modes is not None:
-            # length of the link beyond each segment, whose mass shapes the segment's modes
+            # m and I beyond each segment shape its clamped modes, which carry that mass at their tip
             rests = [sum(part.length for part in parts[i + 1 :]) for i in range(segments)]
             if link.uniform is not None:
                 rests = [parts[0].length * (segments - 1 - i) for i in range(segments)]
@@ -133,7 +133,7 @@ def bodies_of(arm: Arm, settings: Settings) -> list[Body]:
             assert settings.elements is not None
             coupling = settings.coupling or "linear"
             pieces = [finite_element_body(part, settings.elements, coupling, frame) for part in parts]
-        # hub or right elbow inertia at the root, elbow's mass and left inertia at the tip
+        # eq. (2.6): hub or right elbow inertia on the root section, elbow's mass and left inertia on the tip
         pieces[0].add_root_inertia(arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right)
         if k + 1 < arm.n_links:  # the elbow's mass belongs to the link before it, or to its rigid end
             mass = 0.0 if _rigid(arm) else arm.elbow(k + 1).mass
@@ -171,9 +171,9 @@ def _span(body: Body, e: int, n: int, mesh: Mesh, frame: str) -> NDArray[np.floa
     elements = len(mesh.elements)
     free, wide = list(free_coordinates(elements, frame)), len(mesh.window)
     begin = window(mesh, n, e)
-    # indices of the window's coordinates among (u, v, phi) of all nodes
+    # (u, v, phi) of all nodes less those that the frame fixes: the coordinates in the element's window
     own = free[begin : begin + wide]  # of all nodes' coordinates, those in the window
-    # zero on all nodes' coordinates, then the window is cut out
+    # g and H on the coordinates of all nodes, because a window at the body's end lacks fixed ones; then cut out
     stretch, H = np.zeros(3 * elements + 3), np.zeros((3 * elements + 3,) * 2)
     first = 3 * e  # three coordinates a node
     # stretch u2 - u1, and H on (v1, phi1, v2, phi2)
@@ -186,7 +186,7 @@ def _span(body: Body, e: int, n: int, mesh: Mesh, frame: str) -> NDArray[np.floa
 def _mesh(bodies: list[Body], arm: Arm, settings: Settings) -> Mesh:
     """Return the `Mesh` that all bodies share: their sizes, and a tag for each term that their kernels compile."""
     n = bodies[0].n
-    # without coupling of stretch and bending there are no element terms; a window has the free ones of 6 coordinates
+    # coupling "linear" has no term (1.2) per element; a window has the free ones of an element's 6 coordinates
     elements, wide = bodies[0].element_ea.size if settings.coupling != "linear" else 0, min(n, 6)
     largest, shares = arm.damping
     return Mesh(
@@ -212,7 +212,7 @@ def _block(
     drag: 1/s; damped: the body's share of tau_d; offset: rad, of the rigid joint at its tip; most_lost: kg m^2.
     """
     n, elements = body.n, len(mesh.elements)
-    # drawing stations in groups of lanes, field by field
+    # field by field in groups of lanes, because the kernel draws a group of stations at once
     stations = np.array([
         STATION.pack({"n": n}, x=x, u=shape[0], v=shape[1], H=h)
         for x, shape, h in zip(body.stations, body.shapes, body.station_h, strict=True)
@@ -262,12 +262,12 @@ def _chain(scene: Scene, settings: Settings) -> System:
     arm = scene.arm
     bodies = bodies_of(arm, settings)
     n, count = bodies[0].n, len(bodies)
-    # names of the rows
+    # rows of q: root x, y and angle, q of all bodies, then the elbow angles beta
     each = itertools.product(range(arm.n_links), range(settings.segments or 1), range(n))
     names = ["root_x", "root_y", "joint0", *(f"link{k}.body{b}.q{i}" for k, b, i in each)]
     names += [f"joint{k}" for k in range(1, arm.n_links)]
     coordinates = {name: names.index(name) for name in ["root_x", "root_y", *[f"joint{k}" for k in range(arm.n_links)]]}
-    # start: straight links at the scene's angles, elastic coordinates without stress
+    # q0: straight links at the scene's angles; elastic coordinates of least energy, K q_0 = int EI kappa_0 kappa'
     q0, weight = np.zeros(len(names)), np.ones(len(names))
     q0[:2], q0[2] = scene.position, scene.angles[0]
     for k in range(1, arm.n_links):
@@ -287,7 +287,7 @@ def _chain(scene: Scene, settings: Settings) -> System:
         fixed=fixed_rows(scene, coordinates),
         algebraic=None,
         weight=weight,
-        # with stretch, what Newton leaves is small in length but not in force: nothing is trusted
+        # with stretch an increment small in length leaves large forces EA u': no error bound is trusted
         newton=NewtonPolicy(
             acceleration_share=1.0,
             first_error=None if settings.modes is None else 10.0,
@@ -322,12 +322,12 @@ def _joined(scene: Scene, settings: Settings) -> System:
     arm, bodies, segments = scene.arm, bodies_of(scene.arm, settings), settings.segments or 1
     n, count = bodies[0].n, len(bodies)
     links = np.arange(count) // segments
-    # of the joint at each body's tip: number of multipliers, prescribing motion (-1: none), constant angle (rad)
+    # Phi (3.4) of the joint at each body's tip: number of rows, prescribing motion (-1: none), constant psi (rad)
     rows, angle, offset = np.full(count, 3), np.full(count, -1), np.zeros(count)
     rows[-1] = 0
     coordinates = {"root_x": 0, "root_y": 1, "joint0": 2}
     motions = [motion.coordinate for motion in scene.motions]
-    # joints between links: rigid (3 rows), prescribed (3 rows, a motion) or hinges (2 rows)
+    # between links: rigid (3 rows, constant psi), prescribed (3 rows, psi(t)) or hinged (2 rows: no moment)
     for joint in range(1, arm.n_links):
         b, name = joint * segments - 1, f"joint{joint}"  # b: the body before it
         if joint in scene.rigid_joints:
@@ -337,13 +337,13 @@ def _joined(scene: Scene, settings: Settings) -> System:
             coordinates[name] = -1 - (int(rows[:b].sum()) + 2)
         else:
             rows[b] = 2
-    # first row of each body; half-width of the band: from a joint's last multiplier to its body's first row
+    # band in the order body, joint, body: its half-width reaches from a joint's last lambda to its body's first row
     start = np.cumsum([0, *(ELASTIC + n + rows)])
     size = int(start[-1])
     half = ELASTIC + n + int(rows.max()) - 1
     fixed = [k for k, name in ((0, "root_x"), (1, "root_y")) if scene.root == "pinned" and name not in motions]
     q0, weight, names = np.zeros(size), np.ones(size), list[str]()
-    # start: straight links at the scene's angles
+    # R (inertial axes) and theta of each body: straight links at the scene's angles satisfy Phi = 0
     x, y = scene.position
     for b, (body, at, theta) in enumerate(zip(bodies, start, np.take(scene.angles, links), strict=False)):
         q0[at : at + ELASTIC] = x, y, theta
@@ -352,7 +352,7 @@ def _joined(scene: Scene, settings: Settings) -> System:
         weight[at + ELASTIC : at + ELASTIC + n] = _sizes(body, settings, arm)
         names += [f"body{b}.{what}" for what in ("x", "y", "theta", *(f"q{i}" for i in range(n)))]
         names += [f"joint{b}.lambda{i}" for i in range(rows[b])]
-    # rows of multipliers
+    # rows of lambda: each body's last ones
     algebraic = [row for end, own in zip(start[1:], rows, strict=True) for row in range(end - own, end)]
     table = np.zeros((count, ROW.places.end), np.int64)
     columns = {"start": start[:-1], "size": n, "link": links, "multipliers": rows, "motion": angle}

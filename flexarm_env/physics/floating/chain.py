@@ -115,10 +115,10 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
     pose, force, carried = stack(lane, FIVE), stack(lane, THREE), stack(lane, THREE)
     known, vectors, strains = stack(lane, NUMBERS), stack(lane, mesh.scratch), stack(lane, mesh.strains)
     stride, first, levers = _stride(model), _bodies_at(model), _levers_at(model)
-    # sweep from root to tip: angle, rates, acceleration less gravity of every section
+    # from root to tip (3.1): theta, w, alpha and R'' - g (inertial axes) of every section
     frame_at(lane, model, state, 0, pose)
     for k in range(model.links):
-        # elbow: its relative angle and rates turn the section
+        # (3.1): theta, w, alpha behind the elbow increase by beta, beta', beta''
         if k > 0:
             elbow = elbow_row(model, k)
             pose[PASSED.angle] += q[elbow]
@@ -132,7 +132,7 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
             )
         propagate_outward(lane, end_of(model, k, TIP_END), pose, S, levers)
     propagate_outward(lane, to_payload(model), pose, S, levers)
-    # sweep from tip to root: force and moment required by all beyond
+    # from tip to root (3.2): G (inertial axes) and M required by all bodies beyond
     payload_force(lane, par, pose, force, carried)
     transmit_inward(lane, to_payload(model), force, weights, S, levers)
     for k in range(model.links - 1, -1, -1):
@@ -141,17 +141,17 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
             e, D, own = elastic_row(model, b), model.data[model.block * b :], S[first + stride * b :]
             forces(lane, mesh, D, par, carried, q[e:], v[e:], a[e:], force, known, vectors, strains, own, r[e:])
-            # the body's own matrix, forces at its tip constant
+            # d(f_R, f_theta, r_q) of the body alone, at constant G and M; `condense` adds the bodies beyond
             if with_matrix:
-                tangent(lane, mesh, D, par, carried, cm, cc, ck, q[e:], v[e:], a[e:], known, vectors, strains, own)
-            # only the last body carries the payload
+                tangent(lane, mesh, D, par, carried, cm, cc, ck, v[e:], a[e:], known, vectors, strains, own)
+            # G and M hold the payload from here on: only the last body adds it in its own tip
             store_pair(lane, carried, 0, (0.0, 0.0))
         transmit_inward(lane, end_of(model, k, ROOT_END), force, weights, S, levers)
         subtract_loads(lane, model, k, 0, u, force)
-        # elbow: moment required minus joint torque
+        # r_beta = M - u, eq. (3.2)
         if k > 0:
             r[elbow_row(model, k)] = force[2] - u[k]
-    # root: force and moment required there, minus the hub's torque
+    # r of R and theta at the root: G (inertial axes) and M - tau_0
     fx, fy, moment = load_vector(lane, force, 0)
     store_vector(lane, r, 0, (fx, fy, moment - u[0]))
     # nothing is pinned until `add_stiffness`; cm and the payload's inertia are kept for `factor` and `solve`
@@ -160,13 +160,15 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
             S[ROOT.pinned + k] = 0.0
         for k in range(1, model.links):
             S[_joint_at(k) + JOINT.pinned] = 0.0
+            S[_joint_at(k) + JOINT.own] = 0.0
+        S[ROOT.own] = 0.0
         store_pair(lane, S, ROOT.scale, (cm, 1.0 / cm))
         store_pair(lane, S, ROOT.tail, (par[PAYLOAD_INERTIA] * cm, par[PAYLOAD_MASS]))
 
 
 @kernel
 def add_stiffness(lane, model, S: Lanes, k, x):
-    """Store x (N m/rad) for row k, the angle of the hub or of an elbow; `factor` adds it to the diagonal entry.
+    """Add x (N m/rad) to what `factor` adds to the diagonal entry of row k, the angle of the hub or of an elbow.
 
     None: mark row k, of the root (0 to 2) or of an elbow, as fixed; `factor` and `solve` treat it as the identity's.
     """
@@ -174,7 +176,7 @@ def add_stiffness(lane, model, S: Lanes, k, x):
     if x is None:
         S[elbow + JOINT.pinned if k > 2 else ROOT.pinned + k] = 1.0
     else:
-        S[elbow + JOINT.own if k > 2 else ROOT.own] = x
+        S[elbow + JOINT.own if k > 2 else ROOT.own] += x
 
 
 @kernel
@@ -203,18 +205,18 @@ def factor(lane, model, S: Lanes):
     `tail` (9,), by rows, inertial axes: change of force and moment by the weighted acceleration (x, y) and the angle of
     a section, of all that lies beyond it. Pivots are stored inverted. At a free elbow the angle of the section beyond
     is eliminated: the moment there is the joint's torque, so that no change of moment passes; at a fixed one all
-    passes.
+    passes. Theory, (3.3).
     """
     stride, first = _stride(model), _bodies_at(model)
     tail, (inertia, mass) = stack(lane, NINE), load_pair(lane, S, ROOT.tail)
     zero, one = 0.0, 1.0
-    # payload at its center, then through its lever to the tip
+    # d(G, M) by (R'', theta) of the payload, diag(m_p, m_p, J_p c_m), carried through its lever to the tip
     diagonal(lane, tail, zero, mass, inertia)
     levers = _levers_at(model)
     condense_to_near_point(lane, to_payload(model), S, levers, tail)
     for k in range(model.links - 1, -1, -1):
         condense_to_near_point(lane, end_of(model, k, TIP_END), S, levers, tail)
-        # bodies of link k from its tip, between its rigid ends
+        # d(G, M) by (R'', theta) at the tip of link k becomes that at its root, body by body, then by its lever
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
             condense(lane, model.mesh, model.data[model.block * b :], S[first + stride * b :], tail)
         condense_to_near_point(lane, end_of(model, k, ROOT_END), S, levers, tail)
@@ -224,11 +226,11 @@ def factor(lane, model, S: Lanes):
             if load_lane(lane, S, o + JOINT.pinned, 0) == 0.0:
                 inverse = one / _with_own(lane, model, S, o + JOINT.own, tail[cell(2, 2)], 1.0)
                 S[o + JOINT.inverse] = inverse
-                # column and row of the pivot, divided by it
+                # column S_xb / pivot and row S_bx of the elbow's angle beta
                 for i in range(2):
                     S[o + JOINT.column + i] = tail[cell(i, 2)] * inverse
                     S[o + JOINT.row + i] = tail[cell(2, i)] * inverse
-                # Schur complement in x, y
+                # Schur complement of the pivot in x, y: d(G) - column row^T
                 for i in range(2):
                     for j in range(2):
                         part = S[o + JOINT.column + i] * tail[cell(2, j)]
@@ -238,15 +240,14 @@ def factor(lane, model, S: Lanes):
                         tail[cell(i, 2)] = zero
                         tail[cell(2, i)] = zero
                 else:
-                    # joint stiffness s couples both sections: entries of the angle before the elbow are s / pivot times
-                    # those after it
+                    # s couples theta before and behind: S_(x, before) = (s / pivot) S_(x, behind)
                     share = S[o + JOINT.own] * inverse
                     S[o + JOINT.own] = share
                     for i in range(2):
                         tail[cell(i, 2)] *= share
                         tail[cell(2, i)] *= share
                     tail[cell(2, 2)] *= share
-    # root: joint stiffness of the hub; fixed rows and columns become those of the identity
+    # hub: S_theta += s; fixed rows and columns become those of the identity
     tail[cell(2, 2)] = _with_own(lane, model, S, ROOT.own, tail[cell(2, 2)], 1.0)
     for i in range(3):
         for j in range(3):
@@ -273,12 +274,12 @@ def solve(lane, model, S: Lanes, x: Lanes):
 
     Forward from tip to root, then the root's 3 x 3 system, then back from root to tip. flow (3,), inertial axes: force
     and moment that the reduced right sides beyond a section cause; on the way back the weighted acceleration and the
-    angle of a section.
+    angle of a section. Theory, (3.3).
     """
     mesh, stride, first = model.mesh, _stride(model), _bodies_at(model)
     flow, levers, zero = stack(lane, THREE), _levers_at(model), 0.0
     store_vector(lane, flow, 0, (zero, zero, zero))
-    # forward substitution, tip to root
+    # reduced right sides from tip to root: (G, M) that eliminated rows still require of the body before
     for k in range(model.links - 1, -1, -1):
         with_moment(lane, end_of(model, k, TIP_END), S, levers, ACROSS, flow)
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
@@ -304,7 +305,7 @@ def solve(lane, model, S: Lanes, x: Lanes):
         elif i < 2:
             right = right * S[ROOT.scale]
         flow[i] = right
-    # root: forward and back substitution with the 3 x 3 factors
+    # (R, theta) of the root: L y = b, U x = y with the 3 x 3 factors
     F = ROOT.factors
     for i in range(1, 3):
         if load_lane(lane, S, ROOT.pinned + i, 0) == 0.0:
@@ -316,10 +317,10 @@ def solve(lane, model, S: Lanes, x: Lanes):
             for j in range(i + 1, 3):
                 total = total - S[F + cell(i, j)] * flow[j]
             flow[i] = total * S[F + cell(i, i)]
-    # unknowns of the root: accelerations x, y are cm times the increments of x, y
+    # the unknown of x, y is R'', c_m times their increment: divided here
     (dx, dy, turn), inverse = load_vector(lane, flow, 0), S[ROOT.scale + 1]
     store_vector(lane, x, 0, (dx * inverse, dy * inverse, turn))
-    # back substitution, root to tip
+    # back substitution from root to tip: each body's q from the motion (dR'', dtheta) of its root
     for k in range(model.links):
         if k > 0:
             # elbow: angle of the section beyond, from its pivot row; the elbow's increment is the difference of both

@@ -160,6 +160,8 @@ def _damping(lane, model, D, par: Lanes, q, v: Lanes, x: Lanes, total):
 
     # model    D: constants; par: the arm's parameters (factor on bending stiffness, tau_d)
     # state    q, v: elastic coordinates and rates; x: rates that are multiplied from the left
+
+    Theory, (1.3).
     """
     own, n, wide = constants(model), size(model.n), len(model.window)
     if model.damped is not None:
@@ -180,7 +182,7 @@ def _damping(lane, model, D, par: Lanes, q, v: Lanes, x: Lanes, total):
                 part = part + (rate * other) * D[span.stiffness]
                 span = span_at(span.end, wide)
         total = total + part * damping_time(lane, model, D, par)
-    # mass-proportional damping on rates in the frame
+    # alpha x^T M_ff v: drag on rates relative to the frame
     if model.drag is not None:
         total = total + product(lane, model, D, own.M_ff, x, v) * D[own.drag]
     return (total,)
@@ -244,15 +246,14 @@ def _energies(lane, model, D, par: Lanes, q: Lanes, v, frame):
         tx = tx - product(lane, model, D, own.D0, q, v)
     # I(q) = I0 + 2 c_u'q + q'G q
     inertia = along(lane, model, D, own.c_u, q) * 2.0 + D[own.I0] + product(lane, model, D, own.G, q, q)
-    # T: translation, coupling with the first moment's rate; rotation and elastic rates; angular momentum of elastic
-    # rates
+    # T (2.3): 1/2 m |v|^2 + v . (w E s + s'), 1/2 w^2 I + 1/2 q'^T M_ff q', w (c + B q) . q'
     kinetic = (vx * vx + vy * vy) * (0.5 * D[own.mass]) + vx * (tx - w * sy) + vy * (ty + w * sx)
     kinetic = kinetic + ((w * w) * inertia + product(lane, model, D, own.M_ff, v, v)) * 0.5
     spun = dot(lane, model, D, own.c, v)
     if model.modal is None:
         spun = spun + product(lane, model, D, own.B, v, q)
     kinetic = kinetic + w * spun
-    # bending with the factor on EI, relative to the shape without stress
+    # U = 1/2 q^T K_bend q times the EI factor, less q^T K_bend q_0 of a curved body
     strain = product(lane, model, D, own.K_bend, q, q) * (par[STIFFNESS_FACTOR] * 0.5)
     if model.curved is not None:
         strain = strain + (D[own.spent] - dot(lane, model, D, own.moment, q)) * par[STIFFNESS_FACTOR]
@@ -281,7 +282,7 @@ def _energies(lane, model, D, par: Lanes, q: Lanes, v, frame):
 def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
     """Return the (kinetic, strain, gravitational) energy of the arm, J; gravity's is 0 at the inertial origin.
 
-    q, v: rows of the system; par: payload mass and inertia, factor on bending stiffness.
+    q, v: rows of the system; par: payload mass and inertia, factor on bending stiffness. Theory, (2.3).
     """
     pose, frame, ends = stack(lane, SIX), stack(lane, SIX), stack(lane, (0, 0, 0))
     zero = 0.0
@@ -299,10 +300,10 @@ def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
             place(lane, model.mesh, D, q[e:], v[e:], pose, frame)
             moving, bent, mx, my = _energies(lane, model.mesh, D, par, q[e:], v[e:], frame)
             kinetic, strain = kinetic + moving, strain + bent
-            # -g.(first moment about the inertial origin)
+            # V = -g . (first moment about the inertial origin)
             gravity = gravity - (mx + x * mass) * gx - (my + y * mass) * gy
         add_rigid_end(lane, end_of(model, k, TIP_END), pose, ends)
-    # payload at its center
+    # T and V of m_p, J_p at the payload's center (inertial axes)
     far_point_pose(lane, to_payload(model), pose)
     x, y = load_pair(lane, pose, POSE.x)
     vx, vy, w = load_vector(lane, pose, POSE.vx)
@@ -377,6 +378,8 @@ def _draw(mesh, D, q, x0, y0, frame, line):
 
     # in       D: a `STATION`, each entry for all stations of the group; q: elastic coordinates; x0, y0: origin (m);
     #          frame: `FRAME`
+
+    Theory, (4.1).
     """
     n = size(mesh.n)
     at = station_at(0, n)

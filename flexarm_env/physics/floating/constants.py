@@ -60,7 +60,8 @@ class Body:
         """Lump a mass (kg) and an inertia (kg m^2) at the tip, such as an elbow's (theory, eq. 2.6)."""
         n_u, n_v, n_phi = self.tip
         length = self.length
-        # first moment; matrices of the elastic coordinates, where foreshortening H takes from the inertia; rigid motion
+        # eq. (2.1) of a point mass: S_bar; G = M_uv - D and M_ff, because foreshortening takes D from the inertia; c_u,
+        # c
         self.s_bar += mass * np.array([n_u, n_v])
         m_uv = mass * (np.outer(n_u, n_u) + np.outer(n_v, n_v))
         self.g += m_uv - mass * length * self.tip_h
@@ -104,7 +105,7 @@ def finite_element_body(link: Link, elements: int, coupling: str, frame: str = "
     s_bar = np.zeros((2, n_all))
     c_u, c = np.zeros(n_all), np.zeros(n_all)
     for e, part in enumerate(parts):
-        # stiffness, split into bending and stretching rows
+        # K, split into rows of bending (v, phi) and of stretch (u), because the EI factor scales the former alone
         at, k, bend = slice(3 * e, 3 * e + 6), part.stiffness(), np.zeros((6, 6))
         bend[np.ix_(BENDING, BENDING)] = k[np.ix_(BENDING, BENDING)]
         k_axial[at, at] += k - bend
@@ -120,7 +121,7 @@ def finite_element_body(link: Link, elements: int, coupling: str, frame: str = "
             s_bar[:, at] += dm * np.array([n_u, n_v])
             c_u[at] += dm * x * n_u
             c[at] += dm * x * n_v + section.J * weight * part.length * n_phi
-    # remove the coordinates that the frame fixes
+    # delete the rows that the frame fixes: u, v, phi of the root, or u, v of the root and v of the tip
     free = free_coordinates(elements, frame)
     both, n = np.ix_(free, free), n_all - 3
     shapes, stations = _drawing_stations(parts)

@@ -20,7 +20,7 @@ START, SIZE, LINK, MULTIPLIERS, MOTION, _ = ROW.places
 ANGLE, ELASTIC = 2, 3
 """Offsets in a frame's rows: x and y of its origin, its angle, then the body's elastic coordinates."""
 
-# in S: a lever's part of the Newton matrix
+# in S: n and the weighted derivative w of a lever's far point by theta, and its geometric term (inertial axes)
 LEVER_FACTORS = Layout(
     "LeverFactors", "",
     *(Field(name, (), "m", "lever from near to far point, inertial axes") for name in ("ex", "ey")),
@@ -31,14 +31,14 @@ LEVER_FACTORS = Layout(
 )  # fmt: skip
 """Of each rigid end, at a link's root and tip, and of the payload's lever: stored in S after the bodies' factors."""
 
-# in `data`: coupling of stretch and bending in one finite element
+# in `data`: EA/l, g and H of one finite element (1.2), on the coordinates of its window
 SPAN = Layout(
     "Span", "window",
     Field("stiffness", (), "N/m", "EA / l"),
     Field("stretch", ("window",), "", "g: linear stretch u2 - u1 (m) of a finite element is g'q, q of its window"),
     Field("H", ("window", "window"), "1/m", "H: stretch q'H q / 2 of second order (von Karman); G of [45] (paper)"),
 )  # fmt: skip
-# in `data`: shape functions at a point where the centerline is drawn
+# in `data`: N_u, N_v (m) at a point where the centerline is drawn (frame axes)
 STATION = Layout(
     "Station", "n",
     Field("x", (), "m", "place of the drawing station along the axis"),
@@ -46,7 +46,7 @@ STATION = Layout(
     Field("v", ("n",), "", "shape functions across it"),
     Field("H", ("n", "n"), "1/m", "foreshortening: u -= q'H q / 2"),
 )  # fmt: skip
-# in `data`: constants of one body (`constants.Body`), which kernels read
+# in `data`: the constants (2.1) of one body, frame axes
 BODY = Layout(
     "Body", "n, window, elements, stations",
     Field("length", (), "m", "undeformed length of the body"),
@@ -81,7 +81,7 @@ body_at = kernel(BODY.offsets)
 station_at = kernel(STATION.offsets)
 span_at = kernel(SPAN.offsets)
 
-# in S: motion of a body's frame and tip in the last residual
+# in S: w, alpha, R'' - g and t of the last residual, frame axes
 NOW = Layout(
     "Now", "",
     Field("cos", (), "", "cos theta of the body's frame"),
@@ -93,7 +93,7 @@ NOW = Layout(
     Field("tip_rate", (2,), "m/s", "t' + w E t: velocity of the tip relative to the origin, frame axes"),
     Field("tip_second", (2,), "m/s^2", "acceleration of the tip relative to the origin, frame axes"),
 ).places  # fmt: skip
-# on the stack: motion of a section, passed from body to body
+# on the stack: theta, w, alpha (rad, ...) and R'' - g (inertial axes) of a section, from body to body
 PASSED = Layout(
     "Passed", "",
     Field("angle", (), "rad", "angle of a section from the inertial x axis"),
@@ -102,7 +102,7 @@ PASSED = Layout(
     Field("ax", (), "m/s^2", "acceleration of the section's center less gravity, inertial axes, x"),
     Field("ay", (), "m/s^2", "the same, y"),
 ).places  # fmt: skip
-# on the stack: motion of a body's frame, for energies and poses
+# on the stack: theta, its rate and the origin's velocity (frame axes) of a body, for energies and poses
 FRAME = Layout(
     "Frame", "",
     Field("cos", (), "", "cos theta of a body's frame; for output, where accelerations are not known"),
@@ -111,7 +111,7 @@ FRAME = Layout(
     Field("vy", (), "m/s", "the same, y"),
     Field("rate", (), "rad/s", "w = theta'"),
 ).places  # fmt: skip
-# on the stack: vectors over q of one body, from `body.forces` to `matrix.tangent`
+# on the stack: n-vectors Gamma, c + B q, c_u + G q of one body (2.4), from `body.forces` to `matrix.tangent`
 VECTORS = Layout(
     "Vectors", "n",
     Field("gq", ("n",), "kg m", "c_u + G q: half the gradient of the inertia I by q"),
@@ -120,7 +120,7 @@ VECTORS = Layout(
     Field("gsx", ("n",), "kg", "Gamma, x row: derivative of the first moment along the axis by q"),
     Field("px", ("n",), "", "dt/dq, x row: derivative of the tip's x by q"),
 )  # fmt: skip
-# on the stack: one finite element's axial force and its derivatives, for the same
+# on the stack: N of one finite element and dN/dq, from `body.forces` to `matrix.tangent`
 STRAIN = Layout(
     "Strain", "window",
     Field("force", (), "N", "axial force of a finite element"),
@@ -129,7 +129,7 @@ STRAIN = Layout(
 )  # fmt: skip
 vectors_at = kernel(VECTORS.offsets)
 strain_at = kernel(STRAIN.offsets)
-# on the stack: further numbers from `body.forces` to `matrix.tangent`
+# on the stack: what (2.4) and its derivative share, from `body.forces` to `matrix.tangent`, frame axes
 KNOWN = Layout(
     "Known", "",
     Field("d", (2,), "N", "f_R - m_t (R'' - g), eq. 2.4, frame axes"),
@@ -139,7 +139,7 @@ KNOWN = Layout(
     Field("spin_rate", (), "kg m^2/s", "I'/2 = (c_u + G q)'q'"),
     Field("g", (2,), "N", "force required at the tip by all beyond, frame axes"),
 ).places  # fmt: skip
-# in S: one body's part of the Newton matrix
+# in S: d(r_q, f_R, f_theta) by (q, R'', theta) of one body, frame axes, then its factors
 FACTORS = Layout(
     "Factors", "n",
     Field("now", (NOW.end,), "", "a `NOW`, of the last residual"),
@@ -156,7 +156,7 @@ def cell(i, j):
     return 3 * i + j
 
 
-# in S: an elbow's part of the factors; indices of rows are x, y, angle
+# in S: pivot, column and row of an elbow; their rows are x, y (inertial axes), theta
 JOINT = Layout(
     "Joint", "",
     Field("pinned", (), "", "1: the elbow's angle is fixed or prescribed, 0: free"),
@@ -165,7 +165,7 @@ JOINT = Layout(
     Field("inverse", (), "", "reciprocal of the pivot: moment by angle of all beyond, plus `own`"),
     Field("own", (), "", "N m: from `add_stiffness`; after `factor`: divided by the pivot"),
 ).places  # fmt: skip
-# in S: the root's part
+# in S: the 3 x 3 matrix of the root's x, y, theta (inertial axes)
 ROOT = Layout(
     "Root", "",
     Field("pinned", (3,), "", "x, y, angle of the root: 1 fixed or prescribed, 0 free"),
@@ -174,7 +174,7 @@ ROOT = Layout(
     Field("own", (), "", "N m: `add_stiffness` at the hub"),
     Field("factors", (3, 3), "", "LU of the whole chain condensed to x, y, angle of the root; inverted pivots"),
 ).places  # fmt: skip
-# where a point load acts
+# a point load acts on a link's root or tip (side 0 or 1)
 LOADED = Layout(
     "Loaded", "", Field("link", (), "", "link that a point load acts on"), Field("side", (), "", "end: 0 root, 1 tip")
 ).places

@@ -17,7 +17,7 @@ from .layout import KNOWN, NOW, cell, factors_at, span_at, strain_at, vectors_at
 
 @unrolled
 @kernel
-def tangent(lane, model, D, par: Lanes, carried, cm, cc, ck, q, v, a: Lanes, known, vectors: Lanes, strains, S: Lanes):
+def tangent(lane, model, D, par: Lanes, carried, cm, cc, ck, v, a: Lanes, known, vectors: Lanes, strains, S: Lanes):
     """Compute the body's matrix cm dr/da + cc dr/dv + ck dr/dq, eqs. [72]-[78], derivative of `body.forces`.
 
     Rows and columns: q, x and y of the origin's acceleration (frame axes), angle. Forces at the tip are constant here;
@@ -25,7 +25,7 @@ def tangent(lane, model, D, par: Lanes, carried, cm, cc, ck, q, v, a: Lanes, kno
     s_bar: first moment.
 
     # model    D; par: the arm's parameters; cm, cc, ck: `Weights`
-    # state    q, v, a; S: `NOW`; known, vectors, strains: written by `body.forces`; carried (2,): kg, kg m^2 at the tip
+    # state    v, a; S: `NOW`; known, vectors, strains: written by `body.forces`; carried (2,): kg, kg m^2 at the tip
     # out      S: `FACTORS.frame`; `arm` = (dt/dq, E t); `swept` = weighted change of the tip's acceleration relative to
     #          the origin by q and angle, the bracket of (theory, eq. 3.3); `matrix`
     """
@@ -130,6 +130,8 @@ def _stretching(lane, model, D, tau, cc, ck, strains: Lanes, S: Lanes):
 
     # in       tau: tau_d, s; cc, ck: weights of damping and stiffness; strains: a `STRAIN` per element
     # out      S: added to `FACTORS.matrix`
+
+    Theory, (1.2).
     """
     n, wide = size(model.n), len(model.window)
     W, own, kept = factors_at(0, n).matrix, span_at(constants(model).spans, wide), strain_at(0, wide)
@@ -165,6 +167,8 @@ def _drag_tangent(lane, model, D, carried: Lanes, cc, ck, v: Lanes, vectors: Lan
     # in       carried (2,): mass (kg), inertia (kg m^2) at the tip; v: elastic rates; vectors: x row of J
     #          cc, ck: weights of dr/dv, dr/dq
     # out      S: added to `FACTORS.matrix`
+
+    Theory, section 2.
     """
     own, n = constants(model), size(model.n)
     W, px = factors_at(0, n).matrix, vectors_at(0, n).px
@@ -188,7 +192,7 @@ def _drag_tangent(lane, model, D, carried: Lanes, cc, ck, v: Lanes, vectors: Lan
 @unrolled
 @kernel
 def add_outboard(lane, model, D, S: Lanes, tail: Lanes):
-    """Add the matrix of all bodies beyond the tip to the body's matrix: arm' tail swept.
+    """Add the matrix of all bodies beyond the tip to the body's matrix: arm' tail swept. Theory, (3.3).
 
     arm: displacement and rotation of the tip section by each coordinate. swept: its weighted acceleration (cm, cc, ck
     times the derivatives by accelerations, rates, coordinates) and its rotation by each coordinate. Frame axes.
@@ -204,7 +208,7 @@ def add_outboard(lane, model, D, S: Lanes, tail: Lanes):
     c, s = load_pair(lane, S, at.frame)
     _turn_matrix(lane, tail, c, -s)
     for j in range(wide):
-        # acceleration and angle of the tip by column j, and with tail the force (fx, fy) and moment m
+        # (R'', theta) of the tip by column j (frame axes), and tail times it: the force (f_x, f_y) and moment m
         if j < n:
             bx, by = load_pair(lane, S, at.swept + 2 * j)
             fx, fy, m = _times(lane, tail, bx, by, D[own.tip_phi + j])
@@ -216,7 +220,7 @@ def add_outboard(lane, model, D, S: Lanes, tail: Lanes):
             fx, fy, m = tail[cell(0, k)], tail[cell(1, k)], tail[cell(2, k)]
         for i in range(wide):
             k = W + i * wide + j
-            # their virtual work on row i: lever arms of the force, angle of the tip section
+            # virtual work on q_i: p_i . f + phi_t,i m
             if i < n:
                 px, py = load_pair(lane, S, at.arm + 2 * i)
                 part = px * fx + py * fy + m * D[own.tip_phi + i]
@@ -242,6 +246,8 @@ def condense(lane, model, D, S: Lanes, tail: Lanes):
     # in, out  tail (9,): change of force and moment by acceleration and angle (inertial axes), in: at the tip section
     #          of the body, of all beyond; out: at its root section, the Schur complement of the elastic rows
     # in, out  S: `FACTORS.matrix`, then its factors
+
+    Theory, (3.3).
     """
     add_outboard(lane, model, D, S, tail)
     own, n = constants(model), size(model.n)
@@ -259,7 +265,7 @@ def condense(lane, model, D, S: Lanes, tail: Lanes):
             for i in range(n):
                 k = W + i * wide + j
                 S[k] -= last * D[own.root + i]
-    # Gaussian elimination of the n elastic rows
+    # L U of the n rows of q, without pivoting: their block is near a positive definite K + c_m M
     for k in range(n):
         inverse = 1.0 / S[W + k * wide + k]
         S[W + k * wide + k] = inverse
@@ -294,12 +300,12 @@ def _turn_matrix(lane, tail: Lanes, c, s):
 
     (c, s) of a frame: from its axes to inertial ones; (c, -s): the other way.
     """
-    # rows x and y
+    # A T: rows x, y
     for j in range(3):
         x, y = rotate_2d(c, s, tail[cell(0, j)], tail[cell(1, j)])
         tail[cell(0, j)] = x
         tail[cell(1, j)] = y
-    # columns x and y
+    # T A^T: columns x, y
     for i in range(3):
         x, y = load_pair(lane, tail, cell(i, 0))
         store_pair(lane, tail, cell(i, 0), rotate_2d(c, s, x, y))
@@ -314,6 +320,8 @@ def reduce(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
     # in, out  x (n,): right side, then the reduced one
     # in, out  flow (3,): force and moment (inertial axes) that the reduced rows beyond cause, in: at the tip section;
     #          out: at the root section, to be subtracted from the right side there
+
+    Theory, (3.3).
     """
     own, n = constants(model), size(model.n)
     at = factors_at(0, n)
@@ -327,14 +335,14 @@ def reduce(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
     left_x, left_y, left_t = gx, gy, turning
     for i in range(n):
         px, py = load_pair(lane, S, at.arm + 2 * i)
-        # row i: their virtual work is subtracted, then the multiples of the rows before
+        # b_i - p_i . g - phi_t,i M, then less L_ik b_k of the rows before
         total = x[i] - (px * gx + py * gy) - moment * D[own.tip_phi + i]
         if model.chord is not None:
             total = total + turning * D[own.root + i]
         for j in range(i):
             total = total - S[W + i * wide + j] * x[j]
         x[i] = total
-        # contribution of the reduced row to force and moment at the root
+        # S_(root, i) U_ii^-1 b_i: what the eliminated rows require of (f, m) at the root
         left_x = left_x + S[W + n * wide + i] * total
         left_y = left_y + S[W + (n + 1) * wide + i] * total
         left_t = left_t + S[W + theta * wide + i] * total
@@ -345,7 +353,7 @@ def reduce(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
 @unrolled
 @kernel
 def restore(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
-    """Back substitution for one body, root to tip: x <- its elastic coordinates.
+    """Back substitution for one body, root to tip: x <- its elastic coordinates. Theory, (3.3).
 
     # in       S: factors of `condense`, `FACTORS.swept`
     # in, out  x (n,): reduced right side, then the solution
@@ -369,7 +377,7 @@ def restore(lane, model, D, S: Lanes, x: Lanes, flow: Lanes):
     # angle of the frame: root section's less rho'x
     if model.chord is not None:
         turn = turn - turn_of_root(lane, model, D, x)
-    # acceleration of the tip by angle and elastic coordinates
+    # R'' of the tip (frame axes): swept_theta dtheta + sum_i swept_i dq_i
     wx, wy = load_pair(lane, S, at.swept + 2 * n)
     bx, by = bx + wx * turn, by + wy * turn
     for j in range(n):

@@ -51,17 +51,17 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
     known, vectors, strains = stack(lane, NUMBERS), stack(lane, mesh.scratch), stack(lane, mesh.strains)
     width, last, zero = band_width(model.half), table.shape[0] - 1, 0.0
     own = S[model.n * (width + 1) :]
-    # clear the band
+    # S <- 0: entries of the band between two bodies' blocks are added to, not set
     if with_matrix:
         for k in range(model.n * width):
             S[k] = zero
-    # before body 0: the hub's torque
+    # u_0 acts on body 0 as the moment of a joint before it
     store_vector(lane, held, 0, (zero, zero, u[0]))
     store_pair(lane, carried, 0, (zero, zero))
     for b in range(last + 1):
         at, lam, D = table[b, START], table[b, START] + ELASTIC + n, model.data[model.block * b :]
         e, link = at + ELASTIC, b // segments
-        # the frame's motion is in its own rows; the tip's follows
+        # R, theta are rows of q; R'' - g, w, alpha of the tip section follow by (3.1)
         frame_at(lane, model, state, at, pose)
         propagate_to_tip(lane, mesh, D, q[e:], v[e:], a[e:], pose, own)
         for i in range(3):  # the joint before it and loads, at the root
@@ -71,7 +71,8 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
         for i in range(3):  # the joint behind it, payload and loads, at the tip
             r[at + i] = force[i]
             held[i] = zero
-        # multipliers of the joint at the tip; an elbow's torque
+        # Phi_q^T lambda: force and moment (inertial axes) of the joint at the tip; u adds the elbow's torque to the
+        # moment
         for i in range(table[b, MULTIPLIERS]):
             held[i] = q[lam + i]
             r[lam + i] = zero
@@ -79,18 +80,18 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
             held[2] += u[link + 1]
         for i in range(3):
             force[i] = held[i]
-        # last body: payload at the tip
+        # m_p (r'' - g) and J_p theta'' at the last tip (inertial axes)
         if b == last:
             payload_force(lane, par, pose, force, carried)
         if (b + 1) % segments == 0:
             subtract_loads(lane, model, link, 1, u, force)
-        # body's rows, and its own force and moment at the root
+        # r of R, theta, q by (3.2), and -(G, M) of the joint before on R, theta
         forces(lane, mesh, D, par, carried, q[e:], v[e:], a[e:], force, known, vectors, strains, own, r[e:])
         for i in range(3):
             r[at + i] += force[i]
-        # the body's matrix into the band, then Phi_q of the joint at its tip
+        # dr/d(q, R, theta) of the body into the band, then Phi_q of the joint at its tip
         if with_matrix:
-            tangent(lane, mesh, D, par, carried, cm, cc, ck, q[e:], v[e:], a[e:], known, vectors, strains, own)
+            tangent(lane, mesh, D, par, carried, cm, cc, ck, v[e:], a[e:], known, vectors, strains, own)
             if b == last:
                 diagonal(lane, tail, zero, par[PAYLOAD_MASS], par[PAYLOAD_INERTIA] * cm)
                 add_outboard(lane, mesh, D, own, tail)
@@ -101,7 +102,7 @@ def assemble(lane, model, par: Lanes, state: State, u: Lanes, weights, r: Lanes,
 
 @kernel
 def _to_band(lane, mesh, own: Lanes, at, cm, half, S: Lanes):
-    """Write a body's matrix into its rows and columns of the band, those of R in inertial axes.
+    """Write a body's matrix into its rows and columns of the band, those of R in inertial axes. Theory, (3.5).
 
     Columns of the origin's acceleration are multiplied by cm, because R enters the residual through its acceleration
     alone.
@@ -118,13 +119,13 @@ def _to_band(lane, mesh, own: Lanes, at, cm, half, S: Lanes):
         x, y = load_pair(lane, own, k)
         x, y = rotate_2d(c, s, x, y)
         store_pair(lane, own, k, (x * cm, y * cm))
-    # rows of the origin, likewise rotated
+    # rows of R: from frame axes to inertial axes
     for j in range(wide):
         k = W + n * wide + j
         x, y = rotate_2d(c, s, own[k], own[k + wide])
         own[k] = x
         own[k + wide] = y
-    # copy; the body's matrix begins with q, its rows in the system with R, theta
+    # the body's matrix has the order q, R'', theta; the band has R, theta, q
     for i in range(wide):
         row = at + (i + ELASTIC) % wide
         for j in range(wide):
@@ -181,7 +182,7 @@ def constraint_residual(lane, model, psi: Lanes, state: State, level, scale, r: 
     q, v, a = state
     table, n = model.table, size(model.mesh.n)
     pose, now = stack(lane, FIVE), stack(lane, MOVES)
-    # coordinates, rates or accelerations of the frames
+    # level 0: Phi by places; 1: Phi' by rates; 2: Phi'' by accelerations
     x = q
     if level == 1:
         x = v
@@ -190,7 +191,7 @@ def constraint_residual(lane, model, psi: Lanes, state: State, level, scale, r: 
     for b in range(table.shape[0] - 1):
         at, D = table[b, START], model.data[model.block * b :]
         e, lam, behind = at + ELASTIC, at + ELASTIC + n, table[b + 1, START]
-        # motion of the tip relative to the origin, frame axes: place, velocity, acceleration
+        # t, t', t'' of the tip relative to the origin R, frame axes
         frame_at(lane, model, state, at, pose)
         propagate_to_tip(lane, model.mesh, D, q[e:], v[e:], a[e:], pose, now)
         c, s = load_pair(lane, now, NOW.cos)
@@ -198,7 +199,7 @@ def constraint_residual(lane, model, psi: Lanes, state: State, level, scale, r: 
         r[lam] = (x[at] - x[behind] + c * tx - s * ty) * scale
         r[lam + 1] = (x[at + 1] - x[behind + 1] + s * tx + c * ty) * scale
         if table[b, MULTIPLIERS] == 3:
-            # pose: angle, rate, acceleration of the tip section
+            # psi(t) in Phi_3 = theta_b + phi_t + psi - theta_(b+1), by its level: value, rate or second rate
             turn = pose[level] - x[behind + ANGLE]
             if table[b, MOTION] >= 0:
                 turn = turn + psi[OF_MOTION.end * table[b, MOTION] + level]
@@ -209,12 +210,12 @@ def constraint_residual(lane, model, psi: Lanes, state: State, level, scale, r: 
 
 @kernel
 def add_stiffness(lane, model, S: Lanes, k, x):
-    """Replace row and column k of the band by those of the identity: coordinate k is prescribed or fixed.
-
-    x: not read, always None (infinitely stiff).
-    """
+    """Add x (N m/rad) to the diagonal entry k of the band; None: row and column k become those of the identity."""
     half, zero = model.half, 0.0
     width = band_width(half)
+    if x is not None:
+        S[k * width + half] += x
+        return
     for j in range(max(0, k - half), min(model.n, k + half + 1)):
         S[k * width + j - k + half] = zero
         S[j * width + k - j + half] = zero

@@ -133,7 +133,7 @@ def modal_body(
             beyond = _beyond(link, x)
             d0 += beyond[0] * stretch  # int m H dx, by parts
             d += beyond[1] * stretch  # int m x H dx, by parts
-        # drawing station at the element's end
+        # v, phi and H(x) at the element's end, where the centerline is drawn
         stations.append(part.at(1.0))
         shapes.append(np.array([np.zeros(n), nodal[2 * e + 2], nodal[2 * e + 3]]))
         station_h.append(h.copy())
@@ -197,10 +197,10 @@ def inertia_margins(bodies: Sequence[Body], payload: Payload, root_moves: bool, 
         inertia[0, 1:] = inertia[1:, 0] = [body.s0, *body.s_bar[1]]
         inertia[1, 2:] = inertia[2:, 1] = body.c
         mass += own.T @ inertia @ own
-        # y and angle of the tip section, where the next body begins
+        # y (m, across the link) and angle of the tip section, where the next body begins
         across, turn = across + body.length * frame + body.tip[1] @ modes, frame + body.tip[2] @ modes
         if k + 1 == len(bodies):
-            # payload beyond the last body
+            # m_p and J_p at the payload's center, behind the last tip, add J^T M J of its motion
             along, aside = payload.offset
             across = across + along * turn
             inertia_there = payload.inertia + payload.mass * aside**2

@@ -96,6 +96,8 @@ def transmit_inward(lane, lever, force, weights, S: Lanes, first):
     # in       S: written by `propagate_outward`; weights: `Weights`; first: index in S of lever 0's `LEVER_FACTORS`
     # in, out  force (3,): force (N) and moment (N m) required at the far point, then at the near point
     # out      S, with weights.with_matrix: n, weighted change of the far acceleration, and `turn`, of `LEVER_FACTORS`
+
+    Theory, section 5, "Rigid ends".
     """
     if lever is not None:
         at = _factors_at(first, lever)
@@ -131,12 +133,14 @@ def condense_to_near_point(lane, lever, S: Lanes, first, tail: Lanes):
 
     # in       S: `LEVER_FACTORS` of `transmit_inward`; first: index of lever 0's
     # in, out  tail (9,), by rows: force x, y, moment; columns: acceleration x, y (weighted), angle
+
+    Theory, section 5, "Rigid ends".
     """
     if lever is not None:
         at, mass = _factors_at(first, lever), lever.mass
         nx, ny = load_pair(lane, S, at + OF_FACTORS.nx)
         wx, wy = load_pair(lane, S, at + OF_FACTORS.wx)
-        # mass at the far point
+        # S_xx, S_yy += m of the far point (unknown: R'', hence without c_m)
         for i in range(2):
             tail[cell(i, i)] += lever.far
         # far acceleration = near acceleration + w times the angle: columns; moment += n.f: rows
@@ -144,7 +148,7 @@ def condense_to_near_point(lane, lever, S: Lanes, first, tail: Lanes):
             tail[cell(i, 2)] += tail[cell(i, 0)] * wx + tail[cell(i, 1)] * wy
         for j in range(3):
             tail[cell(2, j)] += tail[cell(0, j)] * nx + tail[cell(1, j)] * ny
-        # mass in the middle: acceleration and moment with half the lever; derivative of lever arms at constant forces
+        # mass in the middle: n/2 in place of n, hence m/4 in theta-theta; -(e . f) at constant f
         half = 0.5 * mass
         for i in range(2):
             tail[cell(i, i)] += mass

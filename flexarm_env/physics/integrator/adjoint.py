@@ -48,6 +48,7 @@ def vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, passes):
     again.
     """
     weights, half = Weights(slopes.a, slopes.v, 1.0, newton_share=1.0), slopes.v / slopes.a
+    # friction takes the branch of the values: which joints stick, and to which side the others slide
     store_branch(lane, model, par, state_of(w), weights, half, w.r, w.S)
     if model.newton.rotations is None:
         _vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, weights, half, passes)
@@ -70,8 +71,9 @@ def _vjp_step(lane, model, par, par_bar, w, bar, slopes, scheme, weights, half, 
         _multiply(lane, model, w, bar)
         vjp_residual(lane, model, par, par_bar, state_of(w), w.u, bar.S, state_of(bar), bar.u, bar.r)
     for k in range(n):
-        # back through v+, a+, b+ to q, v, a, b of the start
+        # (6.1) backwards: from v+, a+, b+ to q, v, a, b of the start
         v, a = load(lane, bar.v, k), load(lane, bar.a, k)
+        # ahead: cotangent of q + h v + h^2 (1/2 - beta) b, from which q+ departs in (6.1)
         ahead = -load(lane, bar.b, k) * slopes.b - v * slopes.v - a * slopes.a
         store(bar.q, k, ahead)
         store(bar.v, k, v + ahead * h)
@@ -101,6 +103,7 @@ def _vjp_shift(lane, model, par, par_bar, w, bar, slopes, scheme, weights, ahead
 
     Theory, section 9: the cotangent of q at the end must vanish in total, so that forces of stiff strains, which
     cancel, are not summed up. What comes to the prediction is -T(D)^-1 (s_v v_bar + s_a a_bar + s_b b_bar).
+    Theory, section 9, "Derivatives".
     """
     n, moved = size(model.n), accumulated_increment(lane, w)[0]
     first, before = splat(lane, 0.0), splat(lane, 0.0)
@@ -129,7 +132,7 @@ def _vjp_shift(lane, model, par, par_bar, w, bar, slopes, scheme, weights, ahead
         if k > 0 and tangents_have_converged(lane, scheme, first, before, left):
             break
         before = left
-    # cotangent of the prediction
+    # cotangent of the prediction p: -T(D)^-1 (s_v v + s_a a + s_b b)
     _follow(lane, model, bar, slopes, bar.q)
     for i in range(n):
         store(bar.q, i, -load(lane, bar.q, i))
@@ -180,7 +183,7 @@ def vjp_light(lane, model, par, par_bar, w, bar, h, first):
     """Transform cotangents as `vjp_switch` for models with `NewtonPolicy.light_joints` whose inputs are torques alone.
 
     Cotangents of q are of increments in body axes. first: lanes > 1/2 without a residual before the jump. The
-    derivative of the matrix M + h/2 C + h^2/4 K is included.
+    derivative of the matrix M + h/2 C + h^2/4 K is included. Theory, section 9, "Derivatives".
     """
     n, zero, one = size(model.n), splat(lane, 0.0), State(w.q, w.v, w.a0)
     after, before = State(bar.q0, bar.v0, bar.a0), State(w.q0, w.v0, w.b0)

@@ -16,7 +16,7 @@ cubic, wave = kernel(time_functions.cubic), kernel(time_functions.wave)
 @kernel
 def piece_at(drive, f, t):
     """Return the index in `drive.pieces` of the piece of time function f that is valid at time t (s)."""
-    # bisection: the last piece that begins at or before t
+    # bisection for the piece with t_i <= t < t_(i+1)
     low, high = drive.first[f], drive.first[f + 1] - 1
     while low < high:
         middle = (low + high + 1) // 2
@@ -58,7 +58,7 @@ def set_inputs(lane, drive, u: Lanes, t, side):
     before = -1
     for i in range(drive.entries.shape[0]):
         entry = drive.entries[i]
-        # terms of one entry follow each other: the first one clears it
+        # u_i = sum of its terms, which are neighbors: the first one overwrites
         if entry != before:
             u[entry] = 0.0
         u[entry] += evaluate(drive, drive.terms[i], t, side)[0]

@@ -37,6 +37,8 @@ def account_for_step(lane, model, drive, par, w: Work, h):
     # state     w.q0, w.v0, w.u0, w.y0, w.psi0, w.reaction0 at the start; w.q, w.v, w.u, w.psi, w.reaction at the end
     # out       w.books; w.u0, w.y0, w.psi0, w.reaction0 <- values at the end, for the next step
     # scratch   w.r, which is free once the step has succeeded
+
+    Theory, section 6, "Work and energy".
     """
     # work of inputs: (u0 + u) / 2 . (y - y0)
     input_displacements(lane, model, par, w.q, w.y, (w.q0, w.y0))

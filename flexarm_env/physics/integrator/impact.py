@@ -34,7 +34,7 @@ def change_payload(lane, model, resting, par, new, live: Lanes, w: Work, h, book
     n, here = size(model.n), live[0]
     before = energy(lane, model, par, w.q, w.v)
     struck = _is_gripped_at_rest(lane, resting, par, new, here)
-    # r-, v-, a- before the change
+    # r-, v-, a- with the old payload, from which the jump is computed
     assemble(lane, model, par, state_of(w), w.u, RESIDUAL_ALONE, w.r, w.S)
     copy_rows(lane, n, w.r, w.b0)
     copy_rows(lane, n, w.v, w.v0)
@@ -51,7 +51,7 @@ def change_payload(lane, model, resting, par, new, live: Lanes, w: Work, h, book
         w.v[k] = select_lt(0.5, struck, v + w.r[k], v)
         w.a[k] = w.a0[k]
     move_multipliers(lane, model.algebraic, w.v, w.v, True)
-    # accelerations, in live lanes; b keeps its distance from a
+    # a+ in live lanes (> 1/2); b+ = b + a+ - a, so that (6.1) continues without a jump
     _accelerate(lane, model, par, w, h)
     for k in range(n):
         a = w.a0[k]
@@ -132,7 +132,7 @@ def _accelerate(lane, model, par, w: Work, h):
         assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
         for k in range(size(model.n)):
             w.r[k] -= w.b0[k]
-        # level 2: constraints of accelerations
+        # level 2: Phi'' = 0 determines lambda together with a
         constraint_residual(lane, model, w.psi, state_of(w), 2, 1.0, w.r)
         solve_unknown_rows(lane, model, None, w, first)
         take_multipliers(lane, model.algebraic, w, None, 1.0)

@@ -157,7 +157,7 @@ def _apply_newton_increment(lane, model, par, w: Work, active, slopes, tolerance
     take_multipliers(lane, model.algebraic, w, active, slopes.a)
     largest_of = 0.0
     nothing = -0.0  # x + -0.0 is x to the last bit
-    # increments of all rows, their largest weighted size, and v, a, b
+    # d = -S^-1 r; largest |d_k| weight_k; v, a, b by their slopes
     for k in range(size(model.n)):
         d = -w.r[k]
         moved, increment = _shifted_increment(lane, model.newton.period_correction, w.shift, k, d)
@@ -170,7 +170,7 @@ def _apply_newton_increment(lane, model, par, w: Work, active, slopes, tolerance
             follow_displacement(lane, w, k, d, slopes)
         else:
             w.r[k] = d
-    # one arm: separate loops, which the compiler vectorizes
+    # v, a, b for one arm: loops apart from the check above, so that the compiler vectorizes them
     if len(lane) == 1:
         for k in range(size(model.n)):
             follow_displacement(lane, w, k, w.r[k], slopes)

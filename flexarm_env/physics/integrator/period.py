@@ -56,7 +56,7 @@ def correct_period(lane, model, drive, par: Lanes, tolerance, w: Work, corrected
     n = size(model.n)
     zero, increment = 0.0, 0.0
     for k in range(n):
-        # weighted size of the increment: small enough, and not corrected in this step before?
+        # |d| (weighted): corrected once in a step, at the first d whose square is below the tolerance
         increment = maximum(absolute(w.r[k]) * model.weight[k], increment)
         w.shift[k] = zero
     now = select_lt(increment, min(NEAR, math.sqrt(tolerance)), select_lt(corrected, 0.5, active, zero), zero)

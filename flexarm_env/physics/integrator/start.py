@@ -155,6 +155,8 @@ def _jump_velocities(lane, model, drive, par, w: Work, h, fresh):
     # state     w.v: in and out
     # out       w.v0: v before the jump; w.a0: dv, in rows of multipliers the impulses Lambda; w.reaction; w.books
     # scratch   w.r, w.S, w.a, w.b0
+
+    Theory, section 6, "Kinks".
     """
     n = size(model.n)
     for k in range(n):
@@ -186,6 +188,8 @@ def _solve_jump(lane, model, drive, par, w: Work):
     # in        w.v0: v before the jump; w.b0: residual at rest; w.psi, w.psi0: motions after and before
     # out       w.a0 and w.a: dv, with Lambda in rows of multipliers; w.v = 0
     # scratch   w.r, w.S
+
+    Theory, section 6, "Kinks".
     """
     n = size(model.n)
     for i in range(drive.known.shape[0]):
@@ -199,7 +203,7 @@ def _solve_jump(lane, model, drive, par, w: Work):
     _residual_with_multipliers(lane, model, par, w, MASS_ALONE)
     _scaled_difference(lane, n, w.r, w.b0, 1.0)
     for k in range(n):
-        # constraints of the velocities (level 1) at v + the prescribed part
+        # Phi' (level 1) at v + dv of the prescribed rows
         w.v[k] = w.v0[k] + w.a0[k]
     constraint_residual(lane, model, w.psi, state_of(w), 1, 1.0, w.r)
     solve_unknown_rows(lane, model, drive, w, True)
@@ -229,6 +233,8 @@ def _remove_damping_layer(lane, model, drive, par, w: Work, h, fresh):
 
     # state     w.a0: in, dv; out, dv - e.   w.books: work and loss are added.   w.q0 (unless fresh): in and out
     # out       w.reaction: impulses of the motions (N s, N m s), times SMALL.   # scratch  w.r, w.S, w.v, w.a
+
+    Theory, section 6, "Kinks".
     """
     n, part = size(model.n), 0.5 * h * SMALL
     for k in range(n):
@@ -241,7 +247,7 @@ def _remove_damping_layer(lane, model, drive, par, w: Work, h, fresh):
         e, dv = w.r[k], w.a0[k]
         w.v[k] -= e * part
         w.a[k] = e * -SMALL
-        # mean of the velocities before and after the layer: damping dissipates its impulse times this
+        # v_0 + dv - e/2: the layer's damping dissipates its impulse times this mean
         w.r[k] = w.v0[k] + dv - e * 0.5
         w.a0[k] = dv - e
     move_multipliers(lane, model.algebraic, w.v, w.v, True)
@@ -264,6 +270,8 @@ def damping_layer(lane, model, drive, par, w: Work, rest, h, fresh):
     # in        w.r: dv; w.a = 0; rest: residual at rest (v = a = 0), n rows
     # out       w.r: e; w.v: SMALL h/2 g, g = (1 - s)^2 (1 + 3 s) dv
     # scratch   w.S
+
+    Theory, section 6, "Kinks".
     """
     n, part = size(model.n), 0.5 * h * SMALL
     for k in range(n):
@@ -315,6 +323,8 @@ def restart_within(lane, model, drive, par, w: Work, t, h, fresh):
     # model     model, drive (None: no loads or motions in time, velocities stay), par; h: a step, s
     # state     w.v, w.a, w.b and multipliers in w.q: in and out; w.u, w.psi <- values at t+; w.u0, w.reaction, w.books
     # scratch   w.r, w.S, w.q0, w.v0, w.a0, w.b0, w.psi0
+
+    Theory, section 6, "Kinks".
     """
     n = size(model.n)
     times, half = 1, 0.0
@@ -322,7 +332,7 @@ def restart_within(lane, model, drive, par, w: Work, t, h, fresh):
         # u0 <- inputs before the jump; entries that are set from outside hold theirs already
         for i in range(drive.entries.shape[0]):
             w.u0[drive.entries[i]] = w.u[drive.entries[i]]
-    # friction torques before the jump, then inputs, motions and velocities after it
+    # T of friction before the jump (it decides which joints slide), then u, psi and v after it
     store_friction(lane, model, par, state_of(w), w.u0, w.r, w.S)
     if drive is not None:
         if not fresh:
@@ -334,7 +344,7 @@ def restart_within(lane, model, drive, par, w: Work, t, h, fresh):
         _jump_velocities(lane, model, drive, par, w, h, fresh)
         release_reversed_joints(lane, model, w.v, w.S)
     for k in range(n):
-        # a fresh start solves for the accelerations from 0; a kink corrects those saved in q0
+        # a = 0: a fresh start solves M a = -r; a kink corrects the a saved in q0
         w.a[k] = 0.0
     move_multipliers(lane, model.algebraic, w.q, w.a, False)
     if drive is not None:
@@ -350,7 +360,7 @@ def restart_within(lane, model, drive, par, w: Work, t, h, fresh):
         assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
         constraint_residual(lane, model, w.psi, state_of(w), 2, 1.0, w.r)
         solve_unknown_rows(lane, model, drive, w, matrix)
-        # Coulomb friction for the rates half a step ahead
+        # Coulomb friction (6.6) for rates w = v + h/2 a, half a step ahead
         apply_friction(lane, model, par, state_of(w), MASS_ALONE, 0.5 * h, w.S, w.r)
         for k in range(n):
             w.a[k] -= w.r[k]
@@ -358,7 +368,7 @@ def restart_within(lane, model, drive, par, w: Work, t, h, fresh):
         move_multipliers(lane, model.algebraic, w.a, w.a, True)
     _restart_auxiliary_acceleration(lane, n, drive, w, fresh)
     if drive is not None:
-        # forces that enforce the motions at t+
+        # reactions at t+ (N, N m): r of prescribed rows, or their lambda
         assemble(lane, model, par, state_of(w), w.u, RESIDUAL_ALONE, w.r, w.S)
         store_reactions(lane, drive.known, model.algebraic, w.r, w.q, w.reaction)
         copy_rows(lane, size(model.n_inputs), w.u, w.u0)

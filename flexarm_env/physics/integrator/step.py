@@ -205,17 +205,17 @@ def advance_within(lane, model, drive, par, w: Work, t, h, n_steps, scheme, book
     # model     model, drive (None: no loads or motions in time), par: the arm's own parameters, scheme: `Scheme`
     # state     w.q, w.v, w.a, w.b and the other fields of w: in, at t; out, at the time reached
 
-    books: a tag, (0,), to account for work and dissipation in w.books; None compiles the account out.
+    books: a tag, (0,), to account for work and dissipation in w.books; None compiles the account out. Theory, (6.1).
     """
     if books is not None:
         start_energy_account(lane, model, drive, par, w)
     # momentum and force at the start, of arms that no support holds; None otherwise
     moving = conserve_momentum(lane, model, par, None, h, w.q, w.v, w.u, w.r, w.S)
-    # of the current step: time left, length tried now, whether this is a second try of it
+    # time left of the step (s), length tried now (s), and whether this length was tried once already
     done, left, part, again = 0, h, h, False
     while done < n_steps:
         start = t + done * h + (h - left)
-        # predict the end of the step
+        # q+, v+, a+, b+ predicted by (6.1) with s a for a+
         slopes = newmark_slopes(scheme, part)
         newmark_predict(lane, model, w, part, scheme)
         if lane_count(lane) == 1 and again:
@@ -223,7 +223,7 @@ def advance_within(lane, model, drive, par, w: Work, t, h, n_steps, scheme, book
         _prescribe(lane, drive, w, start + part, part)
         reset_shift(lane, model, w)
         _predict_configuration(lane, model, par, w, slopes)
-        # solve for it, and check it
+        # Newton (6.1), projection (6.3), reactions, and the energy test that refuses wrong roots
         active = newton(lane, model, drive, par, w, slopes, scheme, again)
         _project_onto_constraints(lane, model, drive, par, model.algebraic, w)
         _compute_reactions(lane, model, drive, par, w)
@@ -245,7 +245,7 @@ def advance_within(lane, model, drive, par, w: Work, t, h, n_steps, scheme, book
                 w.flag[0] = flag
                 return start
             continue
-        # accepted: account for energy, conserve momentum, check the model's range
+        # accepted: W and D of the step, momentum before + h/2 (F_0 + F_1), and the range of modes
         w.counts[STEPS] += 1.0
         if books is not None:
             account_for_step(lane, model, drive, par, w, part)

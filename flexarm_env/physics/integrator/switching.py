@@ -28,11 +28,11 @@ def jump_accelerations(lane, model, par, flat, n_motions, h, first, kept=None):
 
     first: None, or, for models with `NewtonPolicy.light_joints`, lanes > 1/2 that start from a = 0. The matrix is then
     M + h/2 C + h^2/4 K, and in the lanes `first` da follows from all forces. kept: a tag to store the accelerations
-    before the jump in w.a0, or None.
+    before the jump in w.a0, or None. Theory, section 6, "Kinks".
     """
     w: Work = unpack(lane, model, flat, n_motions)
     n = size(model.n)
-    # residual before the jump, with Coulomb friction; 0 in lanes `first`
+    # r(u_0) before the jump, with Coulomb friction; 0 in lanes `first`, whose a is solved from rest
     assemble(lane, model, par, state_of(w), w.u0, RESIDUAL_ALONE, w.r, w.S)
     store_friction(lane, model, par, state_of(w), w.u0, w.r, w.S)
     for k in range(n):

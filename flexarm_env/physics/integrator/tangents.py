@@ -74,6 +74,8 @@ def copy_state(lane, wide, model, w, x):
 @kernel
 def factor_step_end(lane, model, par, w, slopes):
     """Factor the Newton matrix at the end of a step into w.S; w.r <- the residual there."""
+    # S = c_m dr/da + c_v dr/dv + dr/dq at the end, not that of Newton's last iteration, which belongs to an earlier
+    # iterate
     weights = Weights(slopes.a, slopes.v, 1.0, newton_share=1.0)
     assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
     remove_known_rows(lane, model, None, w.r, w.S, True)
@@ -84,7 +86,7 @@ def factor_step_end(lane, model, par, w, slopes):
 def _solve(lane, wide, model, w, x):
     """Solve for tangents in dual lanes: tangents of x.r <- -S^-1 (tangents of x.r), w.S: factors; known rows are 0."""
     n, many = size(model.n), len(wide) // len(lane)
-    # one solve per direction
+    # d <- -S^-1 dr, one right side per direction, because the factors are those of plain lanes
     for j in range(1, many):
         for k in range(n):
             store(w.r, k, -load(lane, x.r, k * many + j))
@@ -107,7 +109,7 @@ def step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
     if model.newton.rotations is None:
         _step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes)
     else:
-        # with rotations: differentiate the prediction, then the increment that moves it
+        # rotations do not add up: tangents of the prediction p, then of the increment D with q+ = p (+) D
         for start, value in ((w.q0, x.q), (w.v0, x.v), (w.a0, x.a), (w.b0, x.b)):
             copy_values(lane, wide, size(model.n), start, value)
         newmark_predict(wide, model, x, slopes.h, scheme)
@@ -122,7 +124,7 @@ def _shift_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
     """Compute the tangents of q, v and a at the step's end, where the total increment d moves the predicted q: q (+) d.
 
     v and a follow d by `slopes`. x: in, tangents of the prediction; w.shift: d at the step's end. passes: see
-    `step_tangents`.
+    `step_tangents`. Theory, section 9, "Derivatives".
     """
     n, moved, total = size(model.n), accumulated_increment(lane, w)[0], accumulated_increment(wide, x)[0]
     reset_shift(wide, model, x)
@@ -139,6 +141,7 @@ def _shift_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
             store(total, i, load(wide, total, i) + tangents_only(load(wide, x.r, i)))
         _follow_shift(wide, model, x, slopes)
         left = largest_row(lane, model, x.r, len(wide) // len(lane), 1)
+        # first correction: the scale of what may be left
         first = left if k == 0 else first
         if k > 0 and tangents_have_converged(lane, scheme, first, before, left):
             break
@@ -152,6 +155,7 @@ def _follow_shift(wide, model, x, slopes):
     copy_rows(wide, size(model.n), start, x.q)
     retract(wide, model, x.q, 1.0, total, None)
     for i in range(size(model.n)):
+        # v_p + c_v D, a_p + c_m D, eq. (6.1)
         store(x.v, i, load(wide, x.v0, i) + load(wide, total, i) * slopes.v)
         store(x.a, i, load(wide, x.a0, i) + load(wide, total, i) * slopes.a)
 
@@ -205,6 +209,7 @@ def light_tangents(lane, wide, model, parx, w, x, h):
     """Compute tangents as `switch_tangents` for models with `NewtonPolicy.light_joints`, where S da = -(r(u) - r(u0)).
 
     S = M + h/2 C + h^2/4 K changes along the direction too; h: a step, s. w: the arm after the jump.
+    Theory, section 9, "Derivatives".
     """
     n = size(model.n)
     for k in range(n):

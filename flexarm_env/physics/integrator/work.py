@@ -204,6 +204,7 @@ def move_multipliers(lane, algebraic, target: Lanes, values: Lanes, clear):
     if algebraic is not None:
         for i in range(algebraic.shape[0]):
             k = algebraic[i]
+            # lambda (N, N m) is a row of q: it has no rate or acceleration
             target[k] = 0.0 if clear else values[k]
 
 
@@ -218,6 +219,7 @@ def take_multipliers(lane, algebraic, w: Work, active, c_m):
         for i in range(algebraic.shape[0]):
             k = algebraic[i]
             force = w.q[k]
+            # (3.5): columns of lambda in S are divided by c_m
             less = force - w.r[k] * c_m
             w.q[k] = less if active is None else select_lt(0.5, active, less, force)
             w.r[k] = 0.0

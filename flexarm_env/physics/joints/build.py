@@ -41,7 +41,7 @@ def with_joints(
     if settings.multipliers:
         what = "must be False for an arm whose joints are not ideal; floating frames in a chain take them"
         raise check.InvalidValue("multipliers", True, what)
-    # new rows: one per motor behind an elastic gear, then the attitude of the base
+    # rows behind the arm's: psi of each motor on an elastic gear, then the attitude psi_b of the base
     inner, first = system.model, len(system.q0)
     elastic = [k for k in joints if arm.joint(k).elastic]
     motors = {k: first + i for i, k in enumerate(elastic)}
@@ -50,13 +50,13 @@ def with_joints(
     count = len(motors)
     base = None if places is None else _floating(scene, system, first + count, places)
     count += base is not None
-    # records of the joints
+    # k, d, J r^2 and friction of the joints, from the arm's Joint records (after the ratio)
     rows = [system.coordinates[f"joint{k}"] for k in joints]
     laws = [_law(scene, k, row, motors.get(k, -1)) for k, row in zip(joints, rows, strict=True)]
     friction = any(joint.friction_coulomb > 0.0 for joint in arm.joints)
     play = any(joint.backlash > 0.0 for joint in arm.joints)
     rotors = getattr(inner, "rotors", None)
-    # numbers per joint in S: `GEAR`, with friction a column of S^-1 and a row of the torques' system
+    # numbers per joint in S: a `GEAR`; with friction a column S^-1 e_i and a row of (6.6)
     more = GEAR.end + (first + count + len(joints) + 1 if friction else 0)
     parts: list[Any] = []
     if geared:
@@ -64,7 +64,7 @@ def with_joints(
         parts.append(Gears((0,) if play else None, spin, None if rotors is None else np.abs(rotors[joints])))
     if base is not None:
         parts.append(base)
-    # points: the last loads of the arm, behind the joints' numbers in S
+    # B u: each contribution at a point has the last point loads of u, because the forces follow the user's own loads
     axes, n, room = (3 if scene.spatial else 2), first + count, more * len(joints)
     loads = len(kinds) + len(loads_of(scene))
     entries = size(inner.n_inputs) - loads * (6 if scene.spatial else 3)
@@ -98,7 +98,7 @@ def with_joints(
         points=(0,) * size(inner.n_inputs) if loads else None,
         derived=(0,) if loads or rotors is not None else None,
     )
-    # start: motor angles of the scene, at their joints' rates; base at rest
+    # psi of motors as the scene gives them, at their joints' rates; psi_b' = 0: the base is at rest
     wound = [scene.initial_value(f"motor{k}") for k in elastic]
     names, still = tuple(f"motor{k}" for k in elastic), [0.0] * (base is not None)
     if base is not None:
@@ -190,7 +190,7 @@ def with_own_laws(system: System, hub: float) -> System:
     """
     model = system.model._replace(own=(0,) * len(system.par))
     if hub > 0.0 and model.table[PLACE.motor] >= 0:
-        # hub behind an elastic gear: its own field, placeholder until drawn
+        # the hub inertia is before the gear and not in its rotor J r^2: a field of its own, a placeholder until drawn
         model = model._replace(data=model.data.copy(), hub=(0,))
         model.data[LAWS.hub] = NOTHING * hub
     return dataclasses.replace(system, model=model, par=np.concatenate([system.par, model.data]))

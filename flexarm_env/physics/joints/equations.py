@@ -46,21 +46,24 @@ def assemble(lane, model, par, state: State, u: Lanes, weights, r: Lanes, S: Lan
         inputs = stack(lane, model.points)
         _add_point_forces(lane, model, par, state, u, S, inputs)
         protocol.assemble(lane, model.arm, par, state, inputs, weights, r, S)
-    # another name: one that is assigned twice in a kernel holds one kind of record
+    # a second loop variable, because a name of a kernel has one type and this loop has other records
     for adding in model.contributions:
         contributions.assemble(lane, adding, model, par, state, u, weights, r, S)
 
 
 @kernel
 def add_stiffness(lane, model, S, k, x):
-    """Fix row k of S, before `factor`: of the arm in its matrix, of contributions in their entries.
+    """Add x (N m/rad) to the diagonal of row k of S, before `factor`, or fix row k (x None).
 
-    Row and column k become those of the identity. x is not read: a `Jointed` model gets no other calls than with None.
+    x: k is a joint's angle, a row of the arm. None: row and column k become those of the identity, of the arm in its
+    matrix, of contributions in their entries.
     """
+    # rows behind the arm's belong to contributions alone
     if k < size(model.arm.n):
-        protocol.add_stiffness(lane, model.arm, S, k, None)
-    for part in model.contributions:
-        contributions.fix_coordinate(lane, part, model, S, k)
+        protocol.add_stiffness(lane, model.arm, S, k, x)
+    if x is None:
+        for part in model.contributions:
+            contributions.fix_coordinate(lane, part, model, S, k)
 
 
 @kernel
@@ -74,6 +77,7 @@ def factor(lane, model, S: Lanes):
     protocol.factor(lane, model.arm, S)
     for following in model.contributions:
         contributions.after_factor(lane, following, model, S)
+    # columns S^-1 e_i of (6.6) last, because they need the factors of all contributions
     store_columns(lane, model, S)
 
 
@@ -82,6 +86,7 @@ def solve(lane, model, S, x):
     """Solve S x = b in place, x (n rows): in, b; out, S^-1 b; S: factors of arm and contributions."""
     for k in _LAST_FIRST:
         if k < len(model.contributions):
+            # eliminated last, so first: own rows of x are condensed onto the rows before them
             contributions.before_solve(lane, model.contributions[k], model, S, x, False)
     protocol.solve(lane, model.arm, S, x)
     for part in model.contributions:
@@ -169,7 +174,7 @@ def damping_power(lane, model, par, q, v, x, since=None):
         power = protocol.damping_power(lane, model.arm, par, q, v, x)
         return _with_contributions(lane, model, par, q, v, x, power)
     nothing = 0.0
-    # of contributions the mean of the power at both ends of the step
+    # contributions dissipate the mean of x^T C v at both ends of the step, since their coordinates add up
     before = _with_contributions(lane, model, par, since[0], since[1], x, nothing)
     own = before + _with_contributions(lane, model, par, q, v, x, nothing)
     power, beyond = protocol.damping_power(lane, model.arm, par, q, v, x, since)
@@ -237,7 +242,12 @@ def conserve_momentum(lane, model, par, before, h, q, v, u, r, S):
         found = contributions.conserve_momentum(lane, part, model, par, before, h, q, v, u, r, S)
         if found is not None:
             return found
-    return protocol.conserve_momentum(lane, model.arm, par, before, h, q, v, u, r, S)
+    if model.points is None:
+        return protocol.conserve_momentum(lane, model.arm, par, before, h, q, v, u, r, S)
+    # F of the arm includes the forces on its points; they do not depend on accelerations, which are not known here
+    inputs = stack(lane, model.points)
+    _add_point_forces(lane, model, par, State(q, v, v), u, S, inputs)
+    return protocol.conserve_momentum(lane, model.arm, par, before, h, q, v, inputs, r, S)
 
 
 register(

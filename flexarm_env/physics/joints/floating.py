@@ -20,7 +20,7 @@ _X, _Y, _TURN, _MOTIONS = range(4)
 _REST, _MOVING, _TURNED, _CASES = range(4)
 """Residuals that are projected on them: at rest (v = a = 0); with a = v; with a = the rates of a turn at 1 rad/s."""
 
-# size of the stack array of projections: case by motion
+# t^T r of each case (rest, moving, turned) for each rigid motion (x, y, psi)
 _SUMS = (0,) * (_CASES * _MOTIONS)
 
 
@@ -101,6 +101,8 @@ def conserve_momentum(lane, part, model, par: Lanes, before, h, q, v: Lanes, u, 
     and arm, which no strain sees, such that the momentum changes by h times the mean force.
 
     # state     q; v: in and out, (n,) lanes.   # scratch   r, S
+
+    Theory, section 6, "A floating base".
     """
     n, base, sums = size(model.n), part, stack(lane, _SUMS)
     a, still = stack(lane, base.room), stack(lane, base.room)
@@ -132,7 +134,7 @@ def conserve_momentum(lane, part, model, par: Lanes, before, h, q, v: Lanes, u, 
     mx, my, inertia = turned[1] - y, x - turned[0], turned[2] - turn
     mass = par[PAYLOAD_MASS] + base.mass
     dx, dy = wanted[0] - now[0], wanted[1] - now[1]
-    # rigid motion (dx, dy, rate): 3 x 3 system, translation eliminated
+    # (P, L) wanted - now = [m, m, I] (dx, dy, rate): the translation eliminated from 3 x 3
     rate = (wanted[2] - now[2] - (mx * dy - my * dx) / mass) / (inertia - (mx * mx + my * my) / mass)
     _turn(lane, base, q, rate, v)
     dx, dy = (dx + my * rate) / mass, (dy - mx * rate) / mass

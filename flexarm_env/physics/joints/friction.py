@@ -130,6 +130,8 @@ def store_friction(lane, model, par, state: State, u, r: Lanes, S: Lanes):
     # in        state, u: q, v, a and inputs
     # out       r (n,); `GEAR` fields before: the torque (N m), slides: 1 or 0, free: 1 if the joint does not slide and
     #           friction balances the other forces of its row, within T_C, otherwise 0
+
+    Theory, (6.6).
     """
     if model.newton.friction is not None:
         protocol.assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
@@ -248,7 +250,7 @@ def _choose_branch(lane, model, par, weights, i, S: Lanes):
         # torque that closes the gap; within T_C the joint sticks, otherwise T = +-T_C
         wanted = S[g + GEAR.torque] + left / S[column_at(model, i) + row]
         sticks, bound = select_lt(absolute(wanted), coulomb, one, zero), clip(wanted, coulomb)
-        # v stays: joints that slid keep sliding with the same torque
+        # torques jump, v does not: a joint that slid keeps its T_C
         if weights.damping == 0.0:
             slides = S[g + GEAR.slides]
             sticks = select_lt(0.5, slides, zero, sticks)
@@ -264,13 +266,13 @@ def _solve_torques(lane, model, S: Lanes, transposed):
         sticks: sum_j W_ij T_j = gap_i,    slides: T_i = bound_i
 
     gap, bound: `GEAR` fields; W_ij: entry of S^-1 in the friction rows of joints i and j. transposed: True uses W^T,
-    for cotangents, where all bounds are 0. Gaussian elimination without pivoting.
+    for cotangents, where all bounds are 0. Gaussian elimination without pivoting. Theory, (6.6).
     """
     joints, one, zero = count(model), 1.0, 0.0
     for i in range(joints):
         g, row = gear_at(model, i), array_slice(lane, S, _row_at(model, i), joints + 1)
         sticks, own = S[g + GEAR.sticks], model.table[PLACES * i + PLACE.friction]
-        # row i: W_ij or the identity, and the right-hand side
+        # row i: sum_j W_ij T_j = gap where joint i sticks, T_i = +-T_C where it slides
         for j in range(joints):
             at = column_at(model, j) + own
             if transposed:
@@ -283,7 +285,7 @@ def _solve_torques(lane, model, S: Lanes, transposed):
             factor_of = row[j] / above[j]
             for k in range(j + 1, joints + 1):
                 row[k] -= above[k] * factor_of
-    # back substitution
+    # T from the last row to the first
     for i in range(joints - 1, -1, -1):
         row = array_slice(lane, S, _row_at(model, i), joints + 1)
         total = row[joints]
@@ -296,7 +298,7 @@ def _solve_torques(lane, model, S: Lanes, transposed):
 def _add_torques(lane, model, S: Lanes, x: Lanes):
     """Add the friction torques T (N m) to the solution, x <- x + W T; sticking joints get their exact value.
 
-    W: columns of S^-1. The exact value is the increment gap + x_i that brings the joint to rest.
+    W: columns of S^-1. The exact value is the increment gap + x_i that brings the joint to rest. Theory, (6.6).
     """
     n = size(model.n)
     # gap + x_i = w/c, before x changes
@@ -329,7 +331,7 @@ def hold_sticking_joints(lane, model, S: Lanes, x: Lanes):
         _add_torques(lane, model, S, x)
 
 
-# --- derivatives, of joints that stick or slide as they did -------------------------------------------
+# derivatives take the branch of the values: a joint that stuck sticks, one that slid keeps its T
 @kernel
 def store_branch(lane, model, par, state, weights, ahead, r, S: Lanes):
     """Store in S which joints stick and in which direction the others slide (slides = +-1) at the end of a step.
@@ -380,7 +382,7 @@ def friction_cotangents(lane, model, weights, ahead, S: Lanes, x: Lanes, v_bar: 
 
     Adds the cotangents of the rates w = v + ahead a to v_bar and a_bar. The cotangents W^T x of the torques (W: columns
     of S^-1) must vanish for sticking joints, a system with the transposed minors of W; torques of sliding joints are
-    constant.
+    constant. Theory, (6.6).
     """
     if model.newton.friction is not None:
         for i in range(count(model)):

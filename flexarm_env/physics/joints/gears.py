@@ -106,6 +106,7 @@ def prepare(lane, part, model, par, state: State, weights, S: Lanes):
     for i in range(count(model)):
         at, share = PLACES * i, joint_law(lane, model, par, i).rotor * part.spin[i]
         row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
+        # h = J r psi', along the joint's axis; a rigid gear turns the rotor with q'
         rate = state.v[motor if motor >= 0 else row]
         S[part.rotors[i] + ROTOR.momentum] = rate * share
         if weights.with_matrix:
@@ -116,7 +117,7 @@ def prepare(lane, part, model, par, state: State, weights, S: Lanes):
 def assemble(lane, part, model, par, state: State, u, weights, r: Lanes, S: Lanes):
     """Add gears, rotors, viscous friction and hub inertia to r (N m) and, with weights.with_matrix, their entries to S.
 
-    state: q, v, a; u: inputs, joint torques first. S receives one `GEAR` per joint.
+    state: q, v, a; u: inputs, joint torques first. S receives one `GEAR` per joint. Theory, (6.5).
     """
     for i in range(count(model)):
         one = joint_law(lane, model, par, i)
@@ -149,7 +150,7 @@ def fix_coordinate(lane, part, model, S: Lanes, k):
 def before_factor(lane, part, model, S: Lanes):
     """Eliminate the motors' rows: add their Schur complement slope - slope^2 / pivot to the joints' diagonal in S.
 
-    pivot: diagonal entry of the motor's row; -slope: its coupling with the joint's row (`GEAR`).
+    pivot: diagonal entry of the motor's row; -slope: its coupling with the joint's row (`GEAR`). Theory, (6.5).
     """
     for i in range(count(model)):
         g, row = gear_at(model, i), model.table[PLACES * i + PLACE.row]
@@ -265,7 +266,10 @@ def _gear_deflection(play, half, wound):
 
 @kernel
 def energy(lane, part, model, par, q: Lanes, v: Lanes, sums):
-    """Return sums, (kinetic, strain, gravitational; J), with rotors, gear springs and additional hub inertia added."""
+    """Return sums, (kinetic, strain, gravitational; J), with rotors, gear springs and additional hub inertia added.
+
+    Theory, (6.5).
+    """
     kinetic, strain, gravity = sums
     for i in range(count(model)):
         row, motor = model.table[PLACES * i + PLACE.row], model.table[PLACES * i + PLACE.motor]
@@ -326,7 +330,7 @@ def vjp_residual(lane, part, model, par, state: State, bar, u_bar: Lanes, r_bar:
 
 @kernel
 def multiply(lane, part, model, S: Lanes, x: Lanes, y: Lanes):
-    """Add S x of motors, gears and rotors to y (n rows), S assembled and not factored."""
+    """Add S x of motors, gears and rotors to y (n rows), S assembled and not factored. Theory, (6.5)."""
     for i in range(count(model)):
         at, g = PLACES * i, gear_at(model, i)
         row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]

@@ -12,7 +12,7 @@ PLACE = Layout(
     Field("friction", (), "", "row of the angle that friction acts on: `row` or `motor`"),
     Field("known", (), "", "1: a motion prescribes that angle; 0: unknown"),
 ).places  # fmt: skip
-# numbers per joint in `Jointed.table`
+# entries per joint of `Jointed.table`, which is flat
 PLACES = PLACE.end
 
 LAW = Layout(

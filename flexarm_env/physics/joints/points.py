@@ -89,12 +89,13 @@ def store_block(lane, point, model, par, state, u: Lanes, stiffness, S: Lanes):
     """Store B and k of the block B k B^T; the `assemble` of a contribution with a matrix calls it.
 
     stiffness: k (N/m) times the weight of dr/dq in the matrix. Column i of B: the generalized forces of a force of 1 N
-    on the point along axis i, which is how much that force lowers the arm's residual.
+    on the point along axis i, which is how much that force lowers the arm's residual. Theory, (6.7).
     """
     n, axes = size(model.arm.n), len(point.axes)
     inputs, still, moved = stack(lane, model.points), stack(lane, point.room), stack(lane, point.room)
     for k in range(size(model.n_inputs)):
         inputs[k] = u[k]
+    # r at the forces f that act now; below at f + e_i, so that column i of B is their difference, r being linear in f
     protocol.residual(lane, model.arm, par, state, inputs, still, S)
     for i in range(axes):
         force = inputs[point.input + i]
@@ -132,9 +133,11 @@ def after_factor(lane, part, model, S: Lanes):
     """Compute W = S^-1 B and C = (1 + k B^T W)^-1 k from B and k in S, by Gauss-Jordan elimination without pivoting.
 
     With them `after_solve` adds the block B k B^T of the point's stiffness k to solutions with the factors in S.
+    Theory, (6.7).
     """
     point, axes, n = part.point, len(part.point.axes), size(model.n)
     for i in range(axes):
+        # W e_i = S^-1 B e_i, with factors that do not contain the block yet
         column = _column(lane, point, S, axes + i)
         for k in range(n):
             column[k] = _column(lane, point, S, i)[k]
@@ -149,6 +152,7 @@ def after_factor(lane, part, model, S: Lanes):
             S[a + axes * i + j] = own + stiffness * work
             S[c + axes * i + j] = own * stiffness
     for i in range(axes):
+        # Gauss-Jordan: no pivoting, because 1 + k B^T W has eigenvalues of at least 1 where S is positive definite
         inverse = 1.0 / S[a + axes * i + i]
         for j in range(axes):
             S[a + axes * i + j] *= inverse
@@ -174,11 +178,12 @@ def _dot(lane, n, x: Lanes, y: Lanes):
 def _subtract(lane, point, n, S: Lanes, along, target, transposed, x: Lanes):
     """Compute x <- x - target C (along^T x), or with C^T (transposed True); C: axes x axes numbers in S.
 
-    along, target: number of the first column of each, 0 for B and `axes` for W = S^-1 B; n: rows of x.
+    along, target: number of the first column of each, 0 for B and `axes` for W = S^-1 B; n: rows of x. Theory, (6.7).
     """
     axes, c = len(point.axes), _inverse_at(point)
     parts = stack(lane, point.axes)
     for j in range(axes):
+        # B^T x (or W^T x) before x changes, because all columns of C need it
         parts[j] = _dot(lane, n, _column(lane, point, S, along + j), x)
     for i in range(axes):
         share = 0.0
@@ -216,6 +221,7 @@ def multiply(lane, part, model, S: Lanes, x, y: Lanes):
     point, n = part.point, size(model.n)
     for i in range(len(point.axes)):
         column = _column(lane, point, S, i)
+        # k b_i^T x, N: the spring's answer along axis i (inertial) to the displacement x
         share = S[_stiffness_at(point)] * _dot(lane, n, column, x)
         for k in range(n):
             y[k] += column[k] * share

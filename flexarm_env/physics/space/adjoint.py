@@ -25,11 +25,12 @@ from .rotations import add_vector, cross, dot, load_vector
 
 @kernel
 def multiply(lane, model, S, x, y):
-    """Add S x to y, with S as `assemble` leaves it, inner modes condensed (`protocol.multiply`).
+    """Add S x to y, with S as `assemble` leaves it, inner modes condensed (`protocol.multiply`; theory, 9).
 
     x: position increments (inertial), rotation increments (body axes), joint angles; y: forces, moments, joint torques.
     """
-    # outward: motion (a, b) of each link's root, then the elements' blocks times the motions of their ends
+    # from the base outward: (a, b), motion of each link's root (inertial, body axes); then each element's block times
+    # it
     for k in range(model.links):
         h, row, under = hinge_at(k), joint_row(model, k), rows_before(model, k)
         axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
@@ -40,7 +41,7 @@ def multiply(lane, model, S, x, y):
             frame, swing = matrix_in(lane, S, h + H.frame), swing_of(lane, model, k, axis, turn)
             moved = own * swing - cross(load_vector(lane, S, h + H.lever), turned_by)
             a = a + frame @ moved
-        # rigid link: its one block
+        # a rigid link has one block, its root's
         first = factor_at(model, k, 0)
         force, moment = block_times(lane, S, first + F.LL, a, b)
         for e in range(count_of(model, k)):
@@ -48,7 +49,7 @@ def multiply(lane, model, S, x, y):
             c, d = load_vector(lane, x, i), load_vector(lane, x, i + 3)
             left, right = block_times(lane, S, o + F.LL, a, b), block_times(lane, S, o + F.RL, a, b)
             more, far = block_times(lane, S, o + F.LR, c, d), block_times(lane, S, o + F.RR, c, d)
-            # the matrix after `condense` lacks the inner modes: add their part
+            # `condense` has eliminated the inner modes p from S: K_ep p + K_pe terms are added
             if model.inner is not None:
                 n = elements_before(model, k) + e
                 at, first_row = inner_at(model, n), inner_row(model, n)
@@ -63,7 +64,7 @@ def multiply(lane, model, S, x, y):
             a, b = c, d
         store_vector(lane, S, h + H.now_force, force)
         store_vector(lane, S, h + H.now_moment, moment)
-    # inward: wrenches on the roots go to the joints' rows and to the sections before
+    # from the tip inward: wrenches on roots onto the joint's row and the section before, by the transpose of (9.1)
     for back_k in range(model.links):
         k = model.links - 1 - back_k
         h, row, under = hinge_at(k), joint_row(model, k), rows_before(model, k)
@@ -77,7 +78,7 @@ def multiply(lane, model, S, x, y):
         on_joint = dot(axis, moment)
         on_section = turn @ (moment + own * cross(axis, load_vector(lane, S, h + H.moment)))
         if has_lever(model, k):
-            # levers: as in `matrix.eliminate_joint`
+            # levers t, o: shift X and swing c of the place, as in `matrix.eliminate_joint`
             frame, swing = matrix_in(lane, S, h + H.frame), swing_of(lane, model, k, axis, turn)
             lever, pull = load_vector(lane, S, h + H.lever), load_vector(lane, S, h + H.force)
             inner = frame.T @ force + cross(pull, load_vector(lane, x, under + 3))
@@ -86,7 +87,7 @@ def multiply(lane, model, S, x, y):
         add_to(lane, y, row, on_joint)
         add_vector(lane, y, under, force)
         add_vector(lane, y, under + 3, on_section)
-    # the base's own block
+    # S of the base times (dr, dtheta), the first six rows of x
     force, moment = block_times(lane, S, B.matrix, load_vector(lane, x, 0), load_vector(lane, x, 3))
     add_vector(lane, y, 0, force)
     add_vector(lane, y, 3, moment)
@@ -122,7 +123,7 @@ def _up(lane, model, S, k, x):
     """Transpose of `elimination._up` and `_joint_up`: accumulate x of link k from its tip to the section before it.
 
     From each vertex to the one before: x <- x - RL^T x of that vertex (`FACTOR.RL`); then across the joint, whose row
-    of x gets its part.
+    of x gets its part. Theory, section 9, "Elimination".
     """
     h, row, under, count = hinge_at(k), joint_row(model, k), rows_before(model, k), count_of(model, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
@@ -150,13 +151,13 @@ def _down(lane, model, S, k, x):
     """Transpose of `elimination._down` and `_joint_down`: solve for x of link k, from the section before it to its tip.
 
     The joint's row of x, then vertex by vertex: subtract the transposed block LR of its `FACTOR` times the vertex
-    before, then solve with the transposed factors of RR.
+    before, then solve with the transposed factors of RR. Theory, section 9, "Elimination".
     """
     h, row, under = hinge_at(k), joint_row(model, k), rows_before(model, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
     own, a, turned_by = load(lane, x, row), load_vector(lane, x, under), load_vector(lane, x, under + 3)
     b = turn.T @ turned_by
-    # the joint's row
+    # own = (own - column . x) / pivot: transpose of the elimination of the joint's row
     if S[(h + H.pinned) * len(lane)] == 0.0:
         for j in range(6):
             own = own - load(lane, S, h + H.column + j) * load(lane, x, under + j)
@@ -171,7 +172,7 @@ def _down(lane, model, S, k, x):
     if count_of(model, k) == 0:
         store_vector(lane, x, i, a)
         store_vector(lane, x, i + 3, b)
-    # vertex by vertex: transposed LR, then RR^-T
+    # transposed back substitution: x <- RR^-T (x - LR^T (a, b)), vertex by vertex
     for e in range(count_of(model, k)):
         o = factor_at(model, k, e)
         _take(lane, x, i, S, o + F.LR, a, b)

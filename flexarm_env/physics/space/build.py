@@ -38,10 +38,10 @@ HONOURS: Honours = {
 }
 """Parameters that chains in space take into account, by class (`model.Honours`)."""
 
-# x axis of a section: along the link
+# e_x, along the link, in section axes
 X = np.array([1.0, 0.0, 0.0])
 
-# names of a strain's components about x, y, z
+# strains kappa_x, kappa_y, kappa_z, section axes
 AXES_OF_STRAINS = ("twist", "bend_y", "bend_z")
 
 
@@ -160,7 +160,7 @@ def _elements(link: Link, n: int, damping: float) -> list[Array]:
     J, J_y = plane.J @ share, across["J_y"] @ share
     rows = []
     for e, length in enumerate(lengths.tolist()):
-        # rotary inertia about x, y, z, with a lower bound, as ends of elements rotate by themselves
+        # J about x, y, z (section axes), at least LEAST_ROTARY m l^2: ends of elements rotate by J alone
         rotary = np.maximum([J[e] + J_y[e], J_y[e], J[e]], LEAST_ROTARY * masses[e].sum() * length)
         tilts = np.array([tilt["EI_y"][e], tilt["EI"][e]])
         rows.append(
@@ -181,7 +181,7 @@ def chords_of(link: Link, ends: Array) -> Array:
     if link.curved:
         angles = curves.angle(link.curvature, ends)
         middle = 0.5 * (angles[1:] + angles[:-1])
-        # as a complex number in the plane of the curvature, rotated to the mean tangent
+        # chord - e_x + bow as a complex number x + i y, axes of the mean tangent
         chord = np.diff(curves.place(link.curvature, ends)) / np.diff(ends) * np.exp(-1j * middle)
         found[:, 0], found[:, 1] = chord.real - 1.0 + BOW * np.diff(angles) ** 2, chord.imag
     return found
@@ -246,14 +246,14 @@ def _natural(link: Link, n: int, settings: Settings) -> list[Natural]:
 def _start(scene: Scene, settings: Settings) -> tuple[Array, Array]:
     """Return q and v at t = 0: links without stress at the scene's joint angles, with the rates before t = 0."""
     arm = scene.arm
-    # position, orientation, velocity and angular velocity of the current section, all in inertial axes
+    # r, A, v, w of the current section: r, v, w in inertial axes, A from section to inertial axes
     r, A = np.array(scene.position), np.eye(3)
     rate, spin = np.array(scene.velocity), np.zeros(3)
-    # a free base rotates with link 0
+    # a free base turns with link 0: joint 0 is fixed, and w = rate * axis
     if scene.root == "free":
         spin = scene.rates[0] * (mount_of(arm, 0) @ axis_of(arm, 0))
     q, v = [*r, 0.0, 0.0, 0.0], [*rate, *spin]
-    # planar scenes give absolute rates of links, whose differences are joint rates
+    # theta' = w_k - w_(k-1): planar scenes give the links' absolute rates
     before_rate = 0.0
     inner: list[float] = []
     for k, link in enumerate(arm.links):
@@ -263,7 +263,7 @@ def _start(scene: Scene, settings: Settings) -> tuple[Array, Array]:
         if k == 0 and scene.root == "free":
             own = 0.0
         before_rate = scene.rates[k]
-        # across the joint: lever before it, rotation, lever behind it
+        # eq. (9.1) without accelerations: lever t before the joint, E = mount exp(axis theta), lever o behind it
         arm_of = A @ near
         A = A @ mount_of(arm, k) @ rotations.matrices(joint * axis_of(arm, k))
         r, rate = r + arm_of, rate + np.cross(spin, arm_of)
@@ -276,7 +276,7 @@ def _start(scene: Scene, settings: Settings) -> tuple[Array, Array]:
             q += [0.0] * count_rows(link, settings)
             v += [0.0] * count_rows(link, settings)
             continue
-        # along the link: rotate to the chord, move along it, rotate to the right section
+        # turn by psi/2 to the chord, move by its length along e_x, turn by psi/2 to the right section
         for natural in _natural(link, count_elements(link, settings), settings):
             A = A @ rotations.matrices([0.0, 0.0, natural.near])
             step = A @ (natural.length * X)
@@ -344,8 +344,8 @@ def system(
     """
     arm, loads, names = scene.arm, _loads(scene), names_of(scene.arm, settings)
     row, first, places, weight = AXES, B.end + H.end * arm.n_links, [], np.ones(len(names))
-    # places: row, number of elements and offset in S of each link; weight: 1/L for positions, 1 for angles, 0 for
-    # the rows of rigid links
+    # row, number of elements and offset in S of each link; weight: 1/L for places, 1 for angles, 0 for rows of rigid
+    # links, which never move
     weight[:3] = 1.0 / arm.total_length
     for link, room in zip(arm.links, rooms, strict=False):
         places.append(PLACE.pack({}, row=row, elements=count_elements(link, settings), factor=first))
@@ -357,7 +357,7 @@ def system(
                 weight[row + 1 : end] = 0.0
         row, first = end, first + room
     places.append(PLACE.pack({}, row=row, elements=0, factor=first))
-    # fixed coordinates: rigid joints; at a free root joint 0 (the base rotates), otherwise the base unless prescribed
+    # fixed: rigid joints; of a free root joint 0, because the base rotates, otherwise the base unless prescribed
     fixed = [names.index(f"joint{k}") for k in scene.rigid_joints]
     if scene.root == "free":
         fixed.append(names.index("joint0"))
@@ -387,7 +387,7 @@ def system(
         free=mass if scene.root == "free" else None,
         **own,
     )
-    # payload mass (kg), factors of payload inertia and EI, tau_d (s), factors of EI_y and GJ
+    # par: m_p (kg), factors of payload inertia and EI, tau_d (s), factors of EI_y and GJ
     par = np.array([arm.payload.mass, 1.0, 1.0, arm.damping[0], 1.0, 1.0])
     coordinates = {name: i for i, name in enumerate(names) if name.startswith(("root_", "joint"))}
     return System(model, par, *_start(scene, settings), coordinates, names, (), (), notes)
@@ -424,7 +424,7 @@ def build(scene: Scene, settings: Settings) -> System:
     for k, (link, n) in enumerate(zip(arm.links, counts, strict=True)):
         sections += _elements(link, n, 1.0 if shares is None else shares[k])
         frames += [packed for packed, _ in segments.frames(link, n, settings.modes)] if floating else []
-    # entries of S: a `FACTOR` per element, then the inner modes' `INNER` records
+    # S: a `FACTOR` per element (one for a rigid link), then the inner modes' `INNER` records, whose size depends on n
     inner = inner_modes(settings)
     rooms = [F.end * max(1, n) for n in counts] + [INNER.offsets(0, inner).end * sum(counts)]
     return system(
@@ -432,7 +432,7 @@ def build(scene: Scene, settings: Settings) -> System:
         newton=NewtonPolicy(
             first_error=10.0, predicts=(0,), max_increment=MAX_INCREMENT,
             tangent_error=(TANGENT_ERROR if floating else 0.0, TANGENT_ERROR),
-            # the second matrix, of a state close to the end of the step, serves two more iterations
+            # i = 2, j = 3: the second matrix belongs to a state near the step's end and serves two more iterations
             reuse=((0,) * 2, (0,) * 3), rotations=(0,),
             # ends of elements rotate by their sections' rotary inertia alone
             light_joints=(0,),

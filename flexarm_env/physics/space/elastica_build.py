@@ -52,10 +52,10 @@ def grid(n: int) -> Grid:
     """Return the `Grid` of n polynomials; cached."""
     legendre, points = np.polynomial.legendre, n + 2
     x, w = legendre.leggauss(points)
-    # integrals of the Lagrange polynomials through the points, up to each point and to the end
+    # ways w_pq: int_0^(x_p) of the Lagrange polynomial of point q, so that r_p = L sum_q w_pq t_q
     lagrange = np.linalg.inv(legendre.legvander(x, points - 1))
     ways = 0.5 * np.array([legendre.legval([*x, 1.0], legendre.legint(c, lbnd=-1)) for c in lagrange.T]).T
-    # quadrature of the polynomials within each interval
+    # quadrature within each interval, for s and d (9.5)
     ends = np.concatenate([[0.0], 0.5 * (1.0 + x), [1.0]])
     inner = ends[:-1, None] + np.diff(ends)[:, None] * (0.5 + 0.5 * INNER[0])
     sums, slants = _interval(np.diff(ends), np.asarray(legendre.legvander(2.0 * inner - 1.0, n - 1), np.float64))
@@ -90,7 +90,7 @@ def _link(link: Link, n: int, damping: float) -> Array:
     P = np.polynomial.legendre.legvander(2.0 * own.at - 1.0, n - 1)
     D = np.array([across["GJ"], across["EI_y"], plane.EI])
     stiffness = np.einsum("ap,pi,pj->aij", D * own.weights / L, P, P)
-    # rotary inertia about x, y, z of each point, and s, d without stress
+    # J about x, y, z (section axes) of each point; s, d of kappa_0
     J, J_y = plane.J, across["J_y"]
     inertia = np.stack([np.maximum(J + J_y, LEAST_POLAR * plane.m * L**2), J_y, J], axis=1)
     natural = _interval(L * np.diff(own.ends), curves.along(link.curvature, L * own.inner))
@@ -116,7 +116,7 @@ def _inertia(packed: dict[str, Array]) -> Array:
         if axis > 0:
             moved = np.hstack([along[:-1, None], aside[:-1]])
             M += np.einsum("p,pi,pj->ij", packed["mass"], moved, moved)
-        # condense the rotation of the root
+        # M of free ends: the root's rotation theta condensed, M_cc - M_ct M_tt^-1 M_tc
         found.append(M[1:, 1:] - np.outer(M[1:, 0], M[0, 1:]) / M[0, 0])
     return np.array(found)
 
@@ -138,7 +138,8 @@ def _correction(packed: dict[str, Array], settings: Settings) -> Array:
     C = np.asarray(0.5 * (C + C.transpose(0, 2, 1)))
     softest = ALIKE * min(K[1, 0, 0], K[2, 0, 0])
     for axis in range(3):
-        # torsion and stiffer bending: mode by mode only the part that makes them heavier
+        # torsion and the stiffer bending: modes become heavier only, because in bent links both move one mass and M -
+        # M* might become negative
         if axis == 0 or K[axis, 0, 0] > softest:
             squares, modes = eigh(K[axis], M[axis])
             taken = (lengthening * squares - share * squares**2) / (1.0 + lengthening * squares)
@@ -186,7 +187,7 @@ class Notes(dict[str, float]):
         stretch = rate**2 * arm.total_length * mass / min((link.series("EA") for link in links), default=math.inf)
         shares = [_soft(link) for link in links]
         self.share = max((sheared / bent for sheared, bent in shares), default=0.0) + 3.0 * stretch
-        # known forces count twice: a link swings to twice its static deflection and back
+        # F sheared, twice: a link swings to twice its static deflection and back
         known = 2.0 * max((_force(scene, mass) * sheared for sheared, _ in shares), default=0.0)
         super().__init__(stretch_and_shear=min(1.0, max(BENT * self.share, known) + stretch))
 

@@ -152,7 +152,7 @@ def element_damping(section, before, after, share):
     """
     (stretch_0, bend_0), _, (stretch_rate_0, bend_rate_0) = middle(section, before[0], before[1])
     (stretch_1, bend_1), _, (stretch_rate_1, bend_rate_1) = middle(section, after[0], after[1])
-    # mean rates of strain over the step and the resultants that they cause
+    # Gamma', kappa' (section axes): (strain_1 - strain_0) / h, and n, m that they cause
     stretch, bend = share * (stretch_1 - stretch_0), share * (bend_1 - bend_0)
     pull = scale(section.length * stretch, section.stretch)
     moment = scale(1.0 / section.length * bend, section.bend)
@@ -269,7 +269,7 @@ def tangent(lane, section, at, weights, S, o):
         left_D = left_D + rows_of(late, swing - straight)
         right_D = right_D + rows_of(late, swing + straight)
         bend = bend - rows_of(share * section.tau * c * 0.5 * section.bend, skew(at.both))
-    # dn for the correction of positions (`settled`)
+    # dn/d(r_r - r_l), dn/dtheta: for the correction of places (`settled`)
     store_matrix(lane, S, o + F.by_place, x_D)
     store_matrix(lane, S, o + F.by_left, left_D)
     store_matrix(lane, S, o + F.by_right, right_D)
@@ -376,6 +376,7 @@ def inertia_wrenches(lane, mass, length, left, right, weights, S, o):
     f = m ((a_l + a_r)/2 + l/8 (t''_l - t''_r)), a: acceleration less gravity, t: tangent A e_x of each end; left,
     right: `Vertex`; mass m (kg), length l (m). Returns (force, moment) on the left and the right end: f/2 (N, inertial
     axes), +- l/8 e_x x A^T f (N m, section axes). Without weights.with_matrix the `FACTOR` stays unchanged.
+    Theory, section 9, "inertia".
     """
     arm = length * 0.125
     tl, tr = tangent_of(left), tangent_of(right)

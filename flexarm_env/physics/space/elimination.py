@@ -68,7 +68,7 @@ def _condense_elements(lane, model, S: Lanes, k):
         o = factor_at(model, k, count_of(model, k) - 1 - back_e)
         left, right = part_of(lane, S, o + F.LL, 36), part_of(lane, S, o + F.RR, 36)
         eliminate(lane, left, part_of(lane, S, o + F.LR, 36), part_of(lane, S, o + F.RL, 36), right)
-        # LL is a part of the diagonal block of the vertex before
+        # LL += on the diagonal block RR of the vertex before: both are rows of the same vertex
         if back_e < count_of(model, k) - 1:
             for i in range(36):
                 S[o - F.end + F.RR + i] += S[o + F.LL + i]
@@ -109,6 +109,8 @@ def _condense_strains(lane, model, S: Lanes, k):
     # in, out   `matrix`, `on_root`, `by_root` of `NOTED` hold the strains' own parts, to which those of RR are added
     # out       `matrix` <- its factors, `over` <- matrix^-1 by_root;  LL <- LL + T^T RR T - on_root over (`FACTOR`)
     T: `_to_last`.
+
+    Theory, (9.4).
     """
     n, to, f = _rows(model), noted_at(model, k), factor_at(model, k, 0)
     zero = 0.0
@@ -161,11 +163,12 @@ def _joint_down(lane, model, S: Lanes, k, x: Lanes, of):
     Force inertial, moment in root axes. x of the joint's row becomes (x + axis . moment + c . force) / pivot, and that
     times the joint's column is subtracted from the section before; a fixed joint keeps its row of x. c: `HINGE.swing`,
     motion of the link's first section per angle; column: `HINGE.column`, wrench on the section before per angle.
+    Theory, (9.1).
     """
     h, row, (a, b) = hinge_at(k), joint_row(model, k), of
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
     on_section, on_joint = turn @ b, dot(axis, b)
-    # moment + X^T force
+    # X^T f: the lever's moment of the force, on the section before
     if has_lever(model, k):
         on_section = on_section + matrix_in(lane, S, h + H.shift).T @ a
         on_joint = on_joint + dot(load_vector(lane, S, h + H.swing), a)
@@ -182,7 +185,7 @@ def _joint_up(lane, model, S: Lanes, k, x: Lanes):
     """Back substitution of joint k: x of its row <- the angle; return its link's root motion (position, rotation).
 
     Position along inertial axes, rotation in root axes. x <- x - row . (motion of the section before), row:
-    `HINGE.row`.
+    `HINGE.row`. Theory, (9.1).
     """
     h, row, (a, turned_by) = hinge_at(k), joint_row(model, k), _moved_before(lane, model, x, S, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
@@ -218,17 +221,17 @@ def _down(lane, model, S, k, x):
     """Forward elimination of link k in x: return the (force, moment) that remains on its root (inertial; root axes).
 
     Vertex by vertex from the tip: x of the vertex <- RR^-1 x, then LR times it is subtracted from the vertex before.
-    RR, LR: 6 x 6 blocks of each element's `FACTOR`, the former factored.
+    RR, LR: 6 x 6 blocks of each element's `FACTOR`, the former factored. Theory, section 9, "Elimination".
     """
     if model.strains is not None:
         return _strains_down(lane, model, S, k, x)
-    # a rigid link's rows are those of its root
+    # a rigid link: its rows are those of its root, (force, moment) = (a, b)
     row, count = joint_row(model, k), count_of(model, k)
     a, b = load_vector(lane, x, row + 1), load_vector(lane, x, row + 4)
     for back_e in range(count):
         e = count - 1 - back_e
         o, i = factor_at(model, k, e), row + 1 + AXES * e
-        # inner modes of a segment go first
+        # inner modes go first, since they were condensed first: x_e - K_ep K_pp^-1 x_p
         if model.inner is not None:
             n = elements_before(model, k) + e
             on_left = inner.down(lane, model, S, inner_at(model, n), x, inner_row(model, n), i)
@@ -242,7 +245,7 @@ def _down(lane, model, S, k, x):
             push, turn_by = block_times(lane, S, o + F.LR, load_vector(lane, x, i), load_vector(lane, x, i + 3))
             add_vector(lane, x, i - 6, -push)
             add_vector(lane, x, i - 3, -turn_by)
-    # the first element's left end is the root
+    # the first element's left end is the root: LR times (push, turn_by) goes to its wrench
     if count > 0:
         push, turn_by = load_vector(lane, x, row + 1), load_vector(lane, x, row + 4)
         push, turn_by = block_times(lane, S, factor_at(model, k, 0) + F.LR, push, turn_by)
@@ -259,7 +262,7 @@ def _strains_down(lane, model, S, k, x: Lanes):
 
     Force inertial, moment in root axes. `NOTED.on` of link k is the wrench on its last section (0 at the tip); that of
     link k - 1 is set to zero here, for `_joint_down` to add to. The strains' rows of x become matrix^-1 x, with
-    `NOTED.matrix`.
+    `NOTED.matrix`. Theory, (9.4).
     """
     to, n, i, zero = noted_at(model, k), _rows(model), strain_row(model, k), 0.0
     a, b = load_vector(lane, S, to.on), load_vector(lane, S, to.on + 3)
@@ -273,7 +276,7 @@ def _strains_down(lane, model, S, k, x: Lanes):
             last = to.last + 6 * c
             x[i + c] += dot(load_vector(lane, S, last), a) + dot(load_vector(lane, S, last + 3), b)
         a, b = _to_root(lane, S, to, a, b)
-        # eliminate the strains
+        # c <- matrix^-1 x, then what the strains require of the root: (a, b) - on_root c
         solution(lane, n, S, to.matrix, x, i, 1)
         for c in range(n):
             own, on = x[i + c], to.on_root + 6 * c
@@ -286,13 +289,13 @@ def _up(lane, model, S, k, x, moved):
     """Back substitution of link k in x, from the motion `moved` = (position, rotation) of its root outward.
 
     Position along inertial axes, rotation in root axes. x of each vertex <- x - RR^-1 RL (motion of the vertex before);
-    `FACTOR.RL` holds RR^-1 RL.
+    `FACTOR.RL` holds RR^-1 RL. Theory, section 9, "Elimination".
     """
     if model.strains is not None:
         _strains_up(lane, model, S, k, x, moved)
         return
     i, (a, b) = joint_row(model, k) + 1, moved
-    # a rigid link's rows are those of its root
+    # a rigid link: its rows move as its root, (a, b)
     if count_of(model, k) == 0:
         store_vector(lane, x, i, a)
         store_vector(lane, x, i + 3, b)

@@ -72,11 +72,11 @@ def assemble(lane, model, par: Lanes, state, u, weights, r, S):
     fill_zeros(lane, r, 0, model.n)
     if weights.with_matrix:
         fill_zeros(lane, S, 0, B.end)
-    # outward sweep; tip: `Vertex` of the section before joint k
+    # from the base outward (9.1): r, v, a (inertial axes), p, w, alpha (section axes) of the section before joint k
     tip = vertex_at(lane, model, state, 0)
     for k in range(model.links):
         at, first, o = J.end * k, factor_at(model, k, 0) + F.LL, before(model, k)
-        # bodies, loads and rotor on the section before the joint
+        # bodies on the section before the joint: m (a - g) and I alpha + w x I w, less loads; the rotor's h w x e
         if k > 0:
             transmit_wrench(
                 lane, model, r, S, k, add_rigid_body(lane, model.joints, at + J.near, None, None, tip, weights, S, o)
@@ -85,7 +85,8 @@ def assemble(lane, model, par: Lanes, state, u, weights, r, S):
         if model.rotors is not None:
             if model.rotors[k] > 0:
                 transmit_wrench(lane, model, r, S, k, rotor_moment(lane, model, S, k, tip, weights, o))
-        # the link: motion of its root, wrenches of its elements, bodies and loads on its root
+        # (9.1) to the link's root; then wrenches of its elements, bodies and loads on it (force inertial, moment
+        # section axes)
         hinge = joint_kinematics(lane, model, state, k, tip, weights)
         last, on_root = _along(lane, model, par, k, state, hinge.root, weights, r, S)
         on_root = add_vector_pairs(
@@ -96,13 +97,13 @@ def assemble(lane, model, par: Lanes, state, u, weights, r, S):
         if weights.with_matrix:
             store_spin_lag(lane, model, par, S, k, hinge.root.place.spin, weights)
         tip = last
-    # rigid end, payload and loads on the last section
+    # wrenches of rigid end, payload (m_p, I_p) and loads on the last section
     n, o = model.links, before(model, model.links)
     transmit_wrench(lane, model, r, S, n, add_rigid_body(lane, model.end, 0, None, None, tip, weights, S, o))
     mass, share = par[PAYLOAD_MASS], par[PAYLOAD_INERTIA]
     transmit_wrench(lane, model, r, S, n, add_rigid_body(lane, model.payload, 0, mass, share, tip, weights, S, o))
     transmit_wrench(lane, model, r, S, n, point_load_wrench(lane, model, u, n - 1, True, tip, weights, S, o))
-    # inward sweep: the wrench on each link's root goes to its joint's row and to the section before
+    # from the tip inward: axis . m goes to the joint's row, (f, E m + lever) to the section before
     for back_k in range(model.links):
         k = model.links - 1 - back_k
         h = hinge_at(k)
@@ -117,10 +118,11 @@ def _along(lane, model, par, k, state, root, weights, r, S):
 
     Returns the `Vertex` of the link's last section and (force, moment) on its root (N, inertial; N m, root axes). Where
     strains are coordinates the latter is 0 here: `_gathered` computes it from the wrench on the last section.
+    Theory, section 9.
     """
     zero, first = 0.0, factor_at(model, k, 0)
     on_root = Vector(zero, zero, zero), Vector(zero, zero, zero)
-    # coordinates are strains: only the motion of the points is computed here
+    # strains as coordinates: only r, v, a of the points; forces need all of them and follow inward
     if model.strains is not None:
         fill_zeros(lane, S, noted_at(model, k).on, 6)
         if weights.with_matrix:
@@ -129,7 +131,7 @@ def _along(lane, model, par, k, state, root, weights, r, S):
             return root, on_root
         return sweep_outward(lane, model, k, state, root, S), on_root
     left, j, element = root, joint_row(model, k) + 1, elements_before(model, k)
-    # a rigid link has no element: its block starts from zero
+    # rigid links have no element: LL starts from zero and collects the bodies on the root
     if weights.with_matrix:
         if count_of(model, k) == 0:
             fill_zeros(lane, S, first + F.LL, 36)
@@ -140,7 +142,7 @@ def _along(lane, model, par, k, state, root, weights, r, S):
             on_left, on_right = _exact(lane, model, section, left, right, element, weights, S, f)
         else:
             on_left, on_right = framed(lane, model, par, section, state, left, right, element, weights, r, S, f)
-        # left end of the first element: the link's root, which has no rows of its own
+        # left end of the first element: the link's root, whose wrench goes to the joint
         if e == 0:
             on_root = on_left
         else:
@@ -159,11 +161,12 @@ def _gathered(lane, model, par, k, state, weights, r, S, of):
 
     Where strains are coordinates the points' wrenches are summed inward, and the strains' rows of r and S are written.
     For a rigid link the wrench in its rows of r moves to its root. Force inertial (N), moment in root axes (N m).
+    Theory, section 9.
     """
     i = joint_row(model, k) + 1
     if model.strains is not None:
         on = noted_at(model, k).on
-        # strains: wrench on the last section, swept inward over the link's points
+        # (f, m) on the last section, carried inward over the points to r of the strains
         more = load_vector(lane, S, on), load_vector(lane, S, on + 3)
         if count_of(model, k) > 0:
             more = sweep_inward(lane, model, k, r, S)
@@ -172,7 +175,7 @@ def _gathered(lane, model, par, k, state, weights, r, S, of):
                 strained_tangent(lane, model, par, k, weights, S, factor_at(model, k, 0))
         return add_vector_pairs(of, more)
     if count_of(model, k) == 0:
-        # a rigid link's last section is its root
+        # a rigid link's last section is its root: its wrenches add
         of = add_vector_pairs(of, (load_vector(lane, r, i), load_vector(lane, r, i + 3)))
         fill_zeros(lane, r, i, AXES)
     return of
@@ -183,7 +186,7 @@ def _exact(lane, model, section, left, right, element, weights, S, f):
     """Return (force, moment) on the left and on the right end of an exact element: elastic, damping and inertia parts.
 
     left, right: `Vertex`; element: its index over all links. Forces inertial (N), moments in section axes (N m). Stores
-    the section force n and, with weights.with_matrix, the tangent in the `FACTOR` at offset f of S.
+    the section force n and, with weights.with_matrix, the tangent in the `FACTOR` at offset f of S. Theory, (9.2).
     """
     inner = middle(section, left.place, right.place)[1]
     store_vector(lane, S, f + F.force, inner.n)
@@ -214,7 +217,7 @@ def conserve_momentum(lane, model, par: Lanes, before, h, q, v, u, r, S):
     if model.free is None:
         return None
     mass, nothing = par[PAYLOAD_MASS] + model.free, 0.0
-    # F: weight and the loads' forces
+    # F (N, inertial axes): m g and the loads' forces
     push = Vector(nothing, nothing, nothing)
     if model.gravity is not None:
         push = mass * three_of(lane, model.gravity, 0)
@@ -228,7 +231,7 @@ def conserve_momentum(lane, model, par: Lanes, before, h, q, v, u, r, S):
     wanted = before[0] + 0.5 * h * (before[1] + push)
     shift = 1.0 / mass * (wanted - now)
     add_vector(lane, v, 0, shift)
-    # only the base has a velocity of its own where strains are coordinates
+    # v_0 += shift alone moves all where coordinates are strains; otherwise each vertex has a v of its own
     if model.strains is None:
         for k in range(model.links):
             for e in range(vertices_of(model, k)):
@@ -259,7 +262,7 @@ def _handed(lane, model, u: Lanes, weights, r: Lanes, S: Lanes, k, force, moment
     becomes E m + s x A^T force (axes of the section before); row = axis . m + (axis x o) . E^T A^T force - u_k (N m),
     u_k: joint torque. E: axes of the root to those of the section before; A: those to inertial axes; s: lever from that
     section to the link's first, o its part beyond the joint. With weights.with_matrix the `HINGE` gets what
-    `elimination` needs.
+    `elimination` needs. Theory, (9.1).
     """
     h, axis = hinge_at(k), three_of(lane, model.joints, J.end * k + J.axis)
     turn = matrix_in(lane, S, h + H.now_turn)
@@ -277,7 +280,7 @@ def _handed(lane, model, u: Lanes, weights, r: Lanes, S: Lanes, k, force, moment
             store_matrix(lane, S, h + H.frame, frame)
     r[joint_row(model, k)] = own - u[k]
     if weights.with_matrix:
-        # copies for `factor` and `solve`, which a later residual must not change
+        # copies: `factor` and `solve` need E, m of this matrix, which a later residual overwrites
         store_matrix(lane, S, h + H.turn, turn)
         store_vector(lane, S, h + H.moment, weights.stiffness * moment)
         S[h + H.own] = 0.0

@@ -90,7 +90,7 @@ def _turn(A, own, share):
     """Return the `Turn` of a section against the frame: rotation matrix E, rotation vector phi, T^-1(phi), roll g.
 
     A, own: rotation matrices of frame and section (their axes to inertial axes); share: 1 / p_y of the `Frame`. Valid
-    for rotations below a right angle.
+    for rotations below a right angle. Theory, (9.3).
     """
     E = A.T @ own
     # quaternion of E from its trace: cos(a/2) = sqrt(1 + tr E) / 2, sin(a/2) n = part (E - E^T)
@@ -126,7 +126,7 @@ def frame_of(left, right):
     d, own_l, own_r = right.r - left.r, matrix(left.p), matrix(right.p)
     length = square_root(dot(d, d))
     over = 1.0 / length
-    # x along the chord; z normal to x and p; y completes the frame
+    # A: x along the chord; z = x x p normalized, with p the sum of both y axes; y completes it
     x, p = over * d, Vector(own_l[0][1] + own_r[0][1], own_l[1][1] + own_r[1][1], own_l[2][1] + own_r[2][1])
     z = cross(x, p)
     share = 1.0 / square_root(dot(z, z))
@@ -197,7 +197,7 @@ def frame_second_rates(frame, rates, left, right):
     """Return the angular acceleration of a segment's frame (rad/s^2, frame axes), from its `Rates` and two `Vertex`es.
 
     y and z: rates of w_y = -d_z / l and w_z = d_y / l, whose axes rotate; d: velocity of the right end relative to the
-    left. x: from the condition that p, the sum of both sections' y axes, keeps p_z = 0 in frame axes.
+    left. x: from the condition that p, the sum of both sections' y axes, keeps p_z = 0 in frame axes. Theory, (9.3).
     """
     spin, share = rates.spin, frame.over
     # y and z, from the chord's second rate

@@ -171,7 +171,7 @@ def _inner_forces(lane, model, par: Lanes, frame, tau, pull, second, at, state, 
 
     The translational inertia is added in `framed`. tau: time constant (s) or None; pull: force along the chord (N);
     second: angular accelerations of the left section, the right section (section axes) and the frame (frame axes),
-    rad/s^2. at: `frame_at`; row: first row of the modes in state and r.
+    rad/s^2. at: `frame_at`; row: first row of the modes in state and r. Theory, (9.3).
     """
     q, v, a = state
     width, factor = inner_of(model) + 3, par[STIFFNESS_FACTOR]
@@ -183,7 +183,7 @@ def _inner_forces(lane, model, par: Lanes, frame, tau, pull, second, at, state, 
         # stretch: pull H phi
         slope = inner_by(lane, model, at.inner_coupling, 2, i, frame.left.phi, frame.right.phi, q, row)
         found = found + pull * slope
-        # rotary inertia
+        # rotary inertia int J h_i (alpha of the section), about x, y, z in frame axes
         turn = inner_by(lane, model, at.inner_rotary, 3, i, second[0], second[1], a, row)
         turn = turn + scale(second[2], constant(lane, model, at.inner_rotary, width * i + 2))
         add_vector(lane, r, row + 3 * i, found + turn)
@@ -240,9 +240,9 @@ def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
 
     left, right: `Vertex`; i: index over all links. Forces along inertial axes (N), moments in section axes (N m). Adds
     the rows of the segment's inner modes to r and, with weights.with_matrix, stores the tangent in the `FACTOR` at
-    offset f of S.
+    offset f of S. Theory, (9.3).
     """
-    # frame, its rates, and second rates of frame and phi
+    # w, alpha of the frame; phi', phi'' of both ends against it (frame axes)
     at, row = frame_at(model, i), inner_row(model, i)
     frame = frame_of(left.place, right.place)
     rates = rates_of(frame, left.place, right.place)
@@ -250,7 +250,7 @@ def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
     alpha = frame_second_rates(frame, rates, left, right)
     second_l = phi_second(a, rates.left, left.place.spin, left.alpha, spin, alpha)
     second_r = phi_second(b, rates.right, right.place.spin, right.alpha, spin, alpha)
-    # elastic coordinates; accelerations of the ends in frame axes
+    # moments K phi_bar and pull EA (e + phi H phi / 2) / l of (1.3); a of the ends in frame axes
     stiff = _elastic(lane, model, par, frame, rates, section.tau, at, state, row)
     al, ar = frame.A.T @ left.a, frame.A.T @ right.a
     zero = 0.0
@@ -272,7 +272,7 @@ def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
         for j in range(inner_of(model)):
             share = three_of(lane, model.frames, to + W.inner + 3 * j)
             add_vector(lane, r, row + 3 * j, ex_cross(scale(force, share)))
-    # inner modes: elastic, damping and rotary inertia
+    # r of inner modes: K phi_bar, H phi pull, tau_d and rotary inertia
     if model.inner is not None:
         turns = left.alpha, right.alpha, alpha
         _inner_forces(lane, model, par, frame, section.tau, stiff.pull, turns, at, state, row, r)
@@ -280,7 +280,7 @@ def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
     turn_l, turn_r, turn = _rotary(lane, model, at, left, right, (spin, alpha), state, row)
     couple = couple + turn - (a.T @ ml + b.T @ mr)
     aside = Vector(stiff.pull, couple[2] * frame.over, (couple[1] + couple[0] * frame.k) * -frame.over)
-    # tangent, with its own forces bounded (`MOST`)
+    # S with pull at most EI/2l^2 and moments at most EI/2l (`MOST`): early iterates overestimate them
     if weights.with_matrix:
         most = _most_force(section, model.frames[at.mass] * 0.5, weights.mass)
         moment = most * section.length
@@ -331,7 +331,7 @@ def _rotary(lane, model, at, left, right, frame, state, row):
 def frame_sums(lane, model, par: Lanes, q, v, left, right, i):
     """Return ((kinetic, strain, gravitational) energy in J, momentum in kg m/s, inertial axes) of segment i.
 
-    left, right: `Place`s of its ends; q, v: coordinates and rates of the inner modes.
+    left, right: `Place`s of its ends; q, v: coordinates and rates of the inner modes. Theory, (9.3).
     """
     at, row = frame_at(model, i), inner_row(model, i)
     frame = frame_of(left, right)
@@ -343,10 +343,10 @@ def frame_sums(lane, model, par: Lanes, q, v, left, right, i):
     l, r = _bent(lane, model, par, at.bend, near, far)
     strain = (e * e * model.frames[at.pull] + dot(l, near) + dot(r, far)) * 0.5
     natural = dot(constant(lane, model, at.moment, 0), near) + dot(constant(lane, model, at.moment, 1), far)
-    # rotary inertia
+    # T of rotary inertia, 1/2 w^T J w of a w_l + b w_r + c w
     tl, tr, tc = _momenta(lane, model, at, left.spin, right.spin, spin, v, row)
     kinetic = dot(tl, left.spin) + dot(tr, right.spin) + dot(tc, spin)
-    # inner modes: strain energy and rotary inertia
+    # the same with inner amplitudes: 1/2 p^T K p, less moments without stress, and T of their rates
     for j in range(inner_of(model)):
         own, rate = load_vector(lane, q, row + 3 * j), load_vector(lane, v, row + 3 * j)
         strain = strain + dot(_inner_bent(lane, model, par, at, j, q, row), own) * 0.5
@@ -357,7 +357,7 @@ def frame_sums(lane, model, par: Lanes, q, v, left, right, i):
     strain = strain + (model.frames[at.spent] - natural) * par[STIFFNESS_FACTOR]
     gravity = 0.0
     push = Vector(gravity, gravity, gravity)
-    # Gauss points: translational kinetic energy, momentum and weight
+    # Gauss points: 1/2 m |v|^2, m v, -m g . r (inertial axes)
     for p in range(points_of(model)):
         to = at.points + weight_end(model) * p
         mass, xi = model.frames[to + W.mass], model.frames[to + W.xi]
@@ -375,7 +375,7 @@ def frame_damping(lane, model, par, state, left, right, other_l, other_r, i):
     """Return the power over tau_d (W/s) of segment i's damping forces, caused by one set of rates, at another set.
 
     left, right: `Place`s of the ends with the first rates; other_l, other_r: with the second rates, at the same
-    positions. Inner modes: state.v has the first, state.a the second rates. i: index over all links.
+    positions. Inner modes: state.v has the first, state.a the second rates. i: index over all links. Theory, (9.3).
     """
     at, row = frame_at(model, i), inner_row(model, i)
     q, v, x = state
@@ -415,7 +415,7 @@ def frame_damping_over(lane, model, par, before, after, share, i):
 
     before, after: (q, v, left `Place`, right `Place`) at the step's start and end; share: 1 / step (1/s). The first
     value takes mean strain rates, difference / step; the second is the power of the mean damping force beyond it, as in
-    `element.element_damping`.
+    `element.element_damping`. Theory, (9.3).
     """
     at, row = frame_at(model, i), inner_row(model, i)
     (q0, v0, left_0, right_0), (q, v, left, right) = before, after
@@ -423,15 +423,15 @@ def frame_damping_over(lane, model, par, before, after, share, i):
         lane, model, (q0, v0), left_0, right_0, at, row
     )
     (e, near, far), (e_rate, near_rate, far_rate) = _strains(lane, model, (q, v), left, right, at, row)
-    # mean rates of strain over the step and the forces that they cause
+    # rates (strain_1 - strain_0) / h of e and phi_bar, and the forces that they cause
     e, near, far = (e - e_0) * share, share * (near - near_0), share * (far - far_0)
     l, r = _bent(lane, model, par, at.bend, near, far)
     pull = e * model.frames[at.pull]
     power = pull * e + dot(l, near) + dot(r, far)
-    # mean of the end rates less the mean rate
+    # (rate_0 + rate_1) / 2 less those: what end rates do beyond the dissipation
     near, far = (0.5 * (near_rate_0 + near_rate) - near, 0.5 * (far_rate_0 + far_rate) - far)
     beyond = pull * ((e_rate_0 + e_rate) * 0.5 - e) + dot(l, near) + dot(r, far)
-    # the same of the inner modes
+    # inner modes p: dissipation K (dp/h)^2, and what the mean of the end rates does beyond it
     factors = factors_of(lane, par)
     for j in range(inner_of(model)):
         o = row + 3 * j

@@ -64,7 +64,7 @@ def late_of(lane, model, par, frame, rates, spins, stiff, late, at):
 
     d phi' = (phi' / 2) x (dth + dbeta) - w x dth - X dbeta, X dbeta = w_x (0, dbeta_z, -dbeta_y) with the frame's spin
     w_x; strain rates follow by `framed._strained_rate`. spins: of both sections (rad/s, section axes); late: tau_d
-    times the weight of positions (s); stiff: `Stiff`.
+    times the weight of positions (s); stiff: `Stiff`. Theory, (9.3).
     """
     x, y, spin = 0.25 * late * rates.left, 0.25 * late * rates.right, late * rates.spin
     # d phi' by the rotations of the left section, the right section, and the frame
@@ -82,7 +82,7 @@ def late_of(lane, model, par, frame, rates, spins, stiff, late, at):
     e_b = Vector(zero, turn[1], turn[2]) + cross(both, b) - (dl + dr)
     e_b = Vector(e_b[0], e_b[1] + both[2] * spin[0], e_b[2] - both[1] * spin[0])
     e_l, e_r, e_b = strong * e_l, strong * e_r, strong * e_b
-    # moments of bending and torsion
+    # K d(phi_bar'), by the left, the right section and the frame (frame axes)
     on_l = bent_rows(lane, model, par, a, c, skew(l), skew(y), at)
     on_r = bent_rows(lane, model, par, a, c, skew(x), skew(r), at)
     on_b = bent_rows(lane, model, par, a, c, by_b, by_b, at)

@@ -64,7 +64,7 @@ class Bent(NamedTuple):
 
 @kernel
 def _bent_inertia(lane, model, frame, at, q, row):
-    """Return the `Bent` of a segment; q, row: coordinates and the first row of its inner modes; at: `FRAME` offsets."""
+    """Return the `Bent` of a segment, (9.3); q, row: coordinates, first row of its inner modes; at: `FRAME` offsets."""
     a, b = frame.left.phi, frame.right.phi
     x, y = cross_with_ex(a), cross_with_ex(b)
     near = scale(x, constant(lane, model, at.near, 0)) + scale(y, constant(lane, model, at.near, 1))
@@ -101,16 +101,16 @@ def _inner_column(lane, model, stiff, geometric, own, share, weights, at, k, by)
     by: `Column`; own: of `_inner_own`; share: weighted EA / l (N/m); geometric: weighted force along the chord (N).
     """
     cm, (slope, bow), pair = weights.mass, own, (inner_of(model) + 2) * k
-    # EA / l by the stretch
+    # material: H phi (EA / l) d(stretch)
     strain = by.phi_l.T @ stiff.slope_l + by.phi_r.T @ stiff.slope_r
     found = outer(slope, share * Vector(strain[0] + by.d, strain[1], strain[2]))
-    # geometric stiffness and inertia with phi
+    # pull H (geometric stiffness), and c_m int m h h: inertia of n, which is linear in phi
     hl = geometric * constant(lane, model, at.inner_coupling, pair)
     hr = geometric * constant(lane, model, at.inner_coupling, pair + 1)
     hl = hl + cm * constant(lane, model, at.inner_lateral, pair)
     hr = hr + cm * constant(lane, model, at.inner_lateral, pair + 1)
     found = found + (rows_of(hl, by.phi_l) + rows_of(hr, by.phi_r))
-    # inertia of n with places and roll, then rotary inertia
+    # c_m int m h of the ends' places and of the roll beta_x (frame axes); then rotary inertia
     near, far = constant(lane, model, at.inner_near, k), constant(lane, model, at.inner_far, k)
     h, zero = cm * (by.x_l * near + by.x_r * far), bow[0]
     found = found + Matrix(Vector(zero, zero, zero), Vector(zero, zero, -h[2]), Vector(zero, h[1], zero))
@@ -225,7 +225,7 @@ def _turned(lane, model, frame, now, bending, late, bent, weights, at):
     ll, rl, bl = _rows_by(P, Q, ll_by, rl_by)
     lr, rr, br = _rows_by(P, Q, lr_by, rr_by)
     lb, rb, bb = _rows_by(P, Q, l_by, r_by)
-    # inertia about the chord; without inner modes as if h were one in both planes
+    # c_m int m n^2 about the chord (x of the frame); without inner modes as if h were one in both planes
     ul, ur = cm * bent.left, cm * bent.right
     vl, vr = ex_cross(ul), ex_cross(ur)
     vl, vr, roll = Pt @ vl, Qt @ vr, P @ vl + Q @ vr
@@ -238,7 +238,7 @@ def _turned(lane, model, frame, now, bending, late, bent, weights, at):
         Vector(bb[1][0] - roll[1], bb[1][1], bb[1][2]),
         Vector(bb[2][0] - roll[2], bb[2][1], bb[2][2]),
     )
-    # rotary inertia
+    # c_m times the rotary inertia int J of the sections l, r and the frame c
     tl, tr, lc = (
         cm * constant(lane, model, at.rotary, 0),
         cm * constant(lane, model, at.rotary, 2),
@@ -357,28 +357,28 @@ def tangent(lane, model, par, tau, frame, rates, spins, rate_l, stiff, pull, now
     Inertia of the unbent segment, material stiffness, rotation of the force between the ends, and, to first order of
     phi, velocity-dependent damping and inertia. spins: of the sections (section axes); rate_l: `own` of the left
     `Vertex`; tau: s, or None; stiff: `Stiff`; pull, now: bounded force along the chord; (force between the ends,
-    moments on phi).
+    moments on phi). Theory, (9.3).
     """
     at, row = frame_at(model, i), inner_row(model, i)
     rate = weights.stiffness
     if tau is not None:
         rate = tau * weights.damping + rate
     cm, c, a, b, A, share = weights.mass, weights.stiffness, frame.left, frame.right, frame.A, frame.over
-    # derivatives by rotations of sections and frame: elastic, dampers, inertia
+    # dm/d(theta_l, theta_r, beta): elastic, dampers (newton_share), inertia
     bent, strong = _bent_inertia(lane, model, frame, at, q, row), rate * model.frames[at.pull]
     bending = _bending(lane, model, par, frame, stiff, pull, strong, rate, weights, at)
     step, late = weights.newton_share, None
     if tau is not None:
         late = late_of(lane, model, par, frame, rates, spins, stiff, tau * c * step, at)
     of = _turned(lane, model, frame, now, bending, late, bent, weights, at)
-    # by the sections alone: the frame rolls with them
+    # beta_x = g . theta of both sections: the frame's roll is not a coordinate
     on_l, on_r, roll = _column(of.lb, 0), _column(of.rb, 0), _column(of.bb, 0)
     couple_l, couple_r = _plus_roll(of.bl, roll, a.g), _plus_roll(of.br, roll, b.g)
     ll, rr = _plus_roll(of.ll, on_l, a.g), _plus_roll(of.rr, on_r, b.g)
     lr, rl = _plus_roll(of.lr, on_l, b.g), _plus_roll(of.rl, on_r, a.g)
     ll, lr = ll + outer(a.g, couple_l[0]), lr + outer(a.g, couple_r[0])
     rl, rr = rl + outer(b.g, couple_l[0]), rr + outer(b.g, couple_r[0])
-    # the force between the ends by rotations, and, turned over, moments by that of the ends' places
+    # x_l, x_r: force along the chord (frame axes) by theta; transposed, moments by places, but for dampers
     aside, strain = c * now[0], -(a.T @ stiff.slope_l + b.T @ stiff.slope_r)
     x_l = strong * (a.T.T @ stiff.slope_l + strain[0] * a.g)
     x_r = strong * (b.T.T @ stiff.slope_r + strain[0] * b.g)
@@ -388,7 +388,7 @@ def tangent(lane, model, par, tau, frame, rates, spins, rate_l, stiff, pull, now
     push_r = push_r[0] - aside[2] * b.g, push_r[1] + aside[1] * b.g
     lift_l = _by_chord(frame, _plus_roll(of.lb.T, of.bb[0], a.g))
     lift_r = _by_chord(frame, _plus_roll(of.rb.T, of.bb[0], b.g))
-    # by places
+    # force by places (frame axes): along x EA / l, across by beta_y, beta_z = (-d_z, d_y) / length
     y, z = _by_chord(frame, of.bb)
     zero, lean = share * 0.0, frame.k
     sway = _by_chord(frame, Matrix(Vector(zero, zero, zero), y, z).T)
@@ -397,7 +397,7 @@ def tangent(lane, model, par, tau, frame, rates, spins, rate_l, stiff, pull, now
     y = Vector(by_y, sway[0][1] + aside[0] * share, sway[1][1] + aside[2] * lean * share)
     z = Vector(by_z, sway[0][2], sway[1][2] + (aside[0] - aside[1] * lean) * share)
     D = A @ Matrix(Vector(strong, by_y + late_y, by_z + late_z), y, z) @ A.T
-    # inertia of places, with the bent shape
+    # c_m int m (1 - xi, xi)^2 of places, and the rotation of n, the bent shape (frame axes)
     near_l, near_r = constant(lane, model, at.near, 0), constant(lane, model, at.near, 1)
     far_l, far_r = constant(lane, model, at.far, 0), constant(lane, model, at.far, 1)
     near, far = _drawn(frame, near_l, near_r, bent.near, cm), _drawn(frame, far_l, far_r, bent.far, cm)
@@ -407,14 +407,15 @@ def tangent(lane, model, par, tau, frame, rates, spins, rate_l, stiff, pull, now
     xx_lr = plus_identity(drawn_l.T - drawn_r - D, mass[1])
     xx_rl = plus_identity(drawn_l - drawn_r.T - D, mass[1])
     xx_rr = plus_identity(D + (drawn_r + drawn_r.T), mass[2])
-    # ends' tangents, which turn with the sections, beside their inertia
+    # inertia of tangents e_x at both ends, whose second rate contains w x (w x e_x): cd, newton_share
     cd = weights.damping * step
     spin_l, spin_r = swung(spins[0], rate_l, cd), swung(spins[1], 0.0 * rate_l, cd)
     ll = plus_lifted(ll, constant(lane, model, at.lateral, 0), spin_l)
     lr = plus_lifted(lr, constant(lane, model, at.lateral, 1), spin_r)
     rl = plus_lifted(rl, constant(lane, model, at.lateral, 1), spin_l)
     rr = plus_lifted(rr, constant(lane, model, at.lateral, 2), spin_r)
-    # blocks of force by rotation (xt) and of moment by place (tx); dampers are in the former alone
+    # force by rotation (xt, inertial axes) and moment by place (tx); dampers are in xt alone, so that S is not
+    # symmetric
     less_l, less_r = -x_l, -x_r
     pull_l, pull_r = x_l + late_l, x_r + late_r
     xt_ll = _place_rows(A, -pull_l, with_swung(near[0], near_l, spin_l), _less(push_l))
@@ -428,7 +429,7 @@ def tangent(lane, model, par, tau, frame, rates, spins, rate_l, stiff, pull, now
     fill(lane, S, f + F.RL, xx_rl, xt_rl, tx_rl.T, rl)
     fill(lane, S, f + F.RR, xx_rr, xt_rr, tx_rr.T, rr)
     if model.inner is not None:
-        # inner modes: rows by the ends' four columns, then among each other; eliminated within the segment
+        # inner modes: their rows by (r_l, theta_l, r_r, theta_r), then among each other; eliminated within the segment
         inner, B = inner_at(model, i), A.T
         left, turn_l, right, turn_r = _columns(frame)
         more = A @ Vector(zero, late_y, late_z)

@@ -56,7 +56,7 @@ def strained_rows(scene: Scene, settings: Settings, system: Any, spots: Sequence
     n, names, found = polynomials(settings), list(system.names), np.zeros((len(spots), len(system.q0)))
     for row, (k, place, *more) in zip(found, spots, strict=True):
         axis, sign = AXIS[more[0] if more else "xy"]
-        # Legendre polynomials at the station
+        # kappa = sum_j c_j P_j(2 s/L - 1) / L (9.4)
         first = names.index(f"link{k}.{AXES_OF_STRAINS[axis]}1")
         values = np.polynomial.legendre.legvander(2.0 * place - 1.0, n - 1).ravel() / scene.arm.links[k].length
         row[first : first + 3 * n : 3] = sign * values
@@ -77,14 +77,14 @@ def _elements(link: Link, n: int, s: float, axis: int) -> tuple[int, Array, Arra
     """
     ends = link.mesh(n, "elements")
     own = [ELEMENT.unpack(packed) for packed in _packed(link, n, 1.0)]
-    # the moment of an element acts at its middle, or at its center of flexibility
+    # M of an element acts at its middle, or at its center of flexibility int x/EI / int 1/EI
     lengths, stiff = np.diff(ends), np.array([one["bend"][axis] for one in own])
     middles = 0.5 * (ends[1:] + ends[:-1])
     if axis > 0:
         middles = middles + lengths * [one["tilt"][axis - 1] for one in own]
     first = int(np.clip(np.searchsorted(middles, s, side="right") - 1, 0, max(0, n - 2)))
     pair = [first] if n == 1 else [first, first + 1]
-    # linear interpolation of moments between two elements, over the stiffness at the station
+    # kappa(s) = M(s) / EI(s), M linear between two elements
     share = 0.0 if n == 1 else (s - middles[first]) / (middles[first + 1] - middles[first])
     here = float(_stiffness(link, np.array(s), axis))
     weights = np.array([1.0 - share, share])[: len(pair)] * stiff[pair] / here / lengths[pair]
@@ -98,7 +98,7 @@ def _segment(link: Link, n: int, s: float, axis: int) -> tuple[int, Array, Array
     """Return the same as `_elements` for the one segment with a floating frame at s (m): its shapes' curvatures."""
     ends = link.mesh(n, "segments")
     e = int(np.clip(np.searchsorted(ends, s, side="right") - 1, 0, n - 1))
-    # torsion: difference of the rotations; bending: second derivative of the shapes
+    # torsion: (phi_r - phi_l) / l; bending: second derivative of the shapes
     weights = np.array([-1.0, 1.0]) / (ends[e + 1] - ends[e])
     if axis > 0:
         part = mesh(link if axis == 2 else turned_over(link), n, "segments")[e]

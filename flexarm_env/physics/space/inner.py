@@ -81,7 +81,7 @@ def factors(lane, n, S: Lanes, o):
         inverse = 1.0 / S[o + (n + 1) * k]
         S[o + (n + 1) * k] = inverse
         for i in range(k + 1, n):
-            # eliminate column k from row i
+            # L_ik = S_ik / U_kk; row i less L_ik row k
             factor = S[o + n * i + k] * inverse
             S[o + n * i + k] = factor
             for j in range(k + 1, n):
@@ -115,7 +115,7 @@ def condense(lane, model, S: Lanes, f, inner):
     """
     n, o = 3 * inner_of(model), inner.matrix
     factors(lane, n, S, o)
-    # over <- matrix^-1 over, column by column
+    # over = matrix^-1 (rows by the ends' 12 motions)
     for j in range(12):
         solution(lane, n, S, o, S, inner.over + j, 12)
     # Schur complement: rows and columns 0 to 5 are the left end's, 6 to 11 the right end's
@@ -177,14 +177,14 @@ def multiplied(lane, model, S, inner, x: Lanes, y: Lanes, row, left, right):
 
     inner: `inner_at` of the segment; x, y: amplitudes and forces, the inner modes' from `row` on; left, right:
     (position, rotation) of the ends. Adds the inner rows of the product to y and returns the (force, moment) on the
-    left end and on the right end that the condensed blocks lack.
+    left end and on the right end that the condensed blocks lack. Theory, (9.3).
     """
     n, zero = 3 * inner_of(model), 0.0
     nothing = Vector(zero, zero, zero)
     a, b, c, d = nothing, nothing, nothing, nothing
     for k in range(n):
         over, at = inner.over + 12 * k, inner.ends + 12 * k
-        # x + over (motions of the ends): what the factored matrix acts on
+        # x + K_pp^-1 K_pe (motions of the ends): the factored K_pp acts on this sum
         moved = dot(load_vector(lane, S, over), left[0]) + dot(load_vector(lane, S, over + 3), left[1])
         moved = moved + dot(load_vector(lane, S, over + 6), right[0]) + dot(load_vector(lane, S, over + 9), right[1])
         moved = moved + x[row + k]

@@ -268,6 +268,6 @@ def before(model, k):
     """
     if k == 0:
         return B.matrix
-    # last section of link k - 1: LL of a rigid link's only block, RR of the last element
+    # S of the last section of link k - 1: LL of a rigid link's only block, RR of the last element
     e = count_of(model, k - 1)
     return factor_at(model, k - 1, 0) + F.LL if e == 0 else factor_at(model, k - 1, e - 1) + F.RR

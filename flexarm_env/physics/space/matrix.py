@@ -45,7 +45,7 @@ def _joint_of(model, row):
 
 @kernel
 def add_stiffness(lane, model, S: Lanes, k, x):
-    """Store the stiffness x (N m/rad) of the joint angle in row k of q, which `factor` adds to that row's diagonal.
+    """Add x (N m/rad) to the stiffness of the joint angle in row k of q, which `factor` adds to that row's diagonal.
 
     x None: mark row k, one of the base's six or a joint's, as fixed; `factor` and `solve` treat it as the identity's.
     """
@@ -56,7 +56,7 @@ def add_stiffness(lane, model, S: Lanes, k, x):
         else:
             S[hinge_at(_joint_of(model, k)) + H.pinned] = one
     else:
-        S[hinge_at(_joint_of(model, k)) + H.own] = x
+        S[hinge_at(_joint_of(model, k)) + H.own] += x
 
 
 def _factors(lane, A: Lanes):
@@ -123,7 +123,7 @@ def eliminate(lane, LL: Lanes, LR: Lanes, RL: Lanes, RR):
     """
     _factors(lane, RR)
     for j in range(6):
-        # column j of RR^-1 RL, then of the Schur complement
+        # RR^-1 RL by columns, then the Schur complement LL - LR RR^-1 RL
         column = _solution(lane, RR, [RL[6 * i + j] for i in range(6)])
         for i in range(6):
             RL[6 * i + j] = column[i]
@@ -165,7 +165,7 @@ def eliminate_joint(lane, model, S: Lanes, k):
     section before and axis . m + c . f in the joint's row. E, X, c: `HINGE.turn`, `shift`, `swing`. pivot, column
     (wrench on the section before by the angle) and row (by the section's motion, over the pivot) go to the `HINGE`; the
     section before's 6 x 6 block gets the transformed block less column row^T. Includes the geometric part of the wrench
-    on the root.
+    on the root. Theory, (9.1).
     """
     h, o, below = hinge_at(k), factor_at(model, k, 0) + F.LL, before(model, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
@@ -180,7 +180,7 @@ def eliminate_joint(lane, model, S: Lanes, k):
     moment = cross(axis, load_vector(lane, S, h + H.moment))
     on_root = tt @ way
     force, on_section = xt @ way, turn @ (on_root + moment)
-    # row: virtual work of the angle, without the lag
+    # row: virtual work axis . m of the angle, without the lag
     by_place, by_turn = tx.T @ axis, turn @ (tt.T @ axis)
     pivot = dot(axis, on_root) + S[h + H.own]
     if has_lever(model, k):
@@ -189,7 +189,7 @@ def eliminate_joint(lane, model, S: Lanes, k):
             load_vector(lane, S, h + H.lever),
             load_vector(lane, S, h + H.force),
         )
-        # levers: the first section also moves by c per unit angle, and pull turns with s
+        # levers: the root's place also follows c b (inertial axes); c in the section's axes is swing
         swing = swing_of(lane, model, k, axis, turn)
         c = frame @ swing
         drift = c
@@ -200,15 +200,15 @@ def eliminate_joint(lane, model, S: Lanes, k):
         store_vector(lane, S, h + H.drift, drift)
         pivot = pivot + dot(axis, tx @ drift) + dot(c, force) + dot(c, xx @ drift)
         pivot = pivot + dot(swing, cross(pull, turn @ axis))
-    # a fixed angle has no column and pivot 1
+    # a fixed angle: no column, pivot 1, so that its increment is its right side 0
     free = load_lane(lane, S, h + H.pinned, 0) == 0.0
     if k == 0:
         if _base_is_held(lane, S):
-            # nothing to condense onto: the base does not move
+            # the base does not move: no block to condense onto
             fill_zeros(lane, S, h + H.column, 12)
             S[h + H.pivot] = 1.0 / pivot if free else 1.0
             return
-    # block of the section before: position and rotation of the root follow (1, E^T)
+    # block of the section before: (dr, dtheta) of the root are (1, E^T) times its own
     upper, lower = xt @ to_root, turn @ tx
     inner = turn @ tt @ to_root
     if has_lever(model, k):
@@ -218,14 +218,14 @@ def eliminate_joint(lane, model, S: Lanes, k):
             load_vector(lane, S, h + H.drift),
         )
         lever, pull = load_vector(lane, S, h + H.lever), load_vector(lane, S, h + H.force)
-        # levers: position of the root follows X d_rotation
+        # levers: dr of the root also follows X d, with the rotation d of the section before
         Xt, swing = X.T, swing_of(lane, model, k, axis, turn)
         sideways, aside = xx @ drift, tx @ drift
         inner = inner + (lower @ X + (Xt @ upper + Xt @ (xx @ X)))
-        # geometric: the lever turns with the section before
+        # geometric stiffness lever^ pull^: the lever turns with the section before
         inner = inner + skew(lever) @ skew(pull)
         upper, lower = upper + xx @ X, lower + Xt @ xx
-        # row and column of the joint with c
+        # the joint's row and column with c: c . f and f = xx c in the block of the section before
         by_turn = by_turn + (turn @ (xt.T @ c) + Xt @ by_place)
         by_turn = by_turn + (Xt @ (xx.T @ c) + cross(swing, pull))
         by_place = by_place + xx.T @ c
@@ -235,7 +235,7 @@ def eliminate_joint(lane, model, S: Lanes, k):
         if model.rotors[k] > 0:
             share = S[h + H.rotor + ROTOR.factor]
             on_section = on_section + share * load_vector(lane, S, h + H.sway)
-    # add to the section before, then subtract column row^T
+    # add to the section before, then subtract column row^T / pivot
     add_block(lane, S, below, 0, 0, xx)
     add_block(lane, S, below, 0, 1, upper)
     add_block(lane, S, below, 1, 0, lower)

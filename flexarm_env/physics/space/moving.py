@@ -54,13 +54,13 @@ def retract(lane, model, q: Lanes, share, d, more):
 
     share: number; d, more: increments of q; more may be None (0). See `move_vertex`, `protocol.retract`.
     """
-    # base, then each link's joint angle and vertices
+    # r, A of the base; theta of each joint; r, A of the vertices: exp(d) composed in section axes
     move_vertex(lane, q, 0, share, d, more)
     for k in range(model.links):
         q[joint_row(model, k)] = added(lane, q, share, d, more, joint_row(model, k))
         for e in range(vertices_of(model, k)):
             move_vertex(lane, q, vertex_row(model, k, e), share, d, more)
-    # inner modes of segments
+    # amplitudes of inner modes (rad): added
     for j in range(joint_row(model, model.links), model.n):
         q[j] = added(lane, q, share, d, more, j)
 
@@ -82,14 +82,14 @@ def store_increment(lane, start, q, d, i):
 @kernel
 def local_difference(lane, model, start: Lanes, q: Lanes, d: Lanes):
     """Store in d the increment that moves start to q, with rotations in body axes (`protocol.local_difference`)."""
-    # base, then each link's joint angle and vertices
+    # d of the base, of joint angles (differences) and of vertices (rotations in section axes)
     store_increment(lane, start, q, d, 0)
     for k in range(model.links):
         i = joint_row(model, k)
         d[i] = q[i] - start[i]
         for e in range(vertices_of(model, k)):
             store_increment(lane, start, q, d, vertex_row(model, k, e))
-    # inner modes of segments
+    # amplitudes of inner modes (rad): differences
     for j in range(joint_row(model, model.links), model.n):
         d[j] = q[j] - start[j]
 

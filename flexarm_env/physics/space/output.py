@@ -52,7 +52,7 @@ def restore_chords(lane, model, start, q):
         for e in range(count_of(model, k)):
             i = vertex_row(model, k, e)
             right, after = place_at(lane, start, start, i), place_at(lane, q, q, i)
-            # chord at the start, in the axes of the middle, rotated with the new middle
+            # chord R^T (r_r - r_l) of the start, in the middle's axes, which the new middle R turns
             inner = _middle_of(left, right).T @ (right.r - left.r)
             r = moved_left.r + _middle_of(moved_left, after) @ inner
             store_vector(lane, q, i, r)
@@ -64,14 +64,14 @@ def restore_chords(lane, model, start, q):
 def _element_sums(lane, model, par, left, right, element):
     """Return ((kinetic, strain, gravitational) energy in J, momentum in kg m/s, inertial axes) of an exact element.
 
-    left, right: `Place`s of its ends; element: its index over all links.
+    left, right: `Place`s of its ends; element: its index over all links. Theory, (9.2).
     """
-    # inlined, as for other links: where momentum alone is used, each step of a free arm, energies are not compiled
+    # inlined: each step of a free arm needs the momentum alone, and unused energies are then not compiled
     section = section_at(lane, model, par, element)
     gamma, bent = middle(section, left, right)[0]
     stretch = dot(gamma, scale(gamma, section.stretch)) * section.length
     strain = (stretch + dot(bent, scale(bent, section.bend)) / section.length) * 0.5
-    # mass at the middle, then mass and rotary inertia of the ends (Simpson's rule)
+    # Simpson's rule: 4/6 m at the middle, m and J (section axes) at the ends
     masses, gravity = three_of(lane, model.sections, E.end * element + E.mass), 0.0
     r, rate = middle_of(section.length, left, right)
     kinetic, push = dot(rate, rate) * (0.5 * masses[1]), masses[1] * rate
@@ -156,7 +156,7 @@ def damping_power(lane, model, par, q, v, x, since=None):
                 total = total + strained_damping(lane, model, par, k, v, x)
         return total
     at = State(q, v, x)
-    # strain rates at v and at x, from `Place`s with either
+    # Gamma', kappa' (section axes) at the rates v and at x
     tip_v, tip_x = place_at(lane, q, v, 0), place_at(lane, q, x, 0)
     for k in range(model.links):
         tip_v, tip_x = root_of(lane, model, q, v, k, tip_v), root_of(lane, model, q, x, k, tip_x)
@@ -195,6 +195,7 @@ def _mean_damping_power(lane, model, par, start, v0, end, v, h):
             i, section = vertex_row(model, k, e), section_at(lane, model, par, first + e)
             right_old, right_new = place_at(lane, start, v0, i), place_at(lane, end, v, i)
             if model.frames is None:
+                # dissipated: tau_d D ((strain_1 - strain_0) / h)^2; more: mean power of both ends less that
                 power, more = element_damping(section, (old, right_old), (new, right_new), share)
             else:
                 before, after = (start, v0, old, right_old), (end, v, new, right_new)
@@ -242,6 +243,7 @@ def _loaded(lane, model, q, f):
 def _bent_ends(model, left, right):
     """Return the rotation vectors (rad) of an element's ends relative to its middle, or to its frame, in those axes."""
     if model.frames is None:
+        # ends turn by -psi/2 and psi/2 against the middle (section axes)
         half = 0.5 * rotation_vector(shortest_rotation(compose(inverse_rotation(left.p), right.p)))
         return -half, half
     frame = frame_of(left, right)
@@ -274,6 +276,7 @@ def input_displacements(lane, model, par, q: Lanes, y: Lanes, since=None):
         y[k] = q[joint_row(model, k)]
     if model.loads is not None:
         for f in range(model.loads.shape[0] // L.end):
+            # y of the loaded point r + A lever (inertial axes), on which a force does work
             place, j = _loaded(lane, model, q, f), model.links + AXES * f
             lever = three_of(lane, model.loads, L.end * f + L.lever)
             store_vector(lane, y, j, place.r + matrix(place.p) @ lever)
@@ -297,8 +300,9 @@ def put_pose(lane, model, k, q: Lanes, v: Lanes, root, tip, out: Lanes):
     """Store the `SPACE_POSE` of link k in `out`, from the `Place`s of its root and of its last section."""
     o, row, frame = SP.end * k, joint_row(model, k), matrix(root.p)
     A, lever = matrix(tip.p), Vector(_tip_lever(model, k), 0.0, 0.0)
+    # r + A t, v + A (w x t): from the last section along the rigid end (inertial axes)
     r, rate = tip.r + A @ lever, tip.v + A @ cross(tip.spin, lever)
-    # deflection and twist in root axes with their rates; below, tip and axes in inertial axes, spin in section axes
+    # deflection and twist in root axes, with rates relative to it; below: r, A of the tip inertial, w in section axes
     inner = frame.T @ (r - root.r)
     slip = frame.T @ (rate - root.v) - cross(root.spin, inner)
     relative = turn_of(shortest_rotation(compose(inverse_rotation(root.p), tip.p)))
@@ -365,7 +369,7 @@ def set_joint_configuration(lane, model, live, angles: Lanes, rates: Lanes | Non
         A, along, tip = matrix(root.p), 0.0, root
         for e in range(vertices_of(model, k)):
             i = vertex_row(model, k, e)
-            # rates: those of the rotating link plus `rates`, which are relative to it
+            # v = v_root + w x r + rates, with w, r in root axes
             slip, turn = root.v, root.spin
             if count_of(model, k) > 0:
                 along = along + model.sections[E.end * element + E.length]
@@ -400,6 +404,7 @@ def _cubic(left, right, s):
     """Return the position at s in [0, 1] on the cubic (m) from `left` to `right` that is tangent to their x axes."""
     A, B, chord = matrix(left.p), matrix(right.p), right.r - left.r
     length = square_root(dot(chord, chord))
+    # Hermite's polynomials: values and slopes at s = 0 and 1
     a, b, c, d = (2.0 * s - 3.0) * s * s + 1.0, ((s - 2.0) * s + 1.0) * s, (3.0 - 2.0 * s) * s * s, (s - 1.0) * s * s
     ends = a * left.r + c * right.r
     leaving, reaching = A.T[0], B.T[0]
@@ -409,7 +414,7 @@ def _cubic(left, right, s):
 @kernel
 def centerline(model, q, points):
     """Store positions (m, inertial axes) in points (P, 3): base, roots, points, tips of links. Return their number."""
-    # points in a plane are read off elsewhere
+    # a planar arm's centerline is drawn by the planar formulation
     if points.shape[1] < 3:
         return 0
     lane = (0,)

@@ -65,7 +65,7 @@ def _strained(root: Frame, link: Link, n: int, c: Array, rate: Array) -> list[Fr
     sv, dv = (np.einsum("ij,mja->mia", table, rate) for table in tables)
     psi, turn = s + np.cross(s, d), sv + np.cross(sv, d) + np.cross(s, dv)
     steps, rel = matrices(psi), turned(slope(psi), turn)
-    # orientations outward; positions and velocities as weighted sums of tangents and their rates
+    # A, w outward from the root; r = L sum ways t, v = L sum ways (w x t), inertial axes
     A, w = [root.A], [root.w]
     for i in range(n + 3):
         A.append(A[-1] @ steps[:, i])
@@ -80,14 +80,14 @@ def links(arm: Arm, settings: Settings, q: Array, v: Array) -> Iterator[LinkMoti
     at, i = _vertex(q, v, 0), AXES
     for k, link in enumerate(arm.links):
         before, beyond = levers(arm, k)
-        # across the joint: lever, mount, rotation about the axis
+        # (9.1): t before the joint, E = mount exp(axis theta), w + axis theta'
         joint = at.beyond(before)
         axis = axis_of(arm, k)
         A = joint.A @ mount_of(arm, k) @ matrices(q[:, i, None] * axis)
         root = Frame(joint.r, A, joint.v, joint.w + turned(A, axis) * v[:, i, None])
         i += 1
         rows = count_rows(link, settings)
-        # sections of the link: vertices, or points where coordinates are strains
+        # r, A of the link's sections: vertices, or (9.5) from the strains
         sections = [root.beyond(beyond)]
         if settings.formulation != "elastica":
             sections += [_vertex(q, v, i + AXES * e) for e in range(count_elements(link, settings))]
@@ -155,7 +155,7 @@ def frames(arm: Arm, angles: Array) -> tuple[Array, Array, Array, Array]:
     A, r = np.broadcast_to(np.eye(3), (*angles.shape[:-1], 3, 3)), np.zeros((*angles.shape[:-1], 3))
     places, axes, links = [], [], []
     for k, link in enumerate(arm.links):
-        # joint k: rotate by its mount and angle; then along the link's x axis
+        # A_k = A mount exp(axis theta); r_(k+1) = r + L A e_x (straight links)
         axis = axis_of(arm, k)
         A = A @ mount_of(arm, k) @ matrices(angles[..., k, None] * axis)
         places.append(r)

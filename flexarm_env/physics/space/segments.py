@@ -83,10 +83,10 @@ class _Plane:
     def __init__(self, part: Element, modes: int | None) -> None:
         self.part, self.parts, self.n = part, [part], modes or 2
         self.nodal, self.K = np.zeros((4, 2)), part.stiffness()[np.ix_(ENDS, ENDS)]
-        # unit rotations of both ends
+        # static shapes: phi = 1 at one end, 0 at the other
         self.nodal[[1, 3], [0, 1]] = 1.0
         if modes is not None:
-            # modes between pins, less the end rotations that they cause, scaled by their largest slope
+            # modes between pins with phi = 0 at both ends (Craig and Bampton), scaled to a slope of 1
             K, nodal = pinned_modes(part.link, modes)
             basis = np.eye(modes)
             basis[:2, 2:] = -nodal[[1, -1], 2:]
@@ -98,7 +98,7 @@ class _Plane:
         self.H, self.moment, rows = np.zeros((self.n, self.n)), np.zeros(self.n), []
         for e, (start, one) in enumerate(zip(starts, self.parts, strict=True)):
             own = self.nodal[2 * e : 2 * e + 4]
-            # foreshortening, and quadrature points with the shapes' deflection and rotation
+            # H = int (v' v' - gamma gamma); v and phi of the shapes at the quadrature points
             self.H += own.T @ coupling_matrix(one.section, one.length) @ own
             for xi, weight, section in one.points:
                 x, dx, (_, v, phi) = start + xi * one.length, weight * one.length, one.shapes(xi)
@@ -146,10 +146,10 @@ def _frame(link: Link, plane: Element, across: Element, start: float, modes: int
     K, H, rotary = (np.zeros((n + k, n + k, 3)) for k in (0, 0, 1))  # the frame comes last
     moments = np.zeros((n, 3))
     twist = torsion(link, start, start + l) / l
-    # torsion: linear shape of the ends, sine waves inside
+    # torsion: phi = 1 - xi, xi of the ends, sin(k pi xi) inside
     K[:2, :2, 0] = twist * np.array([[1.0, -1.0], [-1.0, 1.0]])
     waves = np.pi * np.arange(1, inner + 1)[:, None]
-    # bending: stiffness, foreshortening, and rotary inertia with the rest of the section rotation for the frame
+    # bending: K, H, and J with 1 - sum of the shapes' rotation for the frame
     for axis, one in zip((1, 2), both, strict=True):
         K[..., axis], H[..., axis] = one.K, one.H
         rest = 1.0 - one.phi[0] - one.phi[1]
@@ -157,17 +157,17 @@ def _frame(link: Link, plane: Element, across: Element, start: float, modes: int
         moments[:, axis] = one.moment
         twisted = np.vstack([1.0 - one.at, one.at, np.sin(waves * one.at), 0.0 * one.at])
         rotary[..., 0] += _symmetric(one.dJ, twisted)
-    # torsional stiffness of the waves
+    # int GJ phi_j' phi_k' of the waves
     x, weights = np.polynomial.legendre.leggauss(32)
     at, slopes = 0.5 * (1.0 + x), waves * np.cos(waves * 0.5 * (1.0 + x)) / l
     K[2:, 2:, 0] = _symmetric(0.5 * l * weights * np.asarray(link.across(start + l * at)["GJ"]), np.asarray(slopes))
-    # lower bound of rotary inertia about the axis
+    # J about the axis at least LEAST_ROTARY m l^2: ends rotate by J alone
     least = LEAST_ROTARY * plane.section.m * l**3
     if rotary[0, 0, 0] < least / 3.0:
         rotary[..., 0] = 0.0
         rotary[:2, :2, 0] = least / 6.0 * (np.ones((2, 2)) + np.eye(2))
         rotary[2:n, 2:n, 0] = 0.5 * least * np.eye(inner)
-    # translational inertia at Gauss points
+    # h of either bending at Gauss points, for int m n n
     x, weights = np.polynomial.legendre.leggauss(points_for(inner))
     at, h = 0.5 * (1.0 + x), np.zeros((len(x), n, 3))
     dm = 0.5 * l * weights * plane.link.along(at * l).m
@@ -177,14 +177,14 @@ def _frame(link: Link, plane: Element, across: Element, start: float, modes: int
         WEIGHT.pack({"inner": inner}, xi=at[p], mass=dm[p], left=h[p, 0], right=h[p, 1], inner=h[p, 2:])
         for p in range(len(x))
     ]
-    # mass integrals with positions and deflections
+    # int m (1 - xi, xi)^2, int m h, int m h h over the segment
     ends = np.array([1.0 - at, at])
     mass = _symmetric(dm, ends)[_UPPER]
     near, far = np.einsum("p,ep,pnc->enc", dm, ends, h)
     lateral = np.einsum("p,pnc,pmc->nmc", dm, h, h)[..., [0, 2, 1]]  # about x, y, z
     both_planes = np.einsum("p,pn,pm->nm", dm, h[..., 2], h[..., 1])
     order = [0, 1, n, *range(2, n)]  # the frame before inner modes
-    # stress-free coordinates of the curved link
+    # phi without stress: K phi = int EI kappa_0 phi'
     w: Array = np.zeros(n)
     if link.curved:
         w[:] = np.linalg.solve(K[..., 2], moments[:, 2])

@@ -44,7 +44,7 @@ def _chord(section, left, right, n, cv):
     """Return the position (m, inertial axes) of `right` at which the element has the section force n.
 
     n: N, axes of the middle; left, right: `Place`s with final rotations and spins; cv: change of velocity per change of
-    position (1/s). Solves n / D = Gamma + tau Gamma' for the chord e.
+    position (1/s). Solves n / D = Gamma + tau Gamma' for the chord e. Theory, section 9, "Increments".
     """
     relative = shortest_rotation(compose(inverse_rotation(left.p), right.p))
     psi, half, g, T = turn_of(relative)
@@ -57,7 +57,7 @@ def _chord(section, left, right, n, cv):
         e = b
     else:
         share = 1.0 / section.length
-        # damping: slip is the velocity that the right end would have at the position of the left
+        # slip = v_r - v_l + c_v (r_l - r_r): v that the right end would have at the left end's place
         slip = right.v - left.v + cv * (left.r - right.r)
         bend = T @ right.spin - T.T @ left.spin
         known = share * (R.T @ slip) + arc_of(section.uneven, psi) @ bend
@@ -87,7 +87,7 @@ def _hold_forces(lane, model, par, w):
 def _add_forces(lane, model, w: Work, active):
     """Add to each element's section force n its first-order change by the Newton increment w.r, where `active`.
 
-    dn = by_place (dr_r - dr_l) + by_left dth_l + by_right dth_r (N, axes of the middle).
+    dn = by_place (dr_r - dr_l) + by_left dth_l + by_right dth_r (N, axes of the middle); theory, 9, "Increments".
     """
     a, b = load_vector(lane, w.r, 0), load_vector(lane, w.r, 3)
     for k in range(model.links):
@@ -101,7 +101,7 @@ def _add_forces(lane, model, w: Work, active):
         for e in range(count_of(model, k)):
             f, i = factor_at(model, k, e), vertex_row(model, k, e)
             x, y = load_vector(lane, w.r, i), load_vector(lane, w.r, i + 3)
-            # dn of the element, from the motions of its ends
+            # dn = dn/dr (x - a) + dn/dtheta_l b + ..., from the motions of its ends
             n = matrix_in(lane, w.S, f + F.by_place) @ (x - a)
             n = n + matrix_in(lane, w.S, f + F.by_left) @ b
             n = n + matrix_in(lane, w.S, f + F.by_right) @ y
@@ -117,7 +117,7 @@ def correct_positions(lane, model, par, w: Work, active, slopes, predicted):
     active: lanes, above 1/2 where to correct. predicted None: after the Newton increment w.r, with the forces it causes
     to first order; a tag: after the prediction, with the forces at the step's start. Velocities and accelerations
     follow by `slopes`, their changes per change of position. Segments with floating frames keep the chords of the
-    step's start, after the prediction alone. Scratch after the prediction: w.r.
+    step's start, after the prediction alone. Scratch after the prediction: w.r. Theory, section 9, "Increments".
     """
     if predicted is not None:
         copy_rows(lane, model.n, w.q, w.r)
@@ -131,7 +131,7 @@ def correct_positions(lane, model, par, w: Work, active, slopes, predicted):
         _add_forces(lane, model, w, active)
     else:
         _hold_forces(lane, model, par, w)
-    # from the base outward: each right end relative to the left end already corrected
+    # from the base outward, because r of a right end is relative to the left one that is already corrected
     tip, (total, begin) = place_at(lane, w.q, w.v, 0), accumulated_increment(lane, w)
     for k in range(model.links):
         left, first = joint_placement(lane, model, w.q, w.v, k, tip)[2], elements_before(model, k)
@@ -140,7 +140,7 @@ def correct_positions(lane, model, par, w: Work, active, slopes, predicted):
             section, right = section_at(lane, model, par, first + e), place_at(lane, w.q, w.v, i)
             r = _chord(section, left, right, load_vector(lane, w.S, factor_at(model, k, e) + F.force), slopes.v)
             for j in range(3):
-                # -0.0 where an arm is inactive keeps its values to the last bit
+                # -0.0 where an arm is inactive: x + -0.0 is x to the last bit
                 d = select_lt(0.5, active, r[j] - right.r[j], -0.0)
                 moved = total[i + j] + d
                 total[i + j] = moved

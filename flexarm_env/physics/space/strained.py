@@ -97,11 +97,12 @@ def slope_of_slope(z):
 
 @kernel
 def bend_of(lane, model, at, i, row, q, v, a):
-    """Return the `Bend` of interval i: rotation, and its rates where v and a are not None.
+    """Return the `Bend` of interval i: rotation, and its rates where v and a are not None. Theory, (9.5).
 
     at: `strained_at` of the link; q, v, a: coordinates, rates, accelerations, with the link's strains from `row` on.
     """
     s, d = _sum(lane, model, at.sums, i, q, row), _sum(lane, model, at.slants, i, q, row)
+    # s and d of kappa_0 add, which lies in the link's x-y plane: bending about z
     if model.curved is not None:
         s = Vector(s[0], s[1], s[2] + model.strains[at.natural + 2 * i])
         d = Vector(d[0], d[1], d[2] + model.strains[at.natural + 2 * i + 1])
@@ -161,7 +162,7 @@ def last_place(lane, model, k, q, v, root):
     r, u = Vector(zero, zero, zero), Vector(zero, zero, zero)
     for i in range(n + 1):
         bend = bend_of(lane, model, at, i, row, q, v, None)
-        # orientation and angular velocity behind the interval, then position and velocity of the end
+        # p, w behind the interval, then r += way t, v += way (w x t) (root axes)
         p = turned_by(bend, p)
         w = w + matrix(p) @ bend.rel
         if i < n:
@@ -176,7 +177,7 @@ def sweep_outward(lane, model, k, state, root, S):
     """Return the `Vertex` of the last section of link k; store in S what `sweep_inward` needs (`NOTED`).
 
     state: q, v, a; root: `Vertex` of the link's first section. Stored are orientations, angular rates, accelerations,
-    inertia forces and moments of all points, in the axes of the link's root.
+    inertia forces and moments of all points, in the axes of the link's root. Theory, (9.5).
     """
     n, at, to, row = size(model.points), strained_at(model, k), noted_at(model, k), strain_row(model, k)
     q, v, a = state
@@ -186,7 +187,7 @@ def sweep_outward(lane, model, k, state, root, S):
     store_matrix(lane, S, to.frame, frame)
     store_vector(lane, S, to.a, a0)
     store_vector(lane, S, to.spin, w)
-    # sections: A, w, alpha behind each interval, and t'' and rotary inertia at its point
+    # A, w, alpha (link axes) behind each interval; t'' and J of its point
     for i in range(n + 1):
         bend = bend_of(lane, model, at, i, row, q, v, a)
         p = turned_by(bend, p)
@@ -208,7 +209,7 @@ def sweep_outward(lane, model, k, state, root, S):
             I, own_w = three_of(lane, model.strains, at.inertia + 3 * i), A.T @ w
             turn = scale(A.T @ alpha, I) + cross(own_w, scale(own_w, I))
             store_vector(lane, S, to.moment + 3 * i, A @ turn)
-    # points: position, velocity of the end, acceleration and inertia force, sums over the tangents before
+    # r = sum ways t, a = a_0 + sum ways t'', f = m a of the points; v of the end (root axes)
     u, r, found = Vector(zero, zero, zero), Vector(zero, zero, zero), a0
     for i in range(n + 1):
         r, found = Vector(zero, zero, zero), a0
@@ -221,7 +222,7 @@ def sweep_outward(lane, model, k, state, root, S):
         store_vector(lane, S, to.r + 3 * i, r)
         if i < n:
             store_vector(lane, S, to.force + 3 * i, model.strains[at.mass + i] * found)
-    # last section: back to inertial axes
+    # back to inertial axes: r, v, a of the last section
     place, A = root.place, matrix(p)
     r, u = place.r + frame @ r, place.v + frame @ u
     last = Place(r, u, compose(place.p, p), A.T @ w)
@@ -261,7 +262,7 @@ def elastic(lane, model, par: Lanes, k, state, r):
     """Add elastic and damping forces of link k to its strains' rows of r, less the inertia that steps leave out.
 
     r <- r + factors K (q + tau v) - correction a (N m). K, correction: `STRAINED.stiffness` and `correction`, sums over
-    polynomials; factors: the arm's own on GJ, EI_y, EI; tau = tau_d times the link's share (s).
+    polynomials; factors: the arm's own on GJ, EI_y, EI; tau = tau_d times the link's share (s). Theory, (9.4).
     """
     n, at, row = size(model.polynomials), strained_at(model, k), strain_row(model, k)
     factors, zero = factors_of(lane, par), 0.0
@@ -271,11 +272,13 @@ def elastic(lane, model, par: Lanes, k, state, r):
         for j in range(n):
             x = load_vector(lane, state.q, row + 3 * j)
             if model.damped is not None:
+                # K (c + tau_d c'): damping by the strain rates
                 x = x + tau * load_vector(lane, state.v, row + 3 * j)
             total = total + scale(x, _three(lane, model, at.stiffness, i, j))
         total = scale(total, factors)
         for j in range(n):
             a = load_vector(lane, state.a, row + 3 * j)
+            # - (M - M*) c'': the inertia that steps see (5.3)
             total = total - scale(a, _three(lane, model, at.correction, i, j))
         add_vector(lane, r, row + 3 * i, total)
 
@@ -309,7 +312,7 @@ def sweep_inward(lane, model, k, r, S):
     """Return the (force, N; moment, N m) on the root of link k, along inertial axes and in root axes.
 
     Inward sweep over the points that `sweep_outward` has stored in S, from the wrench on the link's last section
-    (`NOTED.on`); the generalized forces on the strains are added to their rows of r.
+    (`NOTED.on`); the generalized forces on the strains are added to their rows of r. Theory, (9.5).
     """
     n, m, at, to = size(model.points), size(model.polynomials), strained_at(model, k), noted_at(model, k)
     frame, A = matrix_in(lane, S, to.frame), matrix_in(lane, S, to.turn + 9 * n)
@@ -331,7 +334,7 @@ def sweep_inward(lane, model, k, r, S):
         t = noted_tangent(lane, S, to, j)
         g = g + (cross(t, on) + load_vector(lane, S, to.moment + 3 * j))
         store_vector(lane, S, to.bend + 3 * j, g)
-    # generalized forces of the strains, through s and d of each interval
+    # generalized forces on c_j: int P_j times the moments on s and d of each interval (9.5)
     row = strain_row(model, k)
     for i in range(n + 1):
         on_s, on_d = _own_force(lane, S, to, i, load_vector(lane, S, to.bend + 3 * i))
@@ -345,7 +348,7 @@ def sweep_inward(lane, model, k, r, S):
 def strained_sums(lane, model, par, k, q, v, root):
     """Return ((kinetic, strain, gravitational) energy in J, momentum in kg m/s, inertial axes) of link k.
 
-    root: the `Place` of its first section.
+    root: the `Place` of its first section. Theory, (9.5).
     """
     n, at, row, A0 = size(model.points), strained_at(model, k), strain_row(model, k), matrix(root.p)
     zero = 0.0
@@ -362,7 +365,7 @@ def strained_sums(lane, model, par, k, q, v, root):
         store_vector(lane, tangents, 3 * i, t)
         store_vector(lane, rates, 3 * i, cross(w, t))
         kinetic = kinetic + dot(own, scale(own, three_of(lane, model.strains, at.inertia + 3 * i))) * 0.5
-    # points: translational energy, momentum, weight
+    # 1/2 m |v|^2, m v and m r of the points (inertial axes)
     for i in range(n):
         r, u = Vector(zero, zero, zero), Vector(zero, zero, zero)
         for j in range(n):

@@ -36,6 +36,7 @@ def _turns(lane, S, to, i):
     """Store the derivatives of the rotation of interval i's end by s and by d in `by_sum`, `by_slant` of S (root axes).
 
     s: integral of the strain over the interval, d: its first moment; the interval's rotation vector is psi = s + s x d.
+    Theory, (9.5).
     """
     A, x, psi = (
         matrix_in(lane, S, to.turn + 9 * i),
@@ -78,7 +79,7 @@ def _rotary(lane, model, at, to, S, i, theta, weights):
 
 @kernel
 def _turned_on(lane, S, to, i, c, by_s, by_d):
-    """Return the changes of the generalized forces on s and d of interval i by s and d themselves (N m).
+    """Return the changes of the generalized forces on s and d of interval i by s and d themselves (N m). Theory, (9.5).
 
     Component c of s changes by by_s, of d by by_d, while the moment `NOTED.bend` rotates with the interval's end: the
     derivative of `strained._own_force`. s: integral of the strain over the interval, d: its first moment (rad).
@@ -98,7 +99,7 @@ def _turned_on(lane, S, to, i, c, by_s, by_d):
     y0 = share * (own + cross(x, own))
     z, on = dot(psi, psi), dot(psi, y0) * 2.0
     y = f * y0 + slope * on * psi
-    # their derivatives
+    # derivatives of x = psi f / 2, y_0 and y; steeper: d(slope)
     dx = 0.5 * (f * dpsi + slope * along * psi)
     dy0 = share * cross(dx, own) - dot(x, dx) * share * 2.0 * y0
     steeper = slope_of_slope(z) * along
@@ -126,12 +127,12 @@ def _on_strains(lane, model, S: Lanes, at, to, force, moment, ck, theta_too, col
     Read from S: changes of the points' forces (`change`) and moments (`second`). force, moment: change on the last
     section. ck: weight of dr/dq. theta_too: (polynomial, axis) of a strain's column, whose rotations `theta` and
     displacements `moved` also turn the present forces (weight ck); None: the column of a root rotation. Strain row i of
-    the column is S[column + stride i]. Root axes; at, to: `strained_at`, `noted_at`.
+    the column is S[column + stride i]. Root axes; at, to: `strained_at`, `noted_at`. Theory, (9.5).
     """
     n, m = size(model.points), size(model.polynomials)
     total, couple, g = force, moment + cross(load_vector(lane, S, to.r + 3 * n), force), moment
     if theta_too is not None:
-        # present forces act at displaced points
+        # c_k R x f: present forces act at displaced points
         held = matrix_in(lane, S, to.frame).T @ load_vector(lane, S, to.on)
         couple = couple + ck * cross(load_vector(lane, S, to.moved + 3 * n), held)
     for back_i in range(n + 1):
@@ -139,16 +140,16 @@ def _on_strains(lane, model, S: Lanes, at, to, force, moment, ck, theta_too, col
         if i < n:
             own, turn = load_vector(lane, S, to.change + 3 * i), load_vector(lane, S, to.second + 3 * i)
             t = noted_tangent(lane, S, to, i)
-            # force on the root and moment about its origin
+            # df on the root and dm about its origin (root axes)
             total = total + own
             couple = couple + (cross(load_vector(lane, S, to.r + 3 * i), own) + turn)
-            # change of the generalized force on the tangent, as in `strained.sweep_inward`
+            # dn_i = sum ways df beyond: on the tangent of point i, as in `strained.sweep_inward`
             on = model.strains[at.ways + n * n + i] * force
             for p in range(n):
                 on = on + model.strains[at.ways + n * p + i] * load_vector(lane, S, to.change + 3 * p)
             g = g + (cross(t, on) + turn)
             if theta_too is not None:
-                # the tangent rotates against the present force
+                # c_k theta x t . n: the tangent rotates against the present force
                 theta, moved = load_vector(lane, S, to.theta + 3 * i), load_vector(lane, S, to.moved + 3 * i)
                 couple = couple + ck * cross(moved, load_vector(lane, S, to.force + 3 * i))
                 g = g + ck * cross(cross(theta, t), load_vector(lane, S, to.pull + 3 * i))
@@ -156,7 +157,7 @@ def _on_strains(lane, model, S: Lanes, at, to, force, moment, ck, theta_too, col
         if theta_too is not None:
             held = load_vector(lane, S, to.bend + 3 * i)
             on = g + ck * cross(held, load_vector(lane, S, to.theta + 3 * i))
-        # generalized forces on s and d, then on the coefficients of the polynomials
+        # on s and d by their rotations' transpose, then sum over intervals onto c_j
         on_s = matrix_in(lane, S, to.by_sum + 9 * i) @ on
         on_d = matrix_in(lane, S, to.by_slant + 9 * i) @ on
         if theta_too is not None:
@@ -177,7 +178,7 @@ def _by_strain(lane, model, weights, S, at, to, j, c):
     """Compute the column of the matrix for the coefficient of polynomial j about axis c, in the `NOTED` of S.
 
     Adds to column 3 j + c of `matrix` (its rows of strains) and writes row 3 j + c of `on_root`, `last` and, by the
-    root's position, `by_root`. at, to: `strained_at`, `noted_at` of the link.
+    root's position, `by_root`. at, to: `strained_at`, `noted_at` of the link. Theory, (9.5).
     """
     n, m, zero = size(model.points), size(model.polynomials), 0.0
     cm, cd, ck = weights.mass, weights.damping, weights.stiffness
@@ -233,7 +234,7 @@ def _by_turn(lane, model, weights, S: Lanes, f, at, to, axis, c):
     """Compute the column of the matrix for a rotation of the root about its axis c (unit vector `axis`, root axes).
 
     Adds column 3 + c of the 6 x 6 block LL at offset f of S (force inertial, moment root axes) and fills `by_root`. The
-    root's acceleration less gravity and the force on the last section stay fixed in inertial axes.
+    root's acceleration less gravity and the force on the last section stay fixed in inertial axes. Theory, (9.5).
     """
     n, zero = size(model.points), 0.0
     cm, cd, ck = weights.mass, weights.damping, weights.stiffness
@@ -249,7 +250,7 @@ def _by_turn(lane, model, weights, S: Lanes, f, at, to, axis, c):
         forces = forces + load_vector(lane, S, to.force + 3 * i)
     held = -ck * cross(axis, frame.T @ load_vector(lane, S, to.on))
     force, couple = _on_strains(lane, model, S, at, to, held, Vector(zero, zero, zero), ck, None, to.by_root + 3 + c, 6)
-    # back to inertial axes; rotated forces of all points
+    # back to inertial axes; f of all points turns with the root
     force = frame @ (force - held + ck * cross(axis, forces))
     for i in range(3):
         S[f + F.LL + 6 * i + 3 + c] += force[i]
@@ -262,6 +263,7 @@ def strained_tangent(lane, model, par: Lanes, k, weights, S: Lanes, f):
 
     f: offset of the link's `FACTOR`, whose RR is the block on the last section and is assembled elsewhere. Needs the
     values that `sweep_outward` and `sweep_inward` have stored. par: factors on stiffnesses, tau_d; weights: `Weights`.
+    Theory, (9.5).
     """
     n, m, at, to = size(model.points), size(model.polynomials), strained_at(model, k), noted_at(model, k)
     zero, cm = 0.0, weights.mass
@@ -271,7 +273,7 @@ def strained_tangent(lane, model, par: Lanes, k, weights, S: Lanes, f):
     end = load_vector(lane, S, to.r + 3 * n)
     store_matrix(lane, S, to.last_turn, matrix_in(lane, S, to.turn + 9 * n))
     store_matrix(lane, S, to.shift, -(frame @ skew(end)))
-    # derivatives of the intervals' rotations, velocities of the points, mass and first moment
+    # dpsi of the intervals, v of the points relative to the root (root axes), sum m and sum m r
     lever, mass = Vector(zero, zero, zero), zero
     for i in range(n + 1):
         _turns(lane, S, to, i)
@@ -283,7 +285,7 @@ def strained_tangent(lane, model, par: Lanes, k, weights, S: Lanes, f):
             store_vector(lane, S, to.slip + 3 * i, 2.0 * u - cross(spin, r))
             mass = mass + model.strains[at.mass + i]
             lever = lever + model.strains[at.mass + i] * r
-    # columns of strains, then of root rotations and translations
+    # columns by c_j, then by the root's rotation (root axes) and translation, c_m sum m
     for j in range(m):
         for c in range(3):
             _by_strain(lane, model, weights, S, at, to, j, c)
@@ -293,7 +295,7 @@ def strained_tangent(lane, model, par: Lanes, k, weights, S: Lanes, f):
     for i in range(3):
         S[f + F.LL + 7 * i] += mass * cm
     add_block(lane, S, f + F.LL, 1, 0, skew(cm * lever) @ frame.T)
-    # stiffness and damping of the strains, less the inertia that steps leave out
+    # K_ij (c_k + tau_d c_v) - (M - M*) c_m, because steps see the inertia M* (5.3)
     share = weights.stiffness + zero
     if model.damped is not None:
         share = share + par[TAU_D] * (model.strains[at.damping] * weights.damping)

@@ -1,0 +1,91 @@
+"""Keyword arguments of the environments, with their types: what editors complete and `help` shows."""
+
+from __future__ import annotations
+
+import inspect
+import os
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypedDict, get_type_hints
+
+from ..parameters import Arm, Base
+from ..sensors import Sensors
+from ..settings import FORMULATIONS, default_options
+
+
+class SolverKeywords(TypedDict, total=False):
+    """Options of the solver (`Settings`); those that the formulation lacks must not be given."""
+
+    segments: int | None
+    elements: int | None
+    coupling: str | None
+    modes: int | None
+    frame: str | None
+    multipliers: bool | None
+    order: int | None
+    period_correction: bool | None
+    nodes: int | None
+    dt: float | None
+    rho_inf: float | None
+    tolerance: float | None
+    newton: str | None
+    max_iterations: int | None
+    max_halvings: int | None
+    newmark: tuple[float, float] | None
+    step_tolerance: float | None
+
+
+class Keywords(SolverKeywords, total=False):
+    """Keyword arguments of every environment; `options.plan` has their defaults and checks them."""
+
+    arm: Arm | str | os.PathLike[str] | None
+    base: Base | Mapping[str, float] | None
+    formulation: str | None
+    control_dt: float | None
+    action_mode: str
+    residual_share: float | None
+    duration: float | None
+    task: str | None
+    reference: Any
+    motion: Any
+    reward: Mapping[str, float] | None
+    reward_terms: Mapping[str, Any] | None
+    rules: int
+    randomization: Mapping[str, Sequence[float]] | None
+    observation: str | Sequence[str]
+    history: int
+    sensors: Mapping[str, Any] | Sensors | None
+    actuator: Mapping[str, Any] | None
+    cost: Mapping[str, Any] | None
+    pushes: Mapping[str, Any] | None
+    payload_change: Mapping[str, Any] | None
+    keep_out: Any
+    contacts: Any
+    success: Mapping[str, Any] | None
+    turns: str
+    starts: Mapping[str, Any] | None
+    initial_vibration: float
+    joint_limits: Any
+    gravity: Sequence[float] | None
+    info_level: str
+    render_mode: str | None
+    max_episode_steps: int | None
+
+
+SOLVER_OPTIONS = tuple(dict.fromkeys(name for formulation in FORMULATIONS for name in default_options(formulation)))
+"""Names of the solver's options, in all formulations."""
+
+
+def signature_of(function: Callable[..., Any], plan: Callable[..., Any]) -> inspect.Signature:
+    """Return the signature of a constructor whose `**arguments` are those of `plan`, each with type and default.
+
+    function: a constructor with `self`. plan: a function of the environment's kind and of keywords, the last of which
+    collects options of the solver; an option of the solver has the default None, the formulation's own.
+    """
+    own = [p for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD][1:]
+    taken = [p for p in inspect.signature(plan).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    types = get_type_hints(SolverKeywords)
+    solver = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=types[name])
+        for name in SOLVER_OPTIONS
+    ]
+    return inspect.Signature([*own, *taken, *solver])

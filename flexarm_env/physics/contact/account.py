@@ -1,0 +1,138 @@
+"""Energy, dissipation and readings of contacts."""
+
+from __future__ import annotations
+
+from ...compiler import Lanes, kernel, max_over_lanes, maximum, select_lt, size, square_root, stack
+from .. import protocol
+from .kinematics import gap_at, here_of, motion_of, obstacle_count, place_of, touches, wrench
+from .law import dot, meet
+from .layout import READ
+
+
+@kernel
+def energy(lane, part, model, par, q, v, sums):
+    """Return sums, (kinetic, strain, gravitational; J), with the energy k d^(n + 1) / (n + 1) stored in contacts."""
+    kinetic, strain, gravity = sums
+    y = stack(lane, model.points)
+    protocol.input_displacements(lane, model.arm, par, q, y)
+    zero = (0.0, 0.0, 0.0)
+    for p in range(len(part.points)):
+        if touches(gap_at(lane, part, y, p)):
+            for o in range(obstacle_count(part)):
+                if part.meets[p * obstacle_count(part) + o] > 0.5:
+                    strain = strain + meet(part, p, o, place_of(lane, part, y, p), zero, zero).stored
+    return kinetic, strain, gravity
+
+
+@kernel
+def damping_power(lane, part, model, par, q, v, x, total):
+    """Return total (W) plus the power at rates x that contacts dissipate at rates v, by damping and friction."""
+    y = stack(lane, model.points)
+    protocol.input_displacements(lane, model.arm, par, q, y)
+    least = 1e300
+    for p in range(len(part.points)):
+        gap = gap_at(lane, part, y, p)
+        least = select_lt(gap, least, gap, least)
+    if touches(least):
+        rates, others = stack(lane, part.poses), stack(lane, part.poses)
+        protocol.task_poses(lane, model.arm, par, q, v, rates)
+        protocol.task_poses(lane, model.arm, par, q, x, others)
+        for p in range(len(part.points)):
+            velocity, spin = motion_of(lane, part, rates, p)
+            other, turn = motion_of(lane, part, others, p)
+            for o in range(obstacle_count(part)):
+                if part.meets[p * obstacle_count(part) + o] > 0.5:
+                    met = meet(part, p, o, place_of(lane, part, y, p), velocity, spin)
+                    force, moment = wrench(part, p, met)
+                    # all forces but the elastic one
+                    power = dot(force, other) + dot(moment, turn) - dot(met.normal, other) * met.elastic
+                    total = total - power
+    return total
+
+
+# --- readings ------------------------------------------------------------------------------------------
+_FAR = 1e-3
+"""Share of `Watch.reach`, the most that a point moves per weighted increment of 1, beyond which the gap of the last
+Newton iterate tells that no point touches at the end of the step."""
+
+
+@kernel
+def after_step(lane, part, model, par, q, v, S: Lanes, h):
+    """Store the `READING` of each point in S and add the forces times h (s) to its impulses.
+
+    The forces at the end of a step count for the whole step, which integrates a force that begins and ends at 0 as the
+    trapezoidal rule does.
+    """
+    least = 1e300
+    for p in range(len(part.points)):
+        gap = S[here_of(part, p).gap]
+        least = select_lt(gap, least, gap, least)
+    near = select_lt(least, model.newton.contact.reach * _FAR, 1.0, 0.0)
+    if h == 0.0 or max_over_lanes(near) > 0.5:
+        y, poses = stack(lane, model.points), stack(lane, part.poses)
+        protocol.input_displacements(lane, model.arm, par, q, y)
+        protocol.task_poses(lane, model.arm, par, q, v, poses)
+        for p in range(len(part.points)):
+            _store_reading(lane, part, p, y, poses, h, S)
+    else:
+        for p in range(len(part.points)):
+            at = here_of(part, p)
+            for k in range(READ.impulse):
+                S[at.reading + k] = 0.0
+            S[at.reading + READ.penetration] = -S[at.gap]
+
+
+@kernel
+def _store_reading(lane, part, p, y: Lanes, poses: Lanes, h, S: Lanes):
+    """Store the `READING` of point p from input displacements y and task poses; add forces times h (s) to impulses."""
+    velocity, spin = motion_of(lane, part, poses, p)
+    least, normal, sliding, total, friction = 1e300, 0.0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for o in range(obstacle_count(part)):
+        if part.meets[p * obstacle_count(part) + o] > 0.5:
+            met = meet(part, p, o, place_of(lane, part, y, p), velocity, spin)
+            force, _ = wrench(part, p, met)
+            total = total[0] + force[0], total[1] + force[1], total[2] + force[2]
+            friction = (
+                friction[0] - met.slip[0] * met.grip, friction[1] - met.slip[1] * met.grip,
+                friction[2] - met.slip[2] * met.grip,
+            )  # fmt: skip
+            normal = normal + met.force
+            sliding = select_lt(met.gap, least, met.sliding, sliding)
+            least = select_lt(met.gap, least, met.gap, least)
+    at, tangential = here_of(part, p).reading, square_root(dot(friction, friction))
+    S[at + READ.normal] = normal
+    S[at + READ.tangential] = tangential
+    S[at + READ.penetration] = -least
+    S[at + READ.sliding] = sliding
+    for k in range(3):
+        S[at + READ.force + k] = total[k]
+    S[at + READ.impulse] += normal * h
+    S[at + READ.friction] += tangential * h
+    S[at + READ.peak] = maximum(S[at + READ.peak], normal)
+
+
+# --- assembly ------------------------------------------------------------------------------------------
+@kernel
+def respond(lane, model, par, state, u: Lanes, weights, part, r: Lanes, S, out):
+    """Write to out, for each point and axis, the generalized force of 1 N on the point and S^-1 times that force.
+
+    Runs in Python only. S: Newton matrix of the arm alone with fixed coordinates; out (points, axes, 2, n).
+    """
+    n, arm = size(model.arm.n), model.arm
+    still = r.copy()
+    protocol.assemble(lane, arm, par, state, u, weights, r, S)
+    for k in arm.fixed:
+        protocol.add_stiffness(lane, arm, S, k, None)
+    protocol.factor(lane, arm, S)
+    protocol.residual(lane, arm, par, state, u, still, S)
+    for p in range(len(part.points)):
+        for i in range(len(part.space)):
+            k = part.input + p * len(part.entries) + i
+            u[k] = 1.0
+            protocol.residual(lane, arm, par, state, u, r, S)
+            u[k] = 0.0
+            r[:] = still - r
+            r[arm.fixed] = 0.0
+            out[p, i, 0, :n] = r
+            protocol.solve(lane, arm, S, r)
+            out[p, i, 1, :n] = r

@@ -1,0 +1,189 @@
+"""Kernels of contact: distances and normals, slope of the forces, lanes, and records with their errors."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexarm_env import Arm, Contact, Link, Payload, Scene, Section, Simulation, arms, simulate
+from flexarm_env.compiler import EIGHT, SINGLE, kernel, size, uncompiled
+from flexarm_env.physics import assembly, protocol
+from flexarm_env.physics.contact.build import STEPS, duration, largest_stiffness
+from flexarm_env.physics.contact.geometry import distance_and_normal
+from flexarm_env.physics.integrator.step import advance
+from flexarm_env.physics.integrator.work import unpack, work_size
+from flexarm_env.physics.obstacles import packed
+from flexarm_env.physics.protocol import RESIDUAL_ALONE, State, Weights
+from flexarm_env.shapes import Box, Cylinder, HalfSpace, Shape, Sphere
+
+PLANE = (HalfSpace((0.1, 0.2), (1.0, 2.0)), Sphere((0.3, -0.1), 0.4), Box((0.1, 0.2), (0.5, 0.8), 0.3))
+SPACE = (
+    HalfSpace((0.1, 0.2, 0.3), (1.0, 2.0, -1.0)), Sphere((0.3, -0.1, 0.2), 0.4),
+    Box((0.1, 0.2, 0.1), (0.5, 0.8, 0.6), ((0.0, 0.6, 0.8), 0.7)), Cylinder((0.1, 0.0, -0.2), (0.4, 0.3, 0.5), 0.3),
+)  # fmt: skip
+TWO = Arm(
+    "two", (Link(0.5, Section(EI=5.0, EA=1e5, C=1e5, m=0.3)),) * 2, payload=Payload(mass=0.1, radius=0.02), tau_d=1e-3
+)
+FLOOR = HalfSpace((0.0, -0.3), (0.0, 1.0))
+
+
+# --- geometry -------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("shape", [*PLANE, *SPACE], ids=lambda shape: f"{shape.name}{shape.dimension}")
+def test_normals_are_the_gradients_of_the_distances(shape: Shape) -> None:
+    points = np.random.default_rng(1).uniform(-1.0, 1.0, (200, shape.dimension))
+    table, look = packed([shape]), uncompiled(distance_and_normal)
+    distances, gradients = shape.look(points)
+    for point, distance, gradient in zip(points, distances, gradients, strict=True):
+        found = look(table, 0, *point, *(0.0,) * (3 - shape.dimension))
+        assert found[0] == pytest.approx(distance, abs=1e-14)
+        assert found[1 : 1 + shape.dimension] == pytest.approx(gradient, abs=1e-12)
+
+
+# --- slope ----------------------------------------------------------------------------------------------
+@kernel
+def _step(lane, model, par, state, u, weights, r, S, d):  # type: ignore[no-untyped-def]
+    """Assemble and factor the matrix at `state`, and solve for the right-hand side d in place."""
+    protocol.assemble(lane, model, par, state, u, weights, r, S)
+    for k in model.fixed:
+        protocol.add_stiffness(lane, model, S, k, None)
+    protocol.factor(lane, model, S)
+    protocol.solve(lane, model, S, d)
+
+
+@kernel
+def _residual(lane, model, par, state, u, r, S):  # type: ignore[no-untyped-def]
+    """Compute the residual."""
+    protocol.assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
+
+
+@pytest.mark.parametrize("formulation", ["elastica", "floating_frame"])
+def test_the_matrix_contains_the_slope_of_the_forces(formulation: str) -> None:
+    """Of a sphere that presses into two obstacles and slides: normal, damping and friction forces, and their lever."""
+    contacts = (
+        Contact(FLOOR, 1e4, damping=0.3, friction=0.4, creep=0.05),
+        Contact(HalfSpace((0.95, 0.0), (-1.0, 0.3)), 3e3, exponent=2.0),
+    )
+    scene = Scene("pressed", TWO, duration=1.0, dt=1e-3, angles=(-0.2, -0.47), contacts=contacts)
+    system = assembly.assemble(scene, scene.settings(formulation))
+    model, n, rng = system.model, size(system.model.n), np.random.default_rng(2)
+    u, r, S = np.zeros(size(model.n_inputs)), np.zeros(n), np.zeros(size(model.n_factor))
+    move = rng.normal(size=n)
+    move[model.fixed] = 0.0
+    weights = Weights(1e2, 1e3, 1.0)
+    # slow: the matrix leaves out how the velocity of a point changes with the coordinates
+    v, a = 1e-3 * rng.normal(size=n), np.zeros(n)
+    v[model.fixed] = 0.0
+
+    def residual(share: float) -> Any:
+        d = share * move
+        out = np.zeros(n)
+        state = State(system.q0 + d, v + weights.damping * d, a + weights.mass * d)
+        uncompiled(_residual)(SINGLE, model, system.par, state, u, out, S.copy())
+        return out
+
+    slope = (residual(1e-8) - residual(-1e-8)) / 2e-8
+    slope[model.fixed] = 0.0
+    uncompiled(_step)(SINGLE, model, system.par, State(system.q0.copy(), v, a), u, weights, r, S, slope)
+    assert slope == pytest.approx(move, rel=1e-3, abs=1e-3)
+
+
+# --- lanes ----------------------------------------------------------------------------------------------
+def test_lanes_have_the_bits_of_single_arms() -> None:
+    """Of eight arms that fall from different heights; some touch, some do not."""
+    scene = Scene(
+        "falls", TWO, duration=1.0, dt=1e-3, gravity=(0.0, -9.81),
+        contacts=(Contact(FLOOR, 1e4, damping=0.5, friction=0.3), Contact(Sphere((0.3, -0.3), 0.1), 1e4)),
+    )  # fmt: skip
+    settings = scene.settings("elastica")
+    simulation = Simulation(scene, settings)
+    model, par, scheme = simulation.model, simulation.par, simulation.scheme
+    n, count = len(simulation.work.q), work_size
+    wide = np.zeros(int(uncompiled(count)(8, model, 0)))
+    lanes = uncompiled(unpack)(EIGHT, model, wide, 0)
+    touched = 0
+    tilted = [dataclasses.replace(scene, angles=(0.08 * i - 0.2, 0.08 * i - 0.2)) for i in range(8)]
+    starts = [assembly.assemble(one, settings).q0 for one in tilted]
+    for i, q in enumerate(starts):
+        lanes.q[i::8] = q
+    advance(EIGHT, model, None, np.repeat(par, 8), wide, 0, 0.0, scene.dt, 300, scheme, (0,))
+    for i, q in enumerate(starts):
+        flat = np.zeros(int(uncompiled(count)(1, model, 0)))
+        one = uncompiled(unpack)(SINGLE, model, flat, 0)
+        one.q[:] = q
+        advance(SINGLE, model, None, par, flat, 0, 0.0, scene.dt, 300, scheme, (0,))
+        if lanes.flag[i] == 0.0:
+            for name in ("q", "v", "a", "books"):
+                assert np.array_equal(getattr(one, name), getattr(lanes, name)[i::8]), (i, name)
+            touched += float(one.S[model.newton.contact.at + 7]) > 0.0
+    assert (lanes.flag == 0.0).sum() >= 6 and 2 <= touched <= 7 and n == 14 - 2
+
+
+# --- without contact, and records -----------------------------------------------------------------------
+def test_an_arm_without_contacts_has_no_contribution() -> None:
+    arm = arms.named("strip_geared")
+    scene = Scene("plain", arm, duration=1.0, dt=1e-3)
+    model = assembly.assemble(scene, scene.settings("elastica")).model
+    assert model.newton.contact is None and model.points is None and len(model.contributions) == 1
+    scene = Scene("plain", arms.named("strip"), duration=1.0, dt=1e-3)
+    assert not hasattr(assembly.assemble(scene, scene.settings("elastica")).model, "contributions")
+
+
+def test_a_step_that_does_not_resolve_an_impact_is_refused_with_the_limit() -> None:
+    scene = Scene("stiff", arms.named("strip"), duration=0.1, dt=1e-3, contacts=(Contact(FLOOR, 1e7),))
+    with pytest.raises(ValueError, match=r"contacts\[0\]\.stiffness = 1e7|10000000\.0: must be at most .* N/m\^1\.5"):
+        simulate(scene, "elastica")
+    # the limit itself is taken, and an impact on it lasts as many steps as it says
+    limit = largest_stiffness(scene.contacts[0], 0.2154, 1e-3)
+    assert duration(dataclasses.replace(scene.contacts[0], stiffness=limit), 0.2154) == pytest.approx(STEPS * 1e-3)
+    soft = dataclasses.replace(scene, contacts=(Contact(FLOOR, 0.99 * limit),))
+    assert simulate(soft, "elastica", estimate_error=False).finished
+
+
+def test_the_duration_of_an_impact_is_that_of_the_equation_of_motion() -> None:
+    assert duration(Contact(FLOOR, 200.0, exponent=1.0), 0.5) == pytest.approx(math.pi * math.sqrt(0.5 / 200.0))
+    # Hertz: 2.9432 times depth over speed
+    depth = (1.25 * 0.5 * 4.0 / 1e5) ** 0.4
+    assert duration(Contact(FLOOR, 1e5, speed=2.0), 0.5) == pytest.approx(2.94328 * depth / 2.0, rel=1e-5)
+
+
+def test_scenes_with_contacts_are_read_back_from_text() -> None:
+    contacts = (Contact(FLOOR, 1e4, damping=0.5, friction=0.3, bodies=("tip", "joint1")), Contact(PLANE[2], 2e3, 1.0))
+    scene = Scene("text", TWO, duration=1.0, dt=1e-3, contacts=contacts)
+    assert Scene.from_toml(scene.to_toml()) == scene
+    three = Scene("text", arms.named("three_dof"), duration=1.0, dt=1e-3, contacts=(Contact(SPACE[3], 1e4),))
+    assert Scene.from_toml(three.to_toml()) == three
+    # an obstacle in space makes a scene spatial
+    assert Scene("space", TWO, duration=1.0, dt=1e-3, contacts=(Contact(SPACE[1], 1e4),)).spatial
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"stiffness": -1.0}, "stiffness = -1.0: must be a positive number"),
+        ({"stiffness": 1e3, "exponent": 1.2}, "exponent = 1.2: must be 1, 1.5, 2, 2.5 or 3"),
+        ({"stiffness": 1e3, "friction": -0.1}, "friction = -0.1: must be"),
+        ({"stiffness": 1e3, "creep": 0.0}, "creep = 0.0: must be a positive number"),
+        ({"stiffness": 1e3, "bodies": ("hand",)}, r"bodies\[0\] = 'hand': must be \"tip\", \"joint1\""),
+        ({"stiffness": 1e3, "bodies": ()}, r"bodies = \(\): must name at least one point"),
+    ],
+)
+def test_wrong_contacts_are_refused(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Contact(FLOOR, **given)
+
+
+def test_contacts_that_do_not_fit_the_scene_are_refused() -> None:
+    base: dict[str, Any] = {"duration": 1.0, "dt": 1e-3}
+    with pytest.raises(ValueError, match=r"contacts\[0\]\.bodies\[0\] = 'joint2': must be one of \"tip\", \"joint1\""):
+        Scene("joint", TWO, contacts=(Contact(FLOOR, 1e3, bodies=("joint2",)),), **base)
+    with pytest.raises(ValueError, match=r"contacts\[0\]\.obstacle = .*must be in space"):
+        Scene("space", arms.named("three_dof"), contacts=(Contact(FLOOR, 1e3),), **base)
+    with pytest.raises(ValueError, match=r"contacts = .*must be empty where the root is free"):
+        Scene("free", TWO, root="free", contacts=(Contact(FLOOR, 1e3),), **base)
+    with pytest.raises(ValueError, match="multipliers = True"):
+        scene = Scene("frames", TWO, contacts=(Contact(FLOOR, 1e3),), **base)
+        Simulation(scene, scene.settings("floating_frame", multipliers=True))
