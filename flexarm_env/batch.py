@@ -34,12 +34,13 @@ from .runtime.laws import LAW_SIZE, law_of, room_of
 from .runtime.layout import aligned, layout_of, readings_size, record_sizes
 from .runtime.sampling import observe_arm
 from .runtime.told import View, info_places, touches_of
-from .runtime.touch import CONTACT
 from .scene import Contact, standing_scene
 from .settings import Settings
 from .simulation import fitted_systems
 from .tasks.attainable import Attainable, attainable, draw_attainable, first_unattainable
+from .tasks.contact_info import CONTACT
 from .tasks.own_terms import TERM_ARGUMENTS, with_terms
+from .tasks.press import Press, PressChain
 from .tasks.program import (
     ACTION_NOT_FINITE,
     CHANNEL,
@@ -87,8 +88,7 @@ LANES_FROM = 3
 """Smallest batch that is stored in lanes of eight arms; in smaller batches arms are advanced one by one."""
 
 ALONE_AFTER = 20
-"""Steps of a batch after which the program of a single arm is compiled in the background, for arms whose Newton
-iteration fails in their lane: the first start does not wait for it, and a short run does without."""
+"""Steps of a batch after which a single arm's program is compiled beside, for arms whose Newton iteration fails."""
 
 
 def gauge_table(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None, places: Sequence[Spot]) -> Array:
@@ -443,8 +443,8 @@ __all__ = [
     "ACTION_NOT_FINITE", "ALWAYS", "Actuator", "Amplifier", "Attainable", "Batch", "CLIP", "CONTACT", "CROWDED",
     "Chain", "Controller", "Cost", "Extras", "FACTOR_NAMES", "FLOOR", "FRESH", "FURTHER", "GOAL", "GUIDED", "INFO",
     "Instruments", "KeepOut", "LAW_SIZE", "MODE", "OVER", "OneAtATime", "PERIODS", "PERIODS_ALLOWED",
-    "PayloadChange", "Pushes", "REASONS", "RUNNING", "Reach", "Reference", "STATUS_WORDS", "SUCCESS", "Selection",
-    "Sensors", "Sheet", "Slew", "SpaceReach", "Starts", "TARGET", "TERM_ARGUMENTS", "Task", "View", "attainable",
-    "gauge_table", "info_places", "is_unbalanced", "law_of", "one_at_a_time", "packed", "room_of", "curvature_rows",
-    "standing_scene", "with_terms", "draw_attainable", "first_unattainable",
+    "PayloadChange", "Press", "PressChain", "Pushes", "REASONS", "RUNNING", "Reach", "Reference", "STATUS_WORDS",
+    "SUCCESS", "Selection", "Sensors", "Sheet", "Slew", "SpaceReach", "Starts", "TARGET", "TERM_ARGUMENTS", "Task",
+    "View", "attainable", "gauge_table", "info_places", "is_unbalanced", "law_of", "one_at_a_time", "packed",
+    "room_of", "curvature_rows", "standing_scene", "with_terms", "draw_attainable", "first_unattainable",
 ]  # fmt: skip

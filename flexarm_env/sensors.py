@@ -280,16 +280,14 @@ class ContactSwitch(Law):
 
 
 SINGLES: dict[str, type[Law]] = {
-    "accelerometer": Accelerometer, "camera": Camera, "gyroscope": Gyroscope, "force": ForceSensor,
-    "switch": ContactSwitch,
+    "accelerometer": Accelerometer, "camera": Camera, "gyroscope": Gyroscope, "force": ForceSensor, "switch": ContactSwitch,
 }  # fmt: skip
 """Sensors of which an arm has at most one, by key."""
 
 _OF_CONTACT = {"force": ("tip_force_normal", "tip_force_tangential"), "switch": ("contact_switch",)}
 OF_THE_TIP: dict[bool, dict[str, tuple[str, ...]]] = {
     False: {
-        "accelerometer": ("tip_acceleration_x", "tip_acceleration_y"),
-        "camera": ("camera_x", "camera_y"), **_OF_CONTACT,
+        "accelerometer": ("tip_acceleration_x", "tip_acceleration_y"), "camera": ("camera_x", "camera_y"), **_OF_CONTACT,
     },
     True: {
         "accelerometer": ("tip_acceleration_x", "tip_acceleration_y", "tip_acceleration_z"),
@@ -348,8 +346,12 @@ class Sensors:
         gauges = enumerate(self.strain_gauges)
         return found | {f"strain_gauge_{i + 1}": (f"strain_gauges[{i}]", gauge) for i, gauge in gauges}
 
-    def check_for(self, links: Sequence[Any], space: bool = True) -> None:
-        """Raise ValueError unless an arm with these links can carry the sensors; space: whether it is in space."""
+    def check_for(self, links: Sequence[Any], space: bool = True, touches: bool = True) -> None:
+        """Raise ValueError unless an arm with these links can carry the sensors; space: whether it is in space. touches:
+        whether contact forces are known."""
+        for name in () if touches else ("force", "switch"):
+            if getattr(self, name) is not None:
+                raise check.InvalidValue(name, getattr(self, name), "must be left out: no contact forces are recorded")
         if not space and self.gyroscope is not None:
             what = "must be left out: there are gyroscopes in space alone"
             raise check.InvalidValue("gyroscope", self.gyroscope, what)

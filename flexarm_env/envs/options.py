@@ -35,10 +35,11 @@ from .floating import check_afloat, with_base
 from .keywords import SOLVER_OPTIONS
 from .motion import Prescribed, prescribed
 from .observation import ACTED, checked_observation, sensors_of, sight
+from .pressing import pressing
 from .resolution_warnings import warn
 from .small_motions import Drive
 from .space import check_arm
-from .task import COST, RULES, Entry, Kind, afloat, info_entries, priced, reward_weights, with_own_terms
+from .task import COST, PRESS, RULES, Entry, Kind, afloat, info_entries, priced, reward_weights, with_own_terms
 from .trials import Trial, shipped, trials_of
 from .vibration import shake, swing
 
@@ -185,6 +186,7 @@ def plan(
 ) -> Plan:
     """Check the arguments of an environment (see its class); a ValueError names key, value and the rule."""
     own = with_friction(with_base(_arm(kind, arm, joint_limits), base, kind.space), actuator)
+    kind, contacts, sensors, reference = pressing(kind, own, task, duration, contacts, sensors, reference)
     kind = priced(with_own_terms(afloat(kind, own), reward_terms), reward)
     factors = _factors(randomization, own)
     own, hub = with_hub(own, (randomization or {}).get("hub_inertia"))
@@ -213,7 +215,8 @@ def plan(
     level = check.choice("info_level", info_level, INFO_LEVELS)
     full, words = level == "full", level != "numbers"
     word = check.choice("task", kind.task if task is None else task, (kind.task, "track", "replay"))
-    _only_with("reference", reference, word, "track")
+    moves = word in ("track", PRESS)
+    _only_with("reference", reference, "track" if moves else word, "track")
     _only_with("motion", motion, word, "replay")
     frame = Frame(kind, own, settings, period, down)
     changing = events.payload_change(frame, payload_change)
@@ -225,14 +228,14 @@ def plan(
         initial_vibration=initial_vibration,
     )  # fmt: skip
     carried = sensors_of(own, wanted, sensors)
-    seen = sight(frame, wanted, carried, kind.target.entries(own) if word == "track" else [])
+    seen = sight(frame, wanted, carried, kind.target.entries(own) if moves else [])
     gauges = carried.strain_gauges
     extras = Extras(
         controller=controller(frame, action_mode, residual_share),
         amplifier=amplifier,
         actuator=make_actuator(frame, actuator),
         sensors=make_sensors(frame, sensors, gauges, seen.names[: seen.read], seen.scales[: seen.read]),
-        reference=make_reference(frame, reference, limit) if word == "track" else None,
+        reference=make_reference(frame, reference, limit) if moves else None,
         instruments=seen.instruments,
         selection=seen.selection(frames),
         cost=events.cost(frame, cost),
@@ -257,9 +260,9 @@ def plan(
     drawn |= _drawn_offsets(extras, carried.readings(own, kind.space))
     aims = events.aims(frame, extras, success, turns, absolute, max(drawn.values(), default=-1))
     record = kind.build(own, weights, period, aims, version)
-    if version > 1 and word == kind.task:
+    if version > 1 and word == kind.task and not moves:
         begun = dataclasses.replace(begun, attainable=needs_of(frame, record, begun, extras))
-    if version > 1 and word == "track":
+    if version > 1 and moves:
         extras = dataclasses.replace(extras, reference=path_needs(frame, record, begun, extras, limit))
     return Plan(
         kind=kind, task=word, arm=own, settings=settings, period=period, duration=length, limit=limit,

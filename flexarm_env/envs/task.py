@@ -30,6 +30,9 @@ FAILURE = "failure"
 CHANGE, COST = "change", "cost"
 """Names of the terms for what actions change by and for `cost`, which stand before failure where they are asked for."""
 
+PRESS = "press"
+"""Name of the task of a tip that slides along a wall under a commanded normal force."""
+
 ATTITUDE = "attitude"
 """Name of the term for the attitude of a base that floats, and of its bound in a success."""
 
@@ -258,7 +261,8 @@ def info_entries(
     entries += [Entry(f"drawn_{name}", first + FURTHER.drawn + k, None) for name, k in drawn.items()]
     if touches:
         behind = first + len(task.further) - CONTACT.end
-        entries += [Entry(f"contact_{name}", behind + k, None) for k, name in enumerate(CONTACT._fields[:-1])]
+        entries += [Entry(f"contact_{name}", behind + k, None) for k, name in enumerate(CONTACT._fields[:-2])]
+        entries += [Entry("target_force", behind + CONTACT.target, None)] if kind.task == PRESS else []
     return tuple(entries)
 
 

@@ -115,10 +115,10 @@ def _period(lane, p, g, block, w):
     observe_state(lane, p, False, poses, record, seen)
     observe_material(lane, p, par, record, w, seen)
     live = find_sound(lane, p.entries, w.flag, seen)
+    put_contacts(lane, p, w, live, info)
     reward(lane, p, live, poses, action, record, info, outcome)
     # info comes last, because clearance and energies are those of the final state
     record_clearance(lane, p, g, w.q, live, info)
-    put_contacts(lane, p, w, live, info)
     record_period(lane, p, par, record, scratch, w, live, info, outcome)
     return finish(lane, p, g, w, poses, record, seen, info, saved, outcome)
 

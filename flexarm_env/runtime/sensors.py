@@ -16,12 +16,13 @@ from ..physics.integrator.work import Work
 from ..physics.layout import BASE_POSE, POSE, SPACE_POSE
 from ..physics.protocol import input_displacements, strain_gauge
 from ..physics.space.rotations import Vector, matrix, quaternion
+from ..tasks.contact_info import CONTACT
 from ..tasks.program import CLIP, FURTHER, GOAL, TARGET, channel_at
 from ..tasks.stream import draw_whole
 from ..tasks.task import info_of
 from .inertial import specific_force
 from .laws import LAW_SIZE, channel_of, normal, read, read_encoder, tip_acceleration
-from .touch import CONTACT, contact_channels
+from .touch import contact_channels
 
 
 @kernel

@@ -3,23 +3,13 @@
 from __future__ import annotations
 
 from ..compiler import Lanes, kernel, maximum, select_lt, size
-from ..layout import Field, Layout
 from ..physics.contact.integration import reading_at, record_contacts, reset_impulses
 from ..physics.contact.layout import READ
 from ..physics.integrator.work import Work
+from ..tasks.contact_info import CONTACT
 from ..tasks.program import channel_at
 from ..tasks.task import info_of, put_info
 from .laws import LAW_SIZE, channel_of
-
-CONTACT = Layout(
-    "ContactInfo", "",
-    Field("force", (), "N", "sum of the normal forces on all points, at the period's end"),
-    Field("friction", (), "N", "sum of the magnitudes of their friction forces"),
-    Field("penetration", (), "m", "largest penetration of a point, or 0"),
-    Field("sliding", (), "m/s", "sliding speed of the point that is pushed most; 0 without contact"),
-    Field("impulse", (), "N s", "sum of the time integrals of the normal forces over the period"),
-).places  # fmt: skip
-"""Last numbers of info where an arm may touch obstacles."""
 
 
 @kernel

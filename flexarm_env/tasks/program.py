@@ -27,13 +27,13 @@ PATH = Layout(
     Field("z", (), "m", "in space, center of a circle, z"), Field("vz", (), "m/s", "in space, its velocity, z"),
     Field("bearing", (), "rad", "in space, bearing of the circle's axis"), Field("tilt", (), "rad", "its angle from z"),
 )  # fmt: skip
-"""Parameters of a moving target's drawn path, inertial axes."""
+"""Parameters of a moving target's drawn path, inertial axes. The task `Press` uses the last four otherwise."""
 
 LAW = Layout(
     "Law", "",
     Field("gain", (2,), "", "low and high of the drawn gain"),
     Field("bias", (2,), "", "low and high of the drawn bias, in scales of the entry, as noise and quantum"),
-    Field("noise", (), "", "standard deviation of the noise of a reading"),
+    Field("noise", (), "", "standard deviation of a reading's noise"),
     Field("quantum", (), "", "resolution: readings are multiples of it; 0: not rounded"),
     Field("own", (4,), "", "filter over a period: (output, slope) after it by (output, slope) before it, 2 x 2"),
     Field("before", (2,), "", "filter: (output, slope) after a period by the input before it"),
