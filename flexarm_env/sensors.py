@@ -22,9 +22,8 @@ import numpy as np
 from flexarm_env import validation as check
 
 Range = tuple[float, float]
-UNITS = ("curvature", "strain")
+UNITS, SIDES = ("curvature", "strain"), ("link", "motor")
 MEASURES = ("xy", "xz", "torsion")
-SIDES = ("link", "motor")
 RATE_FREQUENCY = 20.0
 """Default frequency of the first-order low-pass on an encoder's differences, Hz."""
 LARGEST, FINEST = 1e15, 1e-12
@@ -280,14 +279,16 @@ class ContactSwitch(Law):
 
 
 SINGLES: dict[str, type[Law]] = {
-    "accelerometer": Accelerometer, "camera": Camera, "gyroscope": Gyroscope, "force": ForceSensor, "switch": ContactSwitch,
+    "accelerometer": Accelerometer, "camera": Camera, "gyroscope": Gyroscope,
+    "force": ForceSensor, "switch": ContactSwitch,
 }  # fmt: skip
 """Sensors of which an arm has at most one, by key."""
 
 _OF_CONTACT = {"force": ("tip_force_normal", "tip_force_tangential"), "switch": ("contact_switch",)}
 OF_THE_TIP: dict[bool, dict[str, tuple[str, ...]]] = {
     False: {
-        "accelerometer": ("tip_acceleration_x", "tip_acceleration_y"), "camera": ("camera_x", "camera_y"), **_OF_CONTACT,
+        "accelerometer": ("tip_acceleration_x", "tip_acceleration_y"), "camera": ("camera_x", "camera_y"),
+        **_OF_CONTACT,
     },
     True: {
         "accelerometer": ("tip_acceleration_x", "tip_acceleration_y", "tip_acceleration_z"),
@@ -347,14 +348,12 @@ class Sensors:
         return found | {f"strain_gauge_{i + 1}": (f"strain_gauges[{i}]", gauge) for i, gauge in gauges}
 
     def check_for(self, links: Sequence[Any], space: bool = True, touches: bool = True) -> None:
-        """Raise ValueError unless an arm with these links can carry the sensors; space: whether it is in space. touches:
-        whether contact forces are known."""
+        """Raise ValueError unless an arm (in space or not) can carry the sensors; touches: contact forces are known."""
         for name in () if touches else ("force", "switch"):
             if getattr(self, name) is not None:
                 raise check.InvalidValue(name, getattr(self, name), "must be left out: no contact forces are recorded")
         if not space and self.gyroscope is not None:
-            what = "must be left out: there are gyroscopes in space alone"
-            raise check.InvalidValue("gyroscope", self.gyroscope, what)
+            raise check.InvalidValue("gyroscope", self.gyroscope, "must be left out: there are gyroscopes in space alone")
         # none, one for all joints, or one per joint
         if len(self.encoders) not in (0, 1, len(links)):
             raise check.InvalidValue("encoders", f"{len(self.encoders)} encoders", f"must be one, or {len(links)}")
