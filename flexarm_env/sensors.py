@@ -352,8 +352,8 @@ class Sensors:
         for name in () if touches else ("force", "switch"):
             if getattr(self, name) is not None:
                 raise check.InvalidValue(name, getattr(self, name), "must be left out: no contact forces are recorded")
-        if not space and self.gyroscope is not None:
-            raise check.InvalidValue("gyroscope", self.gyroscope, "must be left out: there are gyroscopes in space alone")
+        if not space and (own := self.gyroscope) is not None:
+            raise check.InvalidValue("gyroscope", own, "must be left out: there are gyroscopes in space alone")
         # none, one for all joints, or one per joint
         if len(self.encoders) not in (0, 1, len(links)):
             raise check.InvalidValue("encoders", f"{len(self.encoders)} encoders", f"must be one, or {len(links)}")
