@@ -21,6 +21,8 @@ DISTANCE = 0.7
 """Distance of the usual wall from the root, over the arm's length."""
 NEAR, TURN = 0.75, 0.1
 """Distance of the tip at a start, over the wall's; half width of the ranges of joint angles at a start, rad."""
+LONGER = 2.0
+"""Length of an episode over that of the environment's own task: the arm comes to rest at the wall in a third of it."""
 REACH = 0.95
 """Largest distance of a path's point from the root, over the arm's length."""
 BANDS: dict[str, tuple[float, str]] = {"force": (0.1, ""), "path": (0.002, "m")}
@@ -90,7 +92,7 @@ def pressing(kind: Kind, arm: Arm, task: Any, duration: Any, contacts: Any, sens
         raise check.InvalidValue("task", task, what)
     if arm.base is not None:
         raise check.InvalidValue("task", task, "must not be given for an arm whose base floats")
-    length = kind.duration if duration is None else check.number("duration", duration, "s", above=0.0)
+    length = LONGER * kind.duration if duration is None else check.number("duration", duration, "s", above=0.0)
     found = contacts_of("contacts", contacts, arm, False) or (_usual_wall(arm),)
     wall = _wall_of(found[0], arm)
     options = {} if reference is None else check.table_of("reference", reference)
@@ -136,8 +138,8 @@ def _kind(kind: Kind, wall: Wall, duration: float) -> Kind:
         return dataclasses.replace(usual, start=_ranges(arm, wall), straight=0.0)
 
     return dataclasses.replace(
-        kind, task=PRESS, target=OnWall(wall, duration), entries=entries, starts=starts, bands=BANDS,
-        rewards={**weights, "force": 0.5, FAILURE: kind.rewards[FAILURE]},
+        kind, task=PRESS, duration=LONGER * kind.duration, target=OnWall(wall, duration), entries=entries,
+        starts=starts, bands=BANDS, rewards={**weights, "force": 0.5, FAILURE: kind.rewards[FAILURE]},
         record=lambda arm: Press if arm.n_links == 2 else PressChain,
     )  # fmt: skip
 
