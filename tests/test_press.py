@@ -95,7 +95,7 @@ def test_three_links_press_too() -> None:
         ("SpatialFlexArm-v0", {}, "task = 'press'"),
         ("TwoLinkFlexArm-v0", {"contacts": {**WALL, "obstacle": Sphere((0.7, 0.0), 0.1).to_dict()}}, "a half-space"),
         ("TwoLinkFlexArm-v0", {"contacts": {**WALL, "bodies": ["joint1"]}}, "for the tip"),
-        ("TwoLinkFlexArm-v0", {"contacts": {**WALL, "obstacle": FAR}}, "0.9 m"),
+        ("TwoLinkFlexArm-v0", {"contacts": {**WALL, "obstacle": FAR}}, "0.85 m"),
         ("TwoLinkFlexArm-v0", {"contacts": {**WALL, "obstacle": BEHIND}}, "outside"),
         ("TwoLinkFlexArm-v0", {"reference": {"distance": (0.5, 0.6)}}, "reference.distance"),
         ("TwoLinkFlexArm-v0", {"reference": {"force": (0.0, 0.1)}}, "reference.force"),
