@@ -16,6 +16,7 @@ from ..parameters import Arm
 from ..physics.gauges import over
 from ..physics.joints.build import NOTHING
 from ..rigid import inertia_beyond
+from ..scene import Contact
 from ..settings import Settings
 from ..validation import Array
 from .targets import AHEAD
@@ -28,13 +29,14 @@ LONGEST = 1000
 
 @dataclass(frozen=True)
 class Frame:
-    """Properties of the environment that keywords are read for."""
+    """Properties of the environment that keywords are read for. contacts: obstacles that its arm may touch."""
 
     kind: Kind
     arm: Arm
     settings: Settings
     period: float
     gravity: tuple[float, ...] | None
+    contacts: tuple[Contact, ...] = ()
 
 
 def table_of(path: str, value: Any, keys: Sequence[str]) -> dict[str, Any]:
