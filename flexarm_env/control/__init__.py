@@ -25,7 +25,7 @@ from .time_optimal import Plan, TimeOptimal, TimeOptimalGains, plan, rigid_time
 
 __all__ = [
     "LQG", "LQR", "MPC", "NAMES", "PD", "AroundPolicy", "Controller", "ForceGains", "HybridForce", "LQGGains",
-    "LQRGains", "MPCGains", "NamedPolicy", "NumpyPolicy", "PDGains", "Plan", "Setup", "ShapedGains", "ShapedPD", "Shaper",
-    "TimeOptimal", "TimeOptimalGains", "find_policy", "load_policy", "make", "plan", "policy_names", "rigid_time",
-    "zv", "zvd",
+    "LQRGains", "MPCGains", "NamedPolicy", "NumpyPolicy", "PDGains", "Plan", "Setup", "ShapedGains", "ShapedPD",
+    "Shaper", "TimeOptimal", "TimeOptimalGains", "find_policy", "load_policy", "make", "plan", "policy_names",
+    "rigid_time", "zv", "zvd",
 ]  # fmt: skip
