@@ -217,7 +217,8 @@ def test_a_plan_in_space_goes_round_a_ball_that_is_in_the_way() -> None:
     assert free.found.all() and (kept.missed <= optimal.TOLERANCE).all()
     assert near[0] < -0.019 and near[1] > 0.02 - optimal.TOLERANCE * plant.arm.total_length
     # a quarter of the step, between control instants too: the free plan goes through the ball, the other clears it
-    fine, between = finer(plant), []
+    fine = finer(plant)
+    between: list[float] = []
     for motion in (free, kept):
         x, least = start, np.inf
         for u in motion.controls:

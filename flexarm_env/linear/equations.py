@@ -222,7 +222,7 @@ class Equations:
         return points[: int(centerline(self.model, q, points))].copy()
 
     def joint_angles(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return joint angles and rates (n_links,): of each root relative to the tip before it or a floating base."""
+        """Return joint angles and rates (n_links,), of links' roots relative to the tip before or a floating base."""
         angles, rates = joint_angles(self.poses(q, v))
         if self.base is not None:
             angles[0], rates[0] = angles[0] - q[self.base], rates[0] - v[self.base]
@@ -261,7 +261,7 @@ class Equations:
         return x, rate
 
     def changes(self, q: Array, dq: Array) -> Array:
-        """Return changes (n, columns) of the independent coordinates from changes dq (f, ...) of movable rows."""
+        """Return changes (n, m) of the independent coordinates from changes dq (f, m) of the rows that can move."""
         result = dq[self.independent]
         if self.dependent.size:
             turns = self.joint_slopes(q) @ dq
