@@ -69,7 +69,7 @@ def resting_settings(settings: Settings, space: bool) -> Settings:
     """Return the settings for `relax`: steps of one size, and no correction of the period.
 
     An elastica in space gets the inertia of steps of 1 s, which is proportional to its stiffness: all its strains then
-        come to rest at the same rate.
+    come to rest at the same rate.
     """
     plain: dict[str, Any] = {"step_tolerance": None}
     if space and settings.formulation == "elastica":

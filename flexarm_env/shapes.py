@@ -145,7 +145,7 @@ class Box(Shape):
     """A cuboid (in 2-D: a rectangle).
 
     center: m. sides: whole lengths along its axes, m. turn: rotation of its axes: in 2-D an angle (rad), in space a
-        matrix of three rows or (axis, angle); None: no rotation.
+    matrix of three rows or (axis, angle); None: no rotation.
     """
 
     center: Point

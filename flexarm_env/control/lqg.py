@@ -163,7 +163,7 @@ def designed(setup: Setup, gains: LQGGains, own: Plant, seen: Array, variances: 
     """Compute regulator and time-varying Kalman gains for measurement rows `seen` (p, 2n).
 
     variances (p,): variances of the measurements. bias (b,): standard deviations of the biases of the last b
-        measurements.
+    measurements.
     """
     from scipy.linalg import block_diag
 

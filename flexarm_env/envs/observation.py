@@ -28,7 +28,7 @@ class Sight:
     """Entries of the observation: names and scales of all, gauges and previous actions last.
 
     chosen (C,): indices of the observed entries, in order; None: all. instruments: sensors with a law of reading, or
-        None. read: number of entries that sensors read.
+    None. read: number of entries that sensors read.
     """
 
     names: tuple[str, ...]

@@ -89,14 +89,11 @@ OF_THE_ARM = Given()
 class Plan:
     """A checked environment: the arguments of a Batch, and names and scales of the entries that users see.
 
-    names, scales: names and scales of the entries of one observation; history: number of these in an observation, the
-        oldest first.
-    record: record of the task. gauges: link and place of each strain gauge. gauge_scales: 1/m. limit: control periods
-    to `duration` or max_episode_steps; max_steps: the latter. motion: motion of every episode of task="replay".
-    entries: entries of info.
-    full: info has energies; words: info has words. action_mode: meaning of an action. keep_out: shapes that the arm
-    must not enter. contacts: obstacles that it may touch. estimate: error of the tip due to mesh and step, over the
-    arm's length. coarse: a warning if that is large, or "".
+    names, scales: of the entries of one observation; history: number of these in an observation, oldest first. record:
+    the task's record. gauges: link and place of each strain gauge. gauge_scales: 1/m. limit: control periods of an
+    episode; max_steps: max_episode_steps. motion: for task="replay". entries: of info; full: with energies; words: with
+    texts. action_mode: meaning of an action. keep_out: shapes to avoid. contacts: obstacles that the arm may touch.
+    estimate: error of the tip due to mesh and step, over the arm's length. coarse: warning about it, or "".
     """
 
     kind: Kind

@@ -252,7 +252,7 @@ class Session:
         """Count periods that passed without a step.
 
         If more periods passed than the watchdog allows, hold the arm and drop any command that has arrived in the
-            meantime: it was meant for a past instant.
+        meantime: it was meant for a past instant.
         """
         self.silent += periods
         if periods > self.limits.watchdog:

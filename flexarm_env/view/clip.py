@@ -19,9 +19,9 @@ class Pull:
     """A force or torque on a point of the chain.
 
     name: shown in the legend. point: index of the point. values: (n,) N m, a torque; or (n, 2) N, a force, in space (n,
-        3).
+    3).
     limit: largest torque, N m; None, or a value that is exceeded: the largest of the values. axis (n, 3): axis of a
-        torque in space.
+    torque in space.
     """
 
     name: str
