@@ -22,8 +22,7 @@ e_3 = kappa h^2 int Omega^3 dt, spin Omega of links of the exact beam in the pla
 omega_c h <= 0.3, backlash: contact of a rotor J with the arm I through a gear k is resolved, with
     omega_c = sqrt(k (1/J + 1/I)). Measured. A PD loop that chatters begins with such steps, and trials shorten them.
 trials (`trials`), arms of several links: nonlinear episodes measure by how much the amplification of errors exceeds G;
-the
-    step and then the mesh are made finer until the error of a trial is small, and the estimate covers it.
+    the step and then the mesh are made finer until the error of a trial is small, and the estimate covers it.
 omega_3 h <= 0.45, chains of elasticas whose third vibration has less than a tenth of critical damping: with longer
     steps the energy of vibrations that are not resolved may grow. Measured.
 tau L / (E EI) <= 2 rad, elements E of a link in space: an element that turns by pi has no rotation vector. Measured.
