@@ -89,8 +89,8 @@ class HybridForce(Controller):
         actions = torques / self.limits
         if beside is not None:
             actions = actions + np.reshape(beside, actions.shape)
-        actions = np.clip(actions, -1.0, 1.0).astype(np.float32)
-        return actions if np.ndim(observation) == 2 else actions.reshape(-1)
+        applied: NDArray[np.float32] = np.clip(actions, -1.0, 1.0).astype(np.float32)
+        return applied if np.ndim(observation) == 2 else applied.reshape(-1)
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
         """Not used: `act` needs entries that `Signals` lacks."""
