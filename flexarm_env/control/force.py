@@ -78,16 +78,19 @@ class HybridForce(Controller):
         self._bends = np.zeros_like(self.goal)
         self._error: Array | None = None
 
-    def act(self, observation: NDArray[np.floating]) -> NDArray[np.float32]:
-        """Compute actions in [-1, 1]: torques over their limits, saturated."""
+    def act(self, observation: NDArray[np.floating], beside: NDArray[np.floating] | None = None) -> NDArray[np.float32]:
+        """Compute actions in [-1, 1]: torques over their limits, saturated; beside: as in `Controller.act`."""
         if not len(self.goal):
             raise RuntimeError("No episode has begun: call the controller's reset(observation) first")
         signals = self.read(observation)
         seen = np.atleast_2d(np.asarray(observation, np.float64))[:, self._at] * self._scales
         torques = self._torques(signals, seen)
         self.step += 1
-        actions: NDArray[np.float32] = np.clip(torques / self.limits, -1.0, 1.0).astype(np.float32)
-        return actions if np.ndim(observation) == 2 else actions.reshape(-1)
+        actions = torques / self.limits
+        if beside is not None:
+            actions = actions + np.reshape(beside, actions.shape)
+        applied: NDArray[np.float32] = np.clip(actions, -1.0, 1.0).astype(np.float32)
+        return applied if np.ndim(observation) == 2 else applied.reshape(-1)
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
         """Not used: `act` needs entries that `Signals` lacks."""

@@ -4,7 +4,6 @@ import dataclasses
 import inspect
 import math
 import os
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,7 +15,6 @@ from .. import arms
 from .. import validation as check
 from ..batch import ALWAYS, CLIP, FACTOR_NAMES, FURTHER, Batch, Extras, Starts, Task
 from ..compiler import compiling
-from ..control.timescales import timescales
 from ..parameters import Arm, Base
 from ..physics import precision
 from ..physics.gauges import Spot
@@ -46,7 +44,7 @@ from .keywords import SOLVER_OPTIONS
 from .motion import Prescribed, prescribed
 from .observation import ACTED, checked_observation, sensors_of, sight
 from .pressing import pressing
-from .resolution_warnings import warn
+from .resolution_warnings import warn, warn_of_times
 from .small_motions import Drive
 from .space import check_arm
 from .task import COST, PRESS, RULES, Entry, Kind, afloat, info_entries, priced, reward_weights, with_own_terms
@@ -67,9 +65,6 @@ OF_MODES: dict[str, Any] = {"dt": 0.005, "tolerance": 1e-6}
 """What the environments use where nothing is said; where links are reduced to modes, `OF_MODES`.
 
 benchmarks/choose_default.py is the reason."""
-
-LEAST_TURNS = 1.5
-"""Quickest quarter turns of an arm of one's own that the usual duration is to have time for."""
 
 MOST_PERIODS, MOST_STEPS = 10**9, 10**4
 """Control periods of an episode, and the solver's steps in one of them: a fraction of a second that Ctrl-C waits."""
@@ -216,7 +211,7 @@ def plan(
         raise check.InvalidValue("duration", length, what)
     limit = max(1, math.floor(length / period * (1.0 + 1e-9)))
     if duration is None and max_episode_steps is None and not _packaged(arm):
-        _warn_of_times(own, length)
+        warn_of_times(own, length)
     if max_episode_steps is not None:
         max_episode_steps = check.integer("max_episode_steps", max_episode_steps, minimum=1)
         limit = min(limit, max_episode_steps)
@@ -332,15 +327,6 @@ def _replayed(kind: Kind, n_links: int, motion: Any) -> Prescribed:
 def _packaged(arm: Any) -> bool:
     """Return whether an arm is one of the package's, or the environment's usual one."""
     return arm is None or (isinstance(arm, str) and arm in arms.names())
-
-
-def _warn_of_times(arm: Arm, duration: float) -> None:
-    """Warn if the default duration is shorter than 1.5 of the arm's fastest quarter turns."""
-    own = timescales(arm)
-    if duration < LEAST_TURNS * own.slew:
-        what = f"arm {arm.name!r} takes at least {own.slew:.3g} s for a quarter turn, and an episode has {duration:g} s"
-        fits = f"duration={own.duration:g} fits, with control_dt={own.control_dt:g} (flexarm arm says more)"
-        warnings.warn(f"{what}: {fits}", UserWarning, stacklevel=6)
 
 
 def _only_with(name: str, value: Any, task: str, wanted: str) -> None:
