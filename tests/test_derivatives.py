@@ -61,6 +61,12 @@ SHORT = dataclasses.replace(
 )
 """Yaw and a strip that pitches, bends both ways and twists."""
 
+FLOOR = {
+    "obstacle": {"shape": "half_space", "point": [0.0, 0.0, 0.35], "normal": [0.0, 0.0, 1.0]}, "stiffness": 200.0,
+    "exponent": 2.0, "damping": 0.3, "friction": 0.3, "creep": 0.05,
+}  # fmt: skip
+"""A soft floor that one of nine arms at their starts presses on: force and slope are continuous in the penetration."""
+
 ONE, TWO = "FlexibleArm-v0", "TwoLinkFlexArm-v0"
 FLOATING, EXACT = {"formulation": "floating_frame"}, {"formulation": "geometrically_exact"}
 FALL = {"gravity": (0.0, -9.81), "rules": 1}  # targets that the motors cannot hold, which rules 2 refuse
@@ -222,8 +228,9 @@ def as_the_jacobians(
         {"geared": True, **MOTORS},
         {"segments": 1, "parameters": True, **FLOATING},
         {"modes": 3, "dt": 0.0025, **FLOATING},
+        {"contacts": FLOOR},
     ],
-    ids=["parameters", "motors", "targets", "gears", "floating frame", "modes"],
+    ids=["parameters", "motors", "targets", "gears", "floating frame", "modes", "contact"],
 )
 def test_in_space(keywords: dict[str, Any]) -> None:
     """Of `SHORT`: relative error of a period below 3e-6 for each arm, by
@@ -233,9 +240,11 @@ def test_in_space(keywords: dict[str, Any]) -> None:
     arm = dataclasses.replace(SHORT, joints=geared(2).joints) if keywords.pop("geared", False) else SHORT
     mesh = {} if "formulation" in keywords else {"elements": 1}
     arms = Arms("SpatialFlexArm-v0", 9, tolerance=1e-14, **mesh, **{"arm": arm, "dt": 0.0025, **keywords})
-    assert arms.backwards == (not {"action_mode", "task", "formulation"} & {*keywords})
+    assert arms.backwards == (not {"action_mode", "task", "formulation", "contacts"} & {*keywords})
     as_in_the_environment(arms)
     state, action = moving(arms)
+    touching = [float(arms.environment.batch.view(i).touches[:, 6].sum()) > 1.0 for i in range(arms.n)]
+    assert any(touching) == ("contacts" in keywords)
     found = as_a_step(arms, state, action)
     errors = []
     for share in (1.0, 0.1):
