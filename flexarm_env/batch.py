@@ -33,12 +33,14 @@ from .runtime.keep_out import with_room
 from .runtime.laws import LAW_SIZE, law_of, room_of
 from .runtime.layout import aligned, layout_of, readings_size, record_sizes
 from .runtime.sampling import observe_arm
-from .runtime.told import View, info_places
-from .scene import standing_scene
+from .runtime.told import View, info_places, touches_of
+from .scene import Contact, standing_scene
 from .settings import Settings
 from .simulation import fitted_systems
 from .tasks.attainable import Attainable, attainable, draw_attainable, first_unattainable
+from .tasks.contact_info import CONTACT
 from .tasks.own_terms import TERM_ARGUMENTS, with_terms
+from .tasks.press import Press, PressChain
 from .tasks.program import (
     ACTION_NOT_FINITE,
     CHANNEL,
@@ -86,8 +88,7 @@ LANES_FROM = 3
 """Smallest batch that is stored in lanes of eight arms; in smaller batches arms are advanced one by one."""
 
 ALONE_AFTER = 20
-"""Steps of a batch after which the program of a single arm is compiled in the background, for arms whose Newton
-iteration fails in their lane: the first start does not wait for it, and a short run does without."""
+"""Steps of a batch after which a single arm's program is compiled beside, for arms whose Newton iteration fails."""
 
 
 def gauge_table(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None, places: Sequence[Spot]) -> Array:
@@ -106,7 +107,7 @@ class Batch:
         period: control period, s, a whole number of settings.dt. account: record energies, work and dissipation.
         threads: maximum number; None: the fastest number, found by timing (`compiler.pace`).
         extras: controllers, motors, sensors, moving targets.
-        left: error of the tip due to mesh and step, over the arm's length; inf: unknown.
+        left: error of the tip due to mesh and step, over the arm's length; inf: unknown. contacts: of the arms.
     Attributes:
         action (n, A) float32: input of `step`. observation (n, O) float32, reward (n,), terminated, truncated (n,): of
             the last step or start. table: entries of info, one row each, one column per arm (and spare ones). sheet:
@@ -117,17 +118,17 @@ class Batch:
     def __init__(
         self, arm: Arm, settings: Settings, n: int, task: Task, starts: Starts, *,
         period: float, gravity: tuple[float, ...] | None = None, account: bool = False, threads: int | None = 1,
-        extras: Extras | None = None, left: float = math.inf,
+        extras: Extras | None = None, left: float = math.inf, contacts: tuple[Contact, ...] = (),
     ) -> None:  # fmt: skip
         """Assemble the arm, choose lanes and threads, and compile or load the programs."""
         assert settings.dt is not None
-        self.left = left
         self.arm, self.settings, self.n, self.task, self.starts = arm, settings, n, task, starts
         self.period, self.gravity, self.account, self.extras = period, gravity, account, extras or Extras()
+        self.left, self.contacts = left, contacts
         drawn = starts.drawn
         self.tolerance = precision.of_torques(arm, settings, precision.largest(drawn), drawn["damping"][1])
         pushed = self.extras.pushes is not None
-        self.systems = fitted_systems(standing_scene(arm, settings.dt, gravity, pushed=pushed), settings)
+        self.systems = fitted_systems(standing_scene(arm, settings.dt, gravity, (), pushed, contacts), settings)
         self.systems = [with_own_laws(system, starts.hub) for system in self.systems] if starts.laws else self.systems
         self.system: System = self.systems[-1]
         self.lane = SINGLE if n < LANES_FROM or settings.multipliers else WIDEST
@@ -358,10 +359,8 @@ class Batch:
 
     def _one(self) -> Batch:
         """Create a batch of one arm like this batch's."""
-        return Batch(
-            self.arm, self.settings, 1, self.task, self.starts,
-            period=self.period, gravity=self.gravity, account=self.account, extras=self.extras, left=self.left,
-        )  # fmt: skip
+        names = ("period", "gravity", "account", "extras", "left", "contacts")
+        return Batch(self.arm, self.settings, 1, self.task, self.starts, **{k: getattr(self, k) for k in names})
 
     def get_state(self, i: int) -> dict[str, Any]:
         """Return a copy of arm i's complete state."""
@@ -420,6 +419,7 @@ class Batch:
             torques=info[at.torque : at.torque + links].copy(),
             deflection=info[at.deflection : at.twist].copy(),
             q=q,
+            touches=touches_of(self.system.model, self._mine(0, self.layout.par, i).copy(), self.poses(i)),
         )
 
     def close(self) -> None:
@@ -440,11 +440,11 @@ class Batch:
 
 
 __all__ = [
-    "ACTION_NOT_FINITE", "ALWAYS", "Actuator", "Amplifier", "Attainable", "Batch", "CLIP", "CROWDED", "Chain",
-    "Controller", "Cost", "Extras", "FACTOR_NAMES", "FLOOR", "FRESH", "FURTHER", "GOAL", "GUIDED", "INFO",
-    "Instruments", "KeepOut", "LAW_SIZE", "MODE", "OVER", "OneAtATime", "PERIODS", "PERIODS_ALLOWED", "PayloadChange",
-    "Pushes", "REASONS", "RUNNING", "Reach", "Reference", "STATUS_WORDS", "SUCCESS", "Selection", "Sensors", "Sheet",
-    "Slew", "SpaceReach", "Starts", "TARGET", "TERM_ARGUMENTS", "Task", "View", "attainable", "gauge_table",
-    "info_places", "is_unbalanced", "law_of", "one_at_a_time", "packed", "room_of", "curvature_rows", "standing_scene",
-    "with_terms", "draw_attainable", "first_unattainable",
+    "ACTION_NOT_FINITE", "ALWAYS", "Actuator", "Amplifier", "Attainable", "Batch", "CLIP", "CONTACT", "CROWDED",
+    "Chain", "Controller", "Cost", "Extras", "FACTOR_NAMES", "FLOOR", "FRESH", "FURTHER", "GOAL", "GUIDED", "INFO",
+    "Instruments", "KeepOut", "LAW_SIZE", "MODE", "OVER", "OneAtATime", "PERIODS", "PERIODS_ALLOWED",
+    "PayloadChange", "Press", "PressChain", "Pushes", "REASONS", "RUNNING", "Reach", "Reference", "STATUS_WORDS",
+    "SUCCESS", "Selection", "Sensors", "Sheet", "Slew", "SpaceReach", "Starts", "TARGET", "TERM_ARGUMENTS", "Task",
+    "View", "attainable", "gauge_table", "info_places", "is_unbalanced", "law_of", "one_at_a_time", "packed",
+    "room_of", "curvature_rows", "standing_scene", "with_terms", "draw_attainable", "first_unattainable",
 ]  # fmt: skip

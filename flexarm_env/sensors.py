@@ -22,9 +22,8 @@ import numpy as np
 from flexarm_env import validation as check
 
 Range = tuple[float, float]
-UNITS = ("curvature", "strain")
+UNITS, SIDES = ("curvature", "strain"), ("link", "motor")
 MEASURES = ("xy", "xz", "torsion")
-SIDES = ("link", "motor")
 RATE_FREQUENCY = 20.0
 """Default frequency of the first-order low-pass on an encoder's differences, Hz."""
 LARGEST, FINEST = 1e15, 1e-12
@@ -263,18 +262,38 @@ class Camera(Law):
         return self.period or 0.0
 
 
-SINGLES: dict[str, type[Law]] = {"accelerometer": Accelerometer, "camera": Camera, "gyroscope": Gyroscope}
+@dataclass(frozen=True, kw_only=True)
+class ForceSensor(Law):
+    """Force sensor at the arm's tip: normal force and magnitude of the friction force of contacts on the tip, N."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactSwitch(Law):
+    """Contact switch at the arm's tip: 1 where the normal force exceeds the threshold (N), otherwise 0."""
+
+    threshold: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check.store(self, threshold=check.number("threshold", self.threshold, "N", minimum=0.0))
+
+
+SINGLES: dict[str, type[Law]] = {
+    "accelerometer": Accelerometer, "camera": Camera, "gyroscope": Gyroscope,
+    "force": ForceSensor, "switch": ContactSwitch,
+}  # fmt: skip
 """Sensors of which an arm has at most one, by key."""
 
+_OF_CONTACT = {"force": ("tip_force_normal", "tip_force_tangential"), "switch": ("contact_switch",)}
 OF_THE_TIP: dict[bool, dict[str, tuple[str, ...]]] = {
     False: {
-        "accelerometer": ("tip_acceleration_x", "tip_acceleration_y"),
-        "camera": ("camera_x", "camera_y"),
+        "accelerometer": ("tip_acceleration_x", "tip_acceleration_y"), "camera": ("camera_x", "camera_y"),
+        **_OF_CONTACT,
     },
     True: {
         "accelerometer": ("tip_acceleration_x", "tip_acceleration_y", "tip_acceleration_z"),
         "gyroscope": ("gyroscope_x", "gyroscope_y", "gyroscope_z"),
-        "camera": ("camera_x", "camera_y", "camera_z", "camera_rise_y", "camera_rise_z"),
+        "camera": ("camera_x", "camera_y", "camera_z", "camera_rise_y", "camera_rise_z"), **_OF_CONTACT,
     },
 }
 """Names of the readings of these sensors, in the plane (False) and in space (True), in the order of an observation."""
@@ -287,7 +306,7 @@ class Sensors:
     Args:
         encoders: one per joint; a single one for all joints; (): none.
         strain_gauges: named strain_gauge_1, strain_gauge_2, ... in this order.
-        accelerometer, camera, gyroscope: or None.
+        accelerometer, camera, gyroscope, force, switch: or None; the last two are for environments with contacts.
     """
 
     encoders: tuple[Encoder, ...] = ()
@@ -295,6 +314,8 @@ class Sensors:
     accelerometer: Accelerometer | None = None
     camera: Camera | None = None
     gyroscope: Gyroscope | None = None
+    force: ForceSensor | None = None
+    switch: ContactSwitch | None = None
 
     def __post_init__(self) -> None:
         """Validate the sensors' types."""
@@ -326,11 +347,13 @@ class Sensors:
         gauges = enumerate(self.strain_gauges)
         return found | {f"strain_gauge_{i + 1}": (f"strain_gauges[{i}]", gauge) for i, gauge in gauges}
 
-    def check_for(self, links: Sequence[Any], space: bool = True) -> None:
-        """Raise ValueError unless an arm with these links can carry the sensors; space: whether it is in space."""
-        if not space and self.gyroscope is not None:
-            what = "must be left out: there are gyroscopes in space alone"
-            raise check.InvalidValue("gyroscope", self.gyroscope, what)
+    def check_for(self, links: Sequence[Any], space: bool = True, touches: bool = True) -> None:
+        """Raise ValueError unless an arm (in space or not) can carry the sensors; touches: contact forces are known."""
+        for name in () if touches else ("force", "switch"):
+            if getattr(self, name) is not None:
+                raise check.InvalidValue(name, getattr(self, name), "must be left out: no contact forces are recorded")
+        if not space and (own := self.gyroscope) is not None:
+            raise check.InvalidValue("gyroscope", own, "must be left out: there are gyroscopes in space alone")
         # none, one for all joints, or one per joint
         if len(self.encoders) not in (0, 1, len(links)):
             raise check.InvalidValue("encoders", f"{len(self.encoders)} encoders", f"must be one, or {len(links)}")
@@ -352,8 +375,8 @@ def from_table(table: Mapping[str, Any]) -> Sensors:
     """Create sensors from a table of a TOML file or an environment's argument. A ValueError names the key path.
 
     encoders: a table for all joints, or a list with one per joint; {} is an ideal one. strain_gauges: a list of places
-    (of link 0), of pairs (link, place), and of tables. accelerometer, camera, gyroscope: a table each. Keys are the
-    arguments of the classes.
+    (of link 0), of pairs (link, place), and of tables. accelerometer, camera, gyroscope, force, switch:
+    a table each. Keys are the arguments of the classes.
     """
     check.known_keys("sensors", table, KEYS)
     values: dict[str, Any] = {}

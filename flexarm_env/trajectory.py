@@ -236,7 +236,7 @@ class Trajectory:
         own = Sensors.ideal(arm.links) if own is None else own
         own = own if isinstance(own, Sensors) else from_table(check.table_of("sensors", own))
         with check.under("sensors"):
-            own.check_for(arm.links, self.scene.spatial)
+            own.check_for(arm.links, self.scene.spatial, touches=False)
         steps = np.diff(self.t)
         if not len(steps) or np.ptp(steps) > 1e-6 * steps[0]:
             what = (

@@ -12,6 +12,7 @@ All of them read only the environment's observation, know the nominal arm, and k
 
 from .base import Controller, Setup
 from .catalogue import NAMES, make
+from .force import ForceGains, HybridForce
 from .lqg import LQG, LQGGains
 from .lqr import LQR, LQRGains
 from .mpc import MPC, MPCGains
@@ -23,7 +24,8 @@ from .sources import NamedPolicy, find_policy, load_policy
 from .time_optimal import Plan, TimeOptimal, TimeOptimalGains, plan, rigid_time
 
 __all__ = [
-    "LQG", "LQR", "MPC", "NAMES", "PD", "AroundPolicy", "Controller", "LQGGains", "LQRGains", "MPCGains", "NamedPolicy",
-    "NumpyPolicy", "PDGains", "Plan", "Setup", "ShapedGains", "ShapedPD", "Shaper", "TimeOptimal", "TimeOptimalGains",
-    "find_policy", "load_policy", "make", "plan", "policy_names", "rigid_time", "zv", "zvd",
+    "LQG", "LQR", "MPC", "NAMES", "PD", "AroundPolicy", "Controller", "ForceGains", "HybridForce", "LQGGains",
+    "LQRGains", "MPCGains", "NamedPolicy", "NumpyPolicy", "PDGains", "Plan", "Setup", "ShapedGains", "ShapedPD",
+    "Shaper", "TimeOptimal", "TimeOptimalGains", "find_policy", "load_policy", "make", "plan", "policy_names",
+    "rigid_time", "zv", "zvd",
 ]  # fmt: skip

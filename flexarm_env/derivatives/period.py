@@ -26,6 +26,7 @@ from ..runtime import derivative
 from ..runtime.adjoint import adjoint, room_of
 from ..runtime.implicit import implicit
 from ..runtime.layout import aligned, layout_of
+from ..runtime.touch import contact_channels
 from ..tasks.program import complete
 from ..validation import Array
 from .guided import guided as guidance
@@ -157,6 +158,9 @@ class Periods:
         if WIDEST is SINGLE:
             raise RuntimeError("derivatives are compiled: there are none where compilation is disabled")
         self._batch, self.parameters, self._guided = batch, parameters, guided
+        if batch.extras.instruments is not None and uncompiled(contact_channels)(batch.extras.instruments):
+            what = "must be left out here: states have no contact forces in them"
+            raise check.InvalidValue("sensors", "force or switch", what)
         task, program, extras = batch.task, batch.program._replace(watched=None), batch.extras
         if guided is not None:
             program = program_of(program, guided[1])

@@ -86,6 +86,11 @@ class Sheet:
         for k, color in enumerate(colors):
             self.pg.draw.line(self.canvas, color, line[k], line[k + 1], max(1, round(width * self.point)))
 
+    def arrow(self, start: ArrayLike, end: ArrayLike, color: Color) -> None:
+        """Draw an arrow with a dot at its start and a pale edge, so that it is seen on the arm."""
+        a, b = self.pixels(start), self.pixels(end)
+        draw_arrow(self.canvas, a, b, color, self.point)
+
     def dashes(self, start: Array, end: Array, width: float, color: Color) -> None:
         """Draw a dashed line; width in points."""
         a, b = self.pixels(start), self.pixels(end)
@@ -97,6 +102,24 @@ class Sheet:
     def picture(self) -> Any:
         """Return the surface in the picture's own size, smoothed down from the supersampled canvas."""
         return self.pg.transform.smoothscale(self.canvas, self.size)
+
+
+def draw_arrow(canvas: Any, start: Array, end: Array, color: Color, point: float) -> None:
+    """Draw an arrow between two points of a canvas, pixels, with a dot at its start; point: pixels of a point."""
+    pg, way = pygame_module(), end - start
+    long = float(np.hypot(*way))
+    if long > 0.0:
+        along = way / long
+        across, head = np.array([-along[1], along[0]]), min(11.0 * point, long)
+        for more, own in ((1.3 * point, PAPER), (0.0, color)):
+            neck, half = end - head * along, 1.5 * point + more
+            shaft = [start + half * across, neck + half * across, neck - half * across, start - half * across]
+            pg.draw.polygon(canvas, own, shaft)
+            wide = 5.0 * point + more
+            back = neck - more * along
+            pg.draw.polygon(canvas, own, [end + more * along, back + wide * across, back - wide * across])
+    pg.draw.circle(canvas, PAPER, start, 5.2 * point)
+    pg.draw.circle(canvas, color, start, 3.9 * point)
 
 
 def write(picture: Any, text: str, at: tuple[float, float], height: float, color: Color, side: str) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .. import validation as check
-from ..batch import FURTHER, Cost, Extras, KeepOut, PayloadChange, Pushes, Starts, gauge_table, packed
+from ..batch import CONTACT, FURTHER, Cost, Extras, KeepOut, PayloadChange, Pushes, Starts, gauge_table, packed
 from ..control.space import chain_of
 from ..parameters import Arm
 from ..physics.gauges import over
@@ -169,8 +169,10 @@ def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool,
     if kind.space and extras.reference is not None:
         changes["chain"] = chain_of(frame.arm)
     fitted = frame.settings.step_tolerance is not None
-    if drawn >= 0 or fitted or frame.arm.base or any(getattr(extras, name) is not None for name in EVENTS):
-        changes["further"] = (0,) * max(FURTHER.drawn + drawn + 1, FURTHER.end)
+    events = any(getattr(extras, name) is not None for name in EVENTS)
+    if drawn >= 0 or fitted or frame.arm.base or events or frame.contacts:
+        count = max(FURTHER.drawn + drawn + 1, FURTHER.end) + (CONTACT.end if frame.contacts else 0)
+        changes["further"] = (0,) * count
     return changes
 
 

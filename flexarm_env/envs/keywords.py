@@ -59,6 +59,7 @@ class Keywords(SolverKeywords, total=False):
     pushes: Mapping[str, Any] | None
     payload_change: Mapping[str, Any] | None
     keep_out: Any
+    contacts: Any
     success: Mapping[str, Any] | None
     turns: str
     starts: Mapping[str, Any] | None

@@ -100,6 +100,8 @@ def sight(frame: Frame, observation: str | tuple[str, ...], sensors: description
     entries = [*task, *further, *(goals if aimed else [])]
     push = rate_scale(arm, 0) ** 2 * arm.total_length
     sizes = {"accelerometer": push, "gyroscope": rate_scale(arm, 0), "camera": arm.total_length}
+    assert arm.torque_limits is not None
+    sizes |= {"force": arm.torque_limits[0] / arm.total_length, "switch": 1.0}
     for sensor, readings in description.OF_THE_TIP[kind.space].items():
         if getattr(sensors, sensor) is not None:
             entries += [(name, 1.0 if "_rise_" in name else sizes[sensor]) for name in readings]
@@ -188,4 +190,13 @@ def _instruments(
         camera=None if sensors.camera is None else length,
         gauges=(0,) * len(sensors.strain_gauges) if lawful else None,
         gyroscope=None if sensors.gyroscope is None else scales["gyroscope_x"],
+        force=None if sensors.force is None else scales["tip_force_normal"],
+        switch=None if sensors.switch is None else sensors.switch.threshold,
+        tip=_tip_of(frame),
     )
+
+
+def _tip_of(frame: Frame) -> int:
+    """Return the tip's number among the points that may touch, the last one; -1: the tip may not touch."""
+    links = {link for contact in frame.contacts for link in contact.links(frame.arm)}
+    return len(links) - 1 if frame.arm.n_links - 1 in links else -1

@@ -4,7 +4,6 @@ import dataclasses
 import inspect
 import math
 import os
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,16 +15,27 @@ from .. import arms
 from .. import validation as check
 from ..batch import ALWAYS, CLIP, FACTOR_NAMES, FURTHER, Batch, Extras, Starts, Task
 from ..compiler import compiling
-from ..control.timescales import timescales
 from ..parameters import Arm, Base
 from ..physics import precision
 from ..physics.gauges import Spot
+from ..scene import Contact
 from ..sensors import Law, Sensors
 from ..settings import PRESETS, Settings, expand_preset, merged
 from ..shapes import Shape
+from . import contacts as touch
 from . import events, resolution
 from .attainable import needs_of, path_needs
-from .features import ACTION_MODES, Frame, amplified, controller, gauge_scales, table_of, with_friction, with_hub
+from .features import (
+    ACTION_MODES,
+    Frame,
+    amplified,
+    controller,
+    gauge_scales,
+    gravity_of,
+    table_of,
+    with_friction,
+    with_hub,
+)  # fmt: skip
 from .features import actuator as make_actuator
 from .features import reference as make_reference
 from .features import sensors as make_sensors
@@ -33,10 +43,11 @@ from .floating import check_afloat, with_base
 from .keywords import SOLVER_OPTIONS
 from .motion import Prescribed, prescribed
 from .observation import ACTED, checked_observation, sensors_of, sight
-from .resolution_warnings import warn
+from .pressing import pressing
+from .resolution_warnings import warn, warn_of_times
 from .small_motions import Drive
 from .space import check_arm
-from .task import COST, RULES, Entry, Kind, afloat, info_entries, priced, reward_weights, with_own_terms
+from .task import COST, PRESS, RULES, Entry, Kind, afloat, info_entries, priced, reward_weights, with_own_terms
 from .trials import Trial, shipped, trials_of
 from .vibration import shake, swing
 
@@ -54,9 +65,6 @@ OF_MODES: dict[str, Any] = {"dt": 0.005, "tolerance": 1e-6}
 """What the environments use where nothing is said; where links are reduced to modes, `OF_MODES`.
 
 benchmarks/choose_default.py is the reason."""
-
-LEAST_TURNS = 1.5
-"""Quickest quarter turns of an arm of one's own that the usual duration is to have time for."""
 
 MOST_PERIODS, MOST_STEPS = 10**9, 10**4
 """Control periods of an episode, and the solver's steps in one of them: a fraction of a second that Ctrl-C waits."""
@@ -82,8 +90,8 @@ class Plan:
     to `duration` or max_episode_steps; max_steps: the latter. motion: motion of every episode of task="replay".
     entries: entries of info.
     full: info has energies; words: info has words. action_mode: meaning of an action. keep_out: shapes that the arm
-    must not enter. estimate: error of the tip due to mesh and step, over the arm's length. coarse: a warning if that is
-    large, or "".
+    must not enter. contacts: obstacles that it may touch. estimate: error of the tip due to mesh and step, over the
+    arm's length. coarse: a warning if that is large, or "".
     """
 
     kind: Kind
@@ -111,6 +119,7 @@ class Plan:
     entries: tuple[Entry, ...]
     action_mode: str
     keep_out: tuple[Shape, ...]
+    contacts: tuple[Contact, ...]
     estimate: float
     coarse: str
 
@@ -120,7 +129,7 @@ class Plan:
             made = Batch(
                 self.arm, self.settings, n, self.record, self.starts,
                 period=self.period, gravity=self.gravity, account=self.full, threads=threads, extras=self.extras,
-                left=self.estimate,
+                left=self.estimate, contacts=self.contacts,
             )  # fmt: skip
         warn(self.coarse)  # what is refused by name is not warned of before
         return made
@@ -168,6 +177,7 @@ def plan(
     pushes: Mapping[str, Any] | None = None,
     payload_change: Mapping[str, Any] | None = None,
     keep_out: Any = None,
+    contacts: Any = None,
     success: Mapping[str, Any] | None = None,
     turns: str = "exact",
     starts: Mapping[str, Any] | None = None,
@@ -181,6 +191,7 @@ def plan(
 ) -> Plan:
     """Check the arguments of an environment (see its class); a ValueError names key, value and the rule."""
     own = with_friction(with_base(_arm(kind, arm, joint_limits), base, kind.space), actuator)
+    kind, contacts, sensors, reference = pressing(kind, own, task, duration, contacts, sensors, reference)
     # trials run without the user's reward terms, which move nothing and would be kept with the arm
     of_trials = afloat(kind, own)
     kind = priced(with_own_terms(of_trials, reward_terms), reward)
@@ -189,7 +200,7 @@ def plan(
     own, amplifier = amplified(own, check.choice("action_mode", action_mode, ACTION_MODES))
     period = check.number("control_dt", kind.period if control_dt is None else control_dt, "s", above=0.0)
     drive = Drive.of(own, action_mode, residual_share, amplifier)
-    down = _gravity(kind, gravity)
+    down = gravity_of(kind, gravity)
     # one link is tried under a PD loop alone, which may chatter
     tried = own.n_links > 1 or drive.residual is not None
     measured = not tried or arms.resolve(kind.arm if arm is None else arm) in shipped()
@@ -203,7 +214,7 @@ def plan(
         raise check.InvalidValue("duration", length, what)
     limit = max(1, math.floor(length / period * (1.0 + 1e-9)))
     if duration is None and max_episode_steps is None and not _packaged(arm):
-        _warn_of_times(own, length)
+        warn_of_times(own, length)
     if max_episode_steps is not None:
         max_episode_steps = check.integer("max_episode_steps", max_episode_steps, minimum=1)
         limit = min(limit, max_episode_steps)
@@ -213,28 +224,32 @@ def plan(
     level = check.choice("info_level", info_level, INFO_LEVELS)
     full, words = level == "full", level != "numbers"
     word = check.choice("task", kind.task if task is None else task, (kind.task, "track", "replay"))
-    _only_with("reference", reference, word, "track")
+    moves = word in ("track", PRESS)
+    _only_with("reference", reference, "track" if moves else word, "track")
     _only_with("motion", motion, word, "replay")
     frame = Frame(kind, own, settings, period, down)
+    changing = events.payload_change(frame, payload_change)
+    frame = touch.framed(frame, contacts, word, options, factors, changing)
+    settings, touched = frame.settings, frame.contacts
     wanted, frames = checked_observation(observation, history)
     check_afloat(
         frame, word, action_mode, wanted, pushes=pushes, payload_change=payload_change, gravity=gravity,
         initial_vibration=initial_vibration,
     )  # fmt: skip
     carried = sensors_of(own, wanted, sensors)
-    seen = sight(frame, wanted, carried, kind.target.entries(own) if word == "track" else [])
+    seen = sight(frame, wanted, carried, kind.target.entries(own) if moves else [])
     gauges = carried.strain_gauges
     extras = Extras(
         controller=controller(frame, action_mode, residual_share),
         amplifier=amplifier,
         actuator=make_actuator(frame, actuator),
         sensors=make_sensors(frame, sensors, gauges, seen.names[: seen.read], seen.scales[: seen.read]),
-        reference=make_reference(frame, reference, limit) if word == "track" else None,
+        reference=make_reference(frame, reference, limit) if moves else None,
         instruments=seen.instruments,
         selection=seen.selection(frames),
         cost=events.cost(frame, cost),
         pushes=events.pushes(frame, pushes),
-        payload_change=events.payload_change(frame, payload_change),
+        payload_change=changing,
         keep_out=events.keep_out(frame, keep_out),
     )
     if word == "replay":
@@ -254,9 +269,9 @@ def plan(
     drawn |= _drawn_offsets(extras, carried.readings(own, kind.space))
     aims = events.aims(frame, extras, success, turns, absolute, max(drawn.values(), default=-1))
     record = kind.build(own, weights, period, aims, version)
-    if version > 1 and word == kind.task:
+    if version > 1 and word == kind.task and not moves:
         begun = dataclasses.replace(begun, attainable=needs_of(frame, record, begun, extras))
-    if version > 1 and word == "track":
+    if version > 1 and moves:
         extras = dataclasses.replace(extras, reference=path_needs(frame, record, begun, extras, limit))
     return Plan(
         kind=kind, task=word, arm=own, settings=settings, period=period, duration=length, limit=limit,
@@ -267,10 +282,10 @@ def plan(
         motion=_replayed(kind, own.n_links, motion) if word == "replay" else None,
         entries=info_entries(
             kind, record, full, full and own.jointed and word != "replay", extras, settings.step_tolerance is not None,
-            drawn,
+            drawn, bool(touched),
         ),
-        action_mode=action_mode, keep_out=events.shapes_of(kind.space, keep_out), estimate=estimate,
-        coarse=coarse,
+        action_mode=action_mode, keep_out=events.shapes_of(kind.space, keep_out), contacts=touched,
+        estimate=estimate, coarse=coarse,
     )  # fmt: skip
 
 
@@ -315,15 +330,6 @@ def _replayed(kind: Kind, n_links: int, motion: Any) -> Prescribed:
 def _packaged(arm: Any) -> bool:
     """Return whether an arm is one of the package's, or the environment's usual one."""
     return arm is None or (isinstance(arm, str) and arm in arms.names())
-
-
-def _warn_of_times(arm: Arm, duration: float) -> None:
-    """Warn if the default duration is shorter than 1.5 of the arm's fastest quarter turns."""
-    own = timescales(arm)
-    if duration < LEAST_TURNS * own.slew:
-        what = f"arm {arm.name!r} takes at least {own.slew:.3g} s for a quarter turn, and an episode has {duration:g} s"
-        fits = f"duration={own.duration:g} fits, with control_dt={own.control_dt:g} (flexarm arm says more)"
-        warnings.warn(f"{what}: {fits}", UserWarning, stacklevel=6)
 
 
 def _only_with(name: str, value: Any, task: str, wanted: str) -> None:
@@ -385,15 +391,6 @@ def _settings(
     # the rule does not know the foreshortening that the couplings "paper" and "linear" leave out
     known = found.settings.coupling in (None, "von_karman")
     return found.settings, found.estimate if known else math.inf, found.warning
-
-
-def _gravity(kind: Kind, given: Any) -> tuple[float, ...] | None:
-    """Return gravity (2,), in space (3,), m/s^2: the kind's own where it is not given."""
-    if given is None:
-        return kind.gravity
-    what = "three numbers (m/s^2), (x, y, z)" if kind.space else "two numbers (m/s^2), (x, y)"
-    values = check.sequence("gravity", given, what, 3 if kind.space else 2)
-    return tuple(check.number(f"gravity[{k}]", value, "m/s^2") for k, value in enumerate(values))
 
 
 OF_JOINTS = ("friction", "backlash", "motor_inertia", "hub_inertia")

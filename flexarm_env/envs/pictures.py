@@ -40,6 +40,8 @@ def renderer(plan: Plan, mode: str, size: tuple[int, int] = (SIDE, SIDE)) -> Ren
     else:
         pen = Renderer(mode, arm.total_length, **usual)
     pen.keep_out = plan.keep_out
+    pen.obstacles = [contact.obstacle for contact in plan.contacts]
+    pen.force = 5.0 * limits[0] / arm.total_length
     return pen
 
 
@@ -93,6 +95,7 @@ def draw(pen: Renderer, plan: Plan, view: View) -> Any:
     """Draw an arm's present shape; returns the picture."""
     target = plan.kind.target.place(plan.arm, view.target)
     limits = np.array(plan.arm.torque_limits)
+    pen.touches = view.touches
     if isinstance(pen, SpaceRenderer):
         ribbon = ribbons(plan.arm, plan.settings, view.q[None])
         off = bent(plan.arm, view.deflection.reshape(2, -1).T)

@@ -58,6 +58,10 @@ DEFLECTION: Color = (204, 84, 62)
 BODY: Color = (203, 210, 219)
 PANEL: Color = (120, 148, 190)
 KEEP_OUT: Color = (196, 66, 66)
+OBSTACLE: Color = (96, 104, 118)
+FORCE: Color = (214, 40, 90)
+ARROW = 0.5
+"""Greatest length of a force's arrow, in reaches."""
 
 
 class Renderer:
@@ -104,6 +108,12 @@ class Renderer:
         """Whether the rigid arm is drawn, which the picture then says."""
         self.keep_out: Sequence[Shape] = ()
         """What the arm is to stay out of, drawn beside it."""
+        self.obstacles: Sequence[Shape] = ()
+        """What the arm may touch, drawn beside it."""
+        self.touches: Array = np.zeros((0, 7))
+        """`batch.View.touches` of the next picture: places (m) and forces (N) of points that may touch."""
+        self.force = 1.0
+        """Force (N) whose arrow has half of the greatest length."""
         self.closed = False
         """Whether the window was closed, by the user or by `close`."""
         self._cell = round_step(self.reach / 3.0)
@@ -156,6 +166,8 @@ class Renderer:
             chain = [smooth(line, root, tip) for line, (root, tip) in zip(points, ends.tolist(), strict=True)]
             for shape in self.keep_out:
                 sheet.area(outline_of(shape, self._center, 3.0 * self.reach), blend(KEEP_OUT, PAPER, 0.82), KEEP_OUT)
+            for shape in self.obstacles:
+                sheet.area(outline_of(shape, self._center, 3.0 * self.reach), blend(OBSTACLE, PAPER, 0.72), OBSTACLE)
             if attitude is not None:
                 _draw_base(sheet, chain[0][0], attitude)
             _draw_ghost(sheet, rigid_arm(chain, ends))
@@ -163,6 +175,8 @@ class Renderer:
             if target is not None:
                 _draw_target(sheet, np.asarray(target, dtype=np.float64), chain)
             self._draw_links(sheet, chain)
+            for at, end in self.arrows():
+                sheet.arrow(at[:2], end[:2], FORCE)
         picture = sheet.picture()
         if attitude is not None and good:
             u, angle = max(0.75, min(self.size) / 640.0), round(math.degrees(attitude), 1)
@@ -236,6 +250,18 @@ class Renderer:
                 self._trace.append(points[-1].copy())
         self._time = time
 
+    def arrows(self) -> list[tuple[Array, Array]]:
+        """Return place and end of the arrow, m, of each force of an obstacle on the arm.
+
+        The length is `ARROW` reaches times F / (F + `force`) for a force F: impacts and gentle touches are both seen.
+        """
+        found = []
+        for row in self.touches[self.touches[:, 6] > 0.0]:
+            size = float(np.linalg.norm(row[3:6]))
+            long = ARROW * self.reach * size / (size + self.force)
+            found.append((row[:3], row[:3] + long / size * row[3:6]))
+        return found
+
     # ----------------------------------------------------------------- arm
     def _draw_links(self, sheet: Sheet, chain: list[Array]) -> None:
         """Draw the links with their shade, the motors and the payload; chain: points (n, 2), m, of each link."""
@@ -271,6 +297,10 @@ class Renderer:
             pg.draw.rect(picture, GHOST_EDGE, key)
             pg.draw.rect(picture, GHOST, key.inflate(-2, -2))
             write(picture, "rigid arm, same joint angles", (46 * u, 49.5 * u), 17 * u, FAINT, "midleft")
+        if len(self.touches) and good:
+            normal = float(self.touches[:, 6].sum())
+            text = f"contact {normal:.3g} N" if normal > 0.0 else "no contact"
+            write(picture, text, (14 * u, 69.5 * u), 17 * u, FORCE if normal > 0.0 else FAINT, "midleft")
         if not good:
             write(picture, "the state is not finite", (width / 2, height / 2), 28 * u, DEFLECTION, "center")
         long = round(self._cell * scale_of(self.size, self.reach, MARGIN))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..batch import ACTION_NOT_FINITE, FURTHER, GUIDED, Batch
 from .attainable import check_target
+from .contacts import refuse_motion
 from .events import unguided
 from .motion import ANGLE, Guide, Prescribed, guide, prescribed
 from .options import Plan
@@ -62,6 +63,7 @@ def request_of(plan: Plan, options: Any) -> Request:
         raise check.InvalidValue("options.interpolation", given["interpolation"], "must be given with options.motion")
     if request.motion is not None:
         unguided(plan.extras, "options.motion", given.get("motion"))
+        refuse_motion(plan.contacts, "options.motion", given.get("motion"))
     if "vibration" in given and request.motion is not None:
         raise check.InvalidValue("options.vibration", given["vibration"], "must not be given together with a motion")
     if "vibration" in given and request.vibration.any() and plan.starts.shake is None:

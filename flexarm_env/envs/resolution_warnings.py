@@ -1,10 +1,12 @@
-"""Warnings about a step or mesh that may be too coarse."""
+"""Warnings about a step or mesh that may be too coarse, and about an episode that may be too short."""
 
 from __future__ import annotations
 
 import warnings
 from typing import Protocol
 
+from ..control.timescales import timescales
+from ..parameters import Arm
 from ..settings import Settings
 
 COARSE, COARSE_IF_GIVEN = 0.05, 0.2
@@ -12,6 +14,9 @@ COARSE, COARSE_IF_GIVEN = 0.05, 0.2
 
 FINEST = 1e-3
 """Step over control period below which none is advised."""
+
+LEAST_TURNS = 1.5
+"""Shortest default duration of an episode over the time of the arm's fastest quarter turn."""
 
 
 class ResolutionWarning(UserWarning):
@@ -71,3 +76,12 @@ def warn(sentence: str) -> None:
     """Issue the sentence as a `ResolutionWarning`; no-op for ""."""
     if sentence:
         warnings.warn(sentence, ResolutionWarning, stacklevel=4)
+
+
+def warn_of_times(arm: Arm, duration: float) -> None:
+    """Warn if the default duration (s) is shorter than `LEAST_TURNS` fastest quarter turns of the arm."""
+    own = timescales(arm)
+    if duration < LEAST_TURNS * own.slew:
+        what = f"arm {arm.name!r} takes at least {own.slew:.3g} s for a quarter turn, and an episode has {duration:g} s"
+        fits = f"duration={own.duration:g} fits, with control_dt={own.control_dt:g} (flexarm arm says more)"
+        warnings.warn(f"{what}: {fits}", UserWarning, stacklevel=6)

@@ -12,8 +12,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..validation import Array
 from ..view.outlines import faces_of
-from .drawing import AXIS, FAINT, GRID, INK, PAPER, SHADE, SUPERSAMPLING, Color, blend, pygame_module, write
-from .rendering import GHOST, GHOST_EDGE, KEEP_OUT, LINKS, MARGIN, PAYLOAD, STEEL, TARGET, WHITE, Renderer
+from .drawing import AXIS, FAINT, GRID, INK, PAPER, SHADE, SUPERSAMPLING, Color, blend, draw_arrow, pygame_module, write
+from .rendering import (
+    FORCE,
+    GHOST,
+    GHOST_EDGE,
+    KEEP_OUT,
+    LINKS,
+    MARGIN,
+    OBSTACLE,
+    PAYLOAD,
+    STEEL,
+    TARGET,
+    WHITE,
+    Renderer,
+)
 
 AZIMUTH, ELEVATION = math.radians(-58.0), math.radians(20.0)
 """From where it is looked at: about z from the x axis, and above the ground."""
@@ -142,20 +155,26 @@ class SpaceRenderer(Renderer):
         if target is not None:
             self._draw_target(canvas, camera, np.asarray(target, np.float64))
         around = [face for shape in self.keep_out for face in faces_of(shape, self._center, 0.7 * self.reach)]
+        solid = [face for shape in self.obstacles for face in faces_of(shape, self._center, 0.7 * self.reach)]
         self._draw_faces(canvas, camera, [face for face in around if not _facing(face, camera.eye)])
+        self._draw_faces(canvas, camera, [face for face in solid if not _facing(face, camera.eye)], OBSTACLE)
         for _, draw in sorted(self._pieces(canvas, camera, chain), key=lambda piece: -piece[0]):
             draw()
         self._draw_faces(canvas, camera, [face for face in around if _facing(face, camera.eye)])
+        self._draw_faces(canvas, camera, [face for face in solid if _facing(face, camera.eye)], OBSTACLE)
+        for ends in self.arrows():
+            root, head = camera.see(np.array(ends))[0]
+            draw_arrow(canvas, root, head, FORCE, camera.point)
 
-    def _draw_faces(self, canvas: Any, camera: Camera, faces: Sequence[Array]) -> None:
-        """Draw transparent faces of the shapes that the arm must not enter."""
+    def _draw_faces(self, canvas: Any, camera: Camera, faces: Sequence[Array], color: Color = KEEP_OUT) -> None:
+        """Draw transparent faces of the shapes that the arm must not enter, or may touch."""
         pygame_module()
         from pygame import gfxdraw
 
         for face in faces:
             seen = camera.see(face)[0].round().astype(int).tolist()
-            gfxdraw.filled_polygon(canvas, seen, (*KEEP_OUT, 46))
-            gfxdraw.aapolygon(canvas, seen, (*KEEP_OUT, 150 if len(faces) < 12 else 36))
+            gfxdraw.filled_polygon(canvas, seen, (*color, 46))
+            gfxdraw.aapolygon(canvas, seen, (*color, 150 if len(faces) < 12 else 36))
 
     def _plumb(self, canvas: Any, camera: Camera, at: Array, color: Color) -> None:
         """Draw a dashed line from a point to the ground, and a cross there."""

@@ -1,6 +1,7 @@
 """Save and restore states of environments; linear models of environments."""
 
 import copy
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -92,8 +93,12 @@ def put_state(batch: Batch, i: int, state: dict[str, Any]) -> tuple[np.random.Ge
     return copy.deepcopy(state["generator"]), state["seed"], copy.deepcopy(state["guide"])
 
 
-def _nominal(batch: Batch) -> None:
-    """Raise ValueError if joint parameters are drawn: linear models use the nominal arm's."""
+def _check_linear(batch: Batch, arms: Sequence[int]) -> None:
+    """Raise ValueError if joint parameters are drawn, which linear models have not, or if one of the arms touches."""
+    for i in arms if batch.contacts else ():
+        if batch.view(i).touches[:, 6].any():
+            what = "must not be touched by an arm whose linear model is computed: it has no contacts"
+            raise check.InvalidValue("contacts", f"arm {i} touches", what)
     if batch.starts.laws:
         what = "must not be drawn for linear models"
         raise check.InvalidValue("randomization", "friction, backlash, motor_inertia or hub_inertia", what)
@@ -103,7 +108,7 @@ def linear_model(plan: Plan, batch: Batch, i: int, guide: Guide | None, discrete
     """Return the linear model of arm i at its present state and torques."""
     from ..linear.state_space import linearize
 
-    _nominal(batch)
+    _check_linear(batch, [i])
     if guide is not None:
         return linearize(guide.simulation, discrete=discrete)
     assert plan.settings.dt is not None
@@ -120,7 +125,7 @@ def linear_models(
     """Return the linear models of all arms. kept: compiled linearizations of elasticas, by period."""
     from ..linear.many import Linearizer, compiled, stacked
 
-    _nominal(batch)
+    _check_linear(batch, range(batch.n))
     if guides or not compiled(batch.system):
         return stacked([linear_model(plan, batch, i, guides.get(i), discrete) for i in range(batch.n)])
     if discrete not in kept:

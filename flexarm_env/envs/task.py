@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .. import validation as check
-from ..batch import FURTHER, TERM_ARGUMENTS, Chain, Extras, Reach, Slew, Starts, Task, info_places, with_terms
+from ..batch import CONTACT, FURTHER, TERM_ARGUMENTS, Chain, Extras, Reach, Slew, Starts, Task, info_places, with_terms
 from ..files import imported
 from ..parameters import Arm
 from ..physics.layout import BASE_POSE
@@ -29,6 +29,9 @@ FAILURE = "failure"
 
 CHANGE, COST = "change", "cost"
 """Names of the terms for what actions change by and for `cost`, which stand before failure where they are asked for."""
+
+PRESS = "press"
+"""Name of the task of a tip that slides along a wall under a commanded normal force."""
 
 ATTITUDE = "attitude"
 """Name of the term for the attitude of a base that floats, and of its bound in a success."""
@@ -216,13 +219,14 @@ class Entry:
 
 
 def info_entries(
-    kind: Kind, task: Task, full: bool, motors: bool, extras: Extras, fitted: bool, drawn: Mapping[str, int]
+    kind: Kind, task: Task, full: bool, motors: bool, extras: Extras, fitted: bool, drawn: Mapping[str, int],
+    touches: bool = False,
 ) -> tuple[Entry, ...]:
     """Return the numeric entries of info, in order.
 
     The texts in info (success, range, status, reason) are translated from codes. full: energies. motors: motor angles
     and rates, for joints that are not ideal. extras: options with their own entries. fitted: steps follow a tolerance.
-    drawn: index of each drawn factor, by name.
+    drawn: index of each drawn factor, by name. touches: the arm may touch obstacles.
     """
     n, targets, at = len(task.links), len(task.targets), info_places(task)
     entries = [
@@ -255,6 +259,10 @@ def info_entries(
     if fitted:
         entries.append(Entry("step_error", first + FURTHER.step_error, None))
     entries += [Entry(f"drawn_{name}", first + FURTHER.drawn + k, None) for name, k in drawn.items()]
+    if touches:
+        behind = first + len(task.further) - CONTACT.end
+        entries += [Entry(f"contact_{name}", behind + k, None) for k, name in enumerate(CONTACT._fields[:-2])]
+        entries += [Entry("target_force", behind + CONTACT.target, None)] if kind.task == PRESS else []
     return tuple(entries)
 
 

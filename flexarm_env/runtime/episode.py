@@ -66,6 +66,7 @@ from .keep_out import record_clearance
 from .keeping import restore_lane, save_lanes
 from .motors import draw_lateness, record_delay
 from .sensors import read_gauges, record_motor_angles, write_observation
+from .touch import open_contacts, put_contacts, record_contact_forces
 
 OUTCOME = (0, 0)
 """Size of `outcome`, two rows of lanes: the reward; 1 where a joint is beyond its limits, otherwise 0."""
@@ -103,6 +104,7 @@ def _period(lane, p, g, block, w):
     read_actions(lane, p, g, action, record, w.flag)
     open_account(lane, p, par, record, w)
     draw_pushes(lane, p, g, record, w)
+    open_contacts(lane, p.model, w)
     save_lanes(w, record, saved)
     # q, v, a a period later; then E - E_0 - W against its bound
     move(lane, p, p.models, p.model, 1, par, poses, record, action, saved, scratch, block, w)
@@ -113,6 +115,7 @@ def _period(lane, p, g, block, w):
     observe_state(lane, p, False, poses, record, seen)
     observe_material(lane, p, par, record, w, seen)
     live = find_sound(lane, p.entries, w.flag, seen)
+    put_contacts(lane, p, w, live, info)
     reward(lane, p, live, poses, action, record, info, outcome)
     # info comes last, because clearance and energies are those of the final state
     record_clearance(lane, p, g, w.q, live, info)
@@ -160,13 +163,15 @@ def observe_state(lane, p, first, poses, record, seen):
 
 @kernel
 def observe_material(lane, p, par, record, w, seen):
-    """Write scaled strain-gauge curvatures into `seen`, and motor angles (rad) into `record` for their encoders.
+    """Write scaled curvatures at strain gauges into `seen`, and what other sensors read of the arm into `record`.
 
     # in        w.q, coordinates (m, rad)
-    # out       seen, last entries (curvature over its scale);  record, one motor angle in each encoder's channel
+    # out       seen, last entries (curvature over its scale);  record, motor angles (rad) and contact forces in
+    #           the channels of encoders, force sensor and contact switch
     """
     read_gauges(lane, p.sensors, p.entries, p.model, w.q, seen)
     record_motor_angles(lane, p.instruments, p.model, par, record, w)
+    record_contact_forces(lane, p.instruments, p.model, record, w)
 
 
 @kernel

@@ -16,11 +16,13 @@ from ..physics.integrator.work import Work
 from ..physics.layout import BASE_POSE, POSE, SPACE_POSE
 from ..physics.protocol import input_displacements, strain_gauge
 from ..physics.space.rotations import Vector, matrix, quaternion
+from ..tasks.contact_info import CONTACT
 from ..tasks.program import CLIP, FURTHER, GOAL, TARGET, channel_at
 from ..tasks.stream import draw_whole
 from ..tasks.task import info_of
 from .inertial import specific_force
 from .laws import LAW_SIZE, channel_of, normal, read, read_encoder, tip_acceleration
+from .touch import contact_channels
 
 
 @kernel
@@ -68,9 +70,9 @@ def measure(lane, p, stream, arm, poses, record, seen, first):
     """Replace the true entries of one arm in `seen` by what its sensors read.
 
     A channel is the memory of a sensor for one number. Channels are in the order encoders, accelerometer, gyroscope,
-    camera, gauges; each sensor replaces or adds its entries in `seen`. arm: number in the batch. stream: of random
-    numbers; None for readings without noise and without drawn gains or biases. first: at the start of an episode.
-    poses: of the links, m, rad, inertial axes; record: channels, in and out. No-op without instruments.
+    camera, force, switch, gauges; each sensor replaces or adds its entries in `seen`. arm: number in the batch. stream:
+    of random numbers; None for readings without noise and without drawn gains or biases. first: at the start of an
+    episode. poses: of the links, m, rad, inertial axes; record: channels, in and out. No-op without instruments.
     """
     instruments = p.instruments
     if instruments is not None:
@@ -89,6 +91,11 @@ def measure(lane, p, stream, arm, poses, record, seen, first):
             for value in readings:
                 _show(lane, instruments, who, at, c, record, seen, value)
                 at, c = at + 1, c + 1
+        # force sensor and contact switch: `record_contact_forces` has stored what they read
+        for _ in range(contact_channels(instruments)):
+            value = load_lane(lane, record, channel_of(base, instruments.room, c).motor, who.i)
+            _show(lane, instruments, who, at, c, record, seen, value)
+            at, c = at + 1, c + 1
         _gauges(lane, p, instruments, who, c, record, seen)
 
 
@@ -188,11 +195,8 @@ def _turned(lane, p, instruments, who, poses, record, seen):
                 read_as = _angle(lane, p.task, instruments, who, 0, poses, record)
                 turn = matrix(quaternion((_true_angle(lane, p.task, i, 0, poses) - read_as) * axis))
                 for k in range(first, first + count, 3):
-                    a = Vector(
-                        load_lane(lane, seen, k, i),
-                        load_lane(lane, seen, k + 1, i),
-                        load_lane(lane, seen, k + 2, i),
-                    )
+                    x, y = load_lane(lane, seen, k, i), load_lane(lane, seen, k + 1, i)
+                    a = Vector(x, y, load_lane(lane, seen, k + 2, i))
                     b = turn @ a
                     for d in range(3):
                         store_lane(lane, seen, k + d, i, clip(b[d], CLIP))
@@ -245,11 +249,8 @@ def _of_tip(lane, p, who, poses, field):
     arm, a `Who`.
     """
     o = SPACE_POSE.end * (size(p.task.links) - 1) + field
-    return Vector(
-        load_lane(lane, poses, o, who.i),
-        load_lane(lane, poses, o + 1, who.i),
-        load_lane(lane, poses, o + 2, who.i),
-    )
+    x, y = load_lane(lane, poses, o, who.i), load_lane(lane, poses, o + 1, who.i)
+    return Vector(x, y, load_lane(lane, poses, o + 2, who.i))
 
 
 @kernel
@@ -328,9 +329,8 @@ def _picture(lane, p, instruments, who, poses):
         A = matrix(quaternion(_of_tip(lane, p, who, poses, SPACE_POSE.turn)))
         return x / instruments.camera, y / instruments.camera, z / instruments.camera, rise(A[1][0]), rise(A[2][0])
     o = POSE.end * (size(p.task.links) - 1) + POSE.tip_x
-    return load_lane(lane, poses, o, who.i) / instruments.camera, load_lane(
-        lane, poses, o + 1, who.i
-    ) / instruments.camera
+    x, y = load_lane(lane, poses, o, who.i), load_lane(lane, poses, o + 1, who.i)
+    return x / instruments.camera, y / instruments.camera
 
 
 @kernel
@@ -412,7 +412,10 @@ def record_drawn(lanes, p, i, record, info):
         info[(first + 1) * lanes + i] = record[(_past_at(lanes, p, record) - 1) * lanes + i] * p.period
     if instruments is not None:
         base = record.shape[0] // lanes - readings_size(instruments)
-        for c in range(size(p.task.further) - FURTHER.told - 3):
+        count = size(p.task.further) - FURTHER.told - 3
+        if p.model.newton.contact is not None:
+            count = count - CONTACT.end
+        for c in range(count):
             info[(first + 3 + c) * lanes + i] = record[channel_of(base, instruments.room, c).gain * lanes + i]
 
 

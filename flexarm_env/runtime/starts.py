@@ -38,6 +38,7 @@ from .events import draw_events
 from .keep_out import record_clearance
 from .motors import draw_delay, draw_lag, draw_lateness, record_delay
 from .sensors import draw_age, record_drawn, write_observation
+from .touch import put_contacts, start_contacts
 
 _MODES = 3
 """Modes of an initial vibration in space: bending along y, bending along z, torsion."""
@@ -107,6 +108,7 @@ def _start(lane, p, arm, mode, block, w):
     if p.reference is not None:
         start_path(p.reference, task, p.stream, arm, record, lanes)
     task_poses(lane, p.model, par, w.q, w.v, poses)
+    start_contacts(lane, p, par, w)
     observe_material(lane, p, par, record, w, seen)
     live = _only(lane, i)
     for k in range(info_of(task).further * lanes + i, info.shape[0], lanes):
@@ -118,6 +120,7 @@ def _start(lane, p, arm, mode, block, w):
     record_delay(lane, p, record, live, info)
     draw_events(lanes, p, arm, par, record, info)
     record_clearance(lane, p, arm // lanes, w.q, live, info)
+    put_contacts(lane, p, w, live, info)
     # drawn factors, so that info tells which arm an episode has
     if size(task.further) > 0:
         for k in range(FACTOR.end):

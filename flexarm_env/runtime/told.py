@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiler import SINGLE, uncompiled
+from ..physics.contact.layout import READ, Touching
+from ..physics.integrator.work import unpack
+from ..physics.layout import POSE, SPACE_POSE
 from ..tasks.program import INFO
 from ..tasks.task import Task
 
@@ -17,6 +21,30 @@ Array = NDArray[np.float64]
 def info_places(task: Task) -> Any:
     """Return the offsets of the fields of a task's `INFO`."""
     return INFO.offsets(0, len(task.links), len(task.targets), len(task.terms), len(task.further))
+
+
+NO_TOUCHES = np.zeros((0, 7))
+"""`View.touches` of an arm without contacts."""
+
+
+def touches_of(model: Any, row: Array, poses: Array) -> Array:
+    """Return (points, 7): place (m), force on the arm (N), both in inertial axes, and normal force (N) of each point.
+
+    row: the integrator's memory of one arm, without lanes. poses: of its links, one row each.
+    """
+    contact = model.newton.contact
+    if contact is None:
+        return NO_TOUCHES
+    part = next(part for part in model.contributions if isinstance(part, Touching))
+    S: Array = uncompiled(unpack)(SINGLE, model, row, 0).S
+    rows = [S[contact.at + k * contact.stride :][: READ.end] for k in range(len(contact.points))]
+    found = np.zeros((len(rows), NO_TOUCHES.shape[1]))
+    axes = len(part.space)
+    first = SPACE_POSE.tip if axes == 3 else POSE.tip_x
+    found[:, :axes] = poses[part.links, first : first + axes]
+    found[:, 3:6] = [reading[READ.force : READ.force + 3] for reading in rows]
+    found[:, 6] = [reading[READ.normal] for reading in rows]
+    return found
 
 
 @dataclass(frozen=True)
@@ -30,3 +58,4 @@ class View:
     torques: Array  # (N,) joint torques, N m
     deflection: Array  # (N,) tip deflection over L; in space (2 N,): along y, then along z
     q: Array  # coordinates of the state, m and rad
+    touches: Array = field(default_factory=lambda: NO_TOUCHES)  # see `touches_of`

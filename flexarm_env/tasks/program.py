@@ -27,13 +27,13 @@ PATH = Layout(
     Field("z", (), "m", "in space, center of a circle, z"), Field("vz", (), "m/s", "in space, its velocity, z"),
     Field("bearing", (), "rad", "in space, bearing of the circle's axis"), Field("tilt", (), "rad", "its angle from z"),
 )  # fmt: skip
-"""Parameters of a moving target's drawn path, inertial axes."""
+"""Parameters of a moving target's drawn path, inertial axes. The task `Press` uses the last four otherwise."""
 
 LAW = Layout(
     "Law", "",
     Field("gain", (2,), "", "low and high of the drawn gain"),
     Field("bias", (2,), "", "low and high of the drawn bias, in scales of the entry, as noise and quantum"),
-    Field("noise", (), "", "standard deviation of the noise of a reading"),
+    Field("noise", (), "", "standard deviation of a reading's noise"),
     Field("quantum", (), "", "resolution: readings are multiples of it; 0: not rounded"),
     Field("own", (4,), "", "filter over a period: (output, slope) after it by (output, slope) before it, 2 x 2"),
     Field("before", (2,), "", "filter: (output, slope) after a period by the input before it"),
@@ -52,12 +52,12 @@ CHANNEL = Layout(
     "Channel", "room",
     Field("gain", (), "", "drawn gain of the episode"),
     Field("bias", (), "", "drawn bias, in scales of the entry"),
-    Field("input", (), "", "filter's input at the last instant"),
-    Field("output", (), "", "filter's output"), Field("slope", (), "", "rate of the output over w, its frequency"),
+    Field("input", (), "", "filter's input at the last instant"), Field("output", (), "", "filter's output"),
+    Field("slope", (), "", "rate of the output over w, its frequency"),
     Field("reading", (), "", "last reading"),
     Field("since", (), "", "periods since the last reading"),
     Field("rate", (), "1/s", "rate by an encoder; in space angular velocity for an accelerometer, an axis per channel"),
-    Field("motor", (), "rad", "angle of the joint's motor, over the ratio"),
+    Field("motor", (), "rad", "angle of the joint's motor, over the ratio; what a force sensor or switch reads"),
     Field("place", (), "m", "tip at the instant before, for an accelerometer's channels x, y, z"),
     Field("speed", (), "m/s", "its rate"), Field("turn", (), "rad, rad/s", "tip angle, rate; in space rotation vector"),
     Field("past", ("room",), "", "outputs `share` of a period before each earlier instant, the newest first"),
@@ -66,8 +66,7 @@ CHANNEL = Layout(
 
 PUSH = Layout(
     "Push", "",
-    Field("first", (), "", "number of the first control period with the push"),
-    Field("over", (), "", "number of the first control period after it"),
+    Field("first", (), "", "first control period with the push"), Field("over", (), "", "first period after it"),
     Field("force", (3,), "N", "force on the tip, inertial axes; in the plane the last is 0"),
 )  # fmt: skip
 """A push at the tip."""
@@ -101,8 +100,7 @@ RECORD = Layout(
 
 ENERGIES = Layout(
     "Energies", "",
-    Field("kinetic", (), "J", "kinetic energy"),
-    Field("strain", (), "J", "strain energy"),
+    Field("kinetic", (), "J", "kinetic energy"), Field("strain", (), "J", "strain energy"),
     Field("gravity", (), "J", "gravitational energy"),
     Field("dissipated", (), "J", "energy dissipated by damping and friction so far"),
     Field("work", (), "J", "work of the motors so far"),
@@ -166,8 +164,7 @@ INFO = Layout(
 
 _FURTHER = Layout(
     "Further", "told",
-    Field("cost", (), "", "cost of the period"),
-    Field("episode_cost", (), "", "cost of the episode so far"),
+    Field("cost", (), "", "cost of the period"), Field("episode_cost", (), "", "cost of the episode so far"),
     Field("payload", (), "kg", "mass of the payload"),
     Field("push", (3,), "N", "force on the tip in the period, inertial axes"),
     Field("step_error", (), "", "estimated error of the period's fitted steps, over L"),
@@ -311,7 +308,7 @@ class Sensors(NamedTuple):
 class Instruments(NamedTuple):
     """Sensors that read by a law; None: there are none of this kind. Channels are in the order of the fields.
 
-    Their entries follow the task's and the target's, gauges last: goals, accelerometer, gyroscope, camera.
+    Their entries follow the task's and the target's, gauges last: goals, accelerometer, ..., camera, force, switch.
     """
 
     period: float  # s
@@ -325,6 +322,9 @@ class Instruments(NamedTuple):
     camera: float | None  # scale, m
     gauges: tuple[int, ...] | None  # a zero per gauge
     gyroscope: float | None = None  # scale, rad/s; in space
+    force: float | None = None  # scale, N
+    switch: float | None = None  # threshold, N
+    tip: int = -1  # the tip's number among the points that may touch; -1: it may not
 
 
 class Selection(NamedTuple):

@@ -16,6 +16,7 @@ from ..settings import Settings
 from ..validation import Array
 from . import space
 from .clip import Chart, Clip, Pull, cuts_of, magnified, rigid_angles, thinned
+from .contact import contact_charts, contact_pulls, obstacles_of
 from .outlines import outline_of
 from .space import SpaceClip
 
@@ -46,7 +47,7 @@ def of_trajectory(run: Any, label: str | None, curvature: Any) -> Clip | SpaceCl
         curvature=curved, surface=_surface(arm, curved),
         pulls=[*_torques(arm, cuts, run.joint_torque), *_loads(scene, cuts, run.t)],
         charts=[c for c in charts if c.series], pinned=scene.root == "pinned", payload=arm.payload.mass > 0.0,
-        base=base,
+        base=base, walls=[outline_of(x.obstacle, np.zeros(2), 3.0 * arm.total_length) for x in scene.contacts],
     )  # fmt: skip
 
 
@@ -224,6 +225,7 @@ def of_episode(
     total = np.concatenate([[math.nan], rewards])
     seen = {k.removeprefix("seen_").replace("_", " "): x for k, x in rows.items() if k.startswith("seen_")}
     others = [Chart("reward a step", {"sum": total} | _moving(terms)), Chart("observation, in its scales", seen)]
+    others = [*contact_charts(rows), *others]
     torque = np.array([view.torques for view in views])
     if plan.kind.space:
         others = [*_forces(arm, torque, energies, dict), *others]
@@ -246,9 +248,10 @@ def of_episode(
     return Clip(
         label=label, note=_note(plan.settings, ""), t=t, points=shapes[:, kept], cuts=cuts, angles=angles,
         rigid=rigid_angles(joints, turns_of(arm)), rest=rest_of(arm, shapes[0][kept], cuts), curvature=curvature,
-        surface=_surface(arm, curvature), target=target, polar=polar, pulls=_torques(arm, cuts, torque),
+        surface=_surface(arm, curvature), target=target, polar=polar,
+        pulls=[*_torques(arm, cuts, torque), *contact_pulls(plan, views, cuts[1:], 2)],
         charts=[c for c in charts if c.series], payload=arm.payload.mass > 0.0,
-        walls=[outline_of(x, np.zeros(2), 3.0 * arm.total_length) for x in plan.keep_out], base=base,
+        walls=[outline_of(x, np.zeros(2), 3.0 * arm.total_length) for x in obstacles_of(plan)], base=base,
     )  # fmt: skip
 
 

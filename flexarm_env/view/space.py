@@ -16,6 +16,7 @@ from ..rotations import matrices, of_quaternions, turned
 from ..scene import PointLoad, Scene
 from ..validation import Array
 from .clip import Chart, Pull, thinner
+from .contact import contact_pulls, obstacles_of
 from .outlines import faces_of
 from .ribbons import Ribbons, ribbons, ribbons_of, sides
 
@@ -59,9 +60,9 @@ class SpaceClip:
 
 def _clip(
     arm: Arm, found: Ribbons, A: Array, torque: Array, joints: Array | None, loads: Sequence[PointLoad] = (),
-    **more: Any,
+    further: Sequence[Pull] = (), **more: Any,
 ) -> SpaceClip:  # fmt: skip
-    """Return a clip with its loads as pulls.
+    """Return a clip with its loads and further forces as pulls.
 
     A (n, N, 3, 3): axes of the links' roots. joints (n, N): angles of the rigid arm that is drawn too, or None.
     """
@@ -72,7 +73,7 @@ def _clip(
             axis = turned(A[:, k], axis_of(arm, k))
             name = f"{arm.joint_names[k].replace('_', ' ')} torque"
             pulls.append(Pull(name, found.cuts[k], torque[:, k], limits[k], axis))
-    pulls += _loads(loads, found.cuts, more["t"])
+    pulls += [*_loads(loads, found.cuts, more["t"]), *further]
     rigid = None if joints is None else straight(arm, joints) + found.points[:, :1]
     return SpaceClip(
         points=found.points, across=found.across, cuts=found.cuts, sides=sides(arm), length=arm.total_length,
@@ -94,12 +95,14 @@ def of_run(run: Any, label: str | None, note: str, charts: Sequence[Chart]) -> S
     charts: charts of torques and energies, shown after those of deflection and twist. label: the scene's name if None.
     """
     scene: Scene = run.scene
+    far = 0.7 * scene.arm.total_length
     held, A = scene.root == "pinned", matrices(of_quaternions(run.link_rotations[:, :, 0]))
     return _clip(
         scene.arm, ribbons_of(run, 4), A, run.joint_torque, run.joint_angles if held else None,
         label=scene.name if label is None else label, note=note, t=run.t, pinned=scene.root == "pinned",
         loads=[load for load in scene.loads if isinstance(load, PointLoad)],
         charts=[*_bending(scene.arm, run.tip_deflection, run.twist), *charts],
+        walls=[face for x in scene.contacts for face in faces_of(x.obstacle, np.zeros(3), far)],
         ground=0.0 if held else min(float(run.shapes[..., 2].min()), 0.0),
     )  # fmt: skip
 
@@ -133,10 +136,11 @@ def of_episode(plan: Any, views: Sequence[Any], label: str, note: str, charts: S
     A = np.stack([motion.root.A for motion in links(arm, plan.settings, q, np.zeros_like(q))], axis=1)
     apart = np.linalg.norm(found.points[:, -1] - target, axis=1)
     miss = Chart("tip error: distance from the target (m)", {"tip": apart})
-    walls = [face for shape in plan.keep_out for face in faces_of(shape, np.zeros(3), 0.7 * arm.total_length)]
+    walls = [face for shape in obstacles_of(plan) for face in faces_of(shape, np.zeros(3), 0.7 * arm.total_length)]
     return _clip(
         arm, found, A, np.array([view.torques for view in views]), poses[..., 0], label=label, note=note,
         t=np.array([view.time for view in views]), target=target, walls=walls,
+        further=contact_pulls(plan, views, [cut - 1 for cut in found.cuts[1:]], 3),
         charts=[miss, *_bending(arm, bend, poses[..., 6]), *charts],
     )  # fmt: skip
 

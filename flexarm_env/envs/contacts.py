@@ -1,0 +1,128 @@
+"""The keyword `contacts`: obstacles that an arm may touch, and steps that resolve the impacts."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from .. import validation as check
+from ..batch import PayloadChange, standing_scene
+from ..physics import assembly
+from ..physics.contact.build import STEPS, check_steps, duration, effective_masses, links_of
+from ..physics.contact.layout import Touching
+from ..physics.model import EI_Y_FACTOR, GJ_FACTOR, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, System
+from ..scene import Contact, Scene, contacts_of
+from ..settings import Settings
+from ..validation import Array
+from .features import Frame
+from .resolution import FINEST_TOLERANCE
+
+MOST_STEPS = 1000
+"""Steps of a control period that are chosen at most, where `dt` is not given."""
+
+
+def framed(
+    frame: Frame, value: Any, task: str, given: Mapping[str, Any], drawn: Mapping[str, tuple[float, float]],
+    changing: PayloadChange | None,
+) -> Frame:  # fmt: skip
+    """Return the frame with the contacts of the keyword's value, in steps in which impacts last at least `STEPS`.
+
+    Where `dt` is not given a control period is divided into as many steps as that needs, at most `MOST_STEPS`; the
+    Newton tolerance falls with the square of the step. The lightest and softest arm that may be drawn counts.
+    value: one or several `Contact` or tables; None: no contacts. task: of the environment. given: the user's options of
+    the solver. drawn: ranges of factors by name. changing: a payload that changes.
+
+    Raises:
+        ValueError: names the key path, the value and what is allowed.
+    """
+    arm, settings = frame.arm, frame.settings
+    contacts = contacts_of("contacts", value, arm, frame.kind.space)
+    if not contacts:
+        return frame
+    if arm.base is not None:
+        raise check.InvalidValue("contacts", value, "must be left out for an arm whose base floats")
+    if task == "replay":
+        refuse_motion(contacts, "task", task)
+    if settings.step_tolerance is not None:
+        what = "must be None with contacts, whose impulses are those of equal steps"
+        raise check.InvalidValue("step_tolerance", settings.step_tolerance, what)
+    if settings.multipliers:
+        raise check.InvalidValue("multipliers", True, "must be False with contacts")
+    changed = 1.0 if changing is None else float(changing.factor[0])
+    return replace(frame, contacts=contacts, settings=_resolved(frame, contacts, given, drawn, changed))
+
+
+def refuse_motion(contacts: tuple[Contact, ...], path: str, value: Any) -> None:
+    """Raise `InvalidValue` if prescribed motions are combined with contacts."""
+    if contacts:
+        what = "must not be given in an environment with contacts; scenes (flexarm_env.Scene) take motions and contacts"
+        raise check.InvalidValue(path, value, what)
+
+
+def _resolved(
+    frame: Frame, contacts: tuple[Contact, ...], given: Mapping[str, Any], drawn: Mapping[str, tuple[float, float]],
+    changed: float,
+) -> Settings:  # fmt: skip
+    """Return settings whose steps resolve the contacts. changed: least factor of a payload that changes."""
+    settings = frame.settings
+    assert settings.dt is not None
+    count = max(1, round(frame.period / settings.dt))
+    while True:
+        scene = standing_scene(frame.arm, settings.dt, frame.gravity, contacts=contacts)
+        system = _with_least_masses(assembly.assemble(scene, settings), scene, settings, drawn, changed)
+        need = _steps_needed(scene, system, frame.period)
+        if given.get("dt") is not None or need <= count or count >= MOST_STEPS:
+            break
+        count = min(MOST_STEPS, max(need, count + 1))
+        settings = _with_step(frame.settings, frame.period / count, given.get("tolerance") is not None)
+        assert settings.dt is not None
+    check_steps(scene, settings, system)
+    return settings
+
+
+def _with_step(first: Settings, dt: float, fixed: bool) -> Settings:
+    """Return the settings with steps of dt (s) and, unless it is fixed, the Newton tolerance that they need."""
+    assert first.dt is not None
+    share = dt / first.dt
+    tolerance = first.tolerance
+    if share <= 0.5 and not fixed:
+        tolerance = max(FINEST_TOLERANCE, tolerance * share * share)
+    return replace(first, dt=dt, tolerance=tolerance)
+
+
+def _with_least_masses(
+    system: System, scene: Scene, settings: Settings, drawn: Mapping[str, tuple[float, float]], changed: float,
+) -> System:  # fmt: skip
+    """Return the System with the least effective masses of its points over nominal and lightest, softest arm.
+
+    changed: least factor of a payload that changes.
+    """
+    assert settings.dt is not None
+    par = system.par.copy()
+    lightest = drawn.get("payload", (1.0, 1.0))[0] * changed
+    par[PAYLOAD_MASS] *= lightest
+    par[PAYLOAD_INERTIA] *= lightest * drawn.get("payload_inertia", (1.0, 1.0))[0]
+    softer = drawn.get("EI", (1.0, 1.0))[0]
+    par[STIFFNESS_FACTOR] *= softer
+    if scene.spatial:
+        par[EI_Y_FACTOR] *= softer * drawn.get("EI_y", (1.0, 1.0))[0]
+        par[GJ_FACTOR] *= drawn.get("GJ", (1.0, 1.0))[0]
+    if (par == system.par).all():
+        return system
+    masses: Array = effective_masses(replace(system, par=par), settings.dt)
+    parts = tuple(
+        part._replace(masses=masses.clip(max=part.masses)) if isinstance(part, Touching) else part
+        for part in system.model.contributions
+    )
+    return replace(system, model=system.model._replace(contributions=parts))
+
+
+def _steps_needed(scene: Scene, system: System, period: float) -> int:
+    """Return the number of steps of a period (s) for which every impact lasts `STEPS` of them, at most MOST_STEPS + 1.
+
+    system: the assembled scene.
+    """
+    part = next(part for part in system.model.contributions if isinstance(part, Touching))
+    masses = dict(zip(links_of(scene), part.masses.tolist(), strict=True))
+    lasts = min(duration(contact, masses[k]) for contact in scene.contacts for k in contact.links(scene.arm))
+    return math.ceil(min(STEPS * period / lasts, MOST_STEPS + 1.0) - 1e-9)

@@ -1,0 +1,153 @@
+"""The task "press": the tip slides along a wall and presses on it with a commanded normal force."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from .. import sensors as description
+from .. import validation as check
+from ..batch import Press, PressChain, Starts
+from ..control.kinematics import goal_angles
+from ..parameters import Arm
+from ..scene import Contact, contacts_of
+from ..shapes import HalfSpace
+from .targets import Pair, Point
+from .task import FAILURE, PRESS, Kind
+
+DISTANCE = 0.7
+"""Distance of the usual wall from the root, over the arm's length."""
+NEAR, TURN = 0.75, 0.1
+"""Distance of the tip at a start, over the wall's; half width of the ranges of joint angles at a start, rad."""
+LONGER = 3.0
+"""Length of an episode over that of the environment's own task: the arm comes to rest at the wall in a third of it."""
+REACH = 0.85
+"""Largest distance of a path's point from the root, over the arm's length."""
+BANDS: dict[str, tuple[float, str]] = {"force": (0.1, ""), "path": (0.002, "m")}
+"""Success: root mean square of the force's relative error, and largest distance from the path."""
+
+
+class Wall(NamedTuple):
+    """A wall in the plane. distance: from the root, m. bearing: of its point nearest to the root, rad."""
+
+    distance: float
+    bearing: float
+
+
+class OnWall(Point):
+    """A point that moves along a wall."""
+
+    paths: ClassVar = {"line": (*Point.paths["line"], ("force", "N"))}
+
+    def __init__(self, wall: Wall, duration: float) -> None:
+        """Set the wall, and the length of an episode, s."""
+        self.wall, self.duration = wall, duration
+
+    def ranges(self, arm: Arm, path: str) -> list[Pair]:
+        """Return the ranges of distance (m), time (s), speed (m/s), bearing (rad) and force (N) of a drawn path."""
+        d, b = self.wall
+        half = math.sqrt(max((REACH * arm.total_length) ** 2 - d * d, 0.0))
+        speed = min(0.05 * arm.total_length, half / (0.6 * self.duration))
+        most = force_scale(arm)
+        time = (0.4 * self.duration, 0.6 * self.duration)
+        return [(d, d), time, (0.4 * speed, speed), (b, b), (0.3 * most, 0.6 * most)]
+
+    def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
+        """Check that the wall is within reach and the commanded force positive."""
+        if ranges[4][0] <= 0.0:
+            raise check.InvalidValue("reference.force", ranges[4], "must be positive (N)")
+
+
+def force_scale(arm: Arm) -> float:
+    """Return the largest tip force, N, that every motor can hold at the straight arm's lever from its joint."""
+    levers = np.cumsum([link.span for link in arm.links][::-1])[::-1]
+    assert arm.torque_limits is not None
+    return float(min(np.array(arm.torque_limits) / levers))
+
+
+class Pressing(NamedTuple):
+    """What the task needs of an environment: its kind, and values of the keywords contacts, sensors, reference."""
+
+    kind: Kind
+    contacts: Any
+    sensors: Any
+    reference: Any
+
+
+def pressing(kind: Kind, arm: Arm, task: Any, duration: Any, contacts: Any, sensors: Any, reference: Any) -> Pressing:
+    """Return kind and keywords of task="press"; those that are given for any other task.
+
+    The first contact is the wall, a half-space that the root is outside of; without contacts it is at 0.7 lengths along
+    x. A force sensor is added.
+
+    Raises:
+        ValueError: names the key path, the value and what is allowed.
+    """
+    if task != PRESS:
+        return Pressing(kind, contacts, sensors, reference)
+    if kind.space or kind.target.numbers != 2:
+        what = "must be given for TwoLinkFlexArm-v0 or MultiLinkFlexArm-v0, whose target is a point in the plane"
+        raise check.InvalidValue("task", task, what)
+    if arm.base is not None:
+        raise check.InvalidValue("task", task, "must not be given for an arm whose base floats")
+    length = LONGER * kind.duration if duration is None else check.number("duration", duration, "s", above=0.0)
+    found = contacts_of("contacts", contacts, arm, False) or (_usual_wall(arm),)
+    wall = _wall_of(found[0], arm)
+    options = {} if reference is None else check.table_of("reference", reference)
+    for name in ("distance", "bearing", "path"):
+        if name in options:
+            raise check.InvalidValue(f"reference.{name}", options[name], 'must be left out with task="press"')
+    if isinstance(sensors, description.Sensors):
+        own = description.ForceSensor() if sensors.force is None else sensors.force
+        sensors = dataclasses.replace(sensors, force=own)
+    elif sensors is None or isinstance(sensors, Mapping):
+        sensors = {"force": {}, **(sensors or {})}
+    return Pressing(_kind(kind, wall, length), found, sensors, {**options, "path": "line"})
+
+
+def _usual_wall(arm: Arm) -> Contact:
+    """Return the usual wall, a soft pad that the largest force of the motors indents by 3 mm, with friction 0.3."""
+    obstacle = HalfSpace((DISTANCE * arm.total_length, 0.0), (-1.0, 0.0))
+    return Contact(obstacle, force_scale(arm) / 3e-3**1.5, damping=30.0, friction=0.3)
+
+
+def _wall_of(contact: Contact, arm: Arm) -> Wall:
+    """Return the wall of a contact, less the payload's radius, after checking that the tip reaches it."""
+    obstacle, path = contact.obstacle, "contacts[0].obstacle"
+    if not isinstance(obstacle, HalfSpace) or "tip" not in contact.bodies:
+        raise check.InvalidValue(path, obstacle.to_dict(), 'must be a half-space for the tip, the wall of task="press"')
+    normal = np.array(obstacle.normal)
+    distance = float(obstacle.distance(np.zeros((1, 2)))[0]) - arm.payload.radius
+    if not 0.0 < distance < REACH * arm.total_length:
+        what = f"must be a wall at most {REACH * arm.total_length:g} m from the root, which is outside"
+        raise check.InvalidValue(path, obstacle.to_dict(), what)
+    return Wall(distance, math.atan2(-normal[1], -normal[0]))
+
+
+def _kind(kind: Kind, wall: Wall, duration: float) -> Kind:
+    """Return the kind whose task is "press" at a wall, in episodes of `duration` s."""
+    weights = {name: kind.rewards[name] for name in kind.rewards if name != FAILURE}
+
+    def entries(arm: Arm) -> list[tuple[str, float]]:
+        return [*kind.entries(arm), ("target_force", force_scale(arm))]
+
+    def starts(arm: Arm) -> Starts:
+        usual = kind.starts(arm)
+        return dataclasses.replace(usual, start=_ranges(arm, wall), straight=0.0)
+
+    return dataclasses.replace(
+        kind, task=PRESS, duration=LONGER * kind.duration, target=OnWall(wall, duration), entries=entries,
+        starts=starts, bands=BANDS, rewards={**weights, "force": 0.5, FAILURE: kind.rewards[FAILURE]},
+        record=lambda arm: Press if arm.n_links == 2 else PressChain,
+    )  # fmt: skip
+
+
+def _ranges(arm: Arm, wall: Wall) -> list[Pair]:
+    """Return the ranges of joint angles at a start, rad: about the posture whose tip is before the wall."""
+    limits = [(-math.inf, math.inf) if pair is None else pair for pair in arm.joint_limits or (None,) * arm.n_links]
+    place = NEAR * wall.distance * np.array([[math.cos(wall.bearing), math.sin(wall.bearing)]])
+    angles = goal_angles(arm, np.zeros((1, arm.n_links)), place, np.ones((1, arm.n_links)))[0]
+    pairs = zip(angles.tolist(), limits, strict=True)
+    return [(max(low, angle - TURN), min(high, angle + TURN)) for angle, (low, high) in pairs]

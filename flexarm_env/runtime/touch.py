@@ -1,0 +1,94 @@
+"""Contact in a control period: info of all points that may touch, and the forces that sensors at the tip read."""
+
+from __future__ import annotations
+
+from ..compiler import Lanes, kernel, maximum, select_lt, size
+from ..physics.contact.integration import reading_at, record_contacts, reset_impulses
+from ..physics.contact.layout import READ
+from ..physics.integrator.work import Work
+from ..tasks.contact_info import CONTACT
+from ..tasks.program import channel_at
+from ..tasks.task import info_of, put_info
+from .laws import LAW_SIZE, channel_of
+
+
+@kernel
+def open_contacts(lane, model, w: Work):
+    """Set the impulses of all points to 0 at the start of a control period; no-op without contact."""
+    reset_impulses(lane, model, w.S)
+
+
+@kernel
+def start_contacts(lane, p, par, w: Work):
+    """Store the readings of all points at the start of an episode in w.S; no-op without contact.
+
+    # in        w.q, w.v;  par, the arms' own parameters
+    """
+    if p.model.newton.contact is not None:
+        reset_impulses(lane, p.model, w.S)
+        record_contacts(lane, p.model, par, w.q, w.v, w.S, 0.0)
+
+
+@kernel
+def put_contacts(lane, p, w: Work, live, info):
+    """Write force, friction (N), penetration (m), sliding speed (m/s) and impulse (N s) into info where live > 1/2.
+
+    # in        w.S, readings of the points at the end of the last step
+    # out       info.further, its last numbers (`CONTACT`). No-op without contact.
+    """
+    if p.model.newton.contact is not None:
+        S: Lanes = w.S
+        force, friction, depth, sliding, impulse, most = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for k in range(len(p.model.newton.contact.points)):
+            at = reading_at(p.model, k)
+            normal = S[at + READ.normal]
+            force, friction = force + normal, friction + S[at + READ.tangential]
+            depth = maximum(S[at + READ.penetration], depth)
+            # readings of points that do not touch depend on other lanes: they are left out
+            sliding = select_lt(most, normal, S[at + READ.sliding], sliding)
+            most = maximum(normal, most)
+            impulse = impulse + S[at + READ.impulse]
+        first = info_of(p.task).further + size(p.task.further) - CONTACT.end
+        put_info(lane, live, info, first + CONTACT.force, force)
+        put_info(lane, live, info, first + CONTACT.friction, friction)
+        put_info(lane, live, info, first + CONTACT.penetration, depth)
+        put_info(lane, live, info, first + CONTACT.sliding, sliding)
+        put_info(lane, live, info, first + CONTACT.impulse, impulse)
+
+
+@kernel
+def contact_channels(instruments):
+    """Return the number of channels of force sensor (2) and contact switch (1)."""
+    count = 0
+    if instruments.force is not None:
+        count = count + 2
+    if instruments.switch is not None:
+        count = count + 1
+    return count
+
+
+@kernel
+def record_contact_forces(lane, instruments, model, record: Lanes, w: Work):
+    """Store what force sensor (N over its scale) and contact switch (1 or 0) read in their channels of the record.
+
+    Normal force and magnitude of the friction force on the tip, at the end of the last step, by the readings in w.S.
+    0 where the tip may not touch.
+    """
+    if model.newton.contact is not None:
+        if instruments is not None:
+            S: Lanes = w.S
+            count = instruments.laws.shape[0] // LAW_SIZE
+            base = record.shape[0] - count * channel_at(0, instruments.room).end
+            at, touches = reading_at(model, max(instruments.tip, 0)), float(instruments.tip)
+            normal = select_lt(touches, 0.0, 0.0, S[at + READ.normal])
+            tangential = select_lt(touches, 0.0, 0.0, S[at + READ.tangential])
+            # the last channels but those of gauges
+            c = count - contact_channels(instruments)
+            if instruments.gauges is not None:
+                c = c - size(instruments.gauges)
+            if instruments.force is not None:
+                record[channel_of(base, instruments.room, c).motor] = normal / instruments.force
+                record[channel_of(base, instruments.room, c + 1).motor] = tangential / instruments.force
+                c = c + 2
+            if instruments.switch is not None:
+                record[channel_of(base, instruments.room, c).motor] = select_lt(instruments.switch, normal, 1.0, 0.0)

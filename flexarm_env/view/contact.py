@@ -1,0 +1,41 @@
+"""Obstacles, contact forces and their charts in clips of episodes and runs."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..shapes import Shape
+from ..validation import Array
+from .clip import Chart, Pull
+
+
+def obstacles_of(plan: Any) -> list[Shape]:
+    """Return the shapes of an environment's plan: those to stay out of, and those that the arm may touch."""
+    return [*plan.keep_out, *(contact.obstacle for contact in plan.contacts)]
+
+
+def contact_pulls(plan: Any, views: Sequence[Any], tips: Sequence[int], axes: int) -> list[Pull]:
+    """Return the contact force on each point that may touch, as a `Pull` on the tip of its link.
+
+    views: `batch.View` of each instant. tips: index of the chain's point at the tip of each link. axes: 2 or 3.
+    """
+    links = sorted({k for contact in plan.contacts for k in contact.links(plan.arm)})
+    found = []
+    for p, k in enumerate(links):
+        force = np.array([view.touches[p, 3 : 3 + axes] for view in views])
+        if force.any():
+            place = "tip" if k + 1 == plan.arm.n_links else f"joint {k + 1}"
+            found.append(Pull(f"contact force, {place}", tips[k], force))
+    return found
+
+
+def contact_charts(rows: Mapping[str, Array]) -> list[Chart]:
+    """Return charts of contact forces (N) and penetration (mm) from infos by name."""
+    if "contact_force" not in rows:
+        return []
+    forces = {"normal": rows["contact_force"], "friction": rows["contact_friction"]}
+    return [
+        Chart("contact: forces (N)", forces),
+        Chart("contact: penetration (mm)", {"penetration": 1e3 * rows["contact_penetration"]}),
+    ]
