@@ -27,8 +27,6 @@ FORMULATIONS: dict[str, tuple[str, dict[str, Any]]] = {
     "root frames": (ONE, {"formulation": "floating_frame", "frame": "root", "segments": 2}),
     "multipliers": (TWO, {"formulation": "floating_frame", "multipliers": True, "segments": 1, "elements": 1}),
     "exact beam": (ONE, {"formulation": "geometrically_exact", "elements": 2}),
-    "space, exact beam": (SPACE, {"elements": 1, "dt": 0.0025}),
-    "space, floating frame": (SPACE, {"formulation": "floating_frame", "segments": 1, "dt": 0.0025}),
 }
 """Environment and keywords of each formulation."""
 
@@ -86,12 +84,12 @@ TABLE: dict[str, tuple[str, ...]] = {
         "none", "gravity", "gears", "gears, viscous friction", "gears with play", "rigid gears, rotors", "levers",
         "motors", "sensors", "targets that move",
     ),
-    "elastica, two links": ("gears with play", "rigid gears, rotors", "floating base", "controllers"),
+    "elastica, two links": ("floating base", "controllers"),
     "floating frame": ("none", "gears, viscous friction"),
     "modes": ("none", "gears, viscous friction", "motors"),
     "root frames": ("none",),
     "multipliers": ("none",),
-    "exact beam": ("none", "gears, viscous friction", "motors", "floating base", "levers", "controllers", "sensors"),
+    "exact beam": ("none", "gears, viscous friction", "motors", "floating base", "levers", "controllers"),
 }  # fmt: skip
 """Features that each formulation is tried with."""
 
