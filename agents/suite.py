@@ -64,13 +64,14 @@ class Method:
 
     Args:
         name: of a controller, or what its results are called. seeds: runs. algorithm: that trains it ("": a
-            controller). tasks: ids; None: all.
+            controller). tasks: ids; None: all. config: its file of hyperparameters, configs/ALGORITHM/CONFIG.yml.
     """
 
     name: str
     seeds: int = 1
     algorithm: str = ""
     tasks: tuple[str, ...] | None = None
+    config: str = "suite"
 
 
 METHODS = (
@@ -80,6 +81,7 @@ METHODS = (
     Method("sac", 1, "sac", ("slew-measured-v2", "slew-unknown-v2", "slew-geared-v2")),
     Method("tqc", 2, "tqc", FEW),
     Method("recurrent_ppo", 2, "recurrent_ppo", FEW),
+    Method("ppo_around", 5, "ppo", ("reach-measured-v1",), "around"),
     Method("foresight", 1, "foresight"),
 )
 
@@ -196,7 +198,7 @@ def train(job: Job, arguments: Arguments) -> Path:
     algorithm, steps = job.method.algorithm, round(job.task.budget * arguments.share)
     finished(
         train_ppo, folder, env=job.task.registered, algo=algorithm, seed=job.seed, n_timesteps=steps, best_by="return",
-        config=ROOT / "configs" / algorithm / "suite.yml", evaluate_every=max(32_768, round(steps / 20)),
+        config=ROOT / "configs" / algorithm / f"{job.method.config}.yml", evaluate_every=max(32_768, round(steps / 20)),
         tensorboard=False, progress=arguments.progress,
     )  # fmt: skip
     return folder

@@ -82,7 +82,7 @@ def blocks(found: pages.Found) -> pages.Blocks:
     judged = []
     for one in found["policies"]:
         row, success = one["judged"], f"{100 * one['judged']['success_rate']:.0f} %"
-        vibration = f"{1e3 * row['residual_vibration_median']:.2g}"
+        vibration = f"{row['residual_vibration_median']:.2g}"
         judged.append((one["policy"], success, f"{row['settling_time_median']:.3g}", vibration))
     ranges = {name: tuple(bounds) for name, bounds in found["ranges"].items()}
     heads = "trained on the ... arm | success on the true one | settling time, s | residual vibration, mm"

@@ -16,6 +16,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
 from flexarm_env import validation as check
+from flexarm_env.envs.around import AroundControllerVector, Inside
 from flexarm_env.envs.lengths import LengthsVectorEnv
 from flexarm_env.envs.options import ARGUMENTS
 from flexarm_env.envs.spec import CHANGEABLE, same
@@ -40,6 +41,7 @@ def make_sb3_vec(
     vectorization_mode: str = "vector_entry_point",
     wrappers: Sequence[Callable[[gym.Env[Any, Any]], gym.Env[Any, Any]]] = (),
     lengths: Sequence[float | Sequence[float]] = (),
+    around: Inside | None = None,
     **kwargs: Any,
 ) -> VecEnv:
     """Make a Stable-Baselines3 VecEnv of n_envs environments that are stepped together.
@@ -55,6 +57,8 @@ def make_sb3_vec(
         wrappers: functions or classes that each single environment is wrapped in, the first one innermost. The native
             vector environment has no single ones: with wrappers, "vector_entry_point" is "sync".
         lengths: factors on the links' lengths, among which the environments are divided (`envs.lengths`).
+        around: a controller inside the environments, to whose torques actions are added
+            (`envs.around.AroundControllerVector`).
         kwargs: keywords of the environment.
     Returns:
         VecNormalize(VecMonitor(GymnasiumVecEnv)), or fewer of these wrappers as requested.
@@ -67,9 +71,9 @@ def make_sb3_vec(
     keywords = normalize if isinstance(normalize, Mapping) else {} if check.flag("normalize", normalize) else None
     mode: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}
     if wrappers:
-        around = check.sequence("wrappers", wrappers, "functions of an environment")
+        each = check.sequence("wrappers", wrappers, "functions of an environment")
         vectorization_mode = "sync" if vectorization_mode == "vector_entry_point" else vectorization_mode
-        kwargs = {"wrappers": around} | kwargs
+        kwargs = {"wrappers": each} | kwargs
     lengths = check.sequence("lengths", lengths, "factors on lengths")
     if lengths and vectorization_mode != "vector_entry_point":
         what = "must be left out with wrappers or another vectorization_mode than 'vector_entry_point'"
@@ -86,6 +90,7 @@ def make_sb3_vec(
             raise
         what = f"must be 'sync' or 'async' for {env_id}, whose own vector environment has no same-step autoreset"
         raise check.InvalidValue("vectorization_mode", vectorization_mode, what) from error
+    native = native if around is None else AroundControllerVector(native, inside=around)
     adapter = GymnasiumVecEnv(native, info_keys)
     if seed is not None:
         adapter.seed(seed)

@@ -378,8 +378,8 @@ def table(
     interpolation: str | None = None,
 ) -> TimeFunction:
     """Return a function through a table: t (s), psi (rad or m)[, psi_dot[, psi_ddot]]. With psi alone ``interpolation``
-    is "spline" (default, C2) or "linear" (each row a kink). With rates the rows' values and rates are met, and
-    ``interpolation`` must be None."""
+    is "spline" (default, C2) or "linear" (each row a kink). With rates the function passes through the rows' values and
+    rates, and ``interpolation`` must be None."""
     if psi_dot is None:
         if psi_ddot is not None:
             raise check.MissingKey("psi_dot", "psi_ddot needs it too")

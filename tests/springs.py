@@ -22,7 +22,7 @@ class Spring(NamedTuple):
 
 
 @kernel
-def spring_force(lane, part, model, par, state, inputs: Lanes):  # type: ignore[no-untyped-def]
+def spring_force(lane, part, model, par, state, S, inputs: Lanes):  # type: ignore[no-untyped-def]
     """Add the force k (anchor - y) on the point at y."""
     y = stack(lane, model.points)
     point_displacement(lane, part.point, model, par, state.q, y)

@@ -34,7 +34,7 @@ def entry(task: suite.Task, mean: float, **changes) -> dict:
 def test_each_method_has_hyper_parameters_for_its_tasks(method: reference.Method):
     if method.algorithm in ("tqc", "recurrent_ppo"):
         pytest.importorskip("sb3_contrib")
-    path = reference.ROOT / "configs" / method.algorithm / "suite.yml"
+    path = reference.ROOT / "configs" / method.algorithm / f"{method.config}.yml"
     for task in TASKS:
         if task.id in (method.tasks or (task.id,)):
             assert config.load(path, method.algorithm, task.registered).n_timesteps > 0

@@ -15,7 +15,7 @@ import pytest
 
 from flexarm_env import suite
 from flexarm_env.cli import checkout, main, play
-from flexarm_env.control.sources import Following
+from flexarm_env.control.catalogue import Following
 from flexarm_env.recording import EpisodeRecorder, frames, load_episodes, replay, save_episodes, to_minari
 from flexarm_env.suite.policies import choose
 from tests.cli_tools import answer, refused

@@ -7,6 +7,7 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 
+from flexarm_env.control.around import Inside
 from flexarm_env.sb3 import make_sb3_vec
 from flexarm_env.training import config, policies
 from flexarm_env.training import train as train_ppo
@@ -55,16 +56,22 @@ def test_what_it_cannot_do_is_told(tmp_path: Path):
         train_ppo.train(given(tmp_path, config=path))
 
 
-def model(**changes) -> Gradient:
-    env = make_sb3_vec(ENV, 8, seed=0, duration=1.5)
+PD = Inside("pd", 0.6, {"bandwidth": [0.03], "ratio": [0.84]})
+"""Weak enough not to saturate, where the method's derivative differs from the true one on purpose."""
+
+
+def model(around: Inside | None = None, **changes) -> Gradient:
+    measured = {} if around is None else {"observation": "measured"}
+    env = make_sb3_vec(ENV, 8, seed=0, duration=1.5, around=around, **measured)
     more = {"n_steps": 12, "batch_size": 32, "seed": 3, "policy_kwargs": {"net_arch": [8, 8], "log_std_init": -1.5}}
     return Gradient("MlpPolicy", env, **more | changes)
 
 
-def test_the_actor_s_gradient_is_that_of_what_the_window_is_worth():
+@pytest.mark.parametrize("around", [None, PD], ids=["alone", "around-pd"])
+def test_the_actor_s_gradient_is_that_of_what_the_window_is_worth(around: Inside | None):
     """Against central differences of the window's discounted rewards and the critic's word at its end, with the same
     noise. Found: 2e-4, which is float32's."""
-    one = model()
+    one = model(around)
     began, network = (one.state.copy(), one.ages.copy()), one.actor.parameters
     wide = np.float64
 
@@ -81,6 +88,7 @@ def test_the_actor_s_gradient_is_that_of_what_the_window_is_worth():
     one.state, one.ages, one.rng = began[0].copy(), began[1].copy(), np.random.default_rng(7)
     window = one._act()
     one._improve(window, 0.0)
+    assert max(np.abs(total).max() for total in window.total) < 1.0
     assert np.array_equal(network.values, values)
     found = -network.gradient.astype(wide)
     for seed in range(3):

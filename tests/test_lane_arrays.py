@@ -366,8 +366,9 @@ LANE_ARRAYS = {
 }  # fmt: skip
 """Names that physics, runtime and tasks give to arrays of lanes."""
 
-OTHERS = {"add_vector", "specific_force", "drive_rows", "tangent_rows", "_add_residual", "pose_rows"}
-"""Kernels whose arguments of these names are vectors of three, or one arm's rows with a time in each."""
+OTHERS = {"add_vector", "specific_force", "drive_rows", "tangent_rows", "_add_residual", "pose_rows", "respond",
+          "_set"}  # fmt: skip
+"""Kernels whose arguments of these names are vectors of three, or numbers and tables of one arm, without lanes."""
 
 
 def counts_lanes(item: ast.AST, lanes: set[str]) -> bool:

@@ -3,6 +3,7 @@
 import ast
 import gc
 import math
+import re
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -61,6 +62,34 @@ def test_kernels_of_the_package_take_no_squares_by_pow() -> None:
                 if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow) and ast.unparse(node.left) != "2":
                     found.append(ast.unparse(node))
     assert not found
+
+
+OF_C = {"sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "tanh", "hypot", "pow"}
+"""Functions whose last bit depends on the C library."""
+MARKS = {"kernel", "inlined", "noinline", "entry_point", "superword"}
+
+
+def of_c(path: Path) -> set[str]:
+    """Functions of the C library in the kernels of a file."""
+    found = set()
+    for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(function, ast.FunctionDef):
+            marks = {node.id for one in function.decorator_list for node in ast.walk(one) if isinstance(node, ast.Name)}
+            names = {ast.unparse(node) for node in ast.walk(function) if isinstance(node, ast.Attribute)}
+            if marks & MARKS:
+                found |= {name[5:] for name in names if name.startswith("math.")} & OF_C
+    return found
+
+
+def test_the_page_lists_all_functions_of_the_c_library() -> None:
+    """Their bits differ between systems: each file with one is listed, with these functions and no other."""
+    root = Path(__file__).parents[1]
+    section = (root / "docs" / "compiler.md").read_text(encoding="utf-8").split("## Functions of the C library")[1]
+    rows = [line.split("|")[1:3] for line in section.split("\nNo kernel")[0].splitlines() if line.startswith("| `")]
+    listed = {file: set(re.findall("`(.+?)`", names)) for names, files in rows for file in re.findall("`(.+?)`", files)}
+    package = root / "flexarm_env"
+    used = {path.relative_to(package).as_posix(): of_c(path) for path in sorted(package.rglob("*.py"))}
+    assert {file: names for file, names in used.items() if names} == listed
 
 
 # ------------------------------------------------------------------ whole numbers

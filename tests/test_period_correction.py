@@ -8,12 +8,11 @@ import pytest
 
 from benchmarks.stability_cases import cases, scene_of
 from flexarm_env import scenes
-from flexarm_env.compiler.lanes import SINGLE
+from flexarm_env.compiler import SINGLE, uncompiled
 from flexarm_env.linear import linearize, modes
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
-from flexarm_env.physics.equations import equations
 from flexarm_env.physics.exact.inertia import inertia_forces
-from flexarm_env.physics.protocol import State
+from flexarm_env.physics.protocol import State, residual
 from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import Simulation, simulate
@@ -52,7 +51,7 @@ def test_inertia_is_what_the_residual_has(order: int) -> None:
     found, with_a, without, room = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(int(model.n_factor))
     inertia_forces(SINGLE, model, simulation.par, None, a, found)
     for r, x in ((with_a, a), (without, np.zeros(n))):
-        equations(SINGLE, model, simulation.par, State(w.q, w.v, x), w.u, w.psi, 0, r, room)
+        uncompiled(residual)(SINGLE, model, simulation.par, State(w.q, w.v, x), w.u, r, room)
     assert np.abs(found - (with_a - without)).max() < 1e-13 * np.abs(found).max()
 
 

@@ -62,6 +62,19 @@ def test_training_by_hand_takes_one_thread() -> None:
                 assert ".learn(" not in block or "progress_bar=True" in block, path
 
 
+def test_the_default_is_more_accurate_and_faster_than_the_papers_solver() -> None:
+    """As README says, for random and for bang-bang torques of both planar environments, by the page's tables."""
+    said = 'more accurate than the paper\'s solver (`formulation="paper"`) and several hundred times faster'
+    assert said in " ".join(TEXT.split())
+    page = (ROOT / "docs/results/default_settings.md").read_text("utf-8")
+    row = r"^\| \**(elastica|paper),.*\(default.*\| ([\d.]+) % \| ([\d.]+) % \| 0 \| ([\d.]+) \|"
+    rows = re.findall(row, page, re.MULTILINE)
+    found = [[float(x) for x in row[1:]] for row in rows]
+    assert [row[0] for row in rows] == ["elastica", "paper"] * 2
+    for default, paper in (found[:2], found[2:]):
+        assert default[0] < paper[0] and default[1] < paper[1] and 300.0 * default[2] < paper[2]
+
+
 def test_commands_are_ones_that_there_are() -> None:
     commands = re.findall(r"^    flexarm (.*)$", TEXT, re.MULTILINE)
     assert len(commands) >= 6

@@ -10,13 +10,18 @@ import pytest
 
 from flexarm_env import Arm, Joint, Link, Payload, Section, arms
 from flexarm_env.envs import resolution
+from flexarm_env.envs.judge import Judge
 from flexarm_env.envs.options import DEFAULT_OPTIONS
 from flexarm_env.envs.resolution import resolve
 from flexarm_env.envs.resolution_warnings import ResolutionWarning
 from flexarm_env.envs.small_motions import Drive, Motion, chain, exponential, fine, vibrations
 from flexarm_env.envs.small_motions_space import of_space
 from flexarm_env.envs.space import SPACE
+from flexarm_env.linear import static_equilibrium
+from flexarm_env.scene import PointLoad
 from flexarm_env.settings import Settings
+from flexarm_env.time_functions import constant
+from tests.linear_tools import at_rest, one_link
 
 STRIP = arms.named("strip")
 KEPT = [name for name in arms.names() if not arms.named(name).spatial]
@@ -95,6 +100,45 @@ def test_steps_of_small_motions_are_those_of_the_elastica() -> None:
     motion = Motion.of(STRIP, chain(STRIP, 4), np.zeros(1), settings, settings.dt)
     state = motion.stepped(settings.dt, 3)[:, -1] * 0.1
     assert abs(motion.tip[1] @ state[:4] - info["tip_position"][1]) < 1e-3 * abs(info["tip_position"][1])
+
+
+@pytest.mark.parametrize("elements", [2, 5])
+def test_linear_elements_are_as_stiff_as_the_rule_says(elements: int) -> None:
+    """A cantilever under an end load, P L^3 / 3 EI + P L / C, of linear elements with one Gauss point: its bending is
+    smaller by 1 / (4 E^2), the rule's factor to second order in that."""
+    section = Section(EI=2.0, EA=1e5, C=600.0, m=1.0, J=1e-4)
+    scene = at_rest(one_link(section), loads=(PointLoad(0, "tip", force_y=constant(-1e-4)),))
+    tip = static_equilibrium(scene, "geometrically_exact", elements=elements, order=1).observe()[0][0, 7]
+    bending = -tip / 1e-4 - 1.0 / 600.0
+    assert bending * 6.0 == pytest.approx(1.0 / (1.0 + 0.25 / elements**2), abs=0.1 / elements**4)
+    rule = Judge(STRIP, Drive.of(STRIP, "torque", None, None), 0.02)
+    usual = Settings.make("geometrically_exact", elements=elements, dt=0.0025)
+    one, two = (rule._motion(usual.replace(order=order), np.zeros(1), 1e-6).K for order in (1, 2))
+    assert np.allclose(one, two * (1.0 + 0.25 / elements**2), rtol=1e-9)
+
+
+def test_steps_of_small_motions_have_the_damping_of_newmarks_scheme() -> None:
+    """Decay of the first vibration in a step: the eigenvalues of the scheme's own step for x'' + w^2 x = 0."""
+    arm, h, beta, gamma = replace(STRIP, tau_d=0.0), 0.004, 0.3025, 0.6
+    settings = Settings.make("geometrically_exact", newmark=(beta, gamma), dt=h)
+    motion = Judge(arm, Drive.of(arm, "torque", None, None), 0.02)._motion(settings, np.zeros(1), h)
+    w = float(np.sqrt(vibrations(motion.M, motion.K)[0][1]))
+    # x, h v, h^2 a at the end of a step, from those at its beginning
+    after = np.array([[1.0, 0.0, -beta], [0.0, 1.0, -gamma], [(w * h) ** 2, 0.0, 1.0]])
+    before = np.array([[1.0, 1.0, 0.5 - beta], [0.0, 1.0, 1.0 - gamma], [0.0, 0.0, 0.0]])
+    decay = np.log(np.abs(np.linalg.eigvals(np.linalg.solve(after, before))).max())
+    own = np.linalg.eigvals(motion.stepped(h, 1)[:, : 2 * len(motion.M)])
+    slow = own[np.argmin(np.abs(np.abs(np.angle(own)) - w * h))]
+    assert 0.0 > np.log(abs(slow)) == pytest.approx(decay, rel=0.02)
+
+
+def test_options_that_change_the_error_are_told_apart() -> None:
+    """One rule serves all environments of an arm: their meshes, orders and schemes are no others'."""
+    rule, h = Judge(STRIP, Drive.of(STRIP, "torque", None, None), 0.02), 0.0025
+    usual = Settings.make("geometrically_exact", elements=5, dt=h)
+    others = [{"order": 1}, {"newmark": (0.3025, 0.6)}, {"newmark": (0.25, 0.5)}, {"rho_inf": 0.0}, {"elements": 3}]
+    found = [rule.small(usual.replace(**other), h) for other in ({}, *others)]
+    assert len(set(found)) == len(found) and min(found[1:3]) > 5.0 * found[0]
 
 
 def geared(**joint: Any) -> Arm:

@@ -14,7 +14,8 @@ import flexarm_env as fx
 from flexarm_env import arms, scenes
 from flexarm_env.compiler import SINGLE, kernel, uncompiled
 from flexarm_env.linear import modes, static_equilibrium
-from flexarm_env.linear.space import stability_of
+from flexarm_env.linear.equilibrium import at_rest_of
+from flexarm_env.linear.stability import at_rest
 from flexarm_env.physics import assembly, protocol
 from flexarm_env.physics.gauges import curvatures
 from flexarm_env.physics.model import STIFFNESSES
@@ -527,7 +528,7 @@ def test_holding_torques_carry_the_weight() -> None:
     found = static_equilibrium(everything(fx.Scene("s", arm, duration=1.0, dt=1e-3, gravity=(0, 0, -9.81))))
     assert found.joint_torques()[0] == pytest.approx(-9.81 * (0.5 * s.m + 0.5), rel=1e-4)
     assert found.stability.stable
-    assert stability_of(found, [0]).smallest == pytest.approx(found.stability.smallest)
+    assert at_rest(*at_rest_of(found), [0]).smallest == pytest.approx(found.stability.smallest)
     weight, n, points = 9.81 * s.m, found.settings.elements, found.shape_points()
     assert n is not None and points.shape[1] == 3 and np.abs(points[0]).max() == 0.0
     assert points[-1, 2] == pytest.approx(-(weight / 8.0 + 9.81 * 0.5 / 3.0) / s.EI, rel=0.01)  # of a cantilever

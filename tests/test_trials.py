@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from flexarm_env import Arm, Joint, Link, Payload, Section, arms
+from flexarm_env.batch import Amplifier
+from flexarm_env.compiler import kernel
 from flexarm_env.envs import options, trials
 from flexarm_env.envs.options import DEFAULT_OPTIONS
 from flexarm_env.envs.resolution import resolve
 from flexarm_env.envs.resolution_warnings import ResolutionWarning
 from flexarm_env.envs.small_motions import Drive
-from flexarm_env.envs.task import REACH
+from flexarm_env.envs.task import REACH, Kind
 from flexarm_env.parameters import Elbow, RigidLink
 from flexarm_env.settings import Settings
 from flexarm_env.validation import Array
@@ -157,6 +159,40 @@ def test_shipped_arms_are_not_tried(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(options, "trials_of", lambda *_: pytest.fail("tried"))
     for arm in (None, "two_link_geared", arms.named("quanser_2dsfl")):
         assert gym.make("TwoLinkFlexArm-v0", arm=arm).unwrapped.plan.settings.dt == 0.02 / 3.0  # type: ignore[attr-defined]
+
+
+def test_reward_terms_of_the_user_are_no_part_of_a_trial(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A trial is kept for its arm: a term that does not compile would fail every later environment of that arm."""
+
+    @kernel
+    def broken(lane, task, poses, action, record):
+        return nowhere  # type: ignore[name-defined]  # noqa: F821
+
+    def tried(kind: Kind, *_: Any) -> None:
+        kinds.append(kind)
+
+    kinds: list[Kind] = []
+    monkeypatch.setattr(options, "trials_of", tried)
+    terms = {"reward_terms": {"broken": broken}, "reward": {"change": 0.1, "broken": 2.0}}
+    own = options.plan(REACH, arm=PUSHED, **terms)
+    assert options.plan(REACH, arm=PUSHED).kind == kinds[0] == kinds[1] == REACH
+    assert {"broken", "change"} <= own.kind.rewards.keys()
+
+
+def test_trials_are_kept_by_all_that_moves_their_arms() -> None:
+    """Arm, period, gravity, action, drive and drawn extremes; no two of these share a trial, and equal ones do."""
+    amplifier = Amplifier(np.ones(2), np.ones(2), np.ones(2))
+    usual: dict[str, Any] = {"arm": PUSHED, "period": 0.02, "gravity": None, "mode": "torque", "share": None,
+                             "amplifier": None, "drawn": None}  # fmt: skip
+    changes: list[dict[str, Any]] = [
+        {}, {"arm": replace(PUSHED, tau_d=2e-3)}, {"period": 0.01}, {"gravity": (0.0, -9.81)},
+        {"mode": "residual_pd", "share": 0.5}, {"mode": "residual_pd", "share": 0.6}, {"amplifier": amplifier},
+        {"amplifier": amplifier._replace(emf=None)}, {"amplifier": amplifier._replace(gain=np.full(2, 2.0))},
+        {"drawn": {"EI": (0.5, 1.0)}}, {"drawn": {"EI": (0.4, 1.0)}}, {"drawn": {"damping": (0.5, 1.0)}},
+    ]  # fmt: skip
+    found = [trials.trials_of(REACH, **(usual | change)) for change in changes]
+    assert len({id(one) for one in found}) == len(changes) <= trials.KEPT
+    assert [trials.trials_of(REACH, **(usual | change)) for change in changes] == found
 
 
 @pytest.mark.slow

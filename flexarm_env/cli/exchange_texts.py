@@ -9,7 +9,9 @@ Export a trained policy, a controller or an arm for use without this package.
 Policies (--to c, --to onnx). WHAT is a run folder, a policy.npz or a policy of the package. The exported policy agrees
 with NumPy to 1e-6. --to c: one C99 file without main, in float32, with fixed-size arrays and no allocation; it includes
 scaling, clipping, normalization and history, and its first lines document the function to call. --to onnx:
-observations (n, entries) to actions (n, joints), for any runtime (needs: pip install onnx).
+observations (n, entries) to actions (n, joints), for any runtime (needs: pip install onnx). A policy with a
+controller inside is exported as one: to C (in space with --targets), to ONNX if it reads measured joint angles in the
+plane.
 
 Controllers (--to c, --to fmu, with --env). WHAT is pd, zv, zvd, lqr, lqg or time_optimal (its plan for --slew, one
 link). The code is in double precision and contains the result of the design. Gains that depend on elbow angles (all but

@@ -13,9 +13,11 @@ from flexarm_env.cli.codes import DONE
 from flexarm_env.cli.exchange_texts import FORMS
 from flexarm_env.cli.play import keywords
 from flexarm_env.cli.progress import show
-from flexarm_env.control import NAMES, NumpyPolicy, Setup, load_policy, make, policy_names
+from flexarm_env.control import NAMES, NumpyPolicy, Setup, find_policy, make, policy_names
 from flexarm_env.control.export import Entries, c_name, c_source, onnx_bytes
+from flexarm_env.control.export_around import around_c_source, onnx_law
 from flexarm_env.control.in_c import controller_source
+from flexarm_env.control.policy import AroundPolicy
 from flexarm_env.envs.ids import own_ids, permitted
 from flexarm_env.files import write_whole
 from flexarm_env.library import write, write_controller_fmu, write_fmu
@@ -45,18 +47,22 @@ def run(args: argparse.Namespace) -> int:
     if Path(args.what).suffix == ".toml" or (args.what in _arms() and args.what not in policy_names()):
         what = "must be a policy or a controller; export an arm with --to library or fmu"
         raise check.InvalidValue("WHAT", args.what, what)
-    for word in ("env", "slew", "elbows", "targets", "env_kwargs"):
+    policy = find_policy(args.what, "WHAT").policy
+    inside = isinstance(policy, AroundPolicy)
+    for word in ("env", "slew", "env_kwargs", *(() if inside else ("elbows", "targets"))):
         value = getattr(args, word)
         if value is not None:
             flag = f"--{word.replace('_', '-')}"
             raise check.InvalidValue(flag, value, "must not be given for a policy, which defines its own environment")
-    policy = load_policy(args.what)
-    if type(policy) is not NumpyPolicy:
+    if type(policy) not in (NumpyPolicy, AroundPolicy):
         what = "must be a feedforward network: a run folder, a policy.npz, a model.zip or a policy of the package"
         raise check.InvalidValue("WHAT", args.what, what)
     size, joints = policy.weights[0][0].shape[0], policy.weights[-1][0].shape[1]
     values = {"export": str(out), "observation": size, "actions": joints}
-    if args.to == "onnx":
+    if inside:
+        content, own = _around(args, policy, out)
+        values |= own
+    elif args.to == "onnx":
         content = onnx_bytes(policy)
     else:
         name = c_name(out.stem)
@@ -65,6 +71,21 @@ def run(args: argparse.Namespace) -> int:
     write_whole(out, content)
     show(values | {"bytes": len(content)}, args.json)
     return DONE
+
+
+def _around(args: argparse.Namespace, policy: AroundPolicy, out: Path) -> tuple[bytes, dict[str, Any]]:
+    """Return the exported file of a policy with a controller inside, and what to print about it."""
+    env_id, kwargs = permitted(args.what, policy.meta["env_id"], policy.meta["env_kwargs"])
+    env = gym.make(env_id, **kwargs)
+    bound: Any = policy.bound(env)
+    env.close()
+    if args.to == "onnx":
+        return onnx_bytes(bound, (policy.inside.share, onnx_law(bound))), {}
+    elbows = _rows("--elbows", args.elbows, 2, "LOW:HIGH,... in rad, one pair per elbow")
+    targets = _rows("--targets", args.targets, 3, "X:Y:Z,... in m, one point per target")
+    name = c_name(out.stem)
+    source = around_c_source(bound, entries_of(policy, args.what), name, elbows, targets)
+    return source.encode(), {"function": f"{name}_decide"}
 
 
 def _controller(args: argparse.Namespace, out: Path) -> int:

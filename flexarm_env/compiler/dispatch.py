@@ -74,7 +74,8 @@ class Family:
             choice[:] = [*(one for one in choice if one[0] is not self), (self, function)]
 
     def delegate(self, kind: type, part: str, *functions: Any) -> None:
-        """Register functions of the family for a class whose field `part` has a class with these functions."""
+        """Register functions for a class that uses those of its field: `part` is the field, whose class has these
+        functions."""
         self.register(kind)
         for function in functions:
             self.members[kind][function.__name__] = made = OfPart(function, part)

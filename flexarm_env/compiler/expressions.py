@@ -185,7 +185,7 @@ class Expressions(Elements):
         return getattr(item.instance_class, name)
 
     def loaded(self, address: Any, shape: Any, at: int) -> Any:
-        """Load what `shape` (`kinds.described_as`) describes from `at` words behind an address.
+        """Load an item described by `shape` (`kinds.described_as`) from memory at `at` words after an address.
 
         The loads are marked invariant: arguments do not change during a call.
         """

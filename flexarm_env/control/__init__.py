@@ -17,15 +17,15 @@ from .lqg import LQG, LQGGains
 from .lqr import LQR, LQRGains
 from .mpc import MPC, MPCGains
 from .pd import PD, PDGains
-from .policy import NumpyPolicy
+from .policy import AroundPolicy, NumpyPolicy
 from .policy import names as policy_names
 from .shaping import ShapedGains, ShapedPD, Shaper, zv, zvd
 from .sources import NamedPolicy, find_policy, load_policy
 from .time_optimal import Plan, TimeOptimal, TimeOptimalGains, plan, rigid_time
 
 __all__ = [
-    "LQG", "LQR", "MPC", "NAMES", "PD", "Controller", "ForceGains", "HybridForce", "LQGGains", "LQRGains",
-    "MPCGains", "NamedPolicy", "NumpyPolicy", "PDGains", "Plan", "Setup", "ShapedGains", "ShapedPD", "Shaper",
-    "TimeOptimal", "TimeOptimalGains", "find_policy", "load_policy", "make", "plan", "policy_names", "rigid_time",
-    "zv", "zvd",
+    "LQG", "LQR", "MPC", "NAMES", "PD", "AroundPolicy", "Controller", "ForceGains", "HybridForce", "LQGGains",
+    "LQRGains", "MPCGains", "NamedPolicy", "NumpyPolicy", "PDGains", "Plan", "Setup", "ShapedGains", "ShapedPD",
+    "Shaper", "TimeOptimal", "TimeOptimalGains", "find_policy", "load_policy", "make", "plan", "policy_names",
+    "rigid_time", "zv", "zvd",
 ]  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import json
 import math
@@ -252,6 +253,8 @@ class Controller(ABC):
     """Whether the controller requires tip deflections and their rates."""
     needs_goals: ClassVar[bool] = False
     """Whether it requires goal joint angles minus measured joint angles (observation="measured")."""
+    restarts: ClassVar[bool] = False
+    """Whether single environments may begin a new episode (`restart`): no part of the memory is shared by all."""
 
     def __init__(self, setup: Setup) -> None:
         """Store the setup and torque limits, and prepare the observation reader."""
@@ -269,11 +272,31 @@ class Controller(ABC):
         self.goal = self._goal(signals)
         self.initialise(signals, self.goal - self._angles)
 
-    def act(self, observation: NDArray[np.floating]) -> NDArray[np.float32]:
+    def restart(self, observation: NDArray[np.floating], rows: NDArray[np.bool_]) -> None:
+        """Begin new episodes in some environments, with their first observations, and keep the memory of the rest.
+
+        observation (n, entries): of all environments. rows (n,): mask of those that begin. ValueError unless
+        `restarts`.
+        """
+        if not self.restarts:
+            what = "must be pd: the memory of other controllers begins for all environments together"
+            raise check.InvalidValue("controller", type(self).__name__, what)
+        if not rows.any():
+            return
+        begun = copy.copy(self)
+        begun.reset(observation[rows])
+        # memory: the arrays with one row per environment that `reset` has made
+        for name, value in vars(begun).items():
+            own = vars(self).get(name)
+            if isinstance(value, np.ndarray) and value is not own and isinstance(own, np.ndarray):
+                own[rows] = value
+
+    def act(self, observation: NDArray[np.floating], beside: NDArray[np.floating] | None = None) -> NDArray[np.float32]:
         """Compute actions in [-1, 1], (n, N), or (N,) for a single observation: torques over their limits, saturated.
 
-        Raises ValueError for an observation that is not finite or whose shape differs from the one given to `reset`
-        (the memory is then unchanged), and RuntimeError before the first `reset`.
+        beside: actions of another policy, of the result's shape, that are added before the saturation; estimates are
+        advanced under the sum. Raises ValueError for an observation that is not finite or whose shape differs from the
+        one given to `reset` (the memory is then unchanged), and RuntimeError before the first `reset`.
         """
         signals = self.read(observation)
         count, begun = len(signals.angles), len(self.goal)
@@ -289,8 +312,11 @@ class Controller(ABC):
         else:
             self._angles += wrapped(signals.angles - self._angles)
             to_go = self.goal - self._angles
+        torques = self.torques(signals, to_go)
+        if beside is not None:
+            torques = torques + np.reshape(beside, torques.shape) * self.limits
         # saturate, then advance the estimate under the applied torques
-        torques = np.clip(self.torques(signals, to_go), -self.limits, self.limits)
+        torques = np.clip(torques, -self.limits, self.limits)
         self.predict(torques)
         self.step += 1
         actions: NDArray[np.float32] = (torques / self.limits).astype(np.float32)

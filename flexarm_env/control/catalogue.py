@@ -7,6 +7,9 @@ from functools import cache, partial
 from importlib import resources
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from .. import arms
 from .. import validation as check
 from ..parameters import Arm
@@ -132,3 +135,36 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
     found = made(setup, gains)
     warn_of_delay(name, setup, gains)
     return found
+
+
+class Following:
+    """Restart a memoryless controller in every period, so that it follows a moving target or a moving root."""
+
+    restarts = True
+
+    def __init__(self, controller: Controller) -> None:
+        self.controller = controller
+
+    @property
+    def setup(self) -> Setup:
+        """Facts about the environment."""
+        return self.controller.setup
+
+    def reset(self, observation: NDArray[np.floating]) -> None:
+        """Do nothing: there is no memory."""
+
+    def restart(self, observation: NDArray[np.floating], rows: NDArray[np.bool_]) -> None:
+        """Do nothing: there is no memory."""
+
+    def act(self, observation: NDArray[np.floating], beside: NDArray[np.floating] | None = None) -> Any:
+        """Compute actions (n, N) in [-1, 1] as if the episode began at this observation; beside: as a controller's."""
+        self.controller.reset(observation)
+        return self.controller.act(observation, beside)
+
+
+def controller(name: str, env: Any, gains: Any = None) -> Controller | Following:
+    """Create a controller as :func:`flexarm_env.control.make` does; PD also for moving targets and floating bases."""
+    plan = env.unwrapped.plan
+    following = name == "pd" and (plan.task == "track" or plan.arm.base is not None)
+    made = make(name, Setup.of(env) if following else env, gains)
+    return Following(made) if following else made

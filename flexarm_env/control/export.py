@@ -49,14 +49,17 @@ class Entries:
 
 
 # ------------------------------------------------------------------ ONNX
-def onnx_bytes(policy: NumpyPolicy) -> bytes:
+def onnx_bytes(policy: NumpyPolicy, law: tuple[float, NDArray[np.float64]] | None = None) -> bytes:
     """Serialize the policy as an ONNX model: `observation` (n, entries) to `action` (n, joints) in [-1, 1], float32.
 
     The observation is the environment's own, with all instants of its history, and is normalized inside the model. The
-    model's metadata is the policy's `meta`. ImportError if the package onnx is missing.
+    model's metadata is the policy's `meta`. law: (share, K) of a policy with a controller inside, whose unsaturated
+    actions are observation @ K. ImportError if the package onnx is missing.
     """
     with check.needs("an ONNX file", "onnx", "export"):
         from onnx import TensorProto, checker, helper, numpy_helper
+    if law is None and "around" in policy.meta:
+        raise check.InvalidValue("law", law, "must be given for a policy with a controller inside")
     constants: dict[str, NDArray[np.float64]] = {}
     nodes: list[Any] = []
     last = "observation"
@@ -85,6 +88,14 @@ def onnx_bytes(policy: NumpyPolicy) -> bytes:
         then("Tanh")
     else:
         then("Clip", ("down", -1.0), ("up", 1.0))
+    if law is not None:
+        # clip(observation @ K + share * network); x0 is the observation in double precision
+        then("Mul", ("share", law[0]))
+        constants["K"] = np.asarray(law[1], np.float64)
+        nodes.append(helper.make_node("MatMul", ["x0", "K"], ["inside"]))
+        nodes.append(helper.make_node("Add", [last, "inside"], ["total"]))
+        last = "total"
+        then("Clip", ("lowest", -1.0), ("highest", 1.0))
     nodes.append(helper.make_node("Cast", [last], ["action"], to=TensorProto.FLOAT))
     size, joints = policy.weights[0][0].shape[0], policy.weights[-1][0].shape[1]
     graph = helper.make_graph(

@@ -41,7 +41,7 @@ MOST = 1000
 
 def controller_source(
     controller: Controller, name: str, slew: float | None = None, elbows: Pairs | None = None,
-    targets: Points | None = None,
+    targets: Points | None = None, inside: bool = False,
 ) -> str:  # fmt: skip
     """Generate a controller as one C99 file without `main`: double, arrays of fixed size, no allocation.
 
@@ -54,6 +54,8 @@ def controller_source(
             which gains are tabulated; other postures use the nearest entry. None: the full range of a two-link arm.
         targets: (x, y, z), m, for an arm in space: the file contains the static equilibria at these points, searched
             from joint angles 0. The controller replaces any other target by the nearest of these.
+        inside: whether NAME_act and NAME_decide have the argument `const double *beside` before the actions: actions
+            (JOINTS) that are added before the saturation, as in a policy around the controller.
     Raises:
         ValueError: MPC, which optimizes in each period; slew is missing; elbows are missing for three links or more;
             targets are missing for an arm in space, or it has no equilibrium at a target.
@@ -87,6 +89,8 @@ def controller_source(
     texts = [c_part("memory").replace("FIELDS", _FIELDS[kind]), *map(c_part, (*parts, *_BODIES[kind], "act"))]
     body = "\n".join(texts).replace("GAUGED", _GAUGED if read._gauges else "").replace("SHARP", repr(SHARP))
     # fill the placeholders of the fragments
+    for word, text in _BESIDE.items():
+        body = body.replace(word, text if inside else "")
     body = body if held else body.replace(_NEAREST, "")
     body = body.replace("TOLD", c_part("told_joints" if aimed else "told_way").strip())
     body = body.replace("SEEN", _BENDS if kind is SpatialLQR else _CURVATURES if read._gauges else "")
@@ -284,6 +288,10 @@ _GAUGED = (
     "y[i] = v[NAME_gauges[i - UPPER_JOINTS]] - NAME_centre[i - UPPER_JOINTS];"
 )
 
+_BESIDE = {
+    "BESIDE_ARGUMENT": "const double *beside, ", "BESIDE_VALUE": "beside, ",
+    "BESIDE_ADDED": "        torque[i] += beside[i] * NAME_limit[i];\n",
+}  # fmt: skip
 _NEAREST = "        memory->posture = NAME_nearest(memory->goal);\n"
 _CURVATURES = "for (int i = UPPER_JOINTS; i < UPPER_OUTPUTS; i++) y[i] = v[NAME_gauges[i - UPPER_JOINTS]];"
 _BENDS = """for (int i = 0; i < UPPER_JOINTS; i++) y[UPPER_JOINTS + i] = v[NAME_rates[i]];

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..linear.plane_model import gauge_name
+from ..linear.point import gauge_name
 from ..linear.state_space import held
 from ..parameters import Arm
 from ..rigid import rigid_inertia

@@ -65,15 +65,16 @@ def warn_of_delay(name: str, setup: Setup, gains: Any) -> None:
     if found is None or (isinstance(gains, PDGains) and not gains.stable(setup)):
         return
     if setup.delay > SAFE * found.delay or found.gain <= 1.0:
-        what = f"{name} does not know of delays; on arm {setup.arm.name!r} its loop bears {found.delay:.3g} s"
-        now = f"here torques and readings come {setup.delay:.3g} s late"
+        what = f"{name} ignores delays: on arm {setup.arm.name!r} its delay margin is {found.delay:.3g} s"
+        now = f"torques and readings are {setup.delay:.3g} s late"
         now += f" and motors lag by {setup.lag:.3g} s" if setup.lag else ""
-        warnings.warn(f"{what}, {now}: tune it for that (flexarm tune), or lower its gains", UserWarning, stacklevel=4)
+        warnings.warn(f"{what}, and {now}; tune its gains (flexarm tune), or lower them", UserWarning, stacklevel=4)
 
 
 def stand_in(setup: Setup) -> LQRGains:
     """Gains of an LQR about as fast as the controllers that follow plans.
 
-    These are the gains of time-optimal control, whose loop about its plan is an LQR; receding horizons are comparable.
+    These are the gains of time-optimal control, whose loop about its plan is an LQR; receding-horizon control is about
+    as fast.
     """
     return LQRGains(angle=10.0, rate=10.0, bend=10.0, bend_rate=10.0)

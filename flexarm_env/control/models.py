@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..files import from_json
 from ..validation import Array32
-from .policy import FORMAT, MOST_BYTES, NumpyPolicy, policy_from
+from .policy import MOST_BYTES, NumpyPolicy, format_of, policy_from
 
 STORAGES = {"FloatStorage": "<f4", "DoubleStorage": "<f8", "LongStorage": "<i8", "IntStorage": "<i4"}
 """NumPy types of PyTorch's storage classes."""
@@ -166,7 +166,7 @@ def _network(
     arrays: dict[str, Any] = {}
     for k, name in enumerate(names):
         arrays |= {f"w{k}": state[f"{name}.weight"].T, f"b{k}": state[f"{name}.bias"]}
-    own = {"format": FORMAT, "layers": len(names), "activation": activation, "squash": squash}
+    own = {"format": format_of(meta), "layers": len(names), "activation": activation, "squash": squash}
     # LSTM layers before the network, if any
     cells = len([name for name in state if LSTM.fullmatch(name)])
     if not cells:

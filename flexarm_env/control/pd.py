@@ -70,9 +70,22 @@ def postures_of(arm: Arm) -> list[tuple[float, ...]]:
 class PD(Controller):
     """PD controller: torque = kp (goal - angle) - kd rate, joint by joint."""
 
+    restarts = True
+
     def __init__(self, setup: Setup, gains: PDGains) -> None:
         super().__init__(setup)
         self.kp, self.kd = gains.on(setup)
+
+    def linear(self) -> Array | None:
+        """Return K (entries, N): actions before saturation are observation @ K; None where the goal is remembered."""
+        if not self.read.aimed:
+            return None
+        setup, first = self.setup, self.setup.size - len(self.setup.names)
+        K = np.zeros((setup.size, setup.n_joints))
+        for joint, (error, rate) in enumerate(zip(self.read._goals, self.read._rates, strict=True)):
+            K[first + error, joint] = self.kp[joint] * setup.scales[error] / self.limits[joint]
+            K[first + rate, joint] = -self.kd[joint] * setup.scales[rate] / self.limits[joint]
+        return K
 
     passed = 1.0
     """Share of a change of the rates that passes the rate filter per period; 1: no filter."""
@@ -101,6 +114,8 @@ class SpatialPDGains(Gains):
 
 class SpatialPD(AboutRest):
     """Holding torque of the arm plus PD control about its goal, with filtered joint rates."""
+
+    restarts = True
 
     def __init__(self, setup: Setup, gains: SpatialPDGains) -> None:
         super().__init__(setup)

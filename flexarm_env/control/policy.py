@@ -20,9 +20,12 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..files import from_json, read_npz
 from ..validation import Array32
-from .base import RESIDUAL_SHARE, Setup
+from .around import Inside
+from .base import RESIDUAL_SHARE, Controller, Setup
+from .catalogue import Following
 
-FORMAT = 1
+FORMAT, FORMAT_AROUND = 1, 2
+"""Formats of files: of a network alone, and of one with a controller inside."""
 ACTIVATIONS = ("tanh", "relu")
 MOST_LAYERS, MOST_BYTES = 100, 2**28
 HOME = resources.files("flexarm_env") / "data" / "policies"
@@ -88,6 +91,10 @@ class NumpyPolicy:
         action = np.tanh(x) if self.meta["squash"] else np.clip(x, -1.0, 1.0)
         return action.astype(np.float32)
 
+    def bound(self, env: Any) -> NumpyPolicy:
+        """Return the policy for an environment, single or vector; ValueError as in `check`."""
+        return self.check(Setup.of(env))
+
     def check(self, setup: Setup) -> NumpyPolicy:
         """Return the policy; ValueError unless the environment's observation and action are those of its training.
 
@@ -95,6 +102,63 @@ class NumpyPolicy:
         """
         self.ratio = fitted(self.meta, setup, self.size, self.weights[-1][0].shape[1])
         return self
+
+
+class AroundPolicy(NumpyPolicy):
+    """Network with a controller inside: action = clip(controller's action + share * network's action).
+
+    The controller requires the environment (`bound`). Its memory begins at `reset`.
+    """
+
+    def __init__(
+        self,
+        meta: Mapping[str, Any],
+        weights: list[tuple[Array32, Array32]],
+        normaliser: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Store network and controller's record; see `NumpyPolicy`. ValueError for an invalid `meta["around"]`."""
+        super().__init__(meta, weights, normaliser)
+        self.inside = Inside.read(meta["around"])
+        self.controller: Controller | Following | None = None
+
+    def bound(self, env: Any) -> NumpyPolicy:
+        """Return a policy with its controller made for the environment; ValueError if one of them does not fit."""
+        found = AroundPolicy(self.meta, self.weights, self.normaliser)
+        found.check(Setup.of(env))
+        found.controller = self.inside.made(env)
+        return found
+
+    def network(self, observation: NDArray[np.floating]) -> Array32:
+        """Compute the network's own actions, without the controller's."""
+        return super().act(observation)
+
+    def reset(self, observation: NDArray[np.floating]) -> None:
+        """Begin the controller's episodes with their first observations."""
+        self._own().reset(observation)
+
+    def act(self, observation: NDArray[np.floating]) -> Array32:
+        """Compute actions in [-1, 1], (n, N), or (N,) for a single observation, once per period."""
+        return self.inside.actions(self._own(), observation, self.network(observation))
+
+    def _own(self) -> Controller | Following:
+        """Return the controller; RuntimeError before `bound`."""
+        if self.controller is None:
+            what = f"the policy has the controller {self.inside.controller} inside, which needs its environment"
+            raise RuntimeError(f"{what}: load_policy(name, env)")
+        return self.controller
+
+
+def of_network(
+    meta: Mapping[str, Any], weights: list[tuple[Array32, Array32]], normaliser: Mapping[str, Any] | None = None
+) -> NumpyPolicy:
+    """Build the policy of a network: with a controller inside if `meta` has the entry `around`."""
+    kind = AroundPolicy if "around" in meta else NumpyPolicy
+    return kind(meta, weights, normaliser)
+
+
+def format_of(meta: Mapping[str, Any]) -> int:
+    """Return the format of the file that a policy with this `meta` is written to."""
+    return FORMAT_AROUND if "around" in meta else FORMAT
 
 
 def fitted(meta: Mapping[str, Any], setup: Setup, size: int, joints: int) -> NDArray[np.float64] | None:
@@ -166,13 +230,17 @@ def policy_from(meta: dict[str, Any], arrays: Mapping[str, NDArray[Any]], bound:
     for key in ("format", *of_training, "layers", "activation", "squash"):
         check.needed("meta", meta, key, "every policy says it")
     check.choice("meta.activation", meta["activation"], ACTIVATIONS)
-    if meta["format"] != FORMAT:
-        raise check.InvalidValue("meta.format", meta["format"], f"must be {FORMAT}, which this version reads")
+    if meta["format"] != format_of(meta):
+        what = f"must be {FORMAT}, or {FORMAT_AROUND} with an entry around, which this version reads"
+        raise check.InvalidValue("meta.format", meta["format"], what)
     for key in ("env_id", "layout") if bound else ():
         check.text(f"meta.{key}", meta[key], empty=False)
     check.table_of("meta.env_kwargs", meta["env_kwargs"] if bound else {})
     check.table_of("meta.asked", meta.get("asked", {}))
     check.flag("meta.squash", meta["squash"])
+    if "around" in meta:
+        with check.under("meta"):
+            Inside.read(meta["around"])
     for name, scale in check.table_of("meta.scales", meta.get("scales", {})).items():
         check.number(f"meta.scales.{name}", scale, above=0.0)
     # units of actions, N m
@@ -192,14 +260,14 @@ def policy_from(meta: dict[str, Any], arrays: Mapping[str, NDArray[Any]], bound:
     # observation statistics have to be nonnegative
     weights = [(known[f"w{k}"], known[f"b{k}"]) for k in range(layers)]
     if "mean" not in arrays:
-        return NumpyPolicy(meta, weights)
+        return of_network(meta, weights)
     normaliser = {name: known[name] for name in ("mean", "variance", "clip", "epsilon")}
     for name in ("variance", "clip", "epsilon"):
         if not (normaliser[name] >= 0.0).all():
             raise check.InvalidValue(name, normaliser[name], "must not be negative")
     if not (normaliser["variance"] + normaliser["epsilon"] > 0.0).all():
         raise check.InvalidValue("variance", normaliser["variance"], "must be positive where epsilon is 0")
-    return NumpyPolicy(meta, weights, normaliser)
+    return of_network(meta, weights, normaliser)
 
 
 def names() -> tuple[str, ...]:

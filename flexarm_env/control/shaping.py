@@ -224,6 +224,8 @@ def coriolis_in_space(arm: Arm, gravity: Array, angles: Array, rates: Array) -> 
 class SpatialShapedPD(Shaped, SpatialPD):
     """Holding torque, PD about a shaped reference and rigid feedforward (see `ShapedPD`), in space."""
 
+    restarts = False
+
     def __init__(self, setup: Setup, gains: SpatialShapedGains, kind: str) -> None:
         SpatialPD.__init__(self, setup, gains)
         self.shaped, self.kind = gains, kind

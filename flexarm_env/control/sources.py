@@ -27,10 +27,10 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..files import from_json, imported, in_words, read_json, read_toml
 from ..validation import Array32
-from .base import Controller, Setup
-from .catalogue import NAMES, gains_from, make
+from .base import Setup
+from .catalogue import NAMES, controller, gains_from
 from .models import load_model
-from .policy import HOME, NumpyPolicy, fitted, load_npz, names
+from .policy import HOME, AroundPolicy, NumpyPolicy, fitted, load_npz, names
 
 KINDS = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 """Supported input types of ONNX models, with their NumPy types."""
@@ -75,6 +75,10 @@ def load_policy(source: str | os.PathLike[str], env: Any = None) -> Any:
         return found.make(env)
     if found.kind == "controller":
         what = "is a controller, which needs its environment: load_policy(name, env)"
+        raise check.InvalidValue("policy", found.name, what)
+    if isinstance(found.policy, AroundPolicy):
+        own = found.policy.inside.controller
+        what = f"has the controller {own} inside, which needs the environment: load_policy(name, env)"
         raise check.InvalidValue("policy", found.name, what)
     return found.policy
 
@@ -123,7 +127,7 @@ def _of_network(name: str, policy: NumpyPolicy, path: Path) -> NamedPolicy:
     """Wrap a network as `NamedPolicy`, with its file's record of the training."""
     env_id, kwargs = str(policy.meta.get("env_id", "")), policy.meta.get("env_kwargs", {})
     asked = policy.meta.get("asked", {})
-    return NamedPolicy(name, env_id, kwargs, lambda env: policy.check(Setup.of(env)), "policy", policy, path, asked)
+    return NamedPolicy(name, env_id, kwargs, policy.bound, "policy", policy, path, asked)
 
 
 def _trained(path: Path) -> dict[str, Any]:
@@ -132,7 +136,7 @@ def _trained(path: Path) -> dict[str, Any]:
     if not beside.is_file():
         return {}
     record = check.table_of(str(beside), read_json(beside))
-    known = ("env_id", "env_kwargs", "asked", "layout", "scales", "torque_limits", "seed", "algorithm")
+    known = ("env_id", "env_kwargs", "asked", "layout", "scales", "torque_limits", "seed", "algorithm", "around")
     return {key: record[key] for key in known if key in record}
 
 
@@ -159,30 +163,6 @@ def _gains_in_space(name: str, table: Mapping[str, Any]) -> bool:
     except ValueError:
         return False
     return True
-
-
-# ------------------------------------------------------------------ controllers
-class Following:
-    """Restart a memoryless controller in every period, so that it follows a moving target or a moving root."""
-
-    def __init__(self, controller: Controller) -> None:
-        self.controller = controller
-
-    def reset(self, observation: NDArray[np.floating]) -> None:
-        """Do nothing: there is no memory."""
-
-    def act(self, observation: NDArray[np.floating]) -> Any:
-        """Compute actions (n, N) in [-1, 1] as if the episode began at this observation."""
-        self.controller.reset(observation)
-        return self.controller.act(observation)
-
-
-def controller(name: str, env: Any, gains: Any = None) -> Controller | Following:
-    """Create a controller as :func:`flexarm_env.control.make` does; PD also for moving targets and floating bases."""
-    plan = env.unwrapped.plan
-    following = name == "pd" and (plan.task == "track" or plan.arm.base is not None)
-    made = make(name, Setup.of(env) if following else env, gains)
-    return Following(made) if following else made
 
 
 # ------------------------------------------------------------------ ONNX

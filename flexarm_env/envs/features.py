@@ -270,3 +270,12 @@ def reference(frame: Frame, value: Any, periods: int) -> Reference:
     line = (0,) if shape == "line" else None
     axis = np.array(arm.hub_axis, np.float64) if frame.kind.space else None
     return Reference(line=line, table=table, ranges=np.array(ranges).ravel(), ahead=ahead, scales=scales, axis=axis)
+
+
+def gravity_of(kind: Kind, given: Any) -> tuple[float, ...] | None:
+    """Return gravity (2,), in space (3,), m/s^2: the kind's own where it is not given."""
+    if given is None:
+        return kind.gravity
+    what = "three numbers (m/s^2), (x, y, z)" if kind.space else "two numbers (m/s^2), (x, y)"
+    values = check.sequence("gravity", given, what, 3 if kind.space else 2)
+    return tuple(check.number(f"gravity[{k}]", value, "m/s^2") for k, value in enumerate(values))

@@ -155,32 +155,48 @@ class Judge:
         """
         if self.arm.spatial:
             return self._softened(of_space(self.arm, REFERENCE, pose, stiffness=self.stiffness))
-        return self._softened(Motion.of(self.arm, self._scaled(fine(self.arm)), pose))
+        return self._softened(Motion.of(self.arm, self._scaled(fine(self.arm), self.stiffness), pose))
 
     def _softened(self, motion: Motion) -> Motion:
         """Return the motion with frequencies limited to those that double precision can carry through a period."""
         return motion.softened(math.sqrt(STIFFEST / self.period))
 
-    def _scaled(self, parts: Chain) -> Chain:
-        """Return a chain with its bending stiffness times the factor."""
-        return parts if self.stiffness == 1.0 else replace(parts, K=self.stiffness * parts.K)
+    def _scaled(self, parts: Chain, stiffness: float) -> Chain:
+        """Return a chain with its bending stiffness times a factor."""
+        return parts if stiffness == 1.0 else replace(parts, K=stiffness * parts.K)
 
     def _motion(self, settings: Settings, pose: Array, h: float) -> Motion:
-        """Return the small motions about a posture on the settings' mesh, with the inertia that steps of h (s) see."""
+        """Return the small motions about a posture on the settings' mesh, with inertia and damping that steps see.
+
+        h: step, s. Linear elements (order 1) with one Gauss point are stiffer in bending by 1 / (4 E^2), E of them a
+        link: they keep the curvature of an element at its mean.
+        """
         elements = (settings.segments or 1) * (settings.elements or 1)
+        stiffness = self.stiffness
+        if settings.order == 1:
+            stiffness *= 1.0 + 0.25 / elements**2
         if self.arm.spatial:
             elements = REFERENCE if settings.modes else elements
-            return self._softened(of_space(self.arm, elements, pose, settings, h, self.stiffness))
-        parts = fine(self.arm) if settings.modes else cut(self.arm, elements)
-        if settings.nodes is not None:
-            parts = chain(self.arm, settings.nodes)
-        return self._softened(Motion.of(self.arm, self._scaled(parts), pose, settings, h))
+            motion = of_space(self.arm, elements, pose, settings, h, stiffness)
+        else:
+            parts = fine(self.arm) if settings.modes else cut(self.arm, elements)
+            if settings.nodes is not None:
+                parts = chain(self.arm, settings.nodes)
+            motion = Motion.of(self.arm, self._scaled(parts, stiffness), pose, settings, h)
+        excess = settings.newmark[1] - 0.5 if settings.newmark is not None else 0.0
+        if excess > 0.0:
+            # Newmark's scheme damps a frequency w by the ratio (gamma - 1/2) w h / 2
+            motion = replace(motion, C=motion.C + excess * h * motion.K)
+        return self._softened(motion)
 
     def small(self, settings: Settings, h: float) -> float:
         """Return e_1: the largest distance of the tip from the reference in small motions, over the arm's length."""
         name, _ = MESHES[settings.formulation]
         size = getattr(settings, name)
-        key = (settings.formulation, size, settings.elements, settings.modes, settings.period_error, h)
+        key = (
+            settings.formulation, size, settings.elements, settings.modes, settings.order, settings.period_error,
+            settings.newmark, h,
+        )  # fmt: skip
         if key not in self._known:
             self._known[key] = self._small(settings, h)
         return self._known[key]

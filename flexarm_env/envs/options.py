@@ -27,7 +27,17 @@ from ..shapes import Shape
 from . import contacts as touch
 from . import events, resolution
 from .attainable import needs_of, path_needs
-from .features import ACTION_MODES, Frame, amplified, controller, gauge_scales, table_of, with_friction, with_hub
+from .features import (
+    ACTION_MODES,
+    Frame,
+    amplified,
+    controller,
+    gauge_scales,
+    gravity_of,
+    table_of,
+    with_friction,
+    with_hub,
+)  # fmt: skip
 from .features import actuator as make_actuator
 from .features import reference as make_reference
 from .features import sensors as make_sensors
@@ -187,17 +197,21 @@ def plan(
     """Check the arguments of an environment (see its class); a ValueError names key, value and the rule."""
     own = with_friction(with_base(_arm(kind, arm, joint_limits), base, kind.space), actuator)
     kind, contacts, sensors, reference = pressing(kind, own, task, duration, contacts, sensors, reference)
-    kind = priced(with_own_terms(afloat(kind, own), reward_terms), reward)
+    # trials run without the user's reward terms, which move nothing and would be kept with the arm
+    of_trials = afloat(kind, own)
+    kind = priced(with_own_terms(of_trials, reward_terms), reward)
     factors = _factors(randomization, own)
     own, hub = with_hub(own, (randomization or {}).get("hub_inertia"))
     own, amplifier = amplified(own, check.choice("action_mode", action_mode, ACTION_MODES))
     period = check.number("control_dt", kind.period if control_dt is None else control_dt, "s", above=0.0)
     drive = Drive.of(own, action_mode, residual_share, amplifier)
-    down = _gravity(kind, gravity)
+    down = gravity_of(kind, gravity)
     # one link is tried under a PD loop alone, which may chatter
     tried = own.n_links > 1 or drive.residual is not None
     measured = not tried or arms.resolve(kind.arm if arm is None else arm) in shipped()
-    trial = None if measured else trials_of(kind, own, period, down, action_mode, residual_share, amplifier, factors)
+    trial = None
+    if not measured:
+        trial = trials_of(of_trials, own, period, down, action_mode, residual_share, amplifier, factors)
     settings, estimate, coarse = _settings(kind, formulation, period, options, own, drive, factors, trial)
     length = check.number("duration", kind.duration if duration is None else duration, "s", minimum=period)
     if not length / period <= MOST_PERIODS:
@@ -391,15 +405,6 @@ def _settings(
     # the rule does not know the foreshortening that the couplings "paper" and "linear" leave out
     known = found.settings.coupling in (None, "von_karman")
     return found.settings, found.estimate if known else math.inf, found.warning
-
-
-def _gravity(kind: Kind, given: Any) -> tuple[float, ...] | None:
-    """Return gravity (2,), in space (3,), m/s^2: the kind's own where it is not given."""
-    if given is None:
-        return kind.gravity
-    what = "three numbers (m/s^2), (x, y, z)" if kind.space else "two numbers (m/s^2), (x, y)"
-    values = check.sequence("gravity", given, what, 3 if kind.space else 2)
-    return tuple(check.number(f"gravity[{k}]", value, "m/s^2") for k, value in enumerate(values))
 
 
 OF_JOINTS = ("friction", "backlash", "motor_inertia", "hub_inertia")

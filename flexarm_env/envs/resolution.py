@@ -8,9 +8,10 @@ e_1, small motions. Largest distance, over L, between the tip of small motions (
     h and that on a fine mesh without steps, over 100 periods of bang-bang torques that are held for 1 and for 8
     periods. It covers the first frequencies of the links, payload, hub, rotors on elastic gears, jumps and tapers of
     sections, and viscous friction. The inner PD loop and the amplifier with its back-emf are part of these motions, and
-    act at control instants. Source: linear theory.
-G = 1 + (theta / 0.55 rad)^3, large bends. theta is the largest angle between the ends of a link in these motions, which
-    torque against EI/L and resonance bend it by. Measured over random arms: the error is up to 4 e_1 for theta below
+    act at control instants. Linear elements count with their stiffness, Newmark's scheme with its damping. Source:
+    linear theory.
+G = 1 + (theta / 0.55 rad)^3, large bends. theta is the largest angle between the ends of a link in these motions; it
+    depends on torque over EI/L and on resonance. Measured over random arms: the error is up to 4 e_1 for theta below
     0.4 rad, and half of the arms with theta of 0.8, 1.2 and 2 rad have 2, 6 and 20 e_1. Above theta = 1.6 and 3 rad the
     search begins with the second and the third of `MESHES` (measured).
 e_2 = sum of T_C h t / I, Coulomb friction T_C. A reversal within a step leaves a rate that is off by up to T_C h / I

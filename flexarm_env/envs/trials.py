@@ -88,9 +88,12 @@ def trials_of(
 ) -> Trial:  # fmt: skip
     """Return a function of settings that runs the trial episodes of an environment's arm and drive.
 
-    It returns the tips, a `Trial`; it is kept for the latest arms. The episodes ignore rewards. period: control period,
-    s. mode, share: action mode and share of the residual action under a PD loop. amplifier: or None. drawn: ranges
-    (low, high) of factors by name (`starts.FACTORS`), whose softest and stiffest arm run too.
+    It returns the tips, a `Trial`; it is kept for the latest arms, keyed by everything that moves them.
+
+    Args:
+        kind: without the user's reward terms, since the episodes ignore rewards. period: control period, s. mode,
+            share: action mode and share of the residual action under a PD loop. amplifier: or None. drawn: ranges (low,
+            high) of factors by name (`starts.FACTORS`), whose softest and stiffest arm run too.
     """
     drive = None if amplifier is None else tuple(None if x is None else tuple(x.tolist()) for x in amplifier)
     ends = corners(drawn or {})
@@ -137,7 +140,8 @@ def trials_of(
         return found
 
     while len(_kept) >= KEPT:
-        _kept.pop(next(iter(_kept)))
+        # another thread may drop the same one
+        _kept.pop(next(iter(_kept)), None)
     return _kept.setdefault(key, tips)
 
 

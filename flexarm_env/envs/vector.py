@@ -321,8 +321,8 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
     def call(self, name: str, *args: Any, indices: Sequence[int] | None = None, **kwargs: Any) -> tuple[Any, ...]:
         """Call a method, or return an attribute, of the single environment for each arm, or for those in `indices`.
 
-        "get_state", "linearize" and "render", "set_state" with one state for all or a list of one each, and any
-        attribute, which all arms share.
+        Supported are "get_state", "linearize", "render", "set_state" (with one state for all arms or a list of states),
+        and attributes, which all arms share.
         """
         chosen = chosen_of(indices, self.num_envs)
         if name == "get_state":

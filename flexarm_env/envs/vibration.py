@@ -11,6 +11,7 @@ from ..parameters import Arm
 from ..physics import assembly
 from ..physics.layout import ROOT, ROOT_RATES, TIP, TIP_RATES
 from ..physics.linalg import product, solve
+from ..physics.model import Jointed
 from ..physics.space.layout import AXES, E
 from ..physics.space.reading import Frame, LinkMotion, links
 from ..rotations import back
@@ -93,21 +94,22 @@ def swing(arm: Arm, settings: Settings) -> Array:
     the same energy: to first order, the energy at which a tip deflects by its link's length in the softer bending
     direction.
     """
-    from ..linear.space import SmallMotions
+    from ..linear.equilibrium import at_rest_of
     from ..linear.stability import undamped
 
     assert settings.dt is not None
     arm = arm.taut
     simulation = Simulation(standing_scene(arm, settings.dt, None), settings, False)
-    motions = SmallMotions(simulation)
-    M, K = (motions.slopes(simulation.work.q, which, motions.free) for which in (2, 0))
-    squares, vectors = undamped(0.5 * (M + M.T), 0.5 * (K + K.T))
-    sections = motions.chain.sections.reshape(-1, E.end)
+    equations, point = at_rest_of(simulation)
+    reduced = equations.reduced(point)
+    squares, vectors = undamped(0.5 * (reduced.M + reduced.M.T), 0.5 * (reduced.K + reduced.K.T))
+    model = equations.model
+    sections = (model.arm if isinstance(model, Jointed) else model).sections.reshape(-1, E.end)
     stiffness = sections[:, E.bend : E.bend + 3] / sections[:, E.length, None]
-    modes, energies = np.zeros((motions.n + 2, 3)), [math.inf] * 3
+    modes, energies = np.zeros((equations.n + 2, 3)), [math.inf] * 3
     for k in range(arm.n_links, len(squares)):  # after the rigid turns of the joints
-        v = np.zeros(motions.n)
-        v[motions.free] = vectors[:, k]  # of the energy 1/2 J
+        v = np.zeros(equations.n)
+        v[equations.free] = vectors[:, k]  # of the energy 1/2 J
         moving = list(links(arm, settings, simulation.work.q[None], v[None]))
         own, strained = _within(moving, v)
         kind = int((stiffness * strained**2).sum(axis=0)[::-1].argmax())  # of z, y and x: bending along y, z, torsion

@@ -36,7 +36,7 @@ class Run:
     kept: NDArray[np.bool_]
 
     def until(self, share: float) -> Run:
-        """Return the run up to the instant at which its compared readings have a share of their variance."""
+        """Return the first part of the run, which contains the given share of the variance of the compared readings."""
         # cumulative squared deviation of all readings
         power = np.zeros(len(self.t))
         for y in self.outputs.values():

@@ -1,103 +1,39 @@
-"""Equations of motion of a Simulation's arm as functions, with derivatives and independent coordinates.
+"""Equations of motion of one arm as functions, with exact derivatives, in the plane and in space.
 
     r(q, v, a, lambda, u) = M(q) a + h(q, v) + Phi_q^T lambda - B u = 0,   Phi(q) = 0
 
-The residual is linear in a, lambda and u and quadratic in v, so differences by these have no truncation error; those by
-q are of sixth order with a step of 0.5 % of a coordinate's scale (truncation 1e-16, round-off 1e-13).
+Derivatives are tangents of the residual in dual lanes (`physics.equations`), along directions of the tangent space: of
+rotations, increments d in the section's own axes. Rotations do not add up: A exp(d^) turns at w + d' + w x d, so that
+the rates that belong to increments d and their time derivatives d', d'' are (`Frame`)
+
+    dv = d' + V d,        da = d'' + U d' + W d
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .. import validation as check
-from ..compiler import SINGLE, size
+from .. import rotations
+from ..compiler import SINGLE, UNCOMPILED, size, uncompiled
 from ..physics.assembly import assemble, physical, room_for_points, smooth
-from ..physics.equations import equations
+from ..physics.equations import WITH_SLOPES, Directions, pose_slopes, residual_slopes, slopes_room
 from ..physics.floating.layout import LINK, MULTIPLIERS, SIZE, START
-from ..physics.layout import POSE
+from ..physics.layout import BASE_POSE, POSE, SPACE_POSE
 from ..physics.model import FloatingFrame
-from ..physics.protocol import State
-from ..runtime.sampling import observe_arm
+from ..physics.protocol import State, centerline, retract
+from ..physics.space.build import axis_of, mount_of
+from ..physics.space.layout import AXES
+from ..physics.space.reading import read
 from ..simulation import Simulation
 from ..trajectory import joint_angles
 from ..validation import Array
-
-Rows = NDArray[np.int64]
-
-STEP = 5e-3
-"""Step of differences by q, times the size that matters of a coordinate (1 rad, the arm's length)."""
-
-SIXTH, SECOND = ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60)), ((1, 1 / 2),)
-"""(how many steps to both sides, weight) of differences of these orders."""
-
-
-@dataclass(frozen=True)
-class Point:
-    """Coordinates (multipliers included), rates and accelerations (n,), inputs and prescribed values at an instant."""
-
-    q: Array
-    v: Array
-    a: Array
-    u: Array
-    psi: Array
-
-
-@dataclass(frozen=True)
-class Reduced:
-    """M x'' + C x' + K x = B u about a point, x the independent coordinates; rows that can move follow by
-    dq = lift x, dv = lift x' + drift x, da = lift x'' + bend_v dv + bend_q dq."""
-
-    M: Array
-    C: Array
-    K: Array
-    B: Array
-    lift: Array
-    drift: Array
-    bend_v: Array
-    bend_q: Array
-
-    def among(self, keep: Sequence[int]) -> tuple[Array, Array, Array]:
-        """Return M, C and K of some coordinates, with the other coordinates fixed."""
-        pick = np.ix_(keep, keep)
-        return self.M[pick], self.C[pick], self.K[pick]
-
-    def accelerations(self, driven: Rows) -> tuple[Array, Array]:
-        """Return the derivatives of x'' by (x, x', u), (n, 2 n + inputs), and by prescribed accelerations, (n,
-        driven)."""
-        rest = np.setdiff1d(np.arange(len(self.M)), driven)
-        right = np.hstack([-self.K, -self.C, self.B, -self.M[:, driven]])[rest]
-        found = np.zeros((len(self.M), right.shape[1]))
-        found[rest] = np.linalg.solve(self.M[np.ix_(rest, rest)], right)
-        found[driven, right.shape[1] - len(driven) + np.arange(len(driven))] = 1.0
-        return found[:, : right.shape[1] - len(driven)], found[:, right.shape[1] - len(driven) :]
-
-
-def slopes(f: Callable[[Array], Array], x: Array, rows: Rows, steps: Array, weights: Any = SIXTH) -> Array:
-    """Return df/dx by central differences, one column for each of the given rows of x."""
-    if not len(rows):
-        return np.zeros((f(x).size, 0))
-    columns = []
-    for k in rows:
-        moved, total = x.copy(), np.zeros(())
-        for i, weight in weights:
-            moved[k] = x[k] + i * steps[k]
-            ahead = f(moved)
-            moved[k] = x[k] - i * steps[k]
-            total = total + weight * (ahead - f(moved))
-        columns.append(total / steps[k])
-    return np.array(columns).T
-
-
-def exact_slopes(f: Callable[[Array], Array], x: Array, rows: Rows) -> Array:
-    """Return df/dx of an f of at most second degree in x, for which central differences with step 1 are exact."""
-    return slopes(f, x, rows, np.ones(len(x)), SECOND)
+from .differences import derivative, step_along
+from .reduced import Frame, Point, Reduced, Rows, check_mass
 
 
 class Equations:
@@ -108,8 +44,8 @@ class Equations:
         independent, dependent: positions in `free`; the frame behind a joint of the floating frame depends on the one
             before it. joints: turnable joints, each with its position among the independent coordinates.
         turned: joints that a torque can turn, each with the position of the angle on which the torque acts: the motor's
-            angle with an elastic gear, otherwise the joint's angle. motors: rows of the motors' angles behind elastic
-            gears.
+            angle with an elastic gear, otherwise the joint's angle. rows_turned: row of that angle, for every joint.
+        motors: rows of the motors' angles behind elastic gears. turning (k, 3): rows of rotation vectors.
         names: names of the independent coordinates, "joint0", ... for the joints that can turn, "motor0", ... for
             motors.
         driven: the prescribed coordinates, in the order of the scene's motions.
@@ -118,84 +54,175 @@ class Equations:
     def __init__(self, simulation: Simulation, stepping: bool = False, driven: bool = False) -> None:
         """stepping: with the inertia that the solver steps with, which may hold a correction of its period. driven:
         prescribed coordinates are rows that can move."""
-        if simulation.scene.spatial:
-            what = "must be a scene in the plane; in space there are `linearize`, `modes` and `static_equilibrium`"
-            raise check.InvalidValue("scene", simulation.scene.name, what)
-        system, model = simulation.system, smooth(simulation.model) if stepping else physical(simulation.model)
-        self._simulation = simulation
-        self.model, self.par, self.n_links = model, simulation.par, simulation.scene.arm.n_links
+        system, scene = simulation.system, simulation.scene
+        self.simulation, self.par, self.n_links = simulation, simulation.par, scene.arm.n_links
+        self.spatial, self.names_of_rows = scene.spatial, system.names
+        self.model = model = smooth(simulation.model) if stepping else physical(simulation.model)
         self.n = int(size(model.n))
         self._most_points = room_for_points(simulation.settings, self.n_links)
-        self._room = np.zeros(int(size(model.n_factor)))
+        self._room = np.zeros(
+            int(uncompiled(slopes_room)(WITH_SLOPES, model, len(self.par), len(simulation.scene.motions)))
+        )
+        # rows that can move
         self.algebraic = np.asarray(() if model.algebraic is None else model.algebraic, np.int64)
         prescribed = [int(k) for k in simulation.drive.known if k >= 0]
-        known = [] if driven else prescribed
-        still = {*known, *self.algebraic.tolist(), *(() if model.fixed is None else model.fixed.tolist())}
+        still = {*self.algebraic.tolist(), *np.flatnonzero(model.weight == 0.0).tolist()}
+        still |= {*([] if driven else prescribed), *(() if model.fixed is None else model.fixed.tolist())}
         self.free: Rows = np.array([k for k in range(self.n) if k not in still], np.int64)
-        self.steps = STEP / model.weight
+        # of these the independent ones
         place = {int(row): i for i, row in enumerate(self.free)}
         dependent = [place[row] for row in _dependent(model)]
         self.dependent: Rows = np.array(dependent, np.int64)
         self.independent: Rows = np.array([i for i in range(len(self.free)) if i not in dependent], np.int64)
         order = {int(self.free[i]): j for j, i in enumerate(self.independent)}
+        # joints, motors and what torques turn
         rows = _joint_rows(simulation)
         self.joints = {k: order[row] for k, row in rows.items() if row in order}
-        self.motors, self.base = motor_rows(simulation), simulation.system.coordinates.get("base")
+        self.motors, self.base = motor_rows(simulation), system.coordinates.get("base")
         acted = {k: self.motors.get(k, row) for k, row in rows.items()}
+        self.rows_turned = [acted[k] for k in range(self.n_links)]
         self.turned = {k: order[row] for k, row in acted.items() if row in order}
         given = {row: f"joint{k}" for k, row in rows.items()} | {
             system.coordinates[name]: name for name in ("root_x", "root_y") if name in system.coordinates
         }
         moving = [int(self.free[i]) for i in self.independent]
         self.names = tuple(given.get(row, system.names[row]) for row in moving)
-        self.pairs, self.angles = system.vectors, list(system.absolute)
-        self.in_pairs = [(order[x], order[y]) for x, y in self.pairs if x in order and y in order]
-        grounded = simulation.scene.root == "pinned" or simulation.scene.floats
+        grounded = scene.root == "pinned" or scene.floats
         turning = [k for k, i in self.turned.items() if moving[i] not in prescribed and (k > 0 or grounded)]
         self.inputs: Rows = np.array(turning, np.int64)
         self.driven: Rows = np.array([order[row] for row in prescribed if row in order], np.int64)
+        # what turns with the arm
+        self.pairs, self.angles = system.vectors, list(system.absolute)
+        first = [k for k, name in enumerate(system.names) if name == "root_rx" or ".rx" in name]
+        self.turning: Rows = np.array(first, np.int64).reshape(-1, 1) + np.arange(3)
         self._no_inputs, self._psi = np.zeros(int(size(model.n_inputs))), simulation.work.psi.copy()
-        self._poses, self._energies = np.zeros(POSE.end * self.n_links), np.zeros(3)
+        self._no_gauges = np.zeros((0, self.n))
 
     def under(self, share: float) -> Equations:
         """Return the equations with gravity multiplied by a factor."""
-        scene = self._simulation.scene
+        scene = self.simulation.scene
         if scene.gravity is None or share == 1.0:
             return self
         lighter = replace(scene, gravity=(share * scene.gravity[0], share * scene.gravity[1]))
         other = copy(self)
-        other.model = physical(assemble(lighter, self._simulation.settings).model)
+        other.model = physical(assemble(lighter, self.simulation.settings).model)
         return other
 
+    # --- residual and its derivatives ------------------------------------------------------------------------------
+
     def residual(self, point: Point, level: int = 0) -> Array:
-        """r (n,), rows of multipliers: constraints (level 0), their first or second rate (1, 2)."""
-        r = np.zeros(self.n)
-        self._evaluate(point, level, r)
-        return r
+        """Return r (n,); rows of multipliers: constraints (level 0), their first or second time derivative (1, 2)."""
+        return self._evaluate(point, _none(self.n, len(point.u)), level)[0]
 
     def status(self, q: Array) -> int:
-        """Return the model's status code (`flexarm_env.physics.model`) at a point."""
+        """Return the model's status code (`flexarm_env.physics.model`) at coordinates q."""
         zero = np.zeros(self.n)
-        return self._evaluate(Point(q, zero, zero, self._no_inputs, self._psi), 0, zero.copy())
+        none = _none(self.n, len(self._no_inputs))
+        return self._evaluate(Point(q, zero, zero, self._no_inputs, self._psi), none, 0)[2]
 
-    def _evaluate(self, p: Point, level: int, r: Array) -> int:
-        return int(equations(SINGLE, self.model, self.par, State(p.q, p.v, p.a), p.u, p.psi, level, r, self._room))
+    def _evaluate(self, p: Point, ways: Directions, level: int) -> tuple[Array, Array, int]:
+        """Return the residual (n,), its derivatives along m directions (m, n), and the status code."""
+        r, slopes = np.zeros(self.n), np.zeros((len(ways.q), self.n))
+        status = residual_slopes(
+            WITH_SLOPES, self.model, self.par, State(p.q, p.v, p.a), p.u, p.psi, ways, level, self._room, r, slopes
+        )
+        return r, slopes, int(status)
+
+    def along(self, point: Point, q: Any = 0.0, v: Any = 0.0, a: Any = 0.0, u: Any = 0.0, level: int = 0) -> Array:
+        """Return derivatives (n, m) of the residual along m directions: of q, v, a (n, m) and of u (inputs, m)."""
+        m = max(np.shape(x)[1] for x in (q, v, a, u) if np.ndim(x) == 2)
+        ways = Directions(*(
+            np.array(np.broadcast_to(np.transpose(x), (m, rows)), np.float64, order="C")
+            for x, rows in ((q, self.n), (v, self.n), (a, self.n), (u, len(point.u)))
+        ))  # fmt: skip
+        if not UNCOMPILED:
+            return self._evaluate(point, ways, level)[1].T
+
+        def moved(i: int, t: float) -> Array:
+            q, (v, a, u) = self.moved(point.q, t * ways.q[i]), (t * way[i] for way in ways[1:])
+            return self.residual(Point(q, point.v + v, point.a + a, point.u + u, point.psi), level)
+
+        columns = [derivative(partial(moved, i), step_along(ways.q[i], self.model.weight)) for i in range(m)]
+        return np.array(columns).reshape(m, self.n).T
+
+    def unit(self, rows: Rows) -> Array:
+        """Return unit directions (n, rows) of some rows."""
+        return np.eye(self.n)[:, rows]
+
+    def constraint_slopes(self, point: Point) -> Array:
+        """Return the derivatives (m, f) of the constraints by the rows that can move."""
+        if not self.algebraic.size:
+            return np.zeros((0, self.free.size))
+        still = replace(point, v=np.zeros(self.n))
+        return self.along(still, v=self.unit(self.free), level=1)[self.algebraic]
+
+    def input_slopes(self, point: Point, inputs: Rows) -> Array:
+        """Return -dr/du (f, inputs), the generalized forces of unit torques on the rows that can move."""
+        if not len(inputs):
+            return np.zeros((self.free.size, 0))
+        return -self.along(point, u=np.eye(len(point.u))[:, inputs])[self.free]
+
+    def moved(self, q: Array, d: Array) -> Array:
+        """Return the coordinates q (+) d, moved by an increment d (n,)."""
+        found = q.copy()
+        uncompiled(retract)(SINGLE, self.model, found, 1.0, d, None)
+        return found
+
+    # --- what is read off -------------------------------------------------------------------------------------------
+
+    def poses_along(
+        self, q: Array, v: Array, dq: Array, dv: Array, gauges: Array | None = None
+    ) -> tuple[Array, Array, Array, Array]:
+        """Return poses (n_links, ...), gauge readings (G,), and derivatives (m, ...) of both along directions dq, dv.
+
+        dq, dv (n, m): increments of coordinates, changes of rates. gauges: rows of `gauges.curvature_rows`.
+        """
+        rows = self._no_gauges if gauges is None else gauges
+        own = SPACE_POSE.end if self.spatial else POSE.end
+        poses, count, m = own * self.n_links, own * self.n_links + BASE_POSE.end, dq.shape[1]
+        inputs, zero = self._no_inputs, np.zeros(self.n)
+        d, e = (np.array(x.T, order="C") for x in (dq, dv))
+        ways = Directions(d, e, np.zeros((m, self.n)), np.zeros((m, len(inputs))))
+        values, slopes = np.zeros(count + len(rows)), np.zeros((m, count + len(rows)))
+        out = np.zeros(count * len(WITH_SLOPES))
+
+        def read(ways: Directions, q: Array, v: Array) -> Array:
+            pose_slopes(
+                WITH_SLOPES, self.model, self.par, State(q, v, zero), inputs, self._psi, ways, rows, self._room, out,
+                values, slopes,
+            )  # fmt: skip
+            return values.copy()
+
+        if UNCOMPILED:
+            none = _none(self.n, len(inputs))
+
+            def moved(i: int, t: float) -> Array:
+                return read(none, self.moved(q, t * d[i]), v + t * e[i])
+
+            for i in range(m):
+                slopes[i] = derivative(partial(moved, i), step_along(d[i], self.model.weight))
+            ways = none
+        read(ways, q, v)
+        shape = (self.n_links, own)
+        return (
+            values[:poses].reshape(shape), values[count:], slopes[:, :poses].reshape(-1, *shape), slopes[:, count:]
+        )  # fmt: skip
 
     def poses(self, q: Array, v: Array) -> Array:
-        """Poses of the links (`physics.layout`), (n_links, 12)."""
-        self._observe(q, v, np.zeros((0, 2)))
-        return self._poses.reshape(-1, POSE.end).copy()
+        """Return the poses of the links (`physics.layout`), (n_links, ...)."""
+        none = np.zeros((self.n, 0))
+        return self.poses_along(q, v, none, none)[0]
 
     def points(self, q: Array) -> Array:
-        """Points along the chain, root to tip, (points, 2), m."""
+        """Return points along the chain, root to tip, (points, 2 or 3), m."""
+        if self.spatial:
+            arm, settings = self.simulation.scene.arm, self.simulation.settings
+            return np.asarray(read(arm, settings, q[None], np.zeros((1, self.n)))["shapes"][0])
         points = np.full((self._most_points, 2), np.nan)
-        return points[: self._observe(q, np.zeros(self.n), points)].copy()
-
-    def _observe(self, q: Array, v: Array, points: Array) -> int:
-        return int(observe_arm(SINGLE, self.model, self.par, q, v, self._poses, self._energies, points))
+        return points[: int(centerline(self.model, q, points))].copy()
 
     def joint_angles(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Joint angles and rates (n_links,) each: a link's root less the tip before it, or a base that floats."""
+        """Return joint angles and rates (n_links,), of links' roots relative to the tip before or a floating base."""
         angles, rates = joint_angles(self.poses(q, v))
         if self.base is not None:
             angles[0], rates[0] = angles[0] - q[self.base], rates[0] - v[self.base]
@@ -203,97 +230,38 @@ class Equations:
 
     def joint_slopes(self, q: Array) -> Array:
         """Return the constant derivatives (n_links, f) of the joint angles by the rows that can move."""
-        return slopes(lambda x: self.joint_angles(x, np.zeros(self.n))[0], q, self.free, self.steps)
+        ways = self.unit(self.free)
+        slopes = joint_angles(self.poses_along(q, np.zeros(self.n), ways, 0.0 * ways)[2])[0].T
+        if self.base is not None:
+            slopes[0] -= ways[self.base]
+        return slopes
 
     def motor_angles(self, q: Array) -> Array:
-        """Return the angles (n_links,) on which joint torques act: motor angles relative to the link before."""
+        """Angles (n_links,) that the joints' torques act on: the motors', relative to the link before."""
         angles = self.joint_angles(q, np.zeros(self.n))[0]
         for k, row in self.motors.items():
             angles[k] = q[row]
         return angles
 
     def motor_slopes(self, q: Array) -> Array:
-        """Return the constant derivatives (n_links, f) of the motor angles by the rows that can move."""
+        """These angles by the rows that can move (n_links, f): constant."""
         slope = self.joint_slopes(q)
         for k, row in self.motors.items():
             slope[k] = self.free == row
         return slope
 
-    def rotating(self, q: Array, spin: float) -> tuple[Array, Array]:
-        """Return rates and accelerations of a rigid rotation about the origin at a steady rate, rad/s."""
-        v, a = np.zeros(self.n), np.zeros(self.n)
-        if spin == 0.0:
-            return v, a
-        for x, y in self.pairs:
-            v[x], v[y] = -spin * q[y], spin * q[x]
-            a[x], a[y] = -(spin**2) * q[x], -(spin**2) * q[y]
-        v[self.angles] = spin
-        return v, a
-
-    def slope(self, point: Point, field: str, rows: Rows, level: int = 0) -> Array:
-        """Return the derivative (n, rows) of the residual at a level by some rows of a field of the point."""
-
-        def moved(x: Array) -> Array:
-            return self.residual(replace(point, **{field: x}), level)
-
-        at: Array = getattr(point, field)
-        return slopes(moved, at, rows, self.steps) if field == "q" else exact_slopes(moved, at, rows)
-
-    def constraint_slopes(self, point: Point) -> Array:
-        """Return the derivatives (m, f) of the constraints by the rows that can move."""
-        if not self.algebraic.size:
-            return np.zeros((0, self.free.size))
-        return self.slope(replace(point, v=np.zeros(self.n)), "v", self.free, 1)[self.algebraic]
-
-    def reduced(self, point: Point, spin: float = 0.0) -> Reduced:
-        """Return the equations in independent coordinates. With a spin (rad/s) positions turn with the arm: then the
-        point is one of steady rotation about the origin, and the matrices are constant in time."""
-        free, lam, here, there = self.free, self.algebraic, self.independent, self.dependent
-        f, n = free.size, here.size
-        M, C, K = (self.slope(point, field, free)[free] for field in "avq")
-        B = -self.slope(point, "u", self.inputs)[free]
-        lift, drift = np.zeros((f, n)), np.zeros((f, n))
-        bend_v, bend_q = np.zeros((f, f)), np.zeros((f, f))
-        lift[here] = np.eye(n)
-        if there.size:
-            G = self.constraint_slopes(point)
-            inverse = np.linalg.inv(G[:, there])
-            lift[there] = -inverse @ G[:, here]
-            drift[there] = -inverse @ self.slope(point, "q", free, 1)[lam] @ lift
-            bend_v[there] = -inverse @ self.slope(point, "v", free, 2)[lam]
-            bend_q[there] = -inverse @ self.slope(point, "q", free, 2)[lam]
-        damping, stiffness = C + M @ bend_v, K + M @ bend_q
-        M, C, B = lift.T @ M @ lift, lift.T @ damping @ lift, lift.T @ B
-        _check_mass(M)
-        K = lift.T @ (damping @ drift + stiffness @ lift)
-        if spin != 0.0:  # x = T(w t) xi: x' = xi' + w S xi, x'' = xi'' + 2 w S xi' + w^2 S^2 xi at t = 0
-            S = np.zeros((n, n))
-            for x, y in self.in_pairs:
-                S[x, y], S[y, x] = -1.0, 1.0
-            K = K + spin * C @ S + spin**2 * M @ S @ S
-            C = C + 2.0 * spin * M @ S
-        if there.size:  # the turn of a frame behind a hinge -> the joint's angle
-            change = np.eye(n)
-            jacobian = self.joint_slopes(point.q) @ lift
-            for k, i in self.joints.items():
-                change[i] = jacobian[k]
-            back = np.linalg.inv(change)
-            M, C, K, B = back.T @ M @ back, back.T @ C @ back, back.T @ K @ back, back.T @ B
-            lift, drift = lift @ back, drift @ back
-        return Reduced(M, C, K, B, lift, drift, bend_v, bend_q)
-
     def state(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Independent coordinates and their rates, in the order of `names`."""
+        """Return the independent coordinates and their rates, in the order of `names`."""
         rows = self.free[self.independent]
         x, rate = q[rows], v[rows]
-        angles, rates = self.joint_angles(q, v)
-        for k, i in self.joints.items():
-            x[i], rate[i] = angles[k], rates[k]
+        if not self.spatial:
+            angles, rates = self.joint_angles(q, v)
+            for k, i in self.joints.items():
+                x[i], rate[i] = angles[k], rates[k]
         return x, rate
 
     def changes(self, q: Array, dq: Array) -> Array:
-        """Return changes (n, columns) of the independent coordinates, from changes (f, columns) of the rows that can
-        move."""
+        """Return changes (n, m) of the independent coordinates from changes dq (f, m) of the rows that can move."""
         result = dq[self.independent]
         if self.dependent.size:
             turns = self.joint_slopes(q) @ dq
@@ -301,15 +269,102 @@ class Equations:
                 result[i] = turns[k]
         return result
 
+    # --- rotation ----------------------------------------------------------------------------------------------------
 
-def _check_mass(M: Array) -> None:
-    """Raise ValueError where some coordinate has no inertia."""
-    size = np.sqrt(np.maximum(M.diagonal(), 0.0))
-    if not (size > 0.0).all() or np.linalg.eigvalsh(M / np.outer(size, size)).min() < 1e-14:
-        raise ValueError(
-            "the mass matrix is singular, so there is no state space: some coordinate has no inertia "
-            "(a link reduced to modes needs a hub inertia)"
-        )
+    def rotating(self, q: Array, spin: float) -> tuple[Array, Array]:
+        """Return rates and accelerations of a steady rigid rotation (rad/s), in space about the first joint's axis."""
+        v, a = np.zeros(self.n), np.zeros(self.n)
+        if spin == 0.0:
+            return v, a
+        for x, y in self.pairs:
+            v[x], v[y] = -spin * q[y], spin * q[x]
+            a[x], a[y] = -(spin**2) * q[x], -(spin**2) * q[y]
+        if not self.spatial:
+            v[self.angles] = spin
+            return v, a
+        rows, omega = self.simulation.system.coordinates, self._omega(spin)
+        v[[rows[name] for name in ("joint0", "motor0") if name in rows]] = spin
+        for i in self._vertices():
+            v[i : i + 3] = np.cross(omega, q[i : i + 3])
+            a[i : i + 3] = np.cross(omega, v[i : i + 3])
+            v[i + 3 : i + AXES] = rotations.back(rotations.matrices(q[i + 3 : i + AXES]), omega)
+        return v, a
+
+    def frame(self, point: Point, spin: float = 0.0) -> Frame:
+        """Return the `Frame` (n, n) at a point, for an observer who turns with the arm at spin (rad/s)."""
+        V, U, W = np.zeros((3, self.n, self.n))
+        for x, y in self.pairs:  # x = T(w t) xi: x' = T (xi' + w S xi), x'' = T (xi'' + 2 w S xi' + w^2 S^2 xi)
+            V[x, y], V[y, x], W[x, x], W[y, y] = -spin, spin, -(spin**2), -(spin**2)
+        if self.spatial:
+            hat = rotations.skew(self._omega(spin))
+            for i in self._vertices():
+                rows = np.ix_(range(i, i + 3), range(i, i + 3))
+                V[rows], W[rows] = hat, hat @ hat
+        U += 2.0 * V
+        for i in self.turning:
+            rows = np.ix_(i, i)
+            V[rows] = U[rows] = rotations.skew(point.v[i])
+            W[rows] = rotations.skew(point.a[i])
+        return Frame(V, U, W)
+
+    def _omega(self, spin: float) -> Array:
+        """Return the angular velocity (3,) of a spin (rad/s) about the first joint's axis, inertial axes."""
+        arm = self.simulation.scene.arm
+        return spin * (mount_of(arm, 0) @ axis_of(arm, 0))
+
+    def _vertices(self) -> list[int]:
+        """Return the first rows of the vertices of an arm in space."""
+        return [i for i, name in enumerate(self.names_of_rows) if name.startswith("link") and ".x" in name]
+
+    # --- linear equations --------------------------------------------------------------------------------------------
+
+    def inertia(self, point: Point) -> Array:
+        """Return the mass matrix M (f, f) of the rows that can move."""
+        return self.along(point, a=self.unit(self.free))[self.free]
+
+    def reduced(self, point: Point, spin: float = 0.0) -> Reduced:
+        """Return the equations in independent coordinates.
+
+        With a spin (rad/s) the point is one of steady rotation; for an observer who turns with the arm the matrices are
+        constant in time.
+        """
+        free, lam, here, there = self.free, self.algebraic, self.independent, self.dependent
+        f, n = free.size, here.size
+        # columns of one residual: by accelerations, rates, coordinates
+        ways, none = self.unit(free), np.zeros((self.n, f))
+        q, v, a = (np.hstack(part) for part in ((none, none, ways), (none, ways, none), (ways, none, none)))
+        columns = self.along(point, q, v, a)
+        M, C, K = (columns[free, f * i : f * (i + 1)] for i in range(3))
+        B = self.input_slopes(point, self.inputs)
+        lift, drift = np.zeros((f, n)), np.zeros((f, n))
+        bend_v, bend_q = np.zeros((f, f)), np.zeros((f, f))
+        lift[here] = np.eye(n)
+        if there.size:
+            G = self.constraint_slopes(point)
+            inverse = np.linalg.inv(G[:, there])
+            lift[there] = -inverse @ G[:, here]
+            drift[there] = -inverse @ self.along(point, q=ways, level=1)[lam] @ lift
+            bend_v[there] = -inverse @ self.along(point, v=ways, level=2)[lam]
+            bend_q[there] = -inverse @ self.along(point, q=ways, level=2)[lam]
+        damping, stiffness = C + M @ bend_v, K + M @ bend_q
+        M, C, B = lift.T @ M @ lift, lift.T @ damping @ lift, lift.T @ B
+        check_mass(M)
+        K = lift.T @ (damping @ drift + stiffness @ lift)
+        frame = self.frame(point, spin).among(free[here])
+        if there.size:  # the turn of a frame behind a hinge -> the joint's angle
+            change = np.eye(n)
+            jacobian = self.joint_slopes(point.q) @ lift
+            for k, i in self.joints.items():
+                change[i] = jacobian[k]
+            back: Array = np.asarray(np.linalg.inv(change), np.float64)
+            M, C, K, B = back.T @ M @ back, back.T @ C @ back, back.T @ K @ back, back.T @ B
+            lift, drift, frame = lift @ back, drift @ back, frame.in_coordinates(change, back)
+        return Reduced(M, C, K, B, lift, drift, bend_v, bend_q, frame)
+
+
+def _none(rows: int, inputs: int) -> Directions:
+    """Return an empty `Directions`."""
+    return Directions(*(np.zeros((0, count)) for count in (rows, rows, rows, inputs)))
 
 
 def _dependent(model: object) -> list[int]:

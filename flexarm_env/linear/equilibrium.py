@@ -18,14 +18,14 @@ import numpy as np
 
 from .. import validation as check
 from ..physics.model import OK, has_play
-from ..rest import NoEquilibrium, out_of_range
+from ..rest import NoEquilibrium, out_of_range, resting
 from ..scene import JointTorque, Load, Motion, Scene
 from ..settings import Settings
 from ..simulation import Simulation
 from ..time_functions import constant
 from ..validation import Array
-from . import space
-from .equations import Equations, Point, slopes
+from .equations import Equations
+from .reduced import Point
 from .stability import Stability, at_rest
 
 AT_REST = 1e-6
@@ -118,10 +118,8 @@ def static_equilibrium(
 def _in_plane(scene: Scene, settings: Settings, hold_joints: bool) -> Equilibrium:
     """`static_equilibrium` of an arm in the plane."""
     found = Equilibrium(still(scene, hold_joints), settings)
-    equations, work = Equations(found), found.work
-    held = equations.inputs.tolist() if hold_joints else []
-    zero = np.zeros(equations.n)
-    start = Point(work.q.copy(), zero, zero, work.u.copy(), work.psi.copy())
+    equations, start = at_rest_of(found)
+    work, held = found.work, equations.inputs.tolist() if hold_joints else []
     point, found.followed = find_rest(equations, start, held)
     found.stability = at_rest(equations, point, held)
     work.q[:], work.v[:] = point.q, 0.0
@@ -130,11 +128,35 @@ def _in_plane(scene: Scene, settings: Settings, hold_joints: bool) -> Equilibriu
 
 
 def _in_space(scene: Scene, settings: Settings, hold_joints: bool) -> Equilibrium:
-    """`static_equilibrium` of an arm in space: where it comes to rest from its start, by `rest.relax`."""
-    found: Equilibrium = space.rest_of(still(scene, hold_joints), settings, hold_joints, Equilibrium)
+    """`static_equilibrium` of an arm in space: where it comes to rest from its start, by `rest.relax`.
+
+    Raises:
+        NoEquilibrium: there is none.
+    """
+    scene = still(scene, hold_joints)
+    if scene.root == "free":
+        raise check.InvalidValue("scene.root", scene.root, 'must be "pinned" for a rest')
+    scene = replace(scene, start="held" if hold_joints else "equilibrium")
+    found, held = Equilibrium(scene, settings), resting(scene)
+    equations, point = at_rest_of(found)
+    r, torques = equations.residual(point), found.work.u[: scene.arm.n_links].copy()
+    # joints held by the search, but not by the scene
+    for k, row in enumerate(equations.rows_turned):
+        name = f"{'motor' if scene.arm.joint(k).elastic else 'joint'}{k}"
+        if held.motion_of(name) is not None and scene.motion_of(name) is None:
+            torques[k] += r[row]
+    found.set_torques(torques)
     turning = [k for k in range(scene.arm.n_links) if scene.motion_of(f"joint{k}") is None]
-    found.followed, found.stability = 0.0, space.stability_of(found, turning if hold_joints else [])
+    found.followed = 0.0
+    found.stability = at_rest(*at_rest_of(found), turning if hold_joints else [])
     return found
+
+
+def at_rest_of(simulation: Simulation) -> tuple[Equations, Point]:
+    """Return a simulation's equations and the point of rest at its coordinates, under its inputs."""
+    equations, w = Equations(simulation), simulation.work
+    zero = np.zeros(equations.n)
+    return equations, Point(w.q.copy(), zero, zero, w.u.copy(), w.psi.copy())
 
 
 def warn_unstable(stability: Stability, refuse: bool) -> None:
@@ -311,17 +333,18 @@ class _Search:
 
     def inertia(self, point: Point) -> Array:
         """M (f, f)."""
-        return self.e.slope(self.at(point, point.q), "a", self.e.free)[self.e.free]
+        return self.e.inertia(self.at(point, point.q))
 
     def stiffness(self, point: Point) -> Array:
         """K (f, f) with what the rotation adds."""
-        e = self.e
-        return slopes(lambda q: e.residual(self.at(point, q)), point.q, e.free, e.steps)[e.free]
+        e, here = self.e, self.at(point, point.q)
+        frame, ways = e.frame(here, self.spin * np.sqrt(self.share)), e.unit(e.free)
+        return e.along(here, q=ways, v=frame.V @ ways, a=frame.W @ ways)[e.free]
 
     def borders(self, point: Point) -> tuple[Array, Array]:
         """Constraints by the rows that can move, G, and what the held joints' torques do there, B."""
         e, here = self.e, self.at(point, point.q)
-        return e.constraint_slopes(here), -e.slope(here, "u", e.inputs[self.columns])[e.free]
+        return e.constraint_slopes(here), e.input_slopes(here, e.inputs[self.columns])
 
     def solve(self, A: Array, G: Array, B: Array, left: Array) -> Array:
         """Move of coordinates, multipliers and holding torques that takes away what is left, of the bordered system

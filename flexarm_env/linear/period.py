@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .. import validation as check
-from ..compiler import SINGLE, dual, uncompiled
+from ..compiler import SINGLE, WIDEST, dual, uncompiled
 from ..physics.integrator.step import advance
 from ..physics.integrator.work import Work, unpack, work_size
 from ..physics.layout import HALVINGS
@@ -17,7 +17,7 @@ from ..physics.model import MESSAGE, OK, Scheme
 from ..settings import steps_in
 from ..simulation import Simulation
 from ..validation import Array
-from .equations import Point, Rows
+from .reduced import Point, Rows
 
 SHARP = 1e-12
 """Newton's tolerance where the period is corrected: a correction that comes an iteration sooner is another within the
@@ -64,13 +64,16 @@ def period_tangents(
     for name, tangents in zip("qvab", (*starts, starts[2]), strict=True):
         given[name][rows] = tangents
     given["u"][inputs, range(n - len(inputs), n)] = 1.0
-    columns = [_Dual(simulation, w, {name: x[:, k] for name, x in given.items()}) for k in range(n)]
+    groups = [
+        _Dual(simulation, w, {name: x[:, k : k + len(WIDEST)] for name, x in given.items()})
+        for k in range(0, n, len(WIDEST))
+    ]
     for step in range(steps):
         at = simulation.t + step * h
         _advance(simulation, flat, w, at, h)
-        for column in columns:
-            column.step(w.u[:links], at, h)
-    q, v = (np.array([column.numbers(name)[rows, 1] for column in columns]).T for name in "qv")
+        for group in groups:
+            group.step(w.u[:links], at, h)
+    q, v = (np.hstack([group.tangents(name)[rows] for group in groups])[:, :n] for name in "qv")
     return q, v
 
 
@@ -94,27 +97,36 @@ def _advance(of: Simulation, flat: Array, w: Work, at: float, h: float) -> None:
 
 
 class _Dual:
-    """The arm in a work array, with a tangent of each of its numbers."""
+    """The arm in a work array in each lane, with a tangent of each of its numbers: one direction a lane."""
 
     def __init__(self, simulation: Simulation, w: Work, tangents: dict[str, Array]) -> None:
-        self.simulation, self.lane = simulation, dual(SINGLE)
+        """tangents: of fields of the work array, (rows, columns) each, at most as many columns as there are lanes."""
+        self.simulation, self.lane = simulation, dual(WIDEST)
         model, motions = simulation.model, simulation.n_motions
-        self.flat = np.zeros(int(uncompiled(work_size)(2, model, motions)))
+        self.flat = np.zeros(int(uncompiled(work_size)(len(self.lane), model, motions)))
         self.work = uncompiled(unpack)(self.lane, model, self.flat, motions)
-        self.par = np.stack([simulation.par, np.zeros_like(simulation.par)], axis=1).ravel()
+        par = np.zeros((len(simulation.par), 2, len(WIDEST)))
+        par[:, 0] = simulation.par[:, None]
+        self.par = par.ravel()
         for name, own in tangents.items():
-            self.numbers(name)[:] = np.stack([getattr(w, name), own], axis=1)
+            numbers = self._numbers(name)
+            numbers[:, 0] = getattr(w, name)[:, None]
+            numbers[:, 1, : own.shape[1]] = own
         loads = simulation.drive.entries >= simulation.scene.arm.n_links  # torques are given with their tangents
         self.drive = simulation.drive._replace(
             entries=simulation.drive.entries[loads], terms=simulation.drive.terms[loads]
         )
 
-    def numbers(self, name: str) -> Array:
-        """Values and tangents (rows, 2) of a field of the work array, a view."""
-        return np.asarray(getattr(self.work, name)).reshape(-1, 2)
+    def _numbers(self, name: str) -> Array:
+        """Return values and tangents (rows, 2, lanes) of a field of the work array, a view."""
+        return np.asarray(getattr(self.work, name)).reshape(-1, 2, len(WIDEST))
+
+    def tangents(self, name: str) -> Array:
+        """Return the tangents (rows, lanes) of a field of the work array, a view."""
+        return self._numbers(name)[:, 1]
 
     def step(self, torques: Array, t: float, h: float) -> None:
         """A step of h from t under joint torques (N,)."""
         own = self.simulation
-        self.numbers("u")[: len(torques), 0] = torques
+        self._numbers("u")[: len(torques), 0] = torques[:, None]
         advance(self.lane, own.model, self.drive, self.par, self.flat, own.n_motions, t, h, 1, _scheme_of(own), None)

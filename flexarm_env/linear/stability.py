@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..validation import Array
-from .equations import Equations, Point
+from .equations import Equations
+from .reduced import Point
 
 Complex = NDArray[np.complex128]
 

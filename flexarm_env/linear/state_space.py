@@ -16,9 +16,9 @@ from ..scene import Scene
 from ..sensors import MEASURES
 from ..simulation import Simulation
 from ..validation import Array
-from .equations import Equations, Point
-from .plane_model import PlaneModel
-from .space_model import SpaceModel
+from .equations import Equations
+from .point import ArmAtPoint
+from .reduced import Point
 from .stability import eigenpairs, growing
 
 METHODS = ("solver", "zoh")
@@ -119,7 +119,7 @@ def linearize(
         what = "must be False where multipliers join bodies: they prescribe the joints"
         raise check.InvalidValue("motions", motions, what)
     places = _places(gauges, scene.arm.links, scene.spatial)
-    about = SpaceModel(simulation) if scene.spatial else PlaneModel(simulation, stepping, motions)
+    about = ArmAtPoint(simulation, stepping, motions)
     A, B, rate = about.A, about.B, about.rate
     if discrete is not None:
         A, B, rate = about.period(discrete) if stepping else _over(discrete, A, B, rate, about.x)
@@ -187,8 +187,17 @@ def _over(dt: float, A: Array, B: Array, rate: Array, x0: Array) -> tuple[Array,
 
 def state_of(simulation: Simulation) -> Array:
     """Return the state of a Simulation in the order of `LinearModel.states`, (2n,), SI."""
-    equations = Equations(check.instance("simulation", simulation, Simulation))
+    equations = _in_plane(simulation)
     return np.concatenate(equations.state(simulation.work.q, simulation.work.v))
+
+
+def _in_plane(simulation: Simulation) -> Equations:
+    """Return the equations of an arm in the plane; ValueError for one in space."""
+    scene = check.instance("simulation", simulation, Simulation).scene
+    if scene.spatial:
+        what = "must be a scene in the plane; in space there are `linearize`, `modes` and `static_equilibrium`"
+        raise check.InvalidValue("scene", scene.name, what)
+    return Equations(simulation)
 
 
 def set_state(simulation: Simulation, x: Array) -> None:
@@ -197,7 +206,7 @@ def set_state(simulation: Simulation, x: Array) -> None:
     Raises ValueError if x has the wrong size or is not finite, and RuntimeError if no configuration of the arm has this
     state.
     """
-    equations = Equations(check.instance("simulation", simulation, Simulation))
+    equations = _in_plane(simulation)
     n, w = equations.independent.size, simulation.work
     x = check.floats("x", x, f"{2 * n} finite numbers")
     if x.shape != (2 * n,) or not np.isfinite(x).all():

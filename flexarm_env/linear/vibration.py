@@ -1,19 +1,22 @@
 """Natural frequencies and mode shapes about a point of the motion, also in steady rotation."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from .. import validation as check
+from ..physics.space.build import axis_of, mount_of
+from ..rest import NoEquilibrium
 from ..scene import Scene
 from ..simulation import Simulation
 from ..validation import Array
-from . import space
-from .equations import STEP, Equations, Point, slopes
-from .equilibrium import find_rest, still, warn_unstable
+from .differences import derivative, step_along
+from .equations import Equations
+from .equilibrium import at_rest_of, find_rest, static_equilibrium, still, warn_unstable
 from .period import at_start, point_of
+from .reduced import Point
 from .stability import Complex, Stability, at_rest, eigenpairs, growing, moving
 from .state_space import simulation_of
 
@@ -82,64 +85,87 @@ def modes(
     if isinstance(target, Scene) and spin != 0.0 and (scene.root != "pinned" or scene.gravity is not None):
         raise check.InvalidValue("spin", spin, "needs a pinned root and no gravity, or there is no steady rotation")
     held = _held(clamped, scene.arm.n_links)
-    about = _in_space if scene.spatial else _in_plane
-    (values, vectors, points, shape), rest = about(target, formulation, options, spin, held)
+    find = _point_in_space if scene.spatial else _point_in_plane
+    equations, point, rest = find(target, formulation, options, spin, held)
     if rest is not None:
         warn_unstable(rest, refuse=False)
+    keep, reduced = moving(equations, held), equations.reduced(point, spin)
+    values, vectors = eigenpairs(*(np.ascontiguousarray(part) for part in reduced.among(keep)))
     order = np.argsort(np.abs(values), kind="stable")[:n]
-    eigenvalues, seen = values[order], [shape(vector) for vector in vectors.T[order]]
+    eigenvalues = values[order]
+    seen = [_shape(equations, point.q, reduced.lift[:, keep] @ vector) for vector in vectors.T[order]]
     size = np.abs(eigenvalues)
     damping = np.where(size > 0.0, -eigenvalues.real / np.maximum(size, 1e-300), 0.0) + 0.0  # no -0.0
     frequencies = np.where(np.abs(eigenvalues.imag) > 1e-9 * size, size, 0.0)
+    points = equations.points(point.q)
     shapes = np.array([one for one, _ in seen]).reshape(-1, *points.shape)
     whirl = np.array([one for _, one in seen if scene.spatial])
     return Modes(frequencies, damping, eigenvalues, shapes, points, spin, growing(values), whirl)
 
 
-def _in_space(
+Found = tuple[Equations, Point, Stability | None]
+"""An arm's equations, the point of its motion, and the stability of a Scene's rest with all joints held."""
+
+
+def _point_in_space(
     target: Simulation | Scene, formulation: str | None, options: dict[str, Any], spin: float, held: list[int]
-) -> tuple[space.Vibration, Stability | None]:
-    """Of an arm in space; of a Scene at rest also how that is with all joints held."""
-    rest = None
+) -> Found:
+    """Return where the modes of an arm in space are taken."""
     if isinstance(target, Simulation):
         simulation = simulation_of(target, formulation, options)
         if spin != 0.0 or simulation.work.v.any():
             raise check.InvalidValue("spin", spin, "must be given with a Scene; a Simulation in space must be at rest")
-    elif spin != 0.0:
-        scene = still(target, True, position=(0.0, 0.0), loads=(), space=True)
-        simulation = Simulation(scene, target.settings(formulation, **options), False)
-    else:
-        simulation = space.rest_of(still(target, True), target.settings(formulation, **options), True)
-        rest = space.stability_of(simulation, list(range(target.arm.n_links)))
-    return space.modes_of(simulation, simulation.work.q.copy(), held, spin), rest
+        return *at_rest_of(simulation), None
+    if spin == 0.0:
+        found = static_equilibrium(target, formulation, require_stable=False, **options)
+        equations, point = at_rest_of(found)
+        return equations, point, at_rest(equations, point, list(range(target.arm.n_links)))
+    scene = still(target, True, position=(0.0, 0.0), loads=(), space=True)
+    equations, point = at_rest_of(Simulation(scene, target.settings(formulation, **options), False))
+    return equations, _steady_rotation(equations, point, held, spin), None
 
 
-def _in_plane(
+def _point_in_plane(
     target: Simulation | Scene, formulation: str | None, options: dict[str, Any], spin: float, held: list[int]
-) -> tuple[space.Vibration, Stability | None]:
-    """The same of an arm in the plane."""
-    rest = None
+) -> Found:
+    """Return where the modes of an arm in the plane are taken."""
     if isinstance(target, Simulation):
         if spin != 0.0:
             raise check.InvalidValue("spin", spin, "must be given with a Scene; a Simulation brings its own motion")
         equations = Equations(simulation_of(target, formulation, options))
-        point = point_of(at_start(target, equations.model)[1])
-    else:
-        moved: dict[str, Any] = {"position": (0.0, 0.0), "loads": ()} if spin != 0.0 else {}
-        simulation = Simulation(still(target, True, **moved), target.settings(formulation, **options))
-        equations, w = Equations(simulation), simulation.work
-        start = Point(w.q.copy(), *equations.rotating(w.q, spin), w.u.copy(), w.psi.copy())
-        joints = equations.inputs.tolist()
-        point, _ = find_rest(equations, start, joints, spin)
-        rest = at_rest(equations, point, joints) if spin == 0.0 else None
-        _check_rotors(target, held)
-    keep = moving(equations, held)
-    reduced = equations.reduced(point, spin)
+        return equations, point_of(at_start(target, equations.model)[1]), None
+    moved: dict[str, Any] = {"position": (0.0, 0.0), "loads": ()} if spin != 0.0 else {}
+    equations, start = at_rest_of(Simulation(still(target, True, **moved), target.settings(formulation, **options)))
+    v, a = equations.rotating(start.q, spin)
+    joints = equations.inputs.tolist()
+    point, _ = find_rest(equations, replace(start, v=v, a=a), joints, spin)
+    rest = at_rest(equations, point, joints) if spin == 0.0 else None
+    _check_rotors(target, held)
+    return equations, point, rest
 
-    def shape(vector: Complex) -> tuple[Array, float]:
-        return _shape(equations, point.q, reduced.lift[:, keep] @ vector), np.nan
 
-    return (*eigenpairs(*reduced.among(keep)), equations.points(point.q), shape), rest
+def _steady_rotation(equations: Equations, start: Point, held: list[int], spin: float) -> Point:
+    """Return the steady rotation (spin, rad/s) of an arm in space near the start, by Newton's iteration.
+
+    Raises:
+        NoEquilibrium: Newton's iteration does not converge.
+    """
+    rows = equations.free[equations.independent[moving(equations, held)]]
+    q, weight, ways = start.q, equations.model.weight[rows], equations.unit(rows)
+    for _ in range(50):
+        v, a = equations.rotating(q, spin)
+        point = replace(start, q=q, v=v, a=a)
+        frame = equations.frame(point, spin)
+        K = equations.along(point, q=ways, v=frame.V @ ways, a=frame.W @ ways)[rows]
+        d = np.asarray(-np.linalg.solve(K, equations.residual(point)[rows]), np.float64)
+        largest = float(np.abs(d * weight).max())
+        if not largest < 1e3:
+            break
+        q = equations.moved(q, ways @ (min(1.0, 0.3 / max(largest, 1e-300)) * d))
+        if largest < 1e-10:
+            v, a = equations.rotating(q, spin)
+            return replace(start, q=q, v=v, a=a)
+    raise NoEquilibrium("no steady rotation was found: the spin may be beyond what the arm's stiffness holds")
 
 
 def _held(clamped: bool | Sequence[int], links: int) -> list[int]:
@@ -160,18 +186,29 @@ def _check_rotors(scene: Scene, held: list[int]) -> None:
             raise check.InvalidValue(f"arm.joints[{k}].motor_inertia", joint.motor_inertia, what)
 
 
-def _shape(equations: Equations, q: Array, vector: Complex) -> Array:
-    """Displacements of the chain's points along a complex change of the rows that can move."""
-    weight = equations.model.weight[equations.free]
-    vector = vector / np.abs(vector * weight).max()
+def _shape(equations: Equations, q: Array, vector: Complex) -> tuple[Array, float]:
+    """Return displacements of the chain's points along a complex change of the rows that can move, and the whirl.
 
-    def moved(step: Array) -> Array:
-        at = q.copy()
-        at[equations.free] += step[0] * vector.real + step[1] * vector.imag
-        return equations.points(at).ravel()
+    Displacements are those at the phase of the largest one; their largest length is 1. Whirl: see `Modes`; NaN in the
+    plane and where the points do not move across the first joint's axis.
+    """
+    weight, free = equations.model.weight, equations.free
+    whole = np.zeros(equations.n, np.complex128)
+    whole[free] = vector / max(float(np.abs(vector * weight[free]).max()), 1e-300)
 
-    parts = slopes(moved, np.zeros(2), np.array([0, 1]), np.full(2, STEP / 5.0))
-    change = (parts[:, 0] + 1j * parts[:, 1]).reshape(-1, 2)
+    def slope(d: Array) -> Array:
+        return derivative(lambda t: equations.points(equations.moved(q, t * d)), step_along(d, weight))
+
+    change = slope(whole.real) + 1j * slope(whole.imag)
     largest = change.ravel()[np.abs(change).argmax()]
-    real = (change * (np.conj(largest) / np.abs(largest))).real if np.abs(largest) > 0.0 else change.real
-    return np.asarray(real / max(float(np.sqrt((real**2).sum(axis=1)).max()), 1e-300))
+    real = (change * (np.conj(largest) / max(abs(largest), 1e-300))).real
+    shape = np.asarray(real / max(float(np.sqrt((real**2).sum(axis=1)).max()), 1e-300))
+    if not equations.spatial:
+        return shape, np.nan
+    # angular momentum of the points' ellipses about the axis, over their size
+    arm = equations.simulation.scene.arm
+    axis = mount_of(arm, 0) @ axis_of(arm, 0)
+    across = change - np.outer(change @ axis, axis)
+    around = -float(np.cross(across.conj(), across).imag.sum(axis=0) @ axis)
+    moved_by, least = float((np.abs(across) ** 2).sum()), 1e-6 * arm.total_length  # less is round-off
+    return shape, around / moved_by if moved_by > least**2 else np.nan

@@ -12,7 +12,8 @@ Arguments that recur (others as in `protocol`)
 
 Residual
     prepare(lane, part, model, par, state, weights, S)      Before the arm's residual: store in S what it depends on.
-    point_forces(lane, part, model, par, state, S, inputs)  Add forces on points of the arm (N, N m) to its inputs.
+    point_forces(lane, part, model, par, state, S, inputs)
+        Add forces on points of the arm (N, N m) to its inputs. They depend on q and v, not on accelerations.
     assemble(lane, part, model, par, state, u, weights, r, S)
         Add the contribution's terms to r, and, with weights.with_matrix, write its entries of S.
 

@@ -1,20 +1,151 @@
-"""Kernels that Python calls for one arm: equations of motion (differentiated and solved in `linear`), gauges, poses."""
+"""Kernels that Python calls for one arm: equations of motion and poses with their derivatives (`linear`), gauges.
 
-from ..compiler import SINGLE, kernel, store
-from .protocol import RESIDUAL_ALONE, assemble, constraint_residual, out_of_range, strain_gauge, task_poses
+The lanes of `WITH_SLOPES` hold one and the same arm; each lane has the tangent of one direction of change, so that one
+pass computes as many columns of a derivative as there are lanes.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ..compiler import (
+    SINGLE,
+    WIDEST,
+    dual,
+    kernel,
+    lane_count,
+    size,
+    splat,
+    store,
+)
+from ..validation import Array
+from .integrator.work import unpack, work_size
+from .layout import OF_MOTION
+from .protocol import (
+    RESIDUAL_ALONE,
+    State,
+    assemble,
+    constraint_residual,
+    out_of_range,
+    retract,
+    strain_gauge,
+    task_poses,
+)
+
+WITH_SLOPES = SINGLE if WIDEST is SINGLE else dual(WIDEST)
+"""Lane tag of one arm with as many directions as there are lanes; without compiler: no directions, values alone."""
+
+
+class Directions(NamedTuple):
+    """Changes of an arm along m directions, one row each; changes of rotations are increments in body axes."""
+
+    q: Array  # (m, n): of coordinates
+    v: Array  # (m, n): of their rates
+    a: Array  # (m, n): of accelerations
+    u: Array  # (m, n_inputs): of inputs
 
 
 @kernel
-def equations(lane, model, par, state, u, psi, level, r, S):
-    """Compute the residual r = M(q) a + h(q, v) + Phi_q^T lambda - B u of one arm, eq. [64] (N, N m).
+def slopes_room(lane, model, n_par, n_motions):
+    """Return the length of the scratch that `residual_slopes` and `pose_slopes` need; n_par: number of parameters."""
+    return work_size(len(lane), model, n_motions) + n_par * len(lane)
 
-    Rows of multipliers: Phi (level 0), its first or second time derivative (1, 2). par: the arm's own parameters;
-    state: q, v, a; u: inputs (N m, N); psi: prescribed motions, a `MOTION` each. Return 0 where the model is valid,
-    otherwise a status code (`model.STATUS`). S: scratch, n_factor numbers. One lane only (SINGLE).
+
+@kernel
+def residual_slopes(lane, model, par, state, u, psi, directions, level, room, r, slopes):
+    """Compute the residual of eq. [64] of one arm and its derivatives along directions; return a status code.
+
+    # in        state: q, v, a (n,); u: inputs (N m, N); psi: prescribed motions, a `MOTION` each; par: parameters
+    #           directions: `Directions`; level: 0, rows of multipliers of r are the constraints Phi; 1, 2: their first
+    #           or second time derivative
+    # scratch   room: `slopes_room` numbers
+    # out       r (n,): M(q) a + h(q, v) + Phi_q^T lambda - B u (N, N m); slopes (m, n): dr along each direction
+
+    lane: `WITH_SLOPES`. The status is 0 where the model is valid (`model.STATUS`).
     """
-    assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
-    constraint_residual(lane, model, psi, state, level, 1.0, r)
-    return out_of_range(lane, model, par, state.q)
+    many, ways = lane_count(lane), directions.q.shape[0]
+    w, own = _placed(lane, model, par, psi, room)
+    for first in range(0, max(ways, 1), many):
+        _set(lane, model, par, state, u, psi, w, own)
+        for i in range(min(many, ways - first)):
+            _add_direction(lane, model, directions, first + i, i, w)
+        retract(lane, model, w.q, 1.0, w.b, None)
+        assemble(lane, model, own, State(w.q, w.v, w.a), w.u, RESIDUAL_ALONE, w.r, w.S)
+        constraint_residual(lane, model, w.psi, State(w.q, w.v, w.a), level, 1.0, w.r)
+        for i in range(min(many, ways - first)):
+            for k in range(size(model.n)):
+                slopes[first + i, k] = w.r[k * len(lane) + many + i]
+    # values: those of the first lane
+    for k in range(size(model.n)):
+        r[k] = w.r[k * len(lane)]
+    store(w.flag, 0, splat(lane, 0.0) + out_of_range(lane, model, own, w.q))
+    return w.flag[0]
+
+
+@kernel
+def pose_slopes(lane, model, par, state, u, psi, directions, rows, room, poses, values, slopes):
+    """Compute poses and strain gauge readings of one arm and their derivatives along directions.
+
+    # in        as of `residual_slopes`; rows (G, ...): one row per gauge, from `gauges.curvature_rows`
+    # scratch   room: `slopes_room` numbers; poses: (p len(lane),)
+    # out       values (p + G,): `protocol.task_poses`, then readings (1/m); slopes (m, p + G)
+
+    lane: `WITH_SLOPES`.
+    """
+    many, ways = lane_count(lane), directions.q.shape[0]
+    w, own = _placed(lane, model, par, psi, room)
+    gauges = rows.shape[0]
+    count = values.shape[0] - gauges
+    for first in range(0, max(ways, 1), many):
+        _set(lane, model, par, state, u, psi, w, own)
+        for i in range(min(many, ways - first)):
+            _add_direction(lane, model, directions, first + i, i, w)
+        retract(lane, model, w.q, 1.0, w.b, None)
+        task_poses(lane, model, own, w.q, w.v, poses)
+        for k in range(count):
+            values[k] = poses[k * len(lane)]
+            for i in range(min(many, ways - first)):
+                slopes[first + i, k] = poses[k * len(lane) + many + i]
+        for g in range(gauges):
+            store(w.r, 0, splat(lane, 0.0) + strain_gauge(lane, model, w.q, rows[g]))
+            values[count + g] = w.r[0]
+            for i in range(min(many, ways - first)):
+                slopes[first + i, count + g] = w.r[many + i]
+
+
+@kernel
+def _placed(lane, model, par, psi, room):
+    """Return the work record in `room` and, behind it, the section for the arm's own parameters."""
+    end = work_size(len(lane), model, psi.shape[0] // OF_MOTION.end)
+    return unpack(lane, model, room, psi.shape[0] // OF_MOTION.end), room[end : end + par.shape[0] * len(lane)]
+
+
+@kernel
+def _set(lane, model, par, state, u, psi, w, own):
+    """Set all lanes to one arm, without tangents; w.b, the increment of q, to 0."""
+    for k in range(size(model.n)):
+        store(w.q, k, splat(lane, state.q[k]))
+        store(w.v, k, splat(lane, state.v[k]))
+        store(w.a, k, splat(lane, state.a[k]))
+        store(w.b, k, splat(lane, 0.0))
+    for k in range(u.shape[0]):
+        store(w.u, k, splat(lane, u[k]))
+    for k in range(psi.shape[0]):
+        store(w.psi, k, splat(lane, psi[k]))
+    for k in range(par.shape[0]):
+        store(own, k, splat(lane, par[k]))
+
+
+@kernel
+def _add_direction(lane, model, directions, j, i, w):
+    """Set the tangents of lane i to direction j."""
+    many = lane_count(lane)
+    for k in range(size(model.n)):
+        w.b[k * len(lane) + many + i] = directions.q[j, k]
+        w.v[k * len(lane) + many + i] = directions.v[j, k]
+        w.a[k * len(lane) + many + i] = directions.a[j, k]
+    for k in range(directions.u.shape[1]):
+        w.u[k * len(lane) + many + i] = directions.u[j, k]
 
 
 @kernel

@@ -277,8 +277,11 @@ def _vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
 def _vjp_product(lane, model, par, par_bar, state, u, weights, x, S, bar, u_bar, y_bar):
     """Add the cotangents that y_bar causes to par_bar, bar and u_bar, y = S x with a constant x; y_bar <- 0.
 
-    The compiler derives it from `_product`. S: scratch for the matrix of `state`, inputs u and `weights` (`Weights`). A
-    cotangent is the derivative of a scalar: y_bar by y, par_bar by par, bar (a `State`) by q, v, a, u_bar by u.
+    The compiler derives it from `_product`. A cotangent is the derivative of a scalar by a quantity.
+
+    # in        par, state, u: where S is assembled, with `weights` (`Weights`);  x (n,)
+    # in, out   y_bar (n,): by y;  par_bar: by par;  bar (a `State`): by q, v, a;  u_bar: by u
+    # scratch   S
     """
     _product_backwards(lane, model, par, state, u, weights, x, y_bar, S, par_bar, bar, u_bar, y_bar)
 

@@ -251,8 +251,8 @@ class Session:
     def skip(self, periods: int) -> None:
         """Count periods that passed without a step.
 
-        More than the watchdog's hold the arm and drop a command that arrived meanwhile: it was meant for a past
-        instant.
+        If more periods passed than the watchdog allows, hold the arm and drop any command that has arrived in the
+            meantime: it was meant for a past instant.
         """
         self.silent += periods
         if periods > self.limits.watchdog:

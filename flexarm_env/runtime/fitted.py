@@ -58,9 +58,12 @@ def _fit(lane, p, models, par, poses, record: Lanes, action, saved, scratch, blo
     """Advance the arms by one control period in fitted steps: runs of k = 0, 1, ... halvings until all have a result.
 
     A run of k halvings has steps of h / 2^k. An arm's result is the first run whose tips are within p.allowed (m) of
-    those of the run before, or the last possible run. Runs that no arm needs are left out. saved, scratch: a `SAVED` of
-    the start of the period and a `SCRATCH`, in lanes. record.level: halvings with which each arm's fit begins, updated
-    for the next period.
+    those of the run before, (6.4), or the last possible run. Runs that no arm needs are left out.
+
+    # model     models: of k = 0, 1, ... halvings;  par, the arms' own parameters
+    # in        action (joints, lanes), in [-1, 1];  saved, a `SAVED` of the start of the period, in lanes
+    # in, out   w, the state;  record.level, halvings with which each arm's fit begins, for the next period the new one
+    # scratch   poses, block;  scratch, a `SCRATCH` in lanes
     """
     links, level = size(p.task.links), record[LEVEL : LEVEL + 1]
     open_fit(lane, links, level, record, saved, scratch, w)

@@ -48,11 +48,13 @@ def specific_force(lane, memory, base, room, c, i, r, psi, v, w, period, gravity
 
         M0 = mean R f = A0 f0 + A1 f1,     M1 = mean s R f = A1 f0 + A2 f1,     A_j = mean s^j R at three Gauss points,
 
-    where M0 and M1 follow from the changes of velocity and position; f0 is returned. r: position, m; psi: rotation
-    vector, rad; v: velocity, m/s; inertial axes. w: angular velocity, rad/s, tip axes. gravity: m/s^2, inertial axes.
-    memory: channels c, c + 1, c + 2 store r, v, psi, w for the next period; i: lane. base: offset of channel 0 in
-    `memory`; room: past outputs in a channel. first: True without a period before; f = w x R^T v - R^T g, for a
-    constant velocity in the tip's axes.
+    where M0 and M1 follow from the changes of velocity and position; f0 is returned. first: True without a period
+    before; then f = w x R^T v - R^T g, for a constant velocity in the tip's axes.
+
+    # in        r (m), psi (rotation vector, rad), v (m/s), gravity (m/s^2), (3,) each, inertial axes;  w (3,): angular
+    #           velocity, rad/s, tip axes;  period, s
+    # in, out   memory: channels c, c + 1, c + 2 of lane i hold r, v, psi, w of the instant before;  base: offset of
+    #           channel 0;  room: past outputs in a channel
     """
     R = matrix(quaternion(psi))
     if first:

@@ -225,10 +225,12 @@ def tip_acceleration(lane, memory, base, room, c, i, x, y, angle, vx, vy, rate, 
     where M0 and M1 follow from the changes of velocity and position; f0 is returned. The angle psi(s) is the cubic
     through angles and rates at both ends; means are those of three Gauss points.
 
-    x, y, vx, vy: tip position and velocity, inertial axes, m and m/s. angle, rate: of its tangent, rad and rad/s.
-    gravity: inertial axes, m/s^2. memory: channels c and c + 1 store these numbers of lane i for the next period; base:
-    offset of channel 0; room: past outputs in a channel.
     first: True without a period before; the velocity in the tip's axes is then taken as constant, f = rate x v - g.
+
+    # in        x, y (m), vx, vy (m/s), gravity_x, gravity_y (m/s^2), inertial axes;  angle (rad), rate (rad/s) of the
+    #           tip's tangent;  period, s
+    # in, out   memory: channels c, c + 1 of lane i hold these numbers of the instant before;  base: offset of channel
+    #           0;  room: past outputs in a channel
     """
     a, b = channel_of(base, room, c), channel_of(base, room, c + 1)
     if first:

@@ -16,8 +16,12 @@ def read_rows(laws, room, memory, stream, period, gravity, encoders, shaken, inp
     their rates in the plane, or position, rotation vector, velocity (inertial axes) and angular velocity (tip axes) in
     space; then quantities that are read as they are. Columns of out: angle and rate for each encoder, then one for each
     channel.
-    shaken: tuple of the accelerometer's 2 or 3 axes, or None without one. gravity (3,): m/s^2, inertial axes.
-    laws: a `LAW` a channel, with `room` past outputs. memory: their `CHANNEL`s. stream: random numbers, or None.
+
+    # model     laws: a `LAW` a channel, with `room` past outputs;  shaken: tag of the accelerometer's 2 or 3 axes, None
+    #           without one;  gravity (3,): m/s^2, inertial axes
+    # in        inputs (instants, quantities)
+    # in, out   memory: a `CHANNEL` each;  stream: state of the random numbers, or None
+    # out       out (instants, readings)
     """
     for k in range(inputs.shape[0]):
         first, c, column, put = k == 0, 0, 0, 0

@@ -165,14 +165,16 @@ def sample_rows(
 
     Returns the number of rows written. Steps between two instants are equal and at most stretch.longest. Fewer rows
     than instants are returned where the arm has failed (w.flag; the row of a diverged arm is written), or after `most`
-    steps: called again with the remaining instants, the run continues with the same steps. drive: loads and motions as
-    functions of time, or None. flat: memory of the integrator's `Work`, with n_motions prescribed coordinates. stretch:
-    a `STRETCH`, in and out. instants: s, ascending. table (instants, SAMPLE) or None: nothing is written, and the lane
-    may then be a dual one of one arm; otherwise SINGLE only. points (instants, P, 2 or 3), m; P = 0: none. links: their
-    number. kinks: instants (s, ascending) where loads or motions may jump, or None. A step ends at a kink, a sample
-    there is the state before it, and the run continues AT_KINK. Without kinks every interval GOES_ON. chunk: steps
-    between sums of the gross work. scheme: coefficients and Newton tolerance of the integrator. books: a tag, (0,),
-    where energies are kept, or None.
+    steps: called again with the remaining instants, the run continues with the same steps. A step ends at a kink, a
+    sample there is the state before it, and the run continues AT_KINK. Without kinks every interval GOES_ON.
+
+    # model     model, drive: loads and motions as functions of time, or None;  par;  links: their number;  scheme:
+    #           coefficients and Newton tolerance of the integrator
+    # in        instants (s, ascending);  kinks (s, ascending), where loads or motions may jump, or None;  chunk: steps
+    #           between sums of the gross work;  books: a tag, (0,), where energies are kept, or None
+    # in, out   flat: memory of the integrator's `Work`, with n_motions prescribed coordinates;  stretch: a `STRETCH`
+    # out       table (instants, SAMPLE), or None: nothing is written, and the lane may be a dual one of one arm, in
+    #           place of SINGLE;  points (instants, P, 2 or 3), m, inertial axes; P = 0: none
     """
     w = unpack(lane, model, flat, n_motions)
     i, k = 0, 0

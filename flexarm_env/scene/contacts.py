@@ -53,8 +53,9 @@ class Contact:
         exponent = check.number("exponent", self.exponent)
         if exponent not in EXPONENTS:
             raise check.InvalidValue("exponent", self.exponent, "must be 1, 1.5, 2, 2.5 or 3")
-        bodies = (self.bodies,) if isinstance(self.bodies, str) else self.bodies
-        bodies = check.sequence("bodies", bodies, 'points of the arm: "tip", "joint1", ...')
+        given: object = self.bodies
+        given = (given,) if isinstance(given, str) else given
+        bodies = check.sequence("bodies", given, 'points of the arm: "tip", "joint1", ...')
         if not bodies:
             raise check.InvalidValue("bodies", bodies, 'must name at least one point of the arm: "tip", "joint1", ...')
         for i, name in enumerate(bodies):

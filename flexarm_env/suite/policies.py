@@ -12,8 +12,8 @@ from typing import Any
 
 from .. import control
 from .. import validation as check
+from ..control.catalogue import controller as by_name
 from ..control.catalogue import tuned_gains
-from ..control.sources import controller as by_name
 from ..files import read_json
 from . import second
 from .data import NAMESPACE, Task
@@ -84,7 +84,7 @@ def controller(name: str, env: Any) -> Policy:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "PD gains are unstable")
         if frozen:
-            warnings.filterwarnings("ignore", ".*does not know of delays")
+            warnings.filterwarnings("ignore", ".*ignores delays")
         made: Policy = by_name(name, env, _gains(name, env)) if frozen else control.find_policy(name).make(env)
     return made
 

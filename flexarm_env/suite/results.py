@@ -100,7 +100,8 @@ def judged(
     again: bool = False,
     choose: Callable[[str, Task], Chosen] = choose,
 ) -> tuple[Results, list[str], dict[str, str]]:
-    """Evaluate a policy on tasks and update its results file after each task; earlier results are kept unless `again`.
+    """Evaluate a policy on tasks and update its results file after each task; earlier results are kept unless `again`
+    is True.
 
     A result on all episodes of the protocol is never replaced by one on fewer: the latter is returned, not written.
 

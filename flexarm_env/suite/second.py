@@ -40,12 +40,15 @@ def first_seed(task: Task, canonical: bytes) -> int:
 
 
 def of_arrays(policy: NumpyPolicy) -> bytes:
-    """Serialize a network: shape and float64 values of each array, and of its normalizer."""
+    """Serialize a network: shape and float64 values of each array, of its normalizer, and the controller inside."""
     arrays: list[Any] = [array for pair in policy.weights for array in pair]
     if policy.normaliser is not None:
         arrays += [policy.normaliser[name] for name in ("mean", "variance", "clip", "epsilon")]
     values = [np.ascontiguousarray(array, "<f8") for array in arrays]
-    return b"".join(part for one in values for part in (str(one.shape).encode(), one.tobytes()))
+    # the controller inside, if any
+    inside = policy.meta.get("around")
+    own = b"" if inside is None else json.dumps(inside, sort_keys=True).encode()
+    return own + b"".join(part for one in values for part in (str(one.shape).encode(), one.tobytes()))
 
 
 def of_controller(name: str, task: Task) -> bytes:

@@ -75,6 +75,7 @@ def first_unattainable(task, needs, angles, points):
         mine[GOAL + k] = angles[k]
     for j in range(points.shape[0] // 2):
         mine[TARGET], mine[TARGET + 1] = points[2 * j], points[2 * j + 1]
+        # theta of the first point from anywhere; later ones follow continuously, as the goal does in an episode
         if j == 0:
             aim(task, mine)
         else:
@@ -140,6 +141,7 @@ def draw_attainable(reference, task, stream, arm, angles, path, most):
             draw_line(task, stream, arm, angles[0], drawn, path)
         else:
             draw_path(task, stream, arm, angles[0], drawn, path)
+        # needs None: the first draw counts, so that the stream consumes a fixed number of draws
         if reference.needs is None:
             return 1.0
         if _can_follow(reference, task, angles, drawn, path):
@@ -156,6 +158,7 @@ def _can_follow(reference, task, angles, drawn, path):
     """
     points, out = stack(_ONE, _POINTS), stack(_ONE, _PLACE)
     for j in range(_INSTANTS):
+        # t = 0 ... T at even instants; a line is followed up to its nearest point alone
         t = reference.lasting * (j / (_INSTANTS - 1.0))
         if reference.line is not None:
             t = drawn[1]

@@ -24,6 +24,7 @@ def judge_with_terms(lane, task, poses, action, record, live, info):
     of cost, change of actions and failure. poses: of the links, inertial axes; action (joints, lanes), in [-1, 1].
     """
     total, past = judge(lane, task, poses, action, record, live, info)
+    # the last terms of info are the user's own, cost, change of actions and failure, in this sequence
     k = size(task.terms) - 1 - min(size(task.acted), 1) - len(task.own_terms)
     if task.charged is not None:
         k = k - 1

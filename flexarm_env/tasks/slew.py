@@ -61,6 +61,7 @@ def slew_observe(lane, task, poses: Lanes, record, out):
     axes; record: the target.
     """
     normal, along, rate, _, _, _, _, sine, cosine = deflection(lane, poses, 0)
+    # hub angle as (sin, cos), against a floating base where there is one
     hub_sine, hub_cosine = hub_angle(lane, task, poses, sine, cosine)
     show_scaled(lane, task, out, 0, hub_sine)
     show_scaled(lane, task, out, 1, hub_cosine)

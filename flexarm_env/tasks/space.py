@@ -23,6 +23,7 @@ class SpaceReach(Task):
 def _in_root(lane, poses: Lanes, x, y, z, d):
     """Return component d of the vector (x, y, z), given in inertial axes, along axis d of the axes of link 0's root."""
     o = SPACE_POSE.axes + d
+    # column d of A, which turns axes of link 0's root into inertial ones and is stored by rows
     return (x * poses[o] + y * poses[o + 3]) + z * poses[o + 6]
 
 
@@ -57,6 +58,7 @@ def space_observe(lane, task, poses: Lanes, record, out):
     """
     n, to = size(task.links), 3 * size(task.links)
     for k in range(n):
+        # theta_k as (sin, cos), continuous over whole turns, then theta_k' over its scale
         sine, cosine = sincos(poses[SPACE_POSE.end * k + SPACE_POSE.angle])
         show_scaled(lane, task, out, 2 * k, sine)
         show_scaled(lane, task, out, 2 * k + 1, cosine)

@@ -292,6 +292,7 @@ def reward_change(lane, task, action: Lanes, record: Lanes, live, info, total):
 @kernel
 def reward_term(lane, task, live, info, k, value):
     """Write value times the weight of reward term k (task.weights) into info where live > 1/2; return the product."""
+    # info holds weighted terms, so that they add up to the reward
     weighted = value * task.weights[k]
     put_info(lane, live, info, info_of(task).terms + k, weighted)
     return weighted

@@ -20,7 +20,7 @@ def _on_path(reference, task, record, lanes, i, t, k, out):
     """
     targets = size(task.targets)
     if reference.table.shape[0] > 0:
-        # table: targets x, then their rates v, a row per period; the last row holds after its end
+        # table: targets x, then their rates v, a row per period; its last row lasts
         rows = reference.table.shape[0] // (2 * targets)
         row = min(k, rows - 1) * 2 * targets
         for d in range(targets):

@@ -1,7 +1,8 @@
 """Hyper-parameters from files in RL Zoo's format: one entry per environment id.
 
 Beside the entries a file may contain a table `env_kwargs`, also keyed by id: keywords of the environment for which
-these hyper-parameters are meant. RL Zoo ignores it; there, the same keywords follow `--env-kwargs`.
+these hyper-parameters are meant. RL Zoo ignores it; there, the same keywords follow `--env-kwargs`. A table `around`,
+keyed by id too, names the controller inside the policy (`control.around.Inside`) and the network's share.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from flexarm_env import validation as check
+from flexarm_env.control.around import Inside
 from flexarm_env.validation import LARGEST
 
 sys.modules.setdefault("agents.config", sys.modules[__name__])  # as pickles of older run folders name it
@@ -24,6 +26,9 @@ sys.modules.setdefault("agents.config", sys.modules[__name__])  # as pickles of 
 _PLACES = [Path(__file__).resolve().parents[k] / name for k, name in ((1, "data/configs"), (2, "configs"))]
 HOME = next((place for place in _PLACES if place.is_dir()), _PLACES[0])
 """Folder of the package's own files; in a checkout it is at the top level."""
+
+TABLES = ("env_kwargs", "around")
+"""Tables of a file beside the entries of environments."""
 
 ZOO = ("n_envs", "n_timesteps", "normalize", "policy")
 """Keys that are not arguments of the algorithm's class."""
@@ -49,11 +54,13 @@ class Config:
 
     Args:
         algorithm: a key of CLASSES. text: key -> value of the file. env_kwargs: keywords of the environment.
+        around: controller inside the policy: controller, share and gains; {}: none.
     """
 
     algorithm: str
     text: Mapping[str, Any]
     env_kwargs: Mapping[str, Any] = field(default_factory=dict)
+    around: Mapping[str, Any] = field(default_factory=dict)
 
     def lasting(self, n_timesteps: int | None) -> Config:
         """Return the config with another number of environment steps; None: unchanged."""
@@ -147,7 +154,7 @@ def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
     if not isinstance(content, dict) or not isinstance(content.get(env_id), dict):
-        ids = [str(key) for key in content if key != "env_kwargs"] if isinstance(content, dict) else []
+        ids = [str(key) for key in content if key not in TABLES] if isinstance(content, dict) else []
         ids = [key for key in ids if "-v" in key] or ids  # without the names that entries share
         unknown = check.UnknownKey(f"{path}: {env_id}", ids, "entry")
         raise ValueError(f"{unknown}; another environment needs its own hyperparameters, --config FILE")
@@ -155,7 +162,10 @@ def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str
         # the entry's environment keywords
         given = check.table_of("env_kwargs", content.get("env_kwargs") or {}).get(env_id) or {}
         given = check.table_of(f"env_kwargs.{env_id}", given)
-    config = Config(algorithm, content[env_id], {str(key): value for key, value in given.items()})
+        inside = check.table_of("around", content.get("around") or {}).get(env_id) or {}
+        inside = check.table_of(f"around.{env_id}", inside)
+        check.known_keys(f"around.{env_id}", inside, check.names_of(Inside))
+    config = Config(algorithm, content[env_id], {str(key): value for key, value in given.items()}, inside)
     return checked(config, str(path), env_id, taken_by(algorithm) if allowed is None else allowed)
 
 
@@ -209,6 +219,8 @@ def text_of(config: Config, env_id: str) -> str:
     content: dict[str, Any] = {env_id: dict(config.text)}
     if config.env_kwargs:
         content["env_kwargs"] = {env_id: dict(config.env_kwargs)}
+    if config.around:
+        content["around"] = {env_id: dict(config.around)}
     return str(_yaml().safe_dump(content, sort_keys=False))
 
 

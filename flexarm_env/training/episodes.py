@@ -41,7 +41,7 @@ SLEW_BAND, SLEW_BAND_LEAST, REACH_BAND = 0.02, float(np.radians(0.5)), 0.02
 def judged_in(kwargs: Mapping[str, Any], asked: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Return the environment keywords for evaluation or display, given those of training.
 
-    asked: see `user_keywords`; None: none.
+    asked: the user's own keywords, see `user_keywords`; None: none.
     """
     return {k: v for k, v in kwargs.items() if k not in (*TRAINING_ONLY, "randomization", LENGTHS)} | dict(asked or {})
 

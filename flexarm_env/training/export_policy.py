@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from flexarm_env.control import NumpyPolicy
-from flexarm_env.control.policy import FORMAT
+from flexarm_env.control.policy import AroundPolicy, format_of, of_network
 from flexarm_env.training.runs import OF_POLICY, command, load_model, read_run, versions, write_whole
 from flexarm_env.validation import Array32
 
@@ -68,8 +68,8 @@ def numpy_policy(model: Any, meta: Mapping[str, Any], normaliser: Any = None) ->
             "epsilon": np.float64(normaliser.epsilon),
         }
     activation = "relu" if nn.ReLU in kinds else "tanh"
-    own = {"format": FORMAT, "layers": len(weights), "activation": activation, "squash": squash}
-    return NumpyPolicy({**meta, **own}, weights, statistics)
+    own = {"format": format_of(meta), "layers": len(weights), "activation": activation, "squash": squash}
+    return of_network({**meta, **own}, weights, statistics)
 
 
 def save(policy: NumpyPolicy, path: Path) -> None:
@@ -82,14 +82,15 @@ def save(policy: NumpyPolicy, path: Path) -> None:
 
 
 def difference(policy: NumpyPolicy, model: Any, normaliser: Any = None, n: int = 4096, seed: int = 0) -> float:
-    """Largest difference between both policies' actions on n random observations of the space."""
+    """Largest difference between both networks' actions on n random observations of the space."""
     rng = np.random.default_rng(seed)
     # random observations, normalized as in training
     bounds = np.minimum(model.observation_space.high, 3.0)
     observations = rng.uniform(-bounds, bounds, (n, len(bounds))).astype(np.float32)
     seen = observations if normaliser is None else normaliser.normalize_obs(observations)
     theirs = model.predict(seen, deterministic=True)[0]
-    return float(np.abs(policy.act(observations) - theirs).max())
+    ours = policy.network(observations) if isinstance(policy, AroundPolicy) else policy.act(observations)
+    return float(np.abs(ours - theirs).max())
 
 
 def export(run: Path) -> float:

@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy
 
+from flexarm_env.control.around import linear_law
 from flexarm_env.derivatives import Arms
+from flexarm_env.envs.around import AroundControllerVector
 from flexarm_env.training.networks import of_policy
 from flexarm_env.validation import Array, Array32
 
@@ -35,15 +37,17 @@ class Window:
     """Record of T control periods of n arms: lists of T entries.
 
     states (n, S), seen (n, O): before each period; inputs: inputs of the policy's layers; wanted, noise (n, A): actions
-    before clipping, and their random part. rewards (T, n): including the costs of limits and the price of failure.
-    slopes (n, O): derivatives of the limits' part by the observation after the period. ended, failed (T, n): whether
-    the episode ended, and whether the solver failed. after (T, n, O): observations after each period.
+    before clipping, and their random part; total (n, A): actions with those of the controller inside, if any, before
+    saturation. rewards (T, n): including the costs of limits and the price of failure. slopes (n, O): derivatives of
+    the limits' part by the observation after the period. ended, failed (T, n): whether the episode ended, and whether
+    the solver failed. after (T, n, O): observations after each period.
     """
 
     states: list[Array]
     seen: list[Array32]
     inputs: list[list[Array32]]
     wanted: list[Array32]
+    total: list[Array]
     noise: list[Array32]
     slopes: list[Array]
     rewards: Array
@@ -110,6 +114,11 @@ class Gradient(BaseAlgorithm):
         spec = env.unwrapped.env.spec
         keywords = {k: v for k, v in spec.kwargs.items() if k not in NOT_OF_ARMS}
         self.arms = Arms(spec.id, self.n_envs, **keywords)
+        # a controller inside, linear in the observation, and the share of the policy's actions beside it
+        inside = env.unwrapped.env
+        around = isinstance(inside, AroundControllerVector)
+        self.law = linear_law(inside.controller) if around else None
+        self.share = inside.inside.share if around else 1.0
         plan = self.arms.environment.plan
         self.limit, self.price = int(plan.limit), float(plan.record.weights[-1])
         last = len(plan.names) * (plan.history - 1)
@@ -134,7 +143,7 @@ class Gradient(BaseAlgorithm):
 
     def _excluded_save_params(self) -> list[str]:
         """Names of attributes that are not saved but rebuilt on loading."""
-        return [*super()._excluded_save_params(), "arms", "actor", "critic"]
+        return [*super()._excluded_save_params(), "arms", "actor", "critic", "law"]
 
     # --- learning --------------------------------------------------------------------------------------
     def learn(
@@ -168,7 +177,7 @@ class Gradient(BaseAlgorithm):
         self._begin_anew(self.ages >= self.limit)
         shape = steps, n
         window = Window(
-            [], [], [], [], [], [], np.zeros(shape), np.zeros(shape, np.bool_), np.zeros(shape, np.bool_),
+            [], [], [], [], [], [], [], np.zeros(shape), np.zeros(shape, np.bool_), np.zeros(shape, np.bool_),
             np.zeros((*shape, arms.observation_size), np.float32),
         )  # fmt: skip
         std = np.exp(self.actor.more[0])
@@ -183,7 +192,11 @@ class Gradient(BaseAlgorithm):
             window.inputs.append(inputs)
             window.wanted.append(wanted)
             window.noise.append(noise)
-            self.state, after, reward = arms.step(self.state, np.clip(wanted, -1.0, 1.0))
+            total = np.clip(wanted, -1.0, 1.0)
+            if self.law is not None:
+                total = seen @ self.law + self.share * total
+            window.total.append(total)
+            self.state, after, reward = arms.step(self.state, np.clip(total, -1.0, 1.0))
             failed, ended = arms.failed, arms.failed | arms.past
             if failed.any():
                 after[failed], reward[failed] = 0.0, 0.0
@@ -254,11 +267,16 @@ class Gradient(BaseAlgorithm):
             weight = np.where(window.failed[k], 0.0, weights[k])
             by_seen = by_seen * on + window.slopes[k] * weight[:, None]
             by_state, by_action = self.arms.vjp(
-                window.states[k], np.clip(wanted, -1.0, 1.0), by_state * on, by_seen, weight
+                window.states[k], np.clip(window.total[k], -1.0, 1.0), by_state * on, by_seen, weight
             )  # fmt: skip
-            free = (np.abs(wanted) < 1.0) | (by_action * wanted < 0.0)  # beyond the limits: the way back alone
-            slope = np.where(free, by_action, 0.0).astype(np.float32)
+            # through the controller inside, and the saturation of its sum with the policy's actions
+            past: Array | float = 0.0
+            if self.law is not None:
+                by_action = _within(by_action, window.total[k])
+                past, by_action = by_action @ self.law.T, self.share * by_action
+            slope = _within(by_action, wanted).astype(np.float32)
             by_seen, each = self.actor.backward(slope, window.inputs[k])
+            by_seen = by_seen + past
             slopes.append(each)
             spread += (slope * window.noise[k]).sum(axis=0)
         # accumulate the parameters' gradients; ascend the mean return
@@ -292,6 +310,11 @@ class Gradient(BaseAlgorithm):
             beyond = window.rewards[k] + self.gamma * np.where(window.ended[k], 0.0, mixed)
             paid[k] = beyond
         return paid
+
+
+def _within(slope: Array, value: Array | Array32) -> Array:
+    """Propagate derivatives through clipping to [-1, 1]; beyond the limits only those that lead back."""
+    return np.where((np.abs(value) < 1.0) | (slope * value < 0.0), slope, 0.0)
 
 
 def _joined(rows: list[list[Array32]]) -> list[Array32]:

@@ -191,7 +191,9 @@ class Training:
         raise NotImplementedError
 
 
-OF_POLICY = ("env_id", "env_kwargs", "asked", "layout", "scales", "torque_limits", "seed", "algorithm", "versions")
+OF_POLICY = (
+    "env_id", "env_kwargs", "asked", "layout", "scales", "torque_limits", "seed", "algorithm", "versions", "around",
+)  # fmt: skip
 """Entries of a run's record that are copied into a policy's file."""
 
 

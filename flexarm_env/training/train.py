@@ -21,6 +21,8 @@ from typing import Any
 
 from flexarm_env import arms
 from flexarm_env import validation as check
+from flexarm_env.control.around import Inside, linear_law, restarting
+from flexarm_env.control.base import RESIDUAL_SHARE
 from flexarm_env.control.timescales import timescales
 from flexarm_env.training import blas, episodes
 from flexarm_env.training import config as configs
@@ -41,9 +43,14 @@ class Arguments(Training):
             saved only as model.zip, since policy.npz has no memory).
         config: file of hyperparameters in RL Zoo format, or the name of a config of the package, such as robust;
             default configs/ALGO/default.yml, or suite.yml for tasks of the suite.
+        around: controller inside the policy, such as pd: its torque plus the network's share is the action. pd@FILE
+            has the gains of a file of `flexarm tune`. Default the config's, which usually has none.
+        share: share of the torque limits that the network commands with --around; default 0.7.
     """
 
     algo: str = "ppo"
+    around: str = ""
+    share: float | None = None
 
     @property
     def name(self) -> str:
@@ -79,9 +86,15 @@ def train(arguments: Arguments) -> Any:
     eval_env = episodes.make_episodes(arguments.env, arguments.eval_episodes, **judged)
     setup = Setup.of(eval_env)
     # training environments and algorithm
-    env = make_sb3_vec(arguments.env, config.n_envs, seed=arguments.seed, normalize=config.normalize or False, **kwargs)
+    inside = controller_inside(config, arguments, eval_env)
+    env = make_sb3_vec(
+        arguments.env, config.n_envs, seed=arguments.seed, normalize=config.normalize or False, around=inside, **kwargs
+    )
     algorithm = configs.algorithm_class(config.algorithm)
     record = new_record(arguments, config.algorithm, kwargs, setup, asked=asked, validation=judged)
+    if inside is not None:
+        record["around"] = inside.table()
+        config = replace(config, around=inside.table())
     # resume from the last checkpoint, or start
     if arguments.resume and checkpoints(folder):
         model, progress = watch.restore(folder, algorithm, env)
@@ -116,6 +129,32 @@ def train(arguments: Arguments) -> Any:
     env.close()
     eval_env.close()
     return progress
+
+
+def controller_inside(config: configs.Config, arguments: Arguments, env: Any) -> Inside | None:
+    """Return the controller inside the policy, of the flags or else of the config; None: there is none.
+
+    env: an environment of the training. ValueError for an invalid or an unsupported one.
+    """
+    table, share = config.around, arguments.share
+    if arguments.around and not (arguments.resume and table):
+        table = {"controller": arguments.around} | ({} if share is None else {"share": share})
+    if not table:
+        if share is not None:
+            raise check.InvalidValue("--share", share, "requires --around CONTROLLER")
+        return None
+    if config.algorithm == "recurrent_ppo":
+        what = "must be left out with --algo recurrent_ppo; wrap its environment (envs.around.AroundController)"
+        raise check.InvalidValue("--around", table.get("controller"), what)
+    if "gains" in table:
+        found = Inside.read({"share": RESIDUAL_SHARE} | dict(table))
+    else:
+        name = check.needed("around", table, "controller", "must be given")
+        found = Inside.of(check.text("around.controller", name), env, table.get("share"))
+    own = restarting(found, env)
+    if config.algorithm == "gradient":
+        linear_law(own)
+    return found
 
 
 def fitted(config: configs.Config, arguments: Arguments) -> tuple[configs.Config, dict[str, Any]]:

@@ -11,6 +11,8 @@ import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecMonitor, unwrap_vec_wrapper
 
+from flexarm_env.control.policy import AroundPolicy
+from flexarm_env.envs.around import AroundControllerVector
 from flexarm_env.training import episodes
 from flexarm_env.training.policies import acting
 from flexarm_env.training.progress import Progress, after, bar, write_curve
@@ -32,6 +34,7 @@ class Watch(BaseCallback):
         super().__init__()
         self.arguments, self.folder = arguments, arguments.folder
         self.eval_env, self.meta, self.state, self.total = env, meta, progress, total
+        self.inside: Any = None
         self._over = False
         self._wall = self._cpu = 0.0
 
@@ -83,6 +86,9 @@ class Watch(BaseCallback):
     def judge(self) -> None:
         """Evaluate on the validation episodes, record the result, and save the model if it is the best so far."""
         policy = acting(self.model, self.meta, self.model.get_vec_normalize_env())
+        if isinstance(policy, AroundPolicy):
+            # one controller for all validations: in space it stores the rests at their targets
+            policy.controller = self.inside = self.inside or policy.inside.made(self.eval_env)
         result = episodes.run(self.eval_env, policy, episodes.VALIDATION)
         state = self.state
         # standard deviation of the policy's noise, if it has one
@@ -181,13 +187,17 @@ def env_states(venv: Any) -> dict[str, Any]:
     """Return the states of the environments and the counters of VecMonitor."""
     monitor = unwrap_vec_wrapper(venv, VecMonitor)
     counted = {k: np.copy(getattr(monitor, k)) for k in MONITOR}
-    return {"native": venv.unwrapped.env.unwrapped.get_state(), "monitor": counted}
+    native = venv.unwrapped.env
+    states = {"native": native.unwrapped.get_state(), "monitor": counted}
+    return states | ({"around": native.memory()} if isinstance(native, AroundControllerVector) else {})
 
 
 def set_env_states(venv: Any, states: dict[str, Any]) -> None:
     """Restore the states returned by `env_states`."""
     venv.reset()
     venv.unwrapped.env.unwrapped.set_state(states["native"])
+    if isinstance(venv.unwrapped.env, AroundControllerVector):
+        venv.unwrapped.env.remember(states["around"])
     monitor = unwrap_vec_wrapper(venv, VecMonitor)
     for k, value in states["monitor"].items():
         setattr(monitor, k, value.copy() if value.ndim else value.item())

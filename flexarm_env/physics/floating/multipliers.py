@@ -146,7 +146,7 @@ def _join(lane, mesh, D, own, at, rows, scale, half, S):
     places = factors_at(0, n)
     (c, s), phi = load_pair(lane, own, places.frame), constants(mesh).tip_phi
     lam = at + ELASTIC + n
-    # +1 of this body's x, y, angle, -1 of the next one's
+    # Phi_q (3.4): +1 of this body's x, y, theta, -1 of the next one's
     for k in range(rows):
         _both(lane, S, half, lam + k, at + k, scale)
         _both(lane, S, half, lam + k, lam + rows + k, -scale)

@@ -48,7 +48,7 @@ def account_for_step(lane, model, drive, par, w: Work, h):
         work = work + force * (w.y[i] - w.y0[i])
         w.u0[i] = w.u[i]
         w.y0[i] = w.y[i]
-    # work of motions: mean reaction times change of the prescribed value
+    # W += (reaction_0 + reaction) / 2 (psi - psi_0), N times m or N m times rad
     if drive is not None:
         for i in range(drive.known.shape[0]):
             k = OF_MOTION.end * i + OF_MOTION.value

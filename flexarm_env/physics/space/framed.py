@@ -238,9 +238,11 @@ def _clipped(a, most):
 def framed(lane, model, par, section, state, left, right, i, weights, r, S, f):
     """Return (force, moment) on the left and on the right end of segment i, from elasticity, damping and inertia.
 
-    left, right: `Vertex`; i: index over all links. Forces along inertial axes (N), moments in section axes (N m). Adds
-    the rows of the segment's inner modes to r and, with weights.with_matrix, stores the tangent in the `FACTOR` at
-    offset f of S. Theory, (9.3).
+    Theory, (9.3). Forces along inertial axes (N), moments in section axes (N m).
+
+    # model    section: `Section` of segment i (index over all links); par: factors on stiffnesses, tau_d
+    # state    left, right: `Vertex`; state: q, v, a with the rows of inner modes
+    # out      r (n,): rows of inner modes, N m;  S, with weights.with_matrix: the `FACTOR` at offset f
     """
     # w, alpha of the frame; phi', phi'' of both ends against it (frame axes)
     at, row = frame_at(model, i), inner_row(model, i)

@@ -3,7 +3,7 @@ void NAME_reset(NAME_memory *memory)
     memory->begun = 0;
 }
 
-void NAME_act(NAME_memory *memory, const double measured[UPPER_ENTRIES], float action[UPPER_JOINTS])
+void NAME_act(NAME_memory *memory, const double measured[UPPER_ENTRIES], BESIDE_ARGUMENTfloat action[UPPER_JOINTS])
 {
     double to_go[UPPER_JOINTS], torque[UPPER_JOINTS];
     const int first = !memory->begun;
@@ -20,7 +20,7 @@ void NAME_act(NAME_memory *memory, const double measured[UPPER_ENTRIES], float a
     if (first) NAME_begin(memory, measured, to_go);
     NAME_torques(memory, measured, to_go, torque);
     for (int i = 0; i < UPPER_JOINTS; i++) {
-        if (torque[i] > NAME_limit[i]) torque[i] = NAME_limit[i];
+BESIDE_ADDED        if (torque[i] > NAME_limit[i]) torque[i] = NAME_limit[i];
         if (torque[i] < -NAME_limit[i]) torque[i] = -NAME_limit[i];
         action[i] = (float)(torque[i] / NAME_limit[i]);
     }
@@ -29,10 +29,10 @@ void NAME_act(NAME_memory *memory, const double measured[UPPER_ENTRIES], float a
 }
 
 void NAME_decide(NAME_memory *memory, const float observation[UPPER_HISTORY * UPPER_ENTRIES],
-                 float action[UPPER_JOINTS])
+                 BESIDE_ARGUMENTfloat action[UPPER_JOINTS])
 {
     double measured[UPPER_ENTRIES];
     for (int i = 0; i < UPPER_ENTRIES; i++)
         measured[i] = (double)observation[(UPPER_HISTORY - 1) * UPPER_ENTRIES + i] * NAME_scale[i];
-    NAME_act(memory, measured, action);
+    NAME_act(memory, measured, BESIDE_VALUEaction);
 }

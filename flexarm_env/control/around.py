@@ -1,0 +1,111 @@
+"""Policies with a controller inside: the controller's torque plus a share of a network's, as one policy.
+
+The network learns what the controller lacks: action = clip(controller + share * network) in shares of the torque
+limits. Both read the same observation. The environment's actions stay torques.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import validation as check
+from ..files import read_toml
+from ..validation import Array32
+from .base import RESIDUAL_SHARE, Controller, Setup
+from .catalogue import NAMES, Following, controller, gains_from, tuned_gains
+
+
+@dataclass(frozen=True)
+class Inside:
+    """Controller inside a policy.
+
+    Args:
+        controller: its name. share: share of the torque limits that the network's actions command. gains: the
+            controller's gains by name.
+    """
+
+    controller: str
+    share: float
+    gains: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, word: str, env: Any, share: float | None = None) -> Inside:
+        """Read the controller that a word names (pd, or pd@FILE with gains of `flexarm tune`) for an environment.
+
+        share: None: `base.RESIDUAL_SHARE`. ValueError for another word, share or file.
+        """
+        name, at, file = word.partition("@")
+        check.choice("around", name, NAMES)
+        part = RESIDUAL_SHARE if share is None else check.number("share", share, above=0.0)
+        setup = Setup.of(env)
+        space = setup.arm.spatial
+        if at:
+            try:
+                tables, _ = read_toml(Path(file))
+            except OSError as error:
+                raise ValueError(f"around = {word}: {file}: {error.strerror}") from error
+            gains = gains_from(name, check.table_of(f"{file}: {name}", tables.get(name)), space)
+        else:
+            gains = tuned_gains(name, "space" if space else setup.task, setup.n_joints)
+        table = {key: list(v) if isinstance(v, tuple) else v for key, v in dataclasses.asdict(gains).items()}
+        return cls(name, part, table)
+
+    @classmethod
+    def read(cls, table: Any) -> Inside:
+        """Read the entry `around` of a policy's file. ValueError names the field, its value and the rule."""
+        with check.under("around"):
+            entry = check.table_of("", table)
+            check.known_keys("", entry, [field.name for field in dataclasses.fields(cls)])
+            fields = ("controller", "share", "gains")
+            name, share, gains = (check.needed("", entry, key, "must be given") for key in fields)
+            name = check.choice("controller", name, NAMES)
+            return cls(name, check.number("share", share, above=0.0), dict(check.table_of("gains", gains)))
+
+    def table(self) -> dict[str, Any]:
+        """Return the entry `around` of a policy's file."""
+        return dataclasses.asdict(self)
+
+    def made(self, env: Any) -> Controller | Following:
+        """Create the controller for an environment. ValueError if it does not support the environment."""
+        return controller(self.controller, env, self.gains)
+
+    def actions(self, own: Controller | Following, observation: NDArray[np.floating], action: Any) -> Array32:
+        """Compute the policy's actions from the network's; own: the controller, which observes first.
+
+        action: of the network, (n, N) or (N,), clipped to [-1, 1] here.
+        """
+        beside = self.share * np.clip(np.asarray(action, np.float64), -1.0, 1.0)
+        found: Array32 = own.act(observation, beside)
+        return found
+
+
+def restarting(inside: Inside, env: Any) -> Controller | Following:
+    """Make the controller for a vector environment, whose environments begin episodes one by one.
+
+    ValueError if its memory begins for all environments together.
+    """
+    found = inside.made(env)
+    if not found.restarts:
+        what = "must be pd: the memory of other controllers begins for all environments together"
+        raise check.InvalidValue("around", inside.controller, what)
+    return found
+
+
+def linear_law(controller: Controller | Following) -> NDArray[np.float64]:
+    """Return the matrix K (entries, N) of a controller whose unsaturated actions are observation @ K.
+
+    ValueError for controllers with a memory, or of observations without the goal's joint angles.
+    """
+    law = getattr(controller, "linear", None)
+    found = None if law is None else law()
+    if found is None:
+        what = 'must be pd of an arm in the plane with observation="measured": no other is a matrix of the observation'
+        raise check.InvalidValue("around", type(controller).__name__, what)
+    return np.asarray(found, np.float64)

@@ -1,0 +1,30 @@
+"""Central differences of sixth order, for values that no dual lanes compute.
+
+These are the points along the chain, which only one lane draws, and all values where nothing is compiled.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..validation import Array
+
+STEP = 1e-3
+"""Step, as a fraction of a coordinate's characteristic size (1 rad, the arm's length)."""
+
+WEIGHTS = (1, 3 / 4), (2, -3 / 20), (3, 1 / 60)
+"""(number of steps to both sides, weight)."""
+
+
+def derivative(f: Callable[[float], Array], step: float) -> Array:
+    """Return df/dt at t = 0 from values at up to three steps to both sides."""
+    total: Array = np.zeros(())
+    for i, weight in WEIGHTS:
+        total = total + weight * (f(i * step) - f(-i * step))
+    return np.asarray(total / step)
+
+
+def step_along(d: Array, weight: Array) -> float:
+    """Return the step along an increment d (n,) of coordinates with reciprocal sizes weight; 1.0 where d vanishes."""
+    size = float(np.abs(d * weight).max(initial=0.0))
+    return STEP / size if size > 0.0 else 1.0

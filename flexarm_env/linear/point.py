@@ -1,0 +1,156 @@
+"""An arm about a point of its motion: continuous and discrete state space, outputs; in the plane and in space.
+
+The state is (d, e): changes of the independent coordinates, of rotations increments in the section's own axes, and
+changes of their rates. With the section's angular velocity w these move on by d' = e - w x d, so that
+
+    d' = e - V d,        M e' + C e + K d = B u
+
+with the matrices of `equations.Reduced`. A period is the derivative of the solver's own steps, in dual lanes.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .. import rotations
+from ..compiler import SINGLE, uncompiled
+from ..physics.gauges import Spot, curvature_rows
+from ..physics.layout import POSE, ROOT, ROOT_RATES, SPACE_POSES, TIP, TIP_RATES
+from ..physics.protocol import local_difference
+from ..simulation import Simulation
+from ..trajectory import joint_angles, link_deflection
+from ..validation import Array
+from .equations import Equations
+from .period import at_start, period_tangents, point_of
+
+SHOWN = {
+    "": "angle", "_rate": "rate", "deflection_y": "deflection", "deflection_z": "deflection",
+    "deflection_y_rate": "deflection_rate", "deflection_z_rate": "deflection_rate", "twist": "twist",
+    "twist_rate": "twist_rate",
+}  # fmt: skip
+"""Outputs of a link in space, "joint0" and "joint0_rate" first, and their fields of `SPACE_POSES`."""
+
+COMPLEX_STEP = 1e-100
+"""Step along the imaginary axis by which outputs are differentiated by poses: exact, for nothing is subtracted."""
+
+
+def gauge_name(link: int, place: float, measures: str = "xy") -> str:
+    """Name of a gauge's output, such as "curvature0@0.5": its link, and place from 0 (root) to 1 (tip).
+
+    measures: one of `sensors.MEASURES`: bending in the plane "xy" or "xz", or "torsion".
+    """
+    what = {"xy": "curvature", "xz": "curvature_z", "torsion": "torsion"}[measures]
+    return f"{what}{link}@{place:g}"
+
+
+class ArmAtPoint:
+    """Parts of the `LinearModel` of a simulation about the state that it has.
+
+    Attributes:
+        names: of the coordinates. inputs, x, u, rate: see `LinearModel`. A, B: continuous. still: M, C, K of the
+            coordinates that are not prescribed.
+    """
+
+    def __init__(self, simulation: Simulation, stepping: bool, motions: bool) -> None:
+        """stepping, motions: see `Equations` (stepping, driven)."""
+        self._simulation = simulation
+        self._equations = e = Equations(simulation, stepping, driven=motions)
+        self._flat, self._w = at_start(simulation, e.model)
+        self._start = start = point_of(self._w)
+        self._reduced = reduced = e.reduced(start)
+        n, m, driven = e.independent.size, e.inputs.size, e.driven
+        self._accelerations, moved = reduced.accelerations(driven)
+        self.A = np.block([[-reduced.frame.V, np.eye(n)], [self._accelerations[:, : 2 * n]]])
+        self.B = np.vstack([np.zeros((n, m + driven.size)), np.hstack([self._accelerations[:, 2 * n :], moved])])
+        accelerations = e.state(start.q, start.a)[1]  # joint angles are linear in q
+        # the state; increments of rotations start from 0
+        self._rows = e.free[e.independent]
+        self._turning = np.isin(self._rows, e.turning)
+        self.x = np.concatenate(e.state(start.q, start.v))
+        self.x[:n][self._turning] = 0.0
+        self.rate = np.concatenate([e.state(start.q, start.v)[1], accelerations])
+        self.u = np.concatenate([start.u[e.inputs], accelerations[driven]])
+        self.names = e.names
+        self.inputs = (*(f"torque{k}" for k in e.inputs), *(f"{e.names[i]}_acceleration" for i in driven))
+        self.still = reduced.among([i for i in range(n) if i not in driven])
+
+    def period(self, dt: float) -> tuple[Array, Array, Array]:
+        """Return A, B and the next state of the solver's steps over a period, s, without prescribed coordinates.
+
+        Once: the solver is moved on.
+        """
+        e, w, reduced, start = self._equations, self._w, self._reduced, self._start
+        n, m, f = e.independent.size, e.inputs.size, e.free.size
+        # tangents of coordinates, rates and accelerations of the rows that can move, by (d, e, u)
+        q = np.hstack([reduced.lift, np.zeros((f, n + m))])
+        v = np.hstack([reduced.drift, reduced.lift, np.zeros((f, m))])
+        a = reduced.lift @ self._accelerations + reduced.bend_v @ v + reduced.bend_q @ q
+        q = np.asarray(np.linalg.solve(self._increments(start.q), q), np.float64)
+        found = period_tangents(self._simulation, self._flat, w, (q, v, a), e.free, e.inputs, dt)
+        change = np.vstack([e.changes(w.q, self._increments(w.q) @ found[0]), e.changes(w.q, found[1])])
+        after, way = np.concatenate(e.state(w.q, w.v)), np.zeros(e.n)
+        if self._turning.any():
+            uncompiled(local_difference)(SINGLE, e.model, start.q, w.q, way)
+            after[:n][self._turning] = way[self._rows][self._turning]
+        return change[:, : 2 * n], change[:, 2 * n :], after
+
+    def _increments(self, q: Array) -> Array:
+        """Return (f, f), increments by changes of coordinates at q: of rotation vectors they differ."""
+        free, found = self._equations.free, np.eye(self._equations.n)
+        for i in self._equations.turning:
+            found[np.ix_(i, i)] = rotations.slope(q[i])
+        return found[np.ix_(free, free)]
+
+    def outputs(self, gauges: Sequence[Spot]) -> tuple[tuple[str, ...], Array, Array]:
+        """Return names and values of the outputs and their derivatives by the state."""
+        e, reduced, simulation = self._equations, self._reduced, self._simulation
+        q, v, n = self._start.q, self._start.v, e.independent.size
+        # directions of the state, in all rows
+        dq, dv = np.zeros((2, e.n, 2 * n))
+        dq[e.free, :n], dv[e.free, :n], dv[e.free, n:] = reduced.lift, reduced.drift, reduced.lift
+        rows = curvature_rows(simulation.scene, simulation.settings, simulation.system, gauges)
+        poses, bent, by_poses, by_bent = e.poses_along(q, v, dq, dv, rows)
+        shown = self._in_space if e.spatial else self._in_plane
+        values = shown(poses, q, v)
+        columns = [
+            shown(poses + COMPLEX_STEP * 1j * change, q + COMPLEX_STEP * 1j * d, v + COMPLEX_STEP * 1j * rate).imag
+            for change, d, rate in zip(by_poses, dq.T, dv.T, strict=True)
+        ]
+        C = np.vstack([np.array(columns).T / COMPLEX_STEP, by_bent.T])
+        links, ends = range(e.n_links), ("", "_rate")
+        if e.spatial:
+            names = [_numbered(name, k) for name in SHOWN for k in links] + ["tip_x", "tip_y", "tip_z"]
+        else:
+            names = [f"{what}{k}{end}" for what in ("joint", "deflection") for end in ends for k in links]
+            names += ["tip_x", "tip_y"]
+        names += [f"motor{k}{end}" for k in e.motors for end in ends] + [gauge_name(*spot) for spot in gauges]
+        return tuple(names), np.concatenate([values, bent]), C
+
+    def _in_plane(self, poses: Any, q: Any, v: Any) -> Any:
+        """Return the outputs of an arm in the plane from its poses (n_links, 12), coordinates and rates (n,)."""
+        e = self._equations
+        angles, rates = joint_angles(poses)
+        if e.base is not None:
+            angles[0], rates[0] = angles[0] - q[e.base], rates[0] - v[e.base]
+        cos, sin, spin = np.cos(poses[:, POSE.angle]), np.sin(poses[:, POSE.angle]), poses[:, POSE.rate]
+        dx, dy, _ = (poses[:, TIP] - poses[:, ROOT]).T
+        vx, vy, _ = (poses[:, TIP_RATES] - poses[:, ROOT_RATES]).T
+        turning = cos * vy - sin * vx - spin * (cos * dx + sin * dy)
+        motors = [x[row] for row in e.motors.values() for x in (q, v)]
+        return np.concatenate([angles, rates, link_deflection(poses), turning, poses[-1, TIP][:2], motors])
+
+    def _in_space(self, poses: Any, q: Any, v: Any) -> Any:
+        """Return the outputs of an arm in space from its poses (n_links, ...), coordinates and rates (n,)."""
+        values, found = SPACE_POSES.unpack(poses), []
+        for name, field in SHOWN.items():
+            of = values[field]
+            found.append(of[:, "yz".index(name[11])] if of.ndim > 1 else of)
+        motors = [x[row] for row in self._equations.motors.values() for x in (q, v)]
+        return np.concatenate([*found, values["tip"][-1], motors])
+
+
+def _numbered(name: str, k: int) -> str:
+    """Return the name with the link's number: deflection_y of link 1 is deflection1_y."""
+    head, _, tail = name.partition("_")
+    return f"{head or 'joint'}{k}" + (f"_{tail}" if tail else "")
