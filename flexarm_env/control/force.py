@@ -33,8 +33,8 @@ class ForceGains(Gains):
     rate: float = 12.65
     bend: float = 0.1562
     bend_rate: float = 0.3423
-    path: float = 1.2
-    lead: float = 0.0
+    path: float = 0.8
+    lead: float = 0.4
     force: float = 0.3
     approach: float = 3.0
     press: float = 1.0

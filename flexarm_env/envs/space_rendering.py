@@ -163,8 +163,8 @@ class SpaceRenderer(Renderer):
         self._draw_faces(canvas, camera, [face for face in around if _facing(face, camera.eye)])
         self._draw_faces(canvas, camera, [face for face in solid if _facing(face, camera.eye)], OBSTACLE)
         for ends in self.arrows():
-            root, head = camera.see(np.array(ends))[0]
-            draw_arrow(canvas, root, head, FORCE, camera.point)
+            start, end = camera.see(np.array(ends))[0]
+            draw_arrow(canvas, start, end, FORCE, camera.point)
 
     def _draw_faces(self, canvas: Any, camera: Camera, faces: Sequence[Array], color: Color = KEEP_OUT) -> None:
         """Draw transparent faces of the shapes that the arm must not enter, or may touch."""
