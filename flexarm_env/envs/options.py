@@ -379,8 +379,7 @@ def _settings(
     default = DEFAULT_FORMULATION if kind.settings is None else "geometrically_exact"
     chosen = default if formulation is None else formulation
     if kind.space and isinstance(chosen, str) and chosen in ("elastica", *PRESETS):
-        what = "must be 'geometrically_exact' or 'floating_frame' in space"
-        raise check.InvalidValue("formulation", chosen, what)
+        raise check.InvalidValue("formulation", chosen, "must be 'geometrically_exact' or 'floating_frame' in space")
     expand_preset(chosen, {name: value for name, value in options.items() if name in ARGUMENTS})
     for name in options:
         if name not in ARGUMENTS:
