@@ -233,8 +233,7 @@ def plan(
     _only_with("reference", reference, "track" if moves else word, "track")
     _only_with("motion", motion, word, "replay")
     frame = Frame(kind, own, settings, period, down)
-    changing = events.payload_change(frame, payload_change)
-    frame = touch.framed(frame, contacts, word, options, factors, changing)
+    frame = touch.framed(frame, contacts, word, options, factors, heavy := events.payload_change(frame, payload_change))
     settings, touched = frame.settings, frame.contacts
     wanted, frames = checked_observation(observation, history)
     check_afloat(
@@ -254,7 +253,7 @@ def plan(
         selection=seen.selection(frames),
         cost=events.cost(frame, cost),
         pushes=events.pushes(frame, pushes),
-        payload_change=changing,
+        payload_change=heavy,
         keep_out=events.keep_out(frame, keep_out),
     )
     if word == "replay":
@@ -392,8 +391,7 @@ def _settings(
     steps = period / settings.dt
     if options.get("dt") is None:
         if not steps <= MOST_STEPS:
-            what = f"must be at most {MOST_STEPS} steps of dt = {settings.dt:g} s"
-            raise check.InvalidValue("control_dt", period, what)
+            raise check.InvalidValue("control_dt", period, f"must be at most {MOST_STEPS} steps of {settings.dt:g} s")
     elif not steps <= MOST_STEPS:
         what = f"must be at least {period / MOST_STEPS:g} s, {MOST_STEPS} steps in a control period of {period!r} s"
         raise check.InvalidValue("dt", options["dt"], what)
