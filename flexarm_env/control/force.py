@@ -33,7 +33,7 @@ class ForceGains(Gains):
     rate: float = 12.65
     bend: float = 0.1562
     bend_rate: float = 0.3423
-    path: float = 0.8
+    path: float = 0.9
     lead: float = 0.4
     force: float = 0.3
     approach: float = 3.0

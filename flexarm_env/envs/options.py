@@ -225,8 +225,7 @@ def plan(
     _only_with("reference", reference, "track" if moves else word, "track")
     _only_with("motion", motion, word, "replay")
     frame = Frame(kind, own, settings, period, down)
-    changing = events.payload_change(frame, payload_change)
-    frame = touch.framed(frame, contacts, word, options, factors, changing)
+    frame = touch.framed(frame, contacts, word, options, factors, heavy := events.payload_change(frame, payload_change))
     settings, touched = frame.settings, frame.contacts
     wanted, frames = checked_observation(observation, history)
     check_afloat(
@@ -246,7 +245,7 @@ def plan(
         selection=seen.selection(frames),
         cost=events.cost(frame, cost),
         pushes=events.pushes(frame, pushes),
-        payload_change=changing,
+        payload_change=heavy,
         keep_out=events.keep_out(frame, keep_out),
     )
     if word == "replay":
@@ -362,8 +361,7 @@ def _settings(
     default = DEFAULT_FORMULATION if kind.settings is None else "geometrically_exact"
     chosen = default if formulation is None else formulation
     if kind.space and isinstance(chosen, str) and chosen in ("elastica", *PRESETS):
-        what = "must be 'geometrically_exact' or 'floating_frame' in space"
-        raise check.InvalidValue("formulation", chosen, what)
+        raise check.InvalidValue("formulation", chosen, "must be 'geometrically_exact' or 'floating_frame' in space")
     expand_preset(chosen, {name: value for name, value in options.items() if name in ARGUMENTS})
     for name in options:
         if name not in ARGUMENTS:
@@ -376,8 +374,7 @@ def _settings(
     steps = period / settings.dt
     if options.get("dt") is None:
         if not steps <= MOST_STEPS:
-            what = f"must be at most {MOST_STEPS} steps of dt = {settings.dt:g} s"
-            raise check.InvalidValue("control_dt", period, what)
+            raise check.InvalidValue("control_dt", period, f"must be at most {MOST_STEPS} steps of {settings.dt:g} s")
     elif not steps <= MOST_STEPS:
         what = f"must be at least {period / MOST_STEPS:g} s, {MOST_STEPS} steps in a control period of {period!r} s"
         raise check.InvalidValue("dt", options["dt"], what)
