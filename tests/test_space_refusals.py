@@ -19,7 +19,7 @@ PAGE = Path(__file__).parents[1] / "docs" / "environments" / "spatial_limits.md"
 SPACE = "SpatialFlexArm-v0"
 SLEW = named("three_dof_slew")
 STRIP: Any = arms.named("three_dof").links[1].section  # type: ignore[union-attr]
-LIST = PAGE.read_text("utf-8").partition("## What is not there\n")[2].partition("\n## ")[0]
+LIST = PAGE.read_text("utf-8").partition("## Not available in space\n")[2].partition("\n## ")[0]
 LISTED = re.findall(r"^\|[^|\n]*\| `([^`\n]*\))` \| `([^`\n]*)` \|$", LIST, re.MULTILINE)
 
 
