@@ -1,16 +1,15 @@
-"""Find the quickest known settling in the evaluation episodes by optimizing torques for the settling time of the
-tables.
+"""Find the quickest known settling in the evaluation episodes by optimizing the torques of each episode.
 
     python -m agents.best_known                          # both environments: a quarter of an hour of one core
     python -m agents.best_known --only slew --episodes 10
 
 For every episode the script searches the fewest control periods after which the tip stays in its band to the end of the
 episode (`flexarm_env.control.optimal.least_settling`). The search has several initial guesses. The first is the first
-plan of the receding-horizon controller. For two links it is used twice: with the elbow bent at the goal as the
-environment chooses, and bent to the other side. The last guess is the motion under the quickest of the policies and
-controllers, which is itself the result if no plan is quicker. A plan consists of torques alone. It is played without
-feedback in the environment, where its settling time is measured, and then on the converged exact beam. A quicker motion
-may exist.
+plan of the receding-horizon controller. For two links there are two such plans: one with the elbow bent at the goal as
+the environment chooses, one with the elbow bent to the other side. The last guess is the motion under the quickest of
+the policies and controllers. If no plan is quicker, this motion is the result. A plan consists of torques alone. It is
+played without feedback in the environment, where its settling time is measured, and then on the converged exact beam. A
+quicker motion may exist.
 
 The episodes are planned in lots. A lot that docs/results/optimal.json contains is not planned again, so that an
 interrupted run can be continued. The script writes docs/results/optimal.{json,md}; `python -m agents.table` compares
