@@ -138,7 +138,7 @@ def _model(path: Path) -> tuple[Any, list[str]]:
 
 
 def _frames(parts: tuple[Part, ...], tip: Array) -> list[Array]:
-    """Return each link's axes (3, 3) in the ground's: x to the next joint, z as near to the joint's axis as possible."""
+    """Return each link's axes (3, 3) in the ground's: x to the next joint, z as near the joint's axis as possible."""
     anchors = [part.anchor for part in parts] + [tip]
     found: list[Array] = []
     for k, part in enumerate(parts):
