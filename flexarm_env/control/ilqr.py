@@ -113,8 +113,7 @@ class Limits:
         return np.maximum(over, 0.0), np.maximum(under, 0.0)
 
     def value(self, x: Array, k: int | slice) -> Array:
-        """Return the augmented Lagrangian term (..., n) at stage k: squared multiplier estimates / (2 penalty), summed.
-        """
+        """Return the augmented Lagrangian term (..., n) at stage k: sum of (multiplier estimate)^2 / (2 penalty)."""
         over, under = self._active(self._values(x), k)
         return np.asarray((over**2 + under**2).sum(-1) / (2.0 * self.penalty))
 
