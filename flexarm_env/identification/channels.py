@@ -22,9 +22,9 @@ CERTAIN = 2.0
 
 LEAST_GAIN = 0.02
 LEAST_DELAY = 0.25
-"""Smallest reported delay, in sampling intervals of the log."""
+"""In sampling intervals of the log."""
 LEAST_CLOCK = 0.005
-"""Smallest reported deviations of a gain, of a delay (s) and of a clock."""
+"""LEAST_GAIN, LEAST_DELAY and LEAST_CLOCK are the smallest reported deviations of a gain, a delay and a clock."""
 
 CLOCK_STEP = 1e-4
 """Relative change of the time axis for the derivative by the clock."""
@@ -118,8 +118,7 @@ def _of_one(problem: Problem, k: int, changes: list[Array]) -> list[Array]:
 
 
 def _of_clock(problem: Problem, z: Array) -> Candidate:
-    """Return the candidate for a clock that is fast by the share e: the residuals' derivative by a stretched time axis.
-    """
+    """Return the candidate for a clock that is fast by e: the residuals' derivative by a stretched time axis."""
     longer = [dataclasses.replace(run, t=run.t * (1.0 + CLOCK_STEP)) for run in problem.runs]
     pairs = zip(Problem(problem.experiment.anew(), longer).errors(z), problem.errors(z), strict=True)
     column = problem.experiment.config.time.column

@@ -198,8 +198,7 @@ def _config(table: dict[str, Any], arm: Arm) -> Config:
 
 
 def _leaves_the_plane(experiment: Mapping[str, Any]) -> bool:
-    """Return whether the experiment needs an arm in space: gravity has three components, or a load has a force along z.
-    """
+    """Return whether the experiment needs an arm in space: gravity with three components, or a load with force_z."""
     loads = check.sequence("loads", experiment.get("loads", ()), "tables")
     return np.size(experiment.get("gravity", ())) == 3 or any(
         "force_z" in check.table_of(f"loads[{i}]", load) for i, load in enumerate(loads)

@@ -57,9 +57,7 @@ class Problem:
         return np.asarray(self.experiment.start + self.sizes * z)
 
     def errors(self, z: Array) -> list[Array]:
-        """Return prediction minus log of each run (kept, outputs), divided by the log's deviation, without fitted
-        offsets.
-        """
+        """Return prediction minus log of each run (kept, outputs) over the log's deviation, without fitted offsets."""
         return [self._of_run(z, run) for run in self.runs]
 
     def _of_run(self, z: Array, run: Run) -> Array:
@@ -121,8 +119,7 @@ class Fit:
 
 
 class Solver:
-    """Fit a problem from several initial guesses. The state is stored in a file, from which an interrupted fit resumes.
-    """
+    """Fit a problem from several initial guesses. The state is saved in a file, so that an interrupted fit resumes."""
 
     def __init__(
         self, problem: Problem, *, progress: Callable[[float], None] | None = None, state: Path | None = None
@@ -161,9 +158,7 @@ class Solver:
         return Fit(z, cost, tuple(costs), self.count, ended, own.runs, dict(own.by_differences))
 
     def _starts(self) -> list[Array]:
-        """Return the initial guesses z: first the config's values, twice (the second with short horizons), then random
-        ones.
-        """
+        """Return initial guesses z: the config's values twice (the second time with short horizons), then random."""
         low, high = self.problem.bounds
         rng = np.random.default_rng(self.config.seed)
         n = len(low)

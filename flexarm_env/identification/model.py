@@ -157,8 +157,7 @@ class Experiment:
         return self._readings(played.trajectory, self.table(values), run)
 
     def slopes(self, values: Array, run: Run, sizes: Array, careful: bool = False) -> dict[str, Array]:
-        """Return derivatives of `predict` by each parameter over its size, by output, (n, p); 0 if the simulation
-        fails.
+        """Return derivatives of `predict` by each parameter over its size, by output, (n, p); 0 if simulation fails.
 
         By `derivatives.Run`, else by differences of whole runs, forward or (`careful`) fourth-order central.
         """
@@ -181,8 +180,7 @@ class Experiment:
         return found
 
     def _tangent(self, played: Played, here: Any, values: Array, run: Run, k: int, step: float) -> dict[str, Array]:
-        """Return the readings' derivative (n,) by parameter k, by output: readings of the tangent motion of `played`.
-        """
+        """Return the readings' derivative (n,) by parameter k, by output: readings of `played`'s tangent motion."""
         around = self._around(values, k, step)
         others = [self._simulation(self._at(values, k, offset), run) for offset, _ in around]
         # sensor parameters do not change the motion
@@ -201,8 +199,7 @@ class Experiment:
         return total
 
     def _around(self, values: Array, k: int, step: float) -> list[tuple[float, float]]:
-        """Return offsets of parameter k and difference weights: central, or one-sided of second order next to a bound.
-        """
+        """Return offsets of parameter k and difference weights: central, or one-sided second-order next to a bound."""
         p = self.parameters[k]
         up, down = values[k] + step <= p.high, values[k] - step >= p.low
         if up and down:
@@ -219,8 +216,7 @@ class Experiment:
     def _difference(
         self, here: Mapping[str, Array], values: Array, run: Run, k: int, sizes: Array, careful: bool
     ) -> dict[str, Array]:
-        """Return the readings' derivative (n,) by parameter k over its size, by output, by differences of whole runs.
-        """
+        """Return the readings' derivative (n,) by parameter k over its size, by output: differences of whole runs."""
         p, step = self.parameters[k], STEP * sizes[k]
 
         def at(times: float) -> dict[str, Array]:

@@ -94,9 +94,7 @@ class Identification:
                 draw(row, figure.subplots(2 * len(names), 1, sharex=True, height_ratios=[2, 1] * len(names)))
 
     def lines(self) -> dict[str, Any]:
-        """Return the command's output as lines `name: value`; lines on held-out runs have no prefix, all others have
-        one.
-        """
+        """Return the command's output as lines `name: value`; only lines on held-out runs have no prefix."""
         worth = self.uncertainty
         told: dict[str, Any] = {"verdict": self.verdict}
         # parameters with their 95 % half widths

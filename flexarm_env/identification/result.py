@@ -105,9 +105,7 @@ def identify(
 
 
 def _units(experiment: Experiment, run: Run, where: str) -> None:
-    """Raise BadLog if the log's values, compared with the arm's own motion, seem to be in another unit than the
-    config's.
-    """
+    """Raise BadLog if a log seems to be in another unit than the config's, compared with the arm's own motion."""
     for name, values in run.inputs.items():
         if name.startswith(("joint", "motor")) and np.abs(values).max() > 100.0:
             raise BadLog(f"{where}: {name} reaches {np.abs(values).max():.4g} rad: another unit than the config says?")

@@ -209,8 +209,7 @@ def oscillator(runs: list[Run], name: str, law: Law) -> Oscillator:
     target = np.concatenate([y - y.mean() for y in (run.outputs[name][run.kept] for run in runs)])
 
     def solved(x: Array) -> tuple[Array, Array]:
-        """Return the relative residual, and the gains, which are linear; x: logarithms of frequency and damping ratio.
-        """
+        """Return the relative residual, and the gains, which are linear; x: log frequency and log damping ratio."""
         tables = [_through(run, float(np.exp(x[0])), float(np.exp(x[1])), law)[run.kept] for run in runs]
         table = np.concatenate([columns - columns.mean(axis=0) for columns in tables])
         gains = np.linalg.lstsq(table, target, rcond=None)[0]
