@@ -158,8 +158,7 @@ def _two(score: float) -> str:
 
 
 def _learnt(judged: Sequence[tuple[Task, dict[str, Any]]]) -> Iterator[int]:
-    """Yield the `id` of entries whose value minus PD's differs significantly between the public and the second hundred.
-    """
+    """Yield the `id` of entries whose value minus PD's differs significantly between the two hundreds of episodes."""
     both = [(task, entry) for task, entry in judged if entry.get("second") and entry["second"]["pd"] is not None]
     lots = [(less_pd(task, entry), less_pd(task, entry["second"])) for task, entry in both]
     for (_, entry), p in zip(both, holm([chance(*lot) for lot in lots]), strict=True):

@@ -76,8 +76,7 @@ def choose(word: str, task: Task) -> Chosen:
 
 
 def controller(name: str, env: Any) -> Policy:
-    """Create a controller by name. On tasks of the suite it has the package's tuned gains, so that scores do not
-    change.
+    """Create a controller by name. On tasks of the suite it has the package's gains, so that scores do not change.
 
     Warnings of unstable gains are suppressed, because the score of PD control is 0 by definition.
     """

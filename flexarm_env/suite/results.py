@@ -300,9 +300,7 @@ def read(path: Path, *, earlier: bool = False) -> Results:
 
 
 def _check_entry(path: str, entry: Any, task: Task | None, earlier: bool) -> None:
-    """Reject an entry that cannot result from the task; task: None if this version of the package does not know its
-    name.
-    """
+    """Reject an entry that cannot result from the task; task: None if this version of the package lacks the task."""
     table = check.table_of(path, entry)
     for key in ("digest", "first_seed", "episodes", *_NUMBERS, "wall_s", "cpu_s", "decision_us", "policy", "training"):
         check.needed(path, table, key, "every task's entry says it")

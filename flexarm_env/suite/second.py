@@ -31,8 +31,7 @@ LEVEL = 0.01
 """Significance level of a difference."""
 
 FEW, MANY, ENOUGH = 2000, 100_000, 10
-"""Numbers of permutations of a test: FEW, or MANY if in fewer than ENOUGH of the FEW the means differ at least as much.
-"""
+"""Permutations of a test: FEW, or MANY if in fewer than ENOUGH of the FEW the means differ at least as much."""
 
 
 def first_seed(task: Task, canonical: bytes) -> int:

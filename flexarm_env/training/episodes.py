@@ -22,8 +22,7 @@ FROZEN = "flexarm/"
 """Prefix of the suite's task ids, after the package's name."""
 
 TEST, VALIDATION, TUNING = 10_000, 20_000, 30_000
-"""First seeds of the episodes for three purposes: evaluation, model selection in training, and tuning of controllers.
-"""
+"""First seeds of the episodes for three purposes: evaluation, model selection in training, tuning of controllers."""
 
 RANDOMIZED: dict[str, list[float]] = {"payload": [0.5, 2.0], "EI": [0.7, 1.3]}
 """Ranges of the factors on payload and bending stiffness in randomized episodes."""
@@ -36,8 +35,7 @@ TRAINING_ONLY = ("duration", "reward", "reward_terms")
 or those of the user."""
 
 SLEW_BAND, SLEW_BAND_LEAST, REACH_BAND = 0.02, float(np.radians(0.5)), 0.02
-"""Bands of a settled tip: share of the slew angle; minimum of this band, rad; share of the arm's length for positions.
-"""
+"""Bands of a settled tip: share of the slew angle; minimum of this band, rad; share of the arm's length (reach)."""
 
 
 def judged_in(kwargs: Mapping[str, Any], asked: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -62,7 +60,7 @@ def validation(env_id: str, kwargs: Mapping[str, Any], asked: Mapping[str, Any] 
     """Return the environment keywords of the validation episodes, given those of training.
 
     The reward is the user's (`user_keywords`), otherwise the environment's own, with the price `cost` of the training
-    if it has one. Each link has its own length.
+    if it has one. The arm has its own link lengths, even if training draws them (`LENGTHS`).
     """
     left_out = (*TRAINING_ONLY, LENGTHS)
     judged, reward = {k: v for k, v in kwargs.items() if k not in left_out}, kwargs.get("reward")
@@ -217,8 +215,7 @@ def _vibration(bends: Array, last: NDArray[np.int64], window: int) -> Array:
 
 
 def _overshoot(misses: Array) -> Array:
-    """Return the largest excursion beyond the target along the initial direction, (n,), as a share of the initial
-    error.
+    """Return the largest excursion beyond the target along the initial direction, (n,), over the initial error.
 
     misses (steps + 1, n, 1 or 2): target minus tip.
     """

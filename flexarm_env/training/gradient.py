@@ -110,9 +110,7 @@ class Gradient(BaseAlgorithm):
             self._setup_arms()
 
     def _setup_arms(self) -> None:
-        """Create differentiable arms like those of the environment, start them at times spread over an episode, and
-        compile.
-        """
+        """Create differentiable arms like the environment's, started at times spread over an episode; compile them."""
         env: Any = self.env
         spec = env.unwrapped.env.spec
         keywords = {k: v for k, v in spec.kwargs.items() if k not in NOT_OF_ARMS}
@@ -231,8 +229,9 @@ class Gradient(BaseAlgorithm):
             self.ages, self.returns = np.where(chosen, 0, self.ages), np.where(chosen, 0.0, self.returns)
 
     def _near_limits(self, seen: Array) -> tuple[Array, Array]:
-        """Return the cost of joints near their limits (n,), and derivatives (n, O) of minus that cost by the
-        observation.
+        """Return the cost of joints near their limits (n,), and the derivatives (n, O) of minus this cost by `seen`.
+
+        seen (n, O): observations.
         """
         cost, slopes = np.zeros(self.n_envs), np.zeros(seen.shape)
         for sine, cosine, low, high in self.margins:
@@ -318,8 +317,7 @@ class Gradient(BaseAlgorithm):
 
 
 def _within(slope: Array, value: Array | Array32) -> Array:
-    """Propagate derivatives through clipping to [-1, 1]; outside, only derivatives that lead back to the range remain.
-    """
+    """Propagate derivatives through clipping to [-1, 1]; outside, keep only those that lead back to the range."""
     return np.where((np.abs(value) < 1.0) | (slope * value < 0.0), slope, 0.0)
 
 

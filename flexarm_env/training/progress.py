@@ -1,5 +1,4 @@
-"""Progress of a training run: rows of the learning curve, the best policy so far, and the time at which it was solved.
-"""
+"""Progress of a training run: rows of the learning curve, the best policy so far, and the time of the solution."""
 
 import sys
 from collections.abc import Callable

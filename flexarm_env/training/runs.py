@@ -153,8 +153,7 @@ class Training:
         return own
 
     def _resumed(self, kept: Iterable[str], algorithm: str | None) -> Self:
-        """Return the recorded arguments of the run to be resumed; ValueError for arguments that would change the run.
-        """
+        """Return the recorded arguments of the run to be resumed; ValueError for arguments that would change it."""
         folder, record = self.folder, read_run(self.folder)
         if algorithm is not None and record["algorithm"] != algorithm:
             raise ValueError(f"{folder}: a run of {record['algorithm']}, not of {algorithm}")
@@ -300,9 +299,7 @@ def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:
 
 
 def load_normaliser(path: Path, model: Any) -> Any:
-    """Load the VecNormalize statistics of a model. ValueError for another kind of file, or for another model's
-    statistics.
-    """
+    """Load the VecNormalize statistics of a model. ValueError for another kind of file, or those of another model."""
     try:
         with path.open("rb") as file:
             found = pickle.load(file)
