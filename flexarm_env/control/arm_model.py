@@ -102,7 +102,7 @@ def arm_model(arm: Arm, posture: tuple[float, ...] = (), flexible: int | None = 
 
     Args:
         arm: the arm. posture: angles of joints 1 to N-1, rad (() is straight).
-        flexible: number of flexible modes beside the N rigid ones, at least 1; None keeps N + 1.
+        flexible: number of flexible modes in addition to the N rigid ones, at least 1; None: N + 1.
     """
     n_joints, full = arm.n_links, linear_model(arm, posture)
     size = len(full.A) // 2

@@ -14,7 +14,7 @@ from .kinematics import tip_in_hub_frame, wrapped
 from .lqr import LQRGains, design, times
 
 ENTRIES = ("to_target_x", "to_target_y", "target_velocity_x", "target_velocity_y", "target_force", "tip_force_normal")
-"""Entries of the observation that the controller reads beside those of the joints and links."""
+"""Entries of the observation that the controller reads in addition to those of joints and links."""
 
 
 @dataclass(frozen=True)

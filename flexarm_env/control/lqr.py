@@ -146,7 +146,7 @@ class Observer:
 
 
 def times(matrices: Array, vectors: Array) -> Array:
-    """Multiply matrices (n, i, j) with vectors (n, j), row by row: (n, i)."""
+    """Multiply matrices (n, i, j) by vectors (n, j), one pair per row; return (n, i)."""
     product: Array = (matrices @ vectors[:, :, None])[:, :, 0]
     return product
 

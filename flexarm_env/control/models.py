@@ -244,5 +244,5 @@ class RecurrentPolicy(NumpyPolicy):
 
 
 def _logistic(x: NDArray[Any]) -> NDArray[Any]:
-    """Logistic function 1 / (1 + exp(-x)), in a form without overflow."""
+    """Return the logistic function 1 / (1 + exp(-x)), in a form without overflow."""
     return 0.5 * (1.0 + np.tanh(0.5 * x))

@@ -197,7 +197,7 @@ def _beam(link: Link, root: Array) -> Body:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Cross product of vectors (..., 3), without the call overhead of `numpy.cross`."""
+    """Return the cross product of vectors (..., 3), without the call overhead of `numpy.cross`."""
     (ax, ay, az), (bx, by, bz) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], -1)
 

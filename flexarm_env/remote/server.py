@@ -206,8 +206,8 @@ class Session:
         """Return the cookie of an address and HELLO number: 64 bits of an HMAC, as two whole numbers below 2^32.
 
         The HMAC covers address, HELLO, time span (`back` spans ago) and the count of connections, under a secret of
-        this session. Nothing is stored for a sender that only asks. The count makes each cookie open one connection,
-        and its replay none.
+        this session. Nothing is stored until a sender returns its cookie. Because of the count each cookie opens one
+        connection, and its replay opens none.
         """
         span = int(self.period * self.plain.dt / COOKIE_LIFE) - back
         text = repr((address, hello, span, self._connections)).encode()
@@ -252,7 +252,7 @@ class Session:
         """Count periods that passed without a step.
 
         If more periods passed than the watchdog allows, hold the arm and drop any command that has arrived in the
-        meantime: it was meant for a past instant.
+        meantime, because this command was meant for a past instant.
         """
         self.silent += periods
         if periods > self.limits.watchdog:
@@ -336,7 +336,7 @@ class Server:
             or `insecure`. log: CSV file, one row per period. tell: called once with `Session.notice`, if there is one.
     Attributes:
         times: (due, begun, finished) of the last 100,000 periods, s of the monotonic clock.
-        missed: periods that were skipped because they had passed before they could begin; later ones keep time.
+        missed: number of periods that were skipped because they had passed before they could begin.
     """
 
     session: Session
