@@ -162,7 +162,10 @@ def trained(path: str) -> Agent:
 
 
 def act(observations: np.ndarray) -> np.ndarray:
-    """Return the actions (n, joints) for observations (n, entries); AGENT names the agent's file."""
+    """Return the actions (n, joints) for observations (n, entries).
+
+    The environment variable AGENT names the agent's file.
+    """
     with torch.no_grad():
         found: np.ndarray = trained(os.environ["AGENT"]).actor(torch.from_numpy(observations)).clamp(-1.0, 1.0).numpy()
     return found

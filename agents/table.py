@@ -122,7 +122,7 @@ class Judge:
     ) -> tuple[Rows, Any, dict[str, float]]:
         """Evaluate policies; return their summaries, their episodes by name, and the time bounds.
 
-        words: policies, name -> word. most: largest number of episodes.
+        words: policies, name -> word for `flexarm evaluate --policy`. most: largest number of episodes.
         """
         count = min(self.arguments.episodes or family.test, most)
         rows: Rows = {}
@@ -144,13 +144,13 @@ class Judge:
         return os.path.relpath(family.best(self.arguments.trained))
 
     def words(self, family: Family, *others: Family) -> dict[str, str]:
-        """Return the best policies of families and the controllers, name -> word."""
+        """Return the best policies of families and the controllers: name -> word for `flexarm evaluate --policy`."""
         policies = {f"PPO ({one.name})": self.best(one) for one in (family, *others)}
         return policies | {name: name for name in family.controllers}
 
 
 def tuned(family: Family, folder: Path, *names: str, label: str) -> dict[str, str]:
-    """Return controllers with the gains of a folder: name and label -> word."""
+    """Return controllers with the gains of a folder: name and label -> word for `flexarm evaluate --policy`."""
     file = os.path.relpath(folder / f"{family.task}.toml")
     return {f"{name}{label}": f"{name}@{file}" for name in names}
 

@@ -69,8 +69,8 @@ class MPCGains(StateWeights):
     """`StateWeights` and parameters of the planner.
 
     Args:
-        memory: share of the prediction in the unmeasured part of the state estimate; the rest is the shape under a
-            force at the tip.
+        memory: weight of the prediction in the unmeasured part of the state estimate. The shape under a force at the
+            tip has the weight 1 - memory.
         allowed: a plan has arrived if the cost of its distance from the goal is below this value.
         block: number of control periods with the same planned torque. horizon: number of such blocks in a plan.
         iterations: iLQR iterations per period. first: iterations of an episode's first plan.

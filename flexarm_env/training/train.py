@@ -31,7 +31,7 @@ from flexarm_env.training.progress import Progress, finish, training_program
 from flexarm_env.training.runs import OF_POLICY, Training, checkpoints, new_record, read_run, write_json, write_text
 
 NEEDED = {"torch": "torch", "stable_baselines3": "stable-baselines3", "yaml": "pyyaml", "tqdm": "tqdm"}
-"""Packages of the extra `train` required by training, by their modules."""
+"""Modules that training requires, each with its package in the extra `train`."""
 
 
 @dataclass(frozen=True, kw_only=True)
