@@ -135,8 +135,8 @@ class Setup:
 def lateness(plan: Any) -> tuple[float, float]:
     """Return (delay, lag) of an environment's loop, s: delay of motors plus sensors, and the motors' time constant.
 
-    A random delay counts with its maximum. In a solver step dt the motor torque approaches the command by the share
-    1 - exp(-dt / lag) of their difference.
+    A random delay counts with its maximum. In a solver step dt the motor torque moves towards the commanded torque by
+    the share 1 - exp(-dt / lag) of the difference between the two.
     """
     motors, sensors, step = plan.extras.actuator, plan.extras.sensors, plan.settings.dt
     delay = 0.0 if sensors is None else sensors.age * plan.period
@@ -153,12 +153,13 @@ def lateness(plan: Any) -> tuple[float, float]:
 class Signals:
     """Observation in SI units, one row per environment.
 
-    Attributes: angles (n, N) rad, wrapped to one turn; rates (n, N) rad/s; bends (n, N): tip deflections divided by
-        length; bend_rates (n, N): their rates, 1/s; error (n, 1): target minus tip angle, rad (slew), or (n, 2): vector
-        from tip to target in the frame that turns with the hub, m (reach). to_go (n, N): the goal's joint angles minus
-        the joints', rad, with observation="measured"; bends, bend_rates and error are then empty. gauges (n, G): in
-        their units. In space error is (n, 3). Controllers in space that need deflections get bends (n, 3 F): of the F
-        flexible links, deflections along y, deflections along z, and twists (rad).
+    Attributes: angles (n, N): joint angles, rad, wrapped to one turn. rates (n, N): joint rates, rad/s. bends (n, N):
+        tip deflections divided by length. bend_rates (n, N): rates of bends, 1/s. error: (n, 1), target minus tip
+        angle, rad (slew), or (n, 2), vector from tip to target in the frame that turns with the hub, m (reach).
+        to_go (n, N): the goal's joint angles minus the joints', rad, with observation="measured"; bends, bend_rates and
+        error are then empty. gauges (n, G): in their units. In space error is (n, 3). Controllers in space that need
+        deflections get bends (n, 3 F): of the F flexible links, deflections along y, deflections along z, and twists
+        (rad).
     """
 
     angles: Array

@@ -317,8 +317,8 @@ def _within(Quu: Array, Qu: Array, Qux: Array, low: Array, high: Array) -> tuple
 def _corner(H: Array, g: Array, low: Array, high: Array) -> Array:
     """Minimize 1/2 u' H u + g u between low and high, (n, N), in cases in which a limit is active.
 
-    For two controls the result is the best point with one control at a limit. For more it is found by coordinate
-    descent.
+    For two controls the result is the best point with one control at a limit. For more controls the method is
+    coordinate descent.
     """
     count = H.shape[1]
     if count == 2:

@@ -60,7 +60,7 @@ Law = tuple[Array, Array, Array, Array]
 
 
 def radius(system: tuple[Array, Array, Array], law: Law, gain: float = 1.0) -> float:
-    """Return the closed loop's spectral radius with the controller's torques times `gain`; below 1 it is stable.
+    """Return the closed loop's spectral radius with the controller's torques times `gain`; below 1 the loop is stable.
 
     system: (A, B, C) of `plant`. law: (P, Q, K, D) with z+ = P z + Q y, u = -(K z + D y).
     """
@@ -72,17 +72,18 @@ def radius(system: tuple[Array, Array, Array], law: Law, gain: float = 1.0) -> f
 
 
 def gain_margin(system: tuple[Array, Array, Array], law: Law) -> float:
-    """Return the gain margin: the smallest factor on the torques that destabilizes the loop; 1 if it is unstable.
+    """Return the gain margin: the smallest factor on the torques that destabilizes the loop.
 
-    The search ends at `MOST_GAIN`.
+    The margin of an unstable loop is 1. The search ends at `MOST_GAIN`.
     """
     return _edge(lambda factor: radius(system, law, factor) < 1.0, np.geomspace(1.0, MOST_GAIN, 60))
 
 
 def delay_margin(model: ArmModel, dt: float, law: Law, lag: float = 0.0) -> float:
-    """Return the delay margin, s: the smallest loop delay that destabilizes the loop; 0 if it is already unstable.
+    """Return the delay margin, s: the smallest loop delay that destabilizes the loop.
 
-    The search ends at `MOST_DELAY` periods. dt: control period, s. lag: time constant of the motors, s.
+    The margin of an unstable loop is 0. The search ends at `MOST_DELAY` periods. dt: control period, s. lag: time
+    constant of the motors, s.
     """
     return _edge(lambda delay: radius(plant(model, dt, delay, lag), law) < 1.0, dt * np.arange(MOST_DELAY + 1.0))
 

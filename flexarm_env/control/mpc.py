@@ -36,7 +36,7 @@ from .space import AboutRest
 LATEST = 2.0
 """Latest arrival divided by the first planned one. An arm with a quarter of the stiffness, or four times the mass,
 takes twice as long. Vibration before the arrival costs nothing. If the arrival were postponed forever, this vibration
-could grow where damping does not stop it."""
+could grow, unless damping stops it."""
 
 STIFF = 100.0
 """Factor on the initial penalties of `optimal`'s plans, since no multipliers are updated here."""

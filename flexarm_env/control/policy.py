@@ -1,10 +1,10 @@
 """Trained policies run with NumPy alone: a small network from a `policy.npz` file.
 
 The file contains three groups of entries. `meta` is JSON: format, env_id, env_kwargs, layout, activation, squash,
-versions, and further records of the run. If it has the observation's `scales` by name and `torque_limits`, the policy
-acts on other arms too. The weights are `w0`, `b0`, `w1`, ... (float32; layer k maps x to x w + b). For normalized
-observations there are `mean`, `variance` (float64), `clip` and `epsilon`. The file contains numbers and text only.
-Reading it executes nothing, whereas reading a pickle (a model.zip, a checkpoint) may execute code.
+versions, and further records of the run. A policy whose `meta` has the observation's `scales` by name and
+`torque_limits` acts on other arms too. The weights are `w0`, `b0`, `w1`, ... (float32; layer k maps x to x w + b). For
+normalized observations there are `mean`, `variance` (float64), `clip` and `epsilon`. The file contains numbers and text
+only. Reading a policy.npz executes nothing, whereas reading a pickle (a model.zip, a checkpoint) may execute code.
 """
 
 from __future__ import annotations

@@ -119,9 +119,9 @@ def chain_of(arm: Arm, segments: int = 4, placement: str = "gauss") -> Chain:
 
     Args:
         segments: number of springs of each flexible link; for "between" the number of pieces; 0: links are rigid.
-        placement: "gauss": at Gauss points of each smooth piece of a link. "middle": in the middle of cells of equal
-            length. "between": between pieces of equal length, k = EI / l, the first piece clamped. Chains are often
-            made by hand in this last way, which is the least accurate of the three.
+        placement: places of the springs. "gauss": at Gauss points of each smooth piece of a link. "middle": in the
+            middle of cells of equal length. "between": between pieces of equal length, k = EI / l, the first piece
+            clamped. Chains are often made by hand with the placement "between", which is the least accurate.
     Raises:
         ValueError: a value out of range; or an arm with backlash or mass_damping, which hinges do not have.
     """

@@ -45,7 +45,7 @@ MAGIC, VERSION = b"FXRM", 2
 HEAD, DIGEST = struct.Struct("<4sHBBQIId"), hashlib.sha256().digest_size
 MOST_NUMBERS = (1200 - HEAD.size - DIGEST) // 8
 LAST = 2**32 - 1
-"""Largest sequence number; it ends a connection."""
+"""Largest sequence number, with which a connection ends."""
 SHORTEST = 16
 """Minimum length of a key in bytes."""
 

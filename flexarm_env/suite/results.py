@@ -70,8 +70,8 @@ class Results:
     def known(self, task: Task, chosen: Chosen, episodes: int) -> int:
         """Return the number of episodes on which this policy has been evaluated on this task.
 
-        It is 0 if these episodes differ from the request. It is 0 also for functions, since their source does not
-        determine their behavior.
+        The number is 0 if these episodes differ from the requested ones, and for functions, since the source of a
+        function does not determine its behavior.
         """
         entry = self.tasks.get(task.id)
         if entry is None or chosen.kind == "function" or entry["policy"]["fingerprint"] != chosen.fingerprint:
@@ -300,7 +300,7 @@ def read(path: Path, *, earlier: bool = False) -> Results:
 
 
 def _check_entry(path: str, entry: Any, task: Task | None, earlier: bool) -> None:
-    """Reject an entry that cannot result from the task; task: None if this version of the package lacks the task."""
+    """Reject an entry that cannot result from the task; task: None for a task that this version does not know."""
     table = check.table_of(path, entry)
     for key in ("digest", "first_seed", "episodes", *_NUMBERS, "wall_s", "cpu_s", "decision_us", "policy", "training"):
         check.needed(path, table, key, "every task's entry says it")

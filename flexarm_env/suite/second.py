@@ -5,9 +5,9 @@ The numbers are a network's arrays and its normalizer, or a controller's name an
 There is no defense against changing a policy until its seeds suit it (each attempt is another policy). All other
 policies (Python functions, ONNX models, actions optimized beforehand) have the public hundred only.
 
-A permutation test detects a significant difference between both hundreds: the values minus PD's on the same seeds are
-redistributed over two hundreds, and p is the share of permutations whose means differ at least as much. Holm's method
-(1979) adjusts p for multiple tests.
+A permutation test detects a significant difference between both hundreds. The values minus PD's on the same seeds are
+redistributed over two hundreds. p is the share of redistributions in which the two means differ at least as much as the
+real ones. Holm's method (1979) adjusts p for multiple tests.
 """
 
 import dataclasses

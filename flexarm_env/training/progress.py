@@ -24,9 +24,9 @@ COLUMNS = (
 class Progress:
     """Progress of a run; part of every checkpoint.
 
-    curve: rows of COLUMNS. best: smallest cost so far (see `cost`). best_return: mean return of the evaluation with
-    this cost. It breaks ties, since all costs are equal before the first success. solved: row at which the task was
-    solved, or None. wall_s, cpu_s: time spent so far, without evaluation and checkpoints.
+    curve: rows of COLUMNS. best: smallest cost so far (see `cost`). best_return: mean return of the evaluation with the
+    smallest cost. The return breaks ties, since all costs are equal before the first success. solved: row at which the
+    task was solved, or None. wall_s, cpu_s: time spent so far, without evaluation and checkpoints.
     """
 
     curve: list[dict[str, float]] = field(default_factory=list)
@@ -40,7 +40,7 @@ class Progress:
     def add(
         self, result: episodes.Episodes, steps: int, solved_at: float, best_by: str = "settling", **others: float
     ) -> bool:
-        """Add an evaluation after `steps` steps; return whether it is the best so far.
+        """Add an evaluation after `steps` steps; return whether the evaluation is the best so far.
 
         solved_at: success rate at which the task counts as solved. best_by: see `cost`. others: values of train_return,
         std and learning_rate.
@@ -159,7 +159,7 @@ def training_program(program: str, train: Callable[[Any], Any], arguments: Any) 
 
 
 def finished(trainer: Any, folder: Path, **given: Any) -> str:
-    """Finish a run (train it, resume it, or keep it if it is finished) and describe its result."""
+    """Train a run, resume it, or keep it if it is finished; describe its result."""
     begun = (folder / "run.json").exists()
     if begun and read_run(folder).get("finished"):
         return f"kept from an earlier call ({folder})"

@@ -221,7 +221,7 @@ def place(task: str, arguments: Arguments) -> Path:
 
 
 def current(path: Path) -> dict[str, Any]:
-    """Read the existing file of gains. ValueError if it is invalid, because rewriting it would lose the gains."""
+    """Read the existing file of gains. ValueError if the file is invalid, because rewriting it would lose the gains."""
     tables = read_toml(path)[0] if path.is_file() else {}
     with check.in_file(path):
         check.known_keys("", tables, control.NAMES, "controller")

@@ -19,7 +19,7 @@ class Pull:
     """A force or torque on a point of the chain.
 
     name: name in the legend. point: index of the point. values: torques (n,), N m, or forces (n, 2), N, in space
-    (n, 3). limit: largest torque, N m. If it is None, or the values exceed it, the largest value replaces it. axis
+    (n, 3). limit: largest torque, N m. The largest of the values replaces a limit that is None or exceeded. axis
     (n, 3): axis of a torque in space.
     """
 
