@@ -111,8 +111,7 @@ class AroundControllerVector(VectorWrapper[Any, Any, Any, Any, Any]):
         return seen, rewards, terminated, truncated, info
 
     def memory(self) -> Memory:
-        """Return a copy of the wrapper's memory: the last observations, the ended episodes and the controller's memory.
-        """
+        """Return a copy of the wrapper's memory: last observations, ended episodes and the controller's memory."""
         arrays = {k: v.copy() for k, v in vars(self.controller).items() if isinstance(v, np.ndarray)}
         return {"seen": None if self._seen is None else self._seen.copy(), "ended": self._ended.copy(), "own": arrays}
 

@@ -23,8 +23,7 @@ PATHS = 100
 """Number of drawn paths of which at least one must be attainable."""
 
 TRIED = 4
-"""Number of drawn starting postures that are tried if an arm in space cannot follow a given path from the middle one.
-"""
+"""Number of drawn starts that are tried if an arm in space cannot follow a given path from the middle posture."""
 
 _ELBOWS = 9
 """Number of angles of each elbow at which the tip's distance from the root is computed."""
@@ -113,8 +112,7 @@ def _first_out(task: Task, begin: np.ndarray, points: np.ndarray) -> int | None:
 
 
 def _first_lost(arm: Arm, begin: np.ndarray, points: np.ndarray) -> int | None:
-    """Return the index of the first point (n, 3), m, at which an arm in space leaves its joint limits; None if it never
-    does.
+    """Return the index of the first point (n, 3), m, at which an arm in space leaves its joint limits, or None.
 
     The arm starts at the middles of the ranges begin (N, 2), rad. If it leaves its limits from there, `TRIED` drawn
     starts are tried, too. The function returns the largest index over all starts.

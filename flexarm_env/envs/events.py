@@ -23,8 +23,7 @@ from .task import Kind, at_zero
 Pair = tuple[float, float]
 
 STATIONS = (0.0, 0.25, 0.5, 0.75)
-"""Stations for strain along each link, from its root (0) to its tip (1); the tip is left out because its strain is 0.
-"""
+"""Stations for strain along each link, from its root (0) to its tip (1); the strain at the tip itself is 0."""
 
 TURNS = ("exact", "any")
 GRIPPED = ("resting", "moving")
@@ -49,8 +48,7 @@ def cost(frame: Frame, value: Any) -> Cost | None:
 
 
 def _strains(frame: Frame, limit: float) -> Array:
-    """Return rows for `protocol.strain_gauge` that compute surface strain, divided by its limit, at each link's
-    stations.
+    """Return rows for `protocol.strain_gauge`: surface strain, divided by its limit, at each link's stations.
 
     limit: strain, without unit. In the plane the rows (4 N, n) belong to 4 stations on each of N flexible links, and a
     row times q is strain over limit. In space each station has two rows of a `GAUGE` record, for bending in the link's

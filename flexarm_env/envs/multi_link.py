@@ -31,8 +31,8 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
     ## Action space
 
     `Box(-1, 1, (N,), float32)`: torques of hub and elbows as shares of their limits (1, 0.3 and 0.075 N m). They are
-    constant over one control period. An elbow's torque acts on the link beyond, and with opposite sign on the link
-    before. Actions beyond +-1 are clipped. NaN or infinity ends the episode (`action_not_finite`).
+    constant over one control period. An elbow's torque acts on the link after the elbow, and with opposite sign on the
+    link before the elbow. Actions beyond +-1 are clipped. NaN or infinity ends the episode (`action_not_finite`).
 
     ## Observation space
 
@@ -48,21 +48,23 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
     | 5 N, 5 N + 1 | tip velocity, x and y | w_0 L | m/s |
     | 5 N + 2, 5 N + 3 | vector from tip to target, x and y | 0.5 L | m |
 
-    Definitions, names and further entries are those of TwoLinkFlexArm-v0; elbows are named `elbow_1`, `elbow_2`, ...
+    Definitions, names and optional entries are the same as in TwoLinkFlexArm-v0; elbows are named `elbow_1`, `elbow_2`,
+    ...
     For the default arm w_0 = 1.506, w_1 = 1.735 and w_2 = 2.410 rad/s.
 
     ## Rewards
 
-    The terms, weights and bounds of TwoLinkFlexArm-v0, with sums over all N joints and links: effort is -sum of a_k^2
-    (weighted: -0.01 N to 0), vibration -min(sum of d_k'^2, 1) with weight 0.
+    The terms, weights and bounds are those of TwoLinkFlexArm-v0, with sums over all N joints and links. Effort is -sum
+    of a_k^2 (weighted: -0.01 N to 0). Vibration is -min(sum of d_k'^2, 1), with weight 0.
 
     ## Starting state
 
-    As in TwoLinkFlexArm-v0, with elbows at -3.6/N to 3.6/N rad in the half of the episodes that begin bent.
+    The same as in TwoLinkFlexArm-v0. In the half of the episodes that begin bent, the elbows are at -3.6/N to 3.6/N
+    rad.
 
     ## Episode end and info
 
-    As in TwoLinkFlexArm-v0, with `duration` = 10 s. `tip_deflection` and `joint_torque` have N entries.
+    The same as in TwoLinkFlexArm-v0, with `duration` = 10 s. `tip_deflection` and `joint_torque` have N entries.
 
     ## Arguments
 
