@@ -100,8 +100,7 @@ class Judge:
         return any(found), all(found)
 
     def _swing(self, k: int) -> float:
-        """Return the frequency omega_c of joint k's rotor on its gear, rad/s; 0 if the gear is rigid or has no rotor.
-        """
+        """Return the frequency omega_c of joint k's rotor on its gear, rad/s; 0 for a rigid gear or without rotor."""
         joint = self.arm.joint(k)
         if not joint.elastic or not joint.rotor:
             return 0.0
@@ -165,8 +164,7 @@ class Judge:
         return self._softened(Motion.of(self.arm, self._scaled(fine(self.arm), self.stiffness), pose))
 
     def _softened(self, motion: Motion) -> Motion:
-        """Return the motion with its frequencies limited to those that double precision resolves over a period.
-        """
+        """Return the motion with its frequencies limited to those that double precision resolves in a period."""
         return motion.softened(math.sqrt(STIFFEST / self.period))
 
     def _scaled(self, parts: Chain, stiffness: float) -> Chain:
@@ -234,8 +232,7 @@ class Judge:
         return float(apart) if math.isfinite(apart) else math.inf
 
     def _small(self, settings: Settings, h: float) -> float:
-        """Return e_1 of steps of h (s) on the settings' mesh, over all postures and runs; inf for unstable steps.
-        """
+        """Return e_1 of steps of h (s) on the settings' mesh, over all postures and runs; inf if unstable."""
         runs = zip(self.poses, self.fine, strict=True)
         return max(self._apart(self._stepped(settings, pose, h), fine_one) for pose, fine_one in runs)
 

@@ -136,8 +136,7 @@ def function_of(path: str, entry: Any, interpolation: str | None = None) -> Time
 
 
 def _function(entry: Any, interpolation: str | None) -> TimeFunction:
-    """Make a TimeFunction without jumps from a TimeFunction, a table, an array (n, 2) of t (s), value, or a .csv path.
-    """
+    """Make a TimeFunction without jumps from a TimeFunction, a table, an array (n, 2) of t (s), value, or a .csv."""
     if isinstance(entry, TimeFunction):
         entry.check_no_jump()
         return entry
@@ -223,8 +222,7 @@ class Guide:
         return simulation.status
 
     def _is_unbalanced(self) -> bool:
-        """Return whether the energy exceeds initial energy plus work, by the rule of `runtime.energy_balance`.
-        """
+        """Return whether the energy exceeds initial energy plus work (`runtime.energy_balance` has the rule)."""
         kinetic, strain, gravity = self.simulation.observe()[1].tolist()
         accounted = self.start_energy + float(self.simulation.work.books[WORK_DONE])
         exchanged = abs(self.start_energy) + self.simulation.gross

@@ -50,8 +50,9 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | the last six | tip velocity, x, y, z | w_0 L | m/s |
     | | vector from tip to target, x, y, z | 0.5 L | m |
 
-    - w_k = sqrt(tau_k pi/2 / I_k). tau_k is the torque limit of joint k, I_k the inertia about joint k of everything
-      beyond it, laid out straight at a right angle to the joint's axis. For the default arm w_0 = 8.518, w_1 = 7.738
+    - w_k = sqrt(tau_k pi/2 / I_k). tau_k is the torque limit of joint k. I_k is the inertia about joint k of the arm
+    from this joint to the tip, laid out straight at a right angle to the joint's axis. For the default arm w_0 = 8.518,
+    w_1 = 7.738
       and w_2 = 21.887 rad/s.
     - The last six entries are components along the axes of the root of link 0, which turn with the first joint.
     - The deflections of a link are the components of (tip - root) along y and z of its root's axes. Its twist is the x
@@ -101,8 +102,8 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | `formulation` | "geometrically_exact" | or "floating_frame", with `segments` or `modes` (at least 2) |
     | `task` | "reach" | or "track": the target moves; "replay": the joints follow a motion |
 
-    What differs in space: [Options in space](options.md#options-in-space). What is not available in space raises an
-    error that names it: [list](spatial_limits.md).
+    For the differences in space see [Options in space](options.md#options-in-space). Features that are not available in
+    space raise an error that names the feature: [list](spatial_limits.md).
 
     ## Version history
 

@@ -60,8 +60,9 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     `target_velocity_y` (scale w_0 L), and the displacements of the target in the next 0.1 s, `target_ahead_1_x`,
     `target_ahead_1_y`, and 0.3 s, `target_ahead_2_x`, `target_ahead_2_y` (scale 0.5 L).
 
-    These entries are selected by name only: `hub_error` and `elbow_error`, the joint angles at which the rigid arm
-    reaches the target less the joint angles (scale 1 rad); `target_x` and `target_y`, the target in fixed axes (scale
+    These entries are selected by name only: `hub_error` and `elbow_error`, the difference between the joint angles at
+    which the rigid arm reaches the target and the present joint angles (scale 1 rad); `target_x` and `target_y`, the
+    target in fixed axes (scale
     L); `previous_action`, `previous_action_1`; entries of sensors (`strain_gauge_1`, `tip_acceleration_x`,
     `tip_acceleration_y`, `camera_x`, `camera_y`). See [Entries of the observation](options.md#observation).
 
