@@ -111,8 +111,7 @@ class Renderer:
         self.obstacles: Sequence[Shape] = ()
         """Obstacles that the arm may touch; the picture shows them."""
         self.touches: Array = np.zeros((0, 7))
-        """`batch.View.touches` for the next picture: positions (m) of points that may touch, and forces (N).
-        """
+        """`batch.View.touches` for the next picture: positions (m) of points that may touch; forces (N)."""
         self.force = 1.0
         """Force (N) whose arrow has half of the greatest length."""
         self.closed = False
