@@ -229,8 +229,7 @@ class Equations:
         return points[: int(centerline(self.model, q, points))].copy()
 
     def joint_angles(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return joint angles and rates (n_links,), of a link's root relative to the previous tip or a floating base.
-        """
+        """Return joint angles and rates (n_links,) of a link's root relative to the previous tip or a floating base."""
         angles, rates = joint_angles(self.poses(q, v))
         if self.base is not None:
             angles[0], rates[0] = angles[0] - q[self.base], rates[0] - v[self.base]
