@@ -40,7 +40,8 @@ MOST_AT_ONCE = 3
 
 PASSES, MOST_PASSES = 5, 20
 """Number of iterations for a step's tangents if the step's matrix differs from the derivative by about a thousandth
-(exact beams in the plane); largest number for exact beams in space, which iterate to convergence.
+(exact beams in the plane, elasticas in space, contact); largest number for exact beams in space, which iterate to
+convergence.
 """
 
 
