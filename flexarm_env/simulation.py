@@ -104,7 +104,7 @@ class Simulation:
 
     @property
     def status(self) -> int:
-        """Name of the status code (`flexarm_env.physics.model.STATUS`)."""
+        """Status code; `flexarm_env.physics.model.STATUS` names the codes."""
         return int(self.work.flag[0])
 
     @property
