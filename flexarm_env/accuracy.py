@@ -189,8 +189,8 @@ def gear_rate(scene: Scene) -> float:
 
 def slowest_rate(scene: Scene) -> float:
     """Return the rate (1/s) of the straight arm's slowest vibration with a held root, or of its faster decay if
-    overdamped. It is the frequency of a beam with the arm's length and smallest stiffness and the arm's load at its tip
-    (Rayleigh). For planar arms with varying sections it is the frequency of the actual arm."""
+    overdamped. The rate is the frequency of a beam with the arm's length and smallest stiffness and the arm's load at
+    its tip (Rayleigh). For planar arms with varying sections the rate is that of the actual arm."""
     arm, spatial = scene.arm, scene.spatial
     bending = [link for link in arm.links if not link.rigid]
     if not bending:
@@ -241,8 +241,8 @@ def count_steps(scene: Scene, settings: Settings, end: float, sample: float) -> 
 
 def in_steps(scene: Scene, settings: Settings, end: float, sample: float) -> Settings:
     """Return settings with the longest step of at most dt with which steps end at every sample and kink. An elastica's
-    inertia belongs to one step length (theory, 5.3). Its dt is therefore the step length for which equal and shorter
-    steps cover a tenth of the time."""
+    inertia belongs to one step length (theory, 5.3). The dt of an elastica is therefore the step length for which equal
+    and shorter steps cover a tenth of the time."""
     return settings.replace(dt=_step_of(_stretches(scene, end, sample), settings, sample))
 
 

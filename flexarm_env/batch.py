@@ -198,7 +198,7 @@ class Batch:
 
     def _inertia(self) -> float:
         """Return `runtime.energy_balance.inertia_per_rate`, kg m^2, of an elastica; 0 for formulations that do not need
-        it. It is inf without absolute angles, as in space; every period then evaluates the energy."""
+        it. The result is inf without absolute angles, as in space; every period then evaluates the energy."""
         model, q, v = self.system.model, self.system.q0, np.zeros(len(self.system.q0))
         if model.newton.resolved is None:
             return 0.0

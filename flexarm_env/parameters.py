@@ -153,16 +153,16 @@ class Joint:
 
     The torque of the joint (`JointTorque`, an action) acts on the motor's side. An elastic gear adds a coordinate to
     the arm: the motor's angle divided by the gear ratio, measured relative to the previous link like the joint's angle.
-    This coordinate is "motor0", in addition to "joint0", the angle of the link's root. Spring and damper act between
-    both.
+    The motor's coordinate is "motor0", in addition to "joint0", the angle of the link's root. Spring and damper act
+    between both.
 
     Args:
         stiffness: stiffness of the gear, N m/rad, positive; inf: rigid, without the motor's coordinate.
         damping: damping of the gear, N m s/rad, in parallel with the spring; 0 for infinite stiffness.
-        motor_inertia: inertia of the rotor about its own axis, kg m^2. Its energy is 1/2 motor_inertia (gear_ratio
-            rate)^2, with the rate of the motor's angle relative to the previous link. An elastic gear needs a positive
-            inertia unless a motion prescribes the motor's angle. In space the rotor's angular momentum causes a
-            gyroscopic moment when the rotor's axis turns.
+        motor_inertia: inertia of the rotor about its own axis, kg m^2. The rotor's energy is 1/2 motor_inertia
+            (gear_ratio rate)^2, with the rate of the motor's angle relative to the previous link. An elastic gear needs
+            a positive inertia unless a motion prescribes the motor's angle. In space the rotor's angular momentum
+            causes a gyroscopic moment when the rotor's axis turns.
         gear_ratio: turns of the rotor per turn of the joint, positive, at most 1e9.
         friction_viscous: N m s/rad. friction_coulomb: N m: the torque that holds the joint at rest and brakes it in
             motion.
@@ -266,7 +266,7 @@ class Arm:
         tau_d: Kelvin-Voigt time constant, s, of the links that do not define their own: stress = D (strain + tau_d
             strain rate), so that zeta_k = tau_d omega_k / 2.
         mass_damping: 1/s, drag on the motion of a link, its elbow's mass and the payload relative to the link's
-            floating frame, eq. [65]; it adds mass_damping / (2 omega_k) to zeta_k. It requires one frame per link
+            floating frame, eq. [65]; it adds mass_damping / (2 omega_k) to zeta_k. The drag requires one frame per link
             (formulation "floating_frame" with segments=1 or only modes); other formulations raise an error.
         torque_limits: N positive numbers, N m, or None (no limit).
         joint_limits: N entries, each None or (low, high) in rad (joint 0: the root angle; joint k: the angle of

@@ -68,7 +68,7 @@ def _at_start(load: Load) -> Load:
 def resting_settings(settings: Settings, space: bool) -> Settings:
     """Return the settings for `relax`: steps of one size, and no correction of the period.
 
-    An elastica in space gets the inertia for steps of 1 s. This inertia is proportional to the stiffness, so that all
+    An elastica in space gets the inertia for steps of 1 s. The inertia is proportional to the stiffness, so that all
     strains come to rest at the same rate.
     """
     plain: dict[str, Any] = {"step_tolerance": None}

@@ -28,8 +28,9 @@ def link_inertia(arm: Arm) -> ComplexOrReal:
     """Return the constants C (N, N), kg m^2, of the inertia matrix in the links' absolute angles alpha.
 
     The matrix is M_jk = Re C_jk exp(-i (alpha_j - alpha_k)). A body (link, elbow, motor or payload) has the position
-    sum_j a_j exp(i alpha_j), summed over the links up to the body. It adds m conj(a_j) a_k to C, and its own inertia to
-    the entry of the link with which it turns. C is real if all bodies lie on straight lines from joint to joint.
+    sum_j a_j exp(i alpha_j), summed over the links up to the body. The body adds m conj(a_j) a_k to C, and its own
+    inertia to the entry of the link with which it turns. C is real if all bodies lie on straight lines from joint to
+    joint.
     """
     ends = _link_ends(arm)
     total = np.zeros((arm.n_links, arm.n_links), ends.dtype)
@@ -72,8 +73,8 @@ def _levers(ends: ComplexOrReal, last: int, along: complex) -> ComplexOrReal:
 def _bodies(arm: Arm, lengths: ComplexOrReal) -> Iterator[tuple[float, int, complex, float]]:
     """Yield the data of each body of the arm.
 
-    They are its mass (kg), the index of the link with which it turns, its position in this link's axes (m), and its own
-    inertia (kg m^2).
+    The data of a body are its mass (kg), the index of the link with which it turns, its position in this link's axes
+    (m), and its own inertia (kg m^2).
 
     lengths: far joint of each link in the axes of its root, m. Rotors of motors are not included.
     """
@@ -130,7 +131,8 @@ def rigid_inertia(arm: Arm, elbows: Array) -> Array:
 def coriolis(arm: Arm, elbows: Array, rates: Array) -> Array:
     """Return the Coriolis and centrifugal torques (n, N), N m, at joint rates (n, N), rad/s.
 
-    They equal the joint torques less inertia times acceleration. elbows: elbow angles (n, N - 1), rad.
+    Coriolis and centrifugal torques are the joint torques less inertia times acceleration. elbows: elbow angles (n, N -
+    1), rad.
     """
     # rates of the absolute angles, squared
     squares = np.cumsum(rates, axis=1) ** 2

@@ -204,9 +204,9 @@ class Link:
             from 0 to the length. Properties are linear between points; two points with the same s are a jump. Points
             with equal sections are replaced by one Section.
         tau_d: Kelvin-Voigt time constant of this link, s; None selects the arm's.
-        root_offset, tip_offset: m, zero or positive, lengths of rigid ends (a clamp, a hub's radius). They extend from
-            the joint at the link's root to the beam, and from the beam to the next joint or the arm's tip, along the
-            beam's end tangents.
+        root_offset, tip_offset: m, zero or positive, lengths of rigid ends (a clamp, a hub's radius). The ends extend
+            from the joint at the link's root to the beam, and from the beam to the next joint or the arm's tip, along
+            the beam's end tangents.
         root_mass, tip_mass: kg, masses of these ends, at their midpoints. root_inertia, tip_inertia: kg m^2, about the
             midpoints.
         curvature: 1/m, of the stress-free beam, positive to the left; or a sequence of (s, curvature), with s as in

@@ -199,7 +199,7 @@ class StrainGauge(Law):
     def per_curvature(self, m: float, J: float) -> float:
         """Return reading over curvature for a section of mass m (kg/m) and rotary inertia J (kg m) per length.
 
-        It is 1 for a curvature and the distance from the neutral axis (m) for a strain.
+        The ratio is 1 for a curvature and the distance from the neutral axis (m) for a strain.
         """
         if self.unit == "curvature":
             return 1.0

@@ -131,12 +131,12 @@ class Settings:
         newton: "full" (default) or "modified".
         max_iterations: Newton iterations per step, at most 10,000, default 20.
         max_halvings: halvings of a step whose Newton iteration fails, default 8.
-        step_tolerance: permitted error of the tip, a fraction of the arm's length. It applies to a control period of an
-            environment, or to an interval between two samples or kinks of a scene. dt is then the longest step and is
-            halved up to five times as the motion requires. If this does not suffice, `Trajectory.step_error` and info
-            report the error, which is found by comparing the tips of links in steps of h and h/2. This comparison does
-            not detect errors of motors behind elastic gears, of Coulomb friction that both runs reverse late, or of the
-            mesh. At least `tolerance`. None (default): constant dt.
+        step_tolerance: permitted error of the tip, a fraction of the arm's length. The tolerance applies to a control
+            period of an environment, or to an interval between two samples or kinks of a scene. dt is then the longest
+            step and is halved up to five times as the motion requires. If this does not suffice,
+            `Trajectory.step_error` and info report the error, which is found by comparing the tips of links in steps of
+            h and h/2. The comparison of tips does not detect errors of motors behind elastic gears, of Coulomb friction
+            that both runs reverse late, or of the mesh. At least `tolerance`. None (default): constant dt.
     """
 
     formulation: str

@@ -380,8 +380,8 @@ def simulate(
             shorter if a motion or load is faster than dt: at most a sixteenth of a sine's period.
     Returns:
         The Trajectory; for a scene in space a `SpatialTrajectory`, computed in the plane if the arm stays in one plane.
-            Its status is "ok"; "inaccurate" if the estimated error exceeds error_limit or the step_tolerance is missed;
-            or the failure that ended the run early. `message` is a sentence.
+            The run's status is "ok"; "inaccurate" if the estimated error exceeds error_limit or the step_tolerance is
+            missed; or the failure that ended the run early. `message` is a sentence.
     Raises:
         ValueError: an unknown option, an invalid value, or more than MOST_STEPS steps or MOST_SAMPLES samples.
     """

@@ -40,10 +40,10 @@ class Arms(Periods):
 
     Args:
         id: id of an environment of this package. n: number of arms. threads: largest number of threads; None: chosen as
-            by the vector environment. parameters: True: also differentiate by parameters. These are payload mass and
-            inertia, factors on EI (in space also on EI_y and GJ), tau_d, and the factor on the torque constant. Joints
-            that are not ideal add stiffness, damping, rotor, friction and backlash (`stiffness[0]`, ...). In a state
-            the parameters follow the numbers that change with time and precede stored observations.
+            by the vector environment. parameters: True: also differentiate by parameters. The parameters are payload
+            mass and inertia, factors on EI (in space also on EI_y and GJ), tau_d, and the factor on the torque
+            constant. Joints that are not ideal add stiffness, damping, rotor, friction and backlash (`stiffness[0]`,
+            ...). In a state the parameters follow the numbers that change with time and precede stored observations.
         keywords: keywords of the environment and its solver.
     Attributes:
         n, state_size, action_size, observation_size: sizes. observation_space, action_space: spaces of one arm.

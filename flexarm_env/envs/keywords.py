@@ -79,7 +79,7 @@ def signature_of(function: Callable[..., Any], plan: Callable[..., Any]) -> insp
     """Return the signature of a constructor that passes `**arguments` to `plan`, with the type and default of each one.
 
     function: a constructor with `self`. plan: a function of the environment's kind and of keywords; its last parameter
-    collects the solver's options. These options have the default None, which selects the formulation's default.
+    collects the solver's options. The solver's options have the default None, which selects the formulation's default.
     """
     own = [p for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD][1:]
     taken = [p for p in inspect.signature(plan).parameters.values() if p.kind is p.KEYWORD_ONLY]

@@ -25,14 +25,14 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
     on each link), a payload of 0.1 kg with 5e-4 kg m^2, and tau_d = 6.63e-3 s. L, the sum of the lengths, is 1 m.
 
     `gymnasium.make("MultiLinkFlexArm-v0")` makes one arm, `gymnasium.make_vec("MultiLinkFlexArm-v0", num_envs=n)` makes
-    n arms that one compiled call advances. Both give the same numbers, bit for bit. Without an import of the package
-    use the id `flexarm_env:MultiLinkFlexArm-v0`.
+    n arms that one compiled call advances. A single arm and an arm among n arms give the same numbers, bit for bit.
+    Without an import of the package use the id `flexarm_env:MultiLinkFlexArm-v0`.
 
     ## Action space
 
-    `Box(-1, 1, (N,), float32)`: torques of hub and elbows as shares of their limits (1, 0.3 and 0.075 N m). They are
-    constant over one control period. An elbow's torque acts on the link after the elbow, and with opposite sign on the
-    link before the elbow. Actions beyond +-1 are clipped. NaN or infinity ends the episode (`action_not_finite`).
+    `Box(-1, 1, (N,), float32)`: torques of hub and elbows as shares of their limits (1, 0.3 and 0.075 N m). The torques
+    are constant over one control period. An elbow's torque acts on the link after the elbow, and with opposite sign on
+    the link before the elbow. Actions beyond +-1 are clipped. NaN or infinity ends the episode (`action_not_finite`).
 
     ## Observation space
 

@@ -403,8 +403,8 @@ LATER = FACTOR_NAMES[FACTOR_NAMES.index("hub_inertia") :]
 def _factors(value: Any, arm: Arm) -> dict[str, events.Pair]:
     """Return the ranges of the factors of `randomization`, in order.
 
-    Every arm draws the first `ALWAYS` factors. It draws all factors before `LATER` if the user gives one of the further
-    ones, and all factors that the arm supports if the user gives one of `LATER`.
+    Every arm draws the first `ALWAYS` factors. If the user gives one of the other factors before `LATER`, the arm draws
+    all factors before `LATER`. If the user gives one of `LATER`, the arm draws all factors that it supports.
     """
     names = [name for name in FACTOR_NAMES if arm.spatial or name not in OF_SPACE]
     if isinstance(value, Mapping) and "length" in value:

@@ -6,16 +6,16 @@ never changed. Symbols: control period T, step h, arm's length L, inertia I abou
 
 e_1, small motions. Largest distance, over L, between the tip of small motions (`small_motions`) on the mesh in steps of
     h and the tip on a fine mesh without steps. The motions last 100 periods with bang-bang torques, which are held for
-    1 and for 8 periods. They include the first frequencies of the links, payload, hub, rotors on elastic gears, jumps
-    and tapers of sections, and viscous friction. The inner PD loop, and the amplifier with its back-emf, act on these
-    motions at control instants. Linear elements have their stiffness, and Newmark's scheme its damping. Source: linear
-    theory.
+    1 and for 8 periods. The small motions include the first frequencies of the links, payload, hub, rotors on elastic
+    gears, jumps and tapers of sections, and viscous friction. The inner PD loop, and the amplifier with its back-emf,
+    act on these motions at control instants. Linear elements have their stiffness, and Newmark's scheme its damping.
+    Source: linear theory.
 G = 1 + (theta / 0.55 rad)^3, large bends. theta is the largest angle between the ends of a link in these motions; it
     depends on torque over EI/L and on resonance. Measured over random arms: the error is up to 4 e_1 for theta below
     0.4 rad; for theta of 0.8, 1.2 and 2 rad, the median error is 2, 6 and 20 e_1. Above theta = 1.6 and 3 rad the
     search begins with the second and the third of `MESHES` (measured).
 e_2 = sum of T_C h t / I, Coulomb friction T_C. If a joint reverses within a step, its rate afterwards has an error of
-    up to T_C h / I (docs: theory, section 6). This error acts on the position for t = 1 s.
+    up to T_C h / I (docs: theory, section 6). The error of the rate acts on the position for t = 1 s.
 e_3 = kappa h^2 int Omega^3 dt, spin Omega of the links. The coordinates of the exact beam in the plane are positions:
     in steps of h, a turn lags by the fraction kappa (Omega h)^2 (`Settings.period_error`). The coordinates of the other
     formulations are angles: e_3 is a tenth of this value, with Omega the rate of elbows without limits.

@@ -163,7 +163,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
         """Return a copy of everything that determines the environment's future.
 
         The copy contains the arm with its integrator's history, sensors, motors and target, the generator, and the
-        prescribed motion. It can be pickled.
+        prescribed motion. The copy can be pickled.
         """
         self._free()
         return state_of(self.batch, 0, self.np_random, self.np_random_seed, self.guide)

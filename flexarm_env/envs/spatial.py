@@ -22,17 +22,17 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     The default arm, `three_dof` (after shamilmamedov/flexible_arm), has a rigid pillar of 0.15 m that yaws about the
     vertical z axis, and two steel strips of 0.5 m, 50 mm wide and 2 mm thick, that pitch at shoulder and elbow. At
-    joint angles 0 the arm is upright. It has no payload; `three_dof_loaded` carries 0.1 kg. L, the sum of the lengths,
-    is 1.15 m.
+    joint angles 0 the arm is upright. `three_dof` has no payload; `three_dof_loaded` carries 0.1 kg. L, the sum of the
+    lengths, is 1.15 m.
 
     `gymnasium.make("SpatialFlexArm-v0")` makes one arm, `gymnasium.make_vec("SpatialFlexArm-v0", num_envs=n)` makes n
-    arms that one compiled call advances. Both give the same numbers, bit for bit. Without an import of the package use
-    the id `flexarm_env:SpatialFlexArm-v0`.
+    arms that one compiled call advances. A single arm and an arm among n arms give the same numbers, bit for bit.
+    Without an import of the package use the id `flexarm_env:SpatialFlexArm-v0`.
 
     ## Action space
 
-    `Box(-1, 1, (N,), float32)`: joint torques as shares of their limits (20, 10 and 10 N m). They are constant over one
-    control period. Actions beyond +-1 are clipped. NaN or infinity ends the episode (`action_not_finite`).
+    `Box(-1, 1, (N,), float32)`: joint torques as shares of their limits (20, 10 and 10 N m). The torques are constant
+    over one control period. Actions beyond +-1 are clipped. NaN or infinity ends the episode (`action_not_finite`).
 
     ## Observation space
 
@@ -55,8 +55,8 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     w_1 = 7.738
       and w_2 = 21.887 rad/s.
     - The last six entries are components along the axes of the root of link 0, which turn with the first joint.
-    - The deflections of a link are the components of (tip - root) along y and z of its root's axes. Its twist is the x
-      component of the rotation vector from its root's axes to its tip's axes.
+    - The deflections of a link are the components of (tip - root) along y and z of its root's axes. The twist of a link
+      is the x component of the rotation vector from its root's axes to its tip's axes.
 
     Names of all entries, sensors, and the entries of `task="track"`:
     [Entries in space](options.md#entries-in-space).

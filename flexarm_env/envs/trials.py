@@ -1,8 +1,8 @@
 """Trial episodes with a user's arm, which measure how much its motions amplify the errors of small motions.
 
 Links can buckle under the forces of other links, and chains can whip; linear theory includes neither effect. Trials
-therefore run episodes in steps of h and of h/2. Their bang-bang torques are held for 1 and for 8 of 100 control
-periods. With
+therefore run episodes in steps of h and of h/2. The episodes have bang-bang torques, which are held for 1 and for 8 of
+100 control periods. With
 
     d    the largest distance, over L, between the tips of the two runs; infinite if a run fails,
     d_1  the same distance in small motions, plus the tolerance,
@@ -89,8 +89,8 @@ def trials_of(
 ) -> Trial:  # fmt: skip
     """Return a function of settings that runs the trial episodes of an environment's arm and drive.
 
-    The function returns the tip positions (a `Trial`). It is cached for the latest arms, keyed by everything that
-    affects their motion.
+    The function returns the tip positions (a `Trial`). The function is cached for the latest arms, keyed by everything
+    that affects their motion.
 
     Args:
         kind: without the user's reward terms, since the episodes ignore rewards. period: control period, s. mode,
@@ -256,8 +256,8 @@ def settled(
 ) -> tuple[Settings, float]:  # fmt: skip
     """Return the settings with the longest step whose episodes agree with those of a finer mesh in half the step.
 
-    Also returns the distance between these episodes, over L. The step is halved from that of `settings` until the
-    distance is at most `TRIED` or the step reaches `least` (s). finer: settings with the finer mesh. at: as in
+    The second result is the distance between these episodes, over L. The step is halved from that of `settings` until
+    the distance is at most `TRIED` or the step reaches `least` (s). finer: settings with the finer mesh. at: as in
     `refined`. length: L of the arm, m.
     """
     best, chosen = settings, math.inf

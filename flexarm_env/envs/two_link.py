@@ -26,14 +26,14 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     of link 1. L, the sum of the lengths, is 1 m.
 
     `gymnasium.make("TwoLinkFlexArm-v0")` makes one arm, `gymnasium.make_vec("TwoLinkFlexArm-v0", num_envs=n)` makes n
-    arms that one compiled call advances. Both give the same numbers, bit for bit. Without an import of the package use
-    the id `flexarm_env:TwoLinkFlexArm-v0`.
+    arms that one compiled call advances. A single arm and an arm among n arms give the same numbers, bit for bit.
+    Without an import of the package use the id `flexarm_env:TwoLinkFlexArm-v0`.
 
     ## Action space
 
-    `Box(-1, 1, (2,), float32)`: torques of hub and elbow as shares of their limits (1 and 0.3 N m). They are constant
-    over one control period. The elbow's torque acts on link 2, and with opposite sign on link 1. Actions beyond +-1 are
-    clipped. NaN or infinity ends the episode (`action_not_finite`).
+    `Box(-1, 1, (2,), float32)`: torques of hub and elbow as shares of their limits (1 and 0.3 N m). The torques are
+    constant over one control period. The elbow's torque acts on link 2, and with opposite sign on link 1. Actions
+    beyond +-1 are clipped. NaN or infinity ends the episode (`action_not_finite`).
 
     ## Observation space
 
@@ -60,11 +60,11 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     `target_velocity_y` (scale w_0 L), and the displacements of the target in the next 0.1 s, `target_ahead_1_x`,
     `target_ahead_1_y`, and 0.3 s, `target_ahead_2_x`, `target_ahead_2_y` (scale 0.5 L).
 
-    These entries are selected by name only: `hub_error` and `elbow_error`, the difference between the joint angles at
-    which the rigid arm reaches the target and the present joint angles (scale 1 rad); `target_x` and `target_y`, the
-    target in fixed axes (scale
-    L); `previous_action`, `previous_action_1`; entries of sensors (`strain_gauge_1`, `tip_acceleration_x`,
-    `tip_acceleration_y`, `camera_x`, `camera_y`). See [Entries of the observation](options.md#observation).
+    The following entries are selected by name only: `hub_error` and `elbow_error`, the difference between the joint
+    angles at which the rigid arm reaches the target and the present joint angles (scale 1 rad); `target_x` and
+    `target_y`, the target in fixed axes (scale L); `previous_action`, `previous_action_1`; entries of sensors
+    (`strain_gauge_1`, `tip_acceleration_x`, `tip_acceleration_y`, `camera_x`, `camera_y`). See
+    [Entries of the observation](options.md#observation).
 
     ## Rewards
 
@@ -113,7 +113,7 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | `duration` | 8.0 | length of an episode, s |
     | `task` | "reach" | or "track": the target moves; "replay": the joints follow a motion; "press": see options |
 
-    The [options page](options.md#all-arguments) has all arguments, with what differs for two links and more.
+    The [options page](options.md#all-arguments) has all arguments, and the differences for two links and more.
 
     ## Version history
 

@@ -1,8 +1,8 @@
 """Initial vibration of an episode: initial rates in the vibration modes of the arm.
 
-In the plane it is the arm's first mode with free joints. In space it is the first mode of bending along y, of bending
-along z and of torsion. With backlash, the modes are those of the arm with engaged gears, because within the gap a link
-turns freely.
+In the plane the arm vibrates in its first mode with free joints. In space it vibrates in the first mode of bending
+along y, of bending along z and of torsion. With backlash, the modes are those of the arm with engaged gears, because
+within the gap a link turns freely.
 """
 
 import math
@@ -28,8 +28,8 @@ def shake(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) -> Ar
     """Return the matrix S (n, 1 + 3 N) of initial rates v = S (1, alpha_k, cos alpha_k, sin alpha_k) in the first mode.
 
     The links are straight at absolute angles alpha_k. The first link's tip then deflects by the link's length, without
-    damping and to first order. Angles have the rates of the straight arm's mode. So have tips and points within a link,
-    relative to the link's root, along axes that turn with the link.
+    damping and to first order. Angles, and tips and points within a link relative to the link's root, have the rates of
+    the straight arm's mode, along axes that turn with the link.
     """
     assert settings.dt is not None
     arm, count = arm.taut, arm.n_links
@@ -135,7 +135,7 @@ def _slip(root: Frame, section: Frame) -> Array:
 def _within(moving: list[LinkMotion], v: Array) -> tuple[Array, Array]:
     """Return rates v (n,) with the vertices relative to their link's root (`_slip`).
 
-    Also returns the rotation of each element's far end relative to its near end, (elements, 3).
+    The second result is the rotation of each element's far end relative to its near end, (elements, 3).
     """
     own, strained, i = v.copy(), [], AXES
     for motion in moving:

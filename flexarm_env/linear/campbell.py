@@ -23,11 +23,11 @@ class Campbell:
     Attributes:
         spins (m,): rad/s.
         frequencies (m, n): rad/s, in the frame that rotates with the arm (`Modes.frequencies`).
-        at_rest (m, n): rad/s, in the fixed frame. It is frequency + spin for circles in the direction of the spin
-            (`Modes.whirl` 1), spin - frequency for circles against it, and the frequency itself if no point moves
-            across the axis. For a positive spin, positive values are forward whirl and negative values backward whirl.
-            NaN if points move on ellipses or linearly across the axis, because such a motion has several frequencies in
-            the fixed frame.
+        at_rest (m, n): rad/s, in the fixed frame. With the frequency f in the rotating frame the values are f + spin
+            for circles in the direction of the spin (`Modes.whirl` 1), spin - f for circles against it, and f if no
+            point moves across the axis. For a positive spin, positive values are forward whirl and negative values are
+            backward whirl. The value is NaN if points move on ellipses or linearly across the axis, because such a
+            motion has several frequencies in the fixed frame.
         growing (m,): number of unstable modes, among all modes (`Modes.growing`).
     """
 

@@ -44,9 +44,9 @@ class Equations:
         free: rows of q that can move (no multiplier, not fixed, not prescribed). algebraic: rows of multipliers.
         independent, dependent: positions in `free`; the floating frame after a joint depends on the one before the
             joint. joints: joints that can turn, each with its position among the independent coordinates.
-        turned: joints that a torque can turn, each with the position of the angle on which the torque acts. It is the
-            motor's angle with an elastic gear, otherwise the joint's angle. rows_turned: row of this angle, for every
-            joint.
+        turned: joints that a torque can turn, each with the position of the angle on which the torque acts. With an
+            elastic gear the torque acts on the motor's angle, otherwise on the joint's angle. rows_turned: row of the
+            angle on which the torque acts, for every joint.
         motors: rows of the motors' angles at elastic gears. turning (k, 3): rows of rotation vectors.
         names: names of the independent coordinates: "joint0", ... for joints that can turn, "motor0", ... for motors.
         driven: the prescribed coordinates, in the order of the scene's motions.

@@ -6,7 +6,7 @@ prediction, the load step is halved, so that the path stays on its branch. A per
 such as a straight column above its critical load, is followed along the unstable branch. If the path ends, or if joints
 can turn, implicit steps reduce the potential energy: each step minimizes the potential plus s/2 |q - q_before|^2, in
 the norm of the mass matrix, by Newton's method. s decreases after successful steps, so that the last steps are pure
-Newton steps. They end in a stable equilibrium; only an unstable equilibrium at the start is kept.
+Newton steps. The steps end in a stable equilibrium, unless the arm starts in an unstable one.
 """
 
 import warnings

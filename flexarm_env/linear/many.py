@@ -66,7 +66,7 @@ def compiled(system: System) -> bool:
 class Linearizer:
     """Computes linear models of n arms of one kind.
 
-    Its arguments are a system, its settings (with dt) and the period (None: continuous)."""
+    The arguments are a system, its settings (with dt) and the period (None: continuous)."""
 
     def __init__(self, system: System, settings: Settings, n: int, links: int, discrete: float | None) -> None:
         assert settings.dt is not None
@@ -124,7 +124,7 @@ class Linearizer:
 def _places(model: Any, work: int, stride: int, names: str, count: int, skip: int = 0) -> NDArray[np.int64]:
     """Return the places of rows of a work array in a block with `stride` lanes.
 
-    Also returns the places of `count` numbers that lie `skip` behind the array.
+    The places of `count` numbers that follow the array at a distance `skip` are also returned.
     """
     w = uncompiled(unpack)((0,) * stride, model, np.arange(work * stride, dtype=np.float64), 0)
     rows = [getattr(w, name)[::stride].astype(np.int64) for name in names]

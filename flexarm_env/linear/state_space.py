@@ -95,7 +95,7 @@ def linearize(
         gauges: (link, place from 0 at its root to 1 at its tip) of each curvature among the outputs; a curvature times
             half the thickness is a strain. In space a third entry is one of `sensors.MEASURES`.
     Returns:
-        The LinearModel. It does not include Coulomb friction.
+        The LinearModel. The model does not include Coulomb friction.
     Raises:
         ValueError: an argument is not allowed, or the scene has a kink within the period.
         RuntimeError: the solver fails within the period.

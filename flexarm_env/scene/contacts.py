@@ -21,7 +21,7 @@ class Contact:
 
     Normal force F_n = max(0, k d^n (1 + 3/2 alpha dd/dt)) at penetration d (Hunt & Crossley 1975). The friction mu F_n
     against the sliding velocity w is regularized: F_t = -mu F_n w / sqrt(|w|^2 + v_s^2). A point that sticks therefore
-    creeps: its velocity is at most v_s / sqrt((mu F_n / F)^2 - 1) under a tangential force F < mu F_n.
+    creeps. The velocity of creep is at most v_s / sqrt((mu F_n / F)^2 - 1) under a tangential force F < mu F_n.
 
     Args:
         obstacle: `HalfSpace`, `Sphere`, `Box` or, in space, `Cylinder` (`flexarm_env.shapes`). In the plane shapes have

@@ -38,8 +38,8 @@ class Scene:
         root: "pinned" (position fixed or prescribed, hub angle free unless prescribed) or "free" (a free body; an arm
             with a base floats together with the base).
         position: position of the root at t = 0, m: (x, y), in space (x, y, z).
-        angles: absolute angles of the links at t = 0, N numbers (rad), or () if all links point along +x. For a curved
-            link it is the angle of its tangent at the root. If the links turn out of the plane (`Arm.spatial`),
+        angles: absolute angles of the links at t = 0, N numbers (rad), or () if all links point along +x. The angle of
+            a curved link is that of its tangent at the root. If the links turn out of the plane (`Arm.spatial`),
             `angles` are joint angles.
         velocity: velocity of the root before t = 0, m/s: (x, y), in space (x, y, z). rates: absolute rates of the links
             before t = 0, N numbers (rad/s), or () for none; in space joint rates. Links turn as rigid bodies. If a
@@ -257,7 +257,7 @@ class Scene:
     def initial_value(self, coordinate: str) -> float:
         """Return a coordinate's value at t = 0: "joint0", "motor0", ... in rad, "root_x", ... in m.
 
-        A motor's angle equals its joint's.
+        The initial angle of a motor equals the joint's angle.
         """
         if coordinate in ROOT:
             return (*self.position, 0.0)[ROOT.index(coordinate)]
@@ -298,7 +298,8 @@ class Scene:
     def kinks(self) -> tuple[float, ...]:
         """Instants (s) inside the run at which a step must end, in order.
 
-        They are the jumps of a motion's value, rate or acceleration, and the jumps of a load's value or slope.
+        A step must end at the jumps of a motion's value, rate or acceleration, and at the jumps of a load's value or
+        slope.
         """
         # motions count with two derivatives (acceleration), loads with one
         times = {t for motion in self.motions for t in motion.function.kinks}
