@@ -244,7 +244,7 @@ class Batch:
         return self._par(i).copy()
 
     def motion(self, i: int) -> tuple[Array, Array, Array]:
-        """Return q, v (rows,) and joint torques (N,), N m, of arm i, copies."""
+        """Return copies of arm i's coordinates q and rates v (rows,) and its joint torques (N,), N m."""
         return tuple(rows[i].copy() for rows in self.motions()[:3])
 
     def motions(self) -> tuple[Array, Array, Array, Array]:

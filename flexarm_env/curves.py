@@ -69,7 +69,7 @@ def between(places: Array, s: Array, before: bool) -> tuple[NDArray[np.int64], A
 
 
 def points(curve: Curvature) -> tuple[float, ...]:
-    """Return the places where the curvature kinks or jumps within a link, m from the root."""
+    """Return the places at which the curvature kinks or jumps within a link, m from the root."""
     return () if isinstance(curve, float) else tuple(s for s, _ in curve[1:-1])
 
 

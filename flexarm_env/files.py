@@ -76,7 +76,7 @@ def read_json(path: str | os.PathLike[str]) -> Any:
 
 
 def _shallow(value: Any) -> Any:
-    """Return the value; raise ValueError if it is nested deeper than `DEEPEST`."""
+    """Return the value; raise ValueError if the value is nested deeper than `DEEPEST`."""
     level = [value]
     for _ in range(DEEPEST):
         level = [inner for one in level for inner in _inside(one)]

@@ -46,7 +46,7 @@ class Field(NamedTuple):
 
 
 class Layout:
-    """Fields in a flat array, one after the other.
+    """A sequence of fields in a flat array.
 
     Args:
         name: name of the returned named tuples. sizes: names of the sizes, for example "n, elements"; "" for none.

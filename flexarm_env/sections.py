@@ -305,7 +305,7 @@ class Link:
         return tuple(sorted({0.0, *inner, *curves.jumps(self.curvature), self.length}))
 
     def along(self, s: Array | float, before: bool = False) -> Properties:
-        """Return the properties at places s (m from the root); at a jump those after it, or `before` it."""
+        """Return the properties at places s (m from the root); at a jump after the jump, or before it if `before`."""
         s = np.asarray(s, np.float64)
         if isinstance(self.section, Taper):
             return self.section.along(s / self.length)

@@ -180,8 +180,8 @@ class Simulation:
         self, end: float, interval: float, progress: Callable[[float], None] | None = None
     ) -> tuple[dict[str, Array], Array]:
         """Advance to `end` (s) via every kink, and record the start and every `interval` (s); stop if the arm fails. At
-        a kink the state just before it is recorded. progress: called with the fraction done. Returns the fields of m
-        samples (`runtime.sampling.SAMPLE`), one instant per row, and points along the chain (m, P, 2)."""
+        a kink the state just before the kink is recorded. progress: called with the fraction done. Returns the fields
+        of m samples (`runtime.sampling.SAMPLE`), one instant per row, and points along the chain (m, P, 2)."""
         count = steps_in(end, interval)
         instants = np.arange(count + 1.0) * interval
         instants[0], instants[-1] = self.t, min(count * interval, end)

@@ -3,8 +3,8 @@
     env = AroundController(gymnasium.make("FlexibleArm-v0"), "pd", share=0.7)
     envs = AroundControllerVector(gymnasium.make_vec("FlexibleArm-v0", num_envs=64), "pd", share=0.7)
 
-A learner trains in a wrapped environment as in any other. `flexarm train --around` uses `AroundControllerVector` and
-stores controller and network as one policy.
+Any learner can train in a wrapped environment. `flexarm train --around` uses `AroundControllerVector` and stores
+controller and network as one policy.
 """
 
 from __future__ import annotations

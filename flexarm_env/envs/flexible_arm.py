@@ -114,7 +114,7 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
 
     ## Arguments
 
-    Keyword arguments of `gymnasium.make` and `make_vec`. Most users need these eight:
+    All arguments are keyword arguments of `gymnasium.make` and `make_vec`. Most users need these eight:
 
     | name | default | meaning |
     |---|---|---|

@@ -54,21 +54,23 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
 
     ## Rewards
 
-    The terms, weights and bounds are those of TwoLinkFlexArm-v0, with sums over all N joints and links. Effort is -sum
-    of a_k^2 (weighted: -0.01 N to 0). Vibration is -min(sum of d_k'^2, 1), with weight 0.
+    Terms, weights and bounds are those of TwoLinkFlexArm-v0, with sums over all N joints and links. Effort is -sum of
+    a_k^2 (weighted: -0.01 N to 0). Vibration is -min(sum of d_k'^2, 1), with weight 0.
 
     ## Starting state
 
-    The same as in TwoLinkFlexArm-v0. In the half of the episodes that begin bent, the elbows are at -3.6/N to 3.6/N
-    rad.
+    The arm starts as in TwoLinkFlexArm-v0. In the half of the episodes that begin bent, the elbows are at -3.6/N to
+    3.6/N rad.
 
     ## Episode end and info
 
-    The same as in TwoLinkFlexArm-v0, with `duration` = 10 s. `tip_deflection` and `joint_torque` have N entries.
+    Episodes end as in TwoLinkFlexArm-v0, with `duration` = 10 s, and info has the same keys. `tip_deflection` and
+    `joint_torque` have N entries.
 
     ## Arguments
 
-    The arguments of TwoLinkFlexArm-v0 (:class:`flexarm_env.envs.two_link.TwoLinkFlexArmEnv`), with these defaults:
+    The arguments are those of TwoLinkFlexArm-v0 (:class:`flexarm_env.envs.two_link.TwoLinkFlexArmEnv`), with these
+    defaults:
 
     | name | default | meaning |
     |---|---|---|

@@ -51,9 +51,8 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | | vector from tip to target, x, y, z | 0.5 L | m |
 
     - w_k = sqrt(tau_k pi/2 / I_k). tau_k is the torque limit of joint k. I_k is the inertia about joint k of the arm
-    from this joint to the tip, laid out straight at a right angle to the joint's axis. For the default arm w_0 = 8.518,
-    w_1 = 7.738
-      and w_2 = 21.887 rad/s.
+      from this joint to the tip, laid out straight at a right angle to the joint's axis. For the default arm w_0 =
+      8.518, w_1 = 7.738 and w_2 = 21.887 rad/s.
     - The last six entries are components along the axes of the root of link 0, which turn with the first joint.
     - The deflections of a link are the components of (tip - root) along y and z of its root's axes. The twist of a link
       is the x component of the rotation vector from its root's axes to its tip's axes.
@@ -63,10 +62,10 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     ## Rewards
 
-    The terms, weights and bounds of TwoLinkFlexArm-v0: e is the distance of the tip from the target over L, v its speed
-    over L (1/s; with "track" relative to the target), d' are the rates of the deflections in both planes. Effort is
-    -sum of a_k^2 over all N joints (weighted: -0.01 N to 0), vibration -min(sum of d'^2, 1) over all links, with weight
-    0.
+    Terms, weights and bounds are those of TwoLinkFlexArm-v0. e is the distance of the tip from the target over L, v its
+    speed over L (1/s; with "track" relative to the target), and d' are the rates of the deflections in both planes.
+    Effort is -sum of a_k^2 over all N joints (weighted: -0.01 N to 0), and vibration is -min(sum of d'^2, 1) over all
+    links, with weight 0.
 
     ## Starting state
 
@@ -85,13 +84,14 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     ## Info
 
-    The keys of TwoLinkFlexArm-v0, with `tip_position` (3,) and `target` (3,) m, `joint_torque` (N,) N m,
+    The keys are those of TwoLinkFlexArm-v0, with `tip_position` (3,) and `target` (3,) m, `joint_torque` (N,) N m,
     `tip_deflection` (2 N,) over link length (all links along y, then along z), and `twist` (N,) rad. Deflections and
     twists of rigid links are 0.
 
     ## Arguments
 
-    The arguments of FlexibleArm-v0 (:class:`flexarm_env.envs.flexible_arm.FlexibleArmEnv`), with these defaults:
+    The arguments are those of FlexibleArm-v0 (:class:`flexarm_env.envs.flexible_arm.FlexibleArmEnv`), with these
+    defaults:
 
     | name | default | meaning |
     |---|---|---|

@@ -21,9 +21,9 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     geometry.
 
     The default arm, `de_luca_siciliano` (De Luca & Siciliano 1991), has two links of 0.5 m with 0.2 kg/m and EI = 1 N
-    m^2. The hub has 0.1 kg m^2. The elbow motor has 1 kg and 0.1 kg m^2, half of the inertia on each link. The payload
-    has 0.1 kg and 5e-4 kg m^2. tau_d = 6.63e-3 s gives one per cent of damping at 0.48 Hz, the first frequency
-    of link 1. L, the sum of the lengths, is 1 m.
+    m^2. The hub has an inertia of 0.1 kg m^2. The elbow motor has 1 kg and 0.1 kg m^2; half of its inertia belongs to
+    each link. The payload has 0.1 kg and 5e-4 kg m^2. The damping time constant tau_d = 6.63e-3 s gives a damping ratio
+    of one per cent at 0.48 Hz, the first frequency of link 1. L, the sum of the lengths, is 1 m.
 
     `gymnasium.make("TwoLinkFlexArm-v0")` makes one arm, `gymnasium.make_vec("TwoLinkFlexArm-v0", num_envs=n)` makes n
     arms that one compiled call advances. A single arm and an arm among n arms give the same numbers, bit for bit.
@@ -101,11 +101,12 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     ## Info
 
-    The keys of FlexibleArm-v0, with `tip_deflection` (2,), `target` (2,) m and `joint_torque` (2,) N m.
+    The keys are those of FlexibleArm-v0, with `tip_deflection` (2,), `target` (2,) m and `joint_torque` (2,) N m.
 
     ## Arguments
 
-    The arguments of FlexibleArm-v0 (:class:`flexarm_env.envs.flexible_arm.FlexibleArmEnv`), with these defaults:
+    The arguments are those of FlexibleArm-v0 (:class:`flexarm_env.envs.flexible_arm.FlexibleArmEnv`), with these
+    defaults:
 
     | name | default | meaning |
     |---|---|---|

@@ -386,7 +386,7 @@ def _dependent(model: object) -> list[int]:
 
 
 def _joint_rows(simulation: Simulation) -> dict[int, int]:
-    """Return the row of each joint that has one: of its angle, or of the frame that turns with it."""
+    """Return, for each joint that has one, the row of its angle or of the frame that turns with the joint."""
     system, model = simulation.system, simulation.model
     rows = {}
     for k in range(simulation.scene.arm.n_links):
