@@ -288,10 +288,10 @@ class Periods:
         """Return cotangents (n, S), (n, A) of state and action, from those of a period's state, observation and reward.
 
         Kernels for cotangents (`backwards`) cost a few times as much as a period. The kernels exist for elasticas.
-        Without controllers they also exist for exact beams, for floating frames of at most eight elastic coordinates a
-        segment, and for both with gears (without derivatives by the gears' parameters, and without Coulomb friction in
-        floating frames). The kernels require targets at rest and ideal sensors. In all other cases the Jacobians are
-        used.
+        Without controllers the kernels exist for exact beams and for floating frames of at most eight elastic
+        coordinates a segment. Both may have gears, without derivatives by the gears' parameters and without Coulomb
+        friction in floating frames. The kernels require targets at rest and ideal sensors. In all other cases the
+        Jacobians are used.
         """
         given = checked("state_bar", state_bar, (self.n, self.state_size))
         seen = checked("observation_bar", observation_bar, (self.n, self.observation_size))

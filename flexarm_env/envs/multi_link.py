@@ -20,9 +20,10 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
     goal is to move the tip, which carries a payload, to a target point and hold it there without residual vibration.
     With N >= 3 many postures reach the target. With N = 2 the environment equals TwoLinkFlexArm-v0, bit for bit.
 
-    The default arm, `three_strips`, has the section of `de_luca_siciliano` (0.2 kg/m, EI = 1 N m^2) and links of 0.4,
-    0.35 and 0.25 m, 0.1 kg m^2 at the hub, elbow motors of 1 and 0.25 kg with 0.1 and 0.025 kg m^2 (half of the inertia
-    on each link), a payload of 0.1 kg with 5e-4 kg m^2, and tau_d = 6.63e-3 s. L, the sum of the lengths, is 1 m.
+    The default arm, `three_strips`, has links of 0.4, 0.35 and 0.25 m with the section of `de_luca_siciliano` (0.2
+    kg/m, EI = 1 N m^2, tau_d = 6.63e-3 s). The hub has 0.1 kg m^2. The elbow motors have 1 and 0.25 kg with 0.1 and
+    0.025 kg m^2; half of the inertia of a motor belongs to each link. The payload has 0.1 kg and 5e-4 kg m^2. L, the
+    sum of the lengths, is 1 m.
 
     `gymnasium.make("MultiLinkFlexArm-v0")` makes one arm, `gymnasium.make_vec("MultiLinkFlexArm-v0", num_envs=n)` makes
     n arms that one compiled call advances. A single arm and an arm among n arms give the same numbers, bit for bit.

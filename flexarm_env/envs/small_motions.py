@@ -7,8 +7,9 @@ and attitude (rad) are coordinates, too:
     M x'' + C x' + K x = B u,    tip = c x,    motor and joint angles = B^T x
 
 `Motion.of` assembles these matrices from polynomials. For the elastica a polynomial covers a whole link; for the other
-formulations it covers an element, whose angle is quadratic like that of a beam element with cubic displacements.
-`exact` advances the motions by a control period with the matrix exponential, `stepped` with the integrator's steps.
+formulations a polynomial covers an element, whose angle is quadratic because the displacements of a beam element are
+cubic. `exact` advances the motions by a control period with the matrix exponential, `stepped` with the integrator's
+steps.
 """
 
 from __future__ import annotations

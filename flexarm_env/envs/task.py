@@ -325,11 +325,11 @@ def reward_weights(
     """Return the weights of the reward's terms for one control period: the user's weights, or else the kind's.
 
     Rules 2: distance and attitude pay their bound minus the loss (`tasks.task.left_of`). The default weight of failure
-    is the sum of two parts: the largest loss that the other terms can cause in an episode, so that ending an episode
-    early never pays; and their largest reward in `HOLD_TIME`, so that policies learn to avoid the joint limits. Weights
-    refer to the kind's control period. For another period all weights except that of failure scale in proportion, so
-    that an episode's return does not depend on the period. Rules 1: distance and attitude cost up to 1, weights do not
-    depend on the period, and the weight of failure is the kind's.
+    is the sum of two parts. The first part is the largest loss that the other terms can cause in an episode, so that
+    ending an episode early never pays. The second part is the largest reward of the other terms in `HOLD_TIME`, so that
+    policies learn to avoid the joint limits. Weights refer to the kind's control period. For another period all weights
+    except that of failure scale in proportion, so that an episode's return does not depend on the period. Rules 1:
+    distance and attitude cost up to 1, weights do not depend on the period, and the weight of failure is the kind's.
 
     joints: number of joints. period: control period, s. limit: control periods of an episode.
     """

@@ -176,10 +176,10 @@ def _actions(count: int, lanes: int) -> Array:
 def _apart(one: Array, two: Array, length: float) -> float:
     """Return d: the largest distance over `length` between the tips of two trials, until either episode ends.
 
-    The logarithms of errors that grow exponentially scatter about normally. d is therefore the larger of two numbers:
-    the largest distance of the lanes, and the distance of almost all episodes, `TAIL` standard deviations above the
-    mean, divided by MARGIN. one, two: results of a `Trial`. length: length of the arm, m. d is inf if an episode
-    failed.
+    The logarithms of errors that grow exponentially scatter about normally. d is therefore the larger of two numbers.
+    One number is the largest distance in the lanes. The second number is the distance `TAIL` standard deviations above
+    the mean of the logarithms, divided by MARGIN; almost all episodes have smaller distances. one, two: results of a
+    `Trial`. length: length of the arm, m. d is inf if an episode failed.
     """
     if np.isinf(one).any() or np.isinf(two).any():
         return math.inf

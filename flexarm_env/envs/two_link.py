@@ -50,8 +50,8 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | 10, 11 | `tip_velocity_x`, `tip_velocity_y` | tip velocity | w_0 L | m/s |
     | 12, 13 | `to_target_x`, `to_target_y` | vector from tip to target | 0.5 L | m |
 
-    - w_k = sqrt(tau_k pi/2 / I_k). tau_k is the torque limit of joint k, I_k the inertia about joint k of the straight
-      arm beyond it. For the default arm w_0 = 1.595 and w_1 = 2.371 rad/s.
+    - w_k = sqrt(tau_k pi/2 / I_k). tau_k is the torque limit of joint k, I_k is the inertia about joint k of the
+    straight arm from joint k to the tip. For the default arm w_0 = 1.595 and w_1 = 2.371 rad/s.
     - Entries 10 to 13 are components in the frame that turns with the hub.
     - The elbow angle is the angle of link 2's root relative to link 1's tip.
     - The tip deflection of a link is the component of (tip - root) normal to its tangent at the root, over its length.
@@ -60,11 +60,10 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     `target_velocity_y` (scale w_0 L), and the displacements of the target in the next 0.1 s, `target_ahead_1_x`,
     `target_ahead_1_y`, and 0.3 s, `target_ahead_2_x`, `target_ahead_2_y` (scale 0.5 L).
 
-    The following entries are selected by name only: `hub_error` and `elbow_error`, the difference between the joint
-    angles at which the rigid arm reaches the target and the present joint angles (scale 1 rad); `target_x` and
-    `target_y`, the target in fixed axes (scale L); `previous_action`, `previous_action_1`; entries of sensors
-    (`strain_gauge_1`, `tip_acceleration_x`, `tip_acceleration_y`, `camera_x`, `camera_y`). See
-    [Entries of the observation](options.md#observation).
+    The following entries are selected by name only: `hub_error` and `elbow_error`, the joint angles at which the rigid
+    arm reaches the target minus the present joint angles (scale 1 rad); `target_x` and `target_y`, the target in fixed
+    axes (scale L); `previous_action`, `previous_action_1`; entries of sensors (`strain_gauge_1`, `tip_acceleration_x`,
+    `tip_acceleration_y`, `camera_x`, `camera_y`). See [Entries of the observation](options.md#observation).
 
     ## Rewards
 

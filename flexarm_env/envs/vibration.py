@@ -90,11 +90,11 @@ def _rates(simulation: Simulation) -> tuple[Array, Array]:
 def swing(arm: Arm, settings: Settings) -> Array:
     """Return initial rates (n + 2, 3) of an arm in space in its lowest modes of y bending, z bending and torsion.
 
-    Rows: n rates for `protocol.set_joint_configuration`; the energy, J, for an amplitude of 1; (c, 0, 0) with c in s^2,
-    large compared with the squared reciprocal of every frequency. The modes are those about straight links at joint
-    angles 0, without gravity. A mode is of the named kind if most of its strain energy is; the rates are 0 if there is
-    no such mode. All three modes have the same energy: to first order, the energy at which a tip deflects by its link's
-    length in the softer bending direction.
+    The first n rows are rates for `protocol.set_joint_configuration`. The next row is the energy, J, for an amplitude
+    of 1. The last row is (c, 0, 0); c, in s^2, is large compared with the squared reciprocal of every frequency. The
+    modes are those about straight links at joint angles 0, without gravity. A mode is of the named kind if most of its
+    strain energy is; the rates are 0 if there is no such mode. All three modes have the same energy: to first order,
+    the energy at which a tip deflects by its link's length in the softer bending direction.
     """
     from ..linear.equilibrium import at_rest_of
     from ..linear.stability import undamped
