@@ -200,7 +200,7 @@ def _archive(path: str | os.PathLike[str], what: str) -> Iterator[zipfile.ZipFil
 def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
     """Read one array of an archive.
 
-    Before memory is allocated, the array's declared size must equal the number of bytes present.
+    Memory is allocated only after the check that the array's declared size equals the number of bytes present.
     """
     with archive.open(info) as file:
         # header: magic, version (2 or 4 bytes of length), dictionary

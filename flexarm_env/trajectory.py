@@ -247,7 +247,7 @@ class Trajectory:
         return self._read(own, float(self.t[-1] - self.t[0]) / len(steps), seed)
 
     def _read(self, sensors: Sensors, period: float, seed: int) -> dict[str, Array]:
-        """Return the readings of sensors at the samples, by name; period: s between samples; seed: of the noise."""
+        """Return the readings of sensors at the samples, by name; period: s between samples; seed: seed of noise."""
         from .runtime.laws import law_of, memory_of, room_of
         from .runtime.readings import read_rows
 

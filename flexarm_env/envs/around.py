@@ -67,7 +67,7 @@ class AroundControllerVector(VectorWrapper[Any, Any, Any, Any, Any]):
         env: a vector environment of this package. controller, share: as for :class:`AroundController`. inside: a
             controller with its gains, which replaces `controller` and `share`.
     Raises:
-        ValueError: as for :class:`AroundController`, or the controller can only begin in all environments together.
+        ValueError: as for :class:`AroundController`, or the controller can only restart in all environments together.
     """
 
     def __init__(

@@ -38,7 +38,7 @@ from .drawing import (
 
 MODES = ("human", "rgb_array")
 MARGIN = 1.14
-"""Half of the picture's shorter side, in multiples of the reach."""
+"""Length that half of the picture's shorter side shows, in multiples of the reach."""
 TRACE = 60
 """Number of instants for which the tip's path stays visible."""
 FULL_SCALES = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)

@@ -24,9 +24,9 @@ KEYS = ("start", "target", "vibration", "motion", "interpolation")
 class Request:
     """Options of one reset; NaN stands for a number that is drawn at random.
 
-    angles (N,): joint angles at the start, rad. target (2,): as in the task's record; in space (N,): joint angles at
-    which the arm reaches the target. vibration (1,): tip deflection over L; in space (3,): that of each mode. motion:
-    prescribed motion.
+    angles (N,): joint angles at the start, rad. target (2,): the target as the task's record stores it; in space (N,):
+    joint angles at which the arm reaches the target. vibration (1,): tip deflection over L; in space (3,): that of each
+    mode. motion: prescribed motion.
     """
 
     angles: NDArray[np.float64]

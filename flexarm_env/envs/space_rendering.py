@@ -47,7 +47,7 @@ class Camera:
     def __init__(self, size: tuple[int, int], reach: float, center: Array) -> None:
         """Place a camera at a distance of `FAR` times reach (m) that looks at center (3,), m.
 
-        size: of the picture, pixels.
+        size: width and height of the picture, pixels.
         """
         c, s, up = math.cos(AZIMUTH), math.sin(AZIMUTH), math.sin(ELEVATION)
         flat = math.cos(ELEVATION)

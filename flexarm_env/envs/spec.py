@@ -63,7 +63,7 @@ class ArmSpec(EnvSpec):
 
 
 def changed(spec: EnvSpec) -> list[str]:
-    """Return the keywords in which a suite task as made differs from the frozen task."""
+    """Return the keywords by which an environment differs from the frozen task of the suite that it was made from."""
     if spec.namespace != FROZEN or spec.id not in registry:
         return []
     own = registry[spec.id].kwargs

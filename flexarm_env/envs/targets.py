@@ -17,7 +17,7 @@ from .motion import ANGLE, function_of
 Pair = tuple[float, float]
 
 AHEAD = (0.1, 0.3)
-"""Times, s, by which the observation of task="track" is ahead of the present."""
+"""Times from the present, s, for which task="track" observes the future displacement of the target."""
 
 
 class Target(ABC):

@@ -193,7 +193,7 @@ def _apart(one: Array, two: Array, length: float) -> float:
 
 
 def error(trial: Trial, rule: Rule, settings: Settings, finer: Settings, length: float) -> tuple[float, float]:
-    """Return a trial's error over the arm's length, and the factor by which its motions amplify small motions' errors.
+    """Return a trial's error over the arm's length, and how much its motions amplify the errors of small motions.
 
     The error is max(d, e_1 d / d_1), the factor d / d_1 (module docstring). finer: the settings with half the step, for
     d. length: length of the arm, m.

@@ -51,7 +51,7 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | 12, 13 | `to_target_x`, `to_target_y` | vector from tip to target | 0.5 L | m |
 
     - w_k = sqrt(tau_k pi/2 / I_k). tau_k is the torque limit of joint k, I_k is the inertia about joint k of the
-    straight arm from joint k to the tip. For the default arm w_0 = 1.595 and w_1 = 2.371 rad/s.
+      straight arm from joint k to the tip. For the default arm w_0 = 1.595 and w_1 = 2.371 rad/s.
     - Entries 10 to 13 are components in the frame that turns with the hub.
     - The elbow angle is the angle of link 2's root relative to link 1's tip.
     - The tip deflection of a link is the component of (tip - root) normal to its tangent at the root, over its length.

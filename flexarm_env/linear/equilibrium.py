@@ -379,7 +379,7 @@ class _Search:
         return self.at(replace(point, u=u), q)
 
     def tangent(self, found: _Found) -> Array:
-        """Return the change of coordinates, multipliers and torques per change of the share, in which r is linear."""
+        """Return the change of coordinates, multipliers and torques per change of the share (r is linear)."""
         return self.solve(found.A, found.G, found.B, self.change(found.point, 1.0))
 
     def change(self, point: Point, other: float) -> Array:

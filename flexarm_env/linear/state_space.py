@@ -86,13 +86,13 @@ def linearize(
     Args:
         target: a Simulation, linearized at its present state, torques and parameters (and not changed); or a Scene,
             linearized at its start. For a Simulation at rest under gravity use `static_equilibrium`.
-        formulation, options: of a Scene, as for `simulate`.
+        formulation, options: as for `simulate`; for a Scene only.
         discrete: period, s, during which the torques are constant; None for the continuous model.
         method: "solver": the derivative of the solver's steps in a period along the motion; the period begins with new
-        accelerations, and steps last at most the settings' dt. "zoh": the exponential of the continuous model. motions:
-        True: prescribed coordinates and their rates are states, and their accelerations are inputs (continuous model,
-        or method "zoh"). False: the model does not contain prescribed coordinates. gauges: (link, place from 0 at its
-        root to 1 at its tip) of each curvature among the outputs; a curvature times
+            accelerations, and steps last at most the settings' dt. "zoh": the exponential of the continuous model.
+        motions: True: prescribed coordinates and their rates are states, and their accelerations are inputs (continuous
+            model, or method "zoh"). False: the model does not contain prescribed coordinates.
+        gauges: (link, place from 0 at its root to 1 at its tip) of each curvature among the outputs; a curvature times
             half the thickness is a strain. In space a third entry is one of `sensors.MEASURES`.
     Returns:
         The LinearModel. The model does not include Coulomb friction.

@@ -66,7 +66,7 @@ def modes(
         target: a Scene: modes about its equilibrium with the joints held at their initial angles
             (`static_equilibrium`). A Simulation: modes about its present state.
         n: largest number of modes.
-        formulation, options: of a Scene, as for `simulate`.
+        formulation, options: as for `simulate`; for a Scene only.
         spin: rad/s, about the root of a pinned Scene without gravity; its loads are not used. The modes are those of
             the arm in steady rotation, which stretches and bends it, in the rotating frame.
         clamped: False: joints that are not prescribed or rigid can turn, with constant torques. True: the hub is held

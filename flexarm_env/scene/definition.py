@@ -45,13 +45,14 @@ class Scene:
             before t = 0, N numbers (rad/s), or () for none; in space joint rates. Links turn as rigid bodies. If a
             motion begins with another rate, the rate jumps at t = 0.
         start: "unloaded": without stress. "held": at rest under gravity and the loads at t = 0, with joints (with
-        elastic gears, motors) held at `angles` and released at t = 0 unless a motion prescribes them. "equilibrium": at
-        rest under gravity and the loads at t = 0, with free joints. rigid_joints: joints k >= 1 at which link k is
-        fixed to link k-1 with its initial angle. motions: prescribed coordinates; each starts at the value given by
-        ``position`` and ``angles``. loads: joint torques and point loads. contacts: obstacles that points of the arm
-        may touch, with the law of the forces (`Contact`). gravity: acceleration (gx, gy), in space (gx, gy, gz), m/s^2,
-        or None. space: True: compute an arm in space that could be computed in the plane. A scene is always in space if
-        an arm,
+            elastic gears, motors) held at `angles` and released at t = 0 unless a motion prescribes them.
+            "equilibrium": at rest under gravity and the loads at t = 0, with free joints.
+        rigid_joints: joints k >= 1 at which link k is fixed to link k-1 with its initial angle.
+        motions: prescribed coordinates; each starts at the value given by ``position`` and ``angles``.
+        loads: joint torques and point loads.
+        contacts: obstacles that points of the arm may touch, with the law of the forces (`Contact`).
+        gravity: acceleration (gx, gy), in space (gx, gy, gz), m/s^2, or None.
+        space: True: compute an arm in space that could be computed in the plane. A scene is always in space if an arm,
             gravity, position, velocity, force, moment or motion of the root leaves the x-y plane. If the scene stays in
             another plane, `simulate` finds that plane (`scene.plane.in_plane`).
         solver: formulation and flat options that suit the scene, as pairs (name, value) or a dict.
