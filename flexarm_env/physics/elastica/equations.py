@@ -385,7 +385,7 @@ def factor(lane, model, S: Lanes):
 @unrolled
 @kernel
 def solve(lane, model, S: Lanes, x: Lanes):
-    """x <- S^-1 x in place with the factors L U of `factor`, (model.n,) entries."""
+    """Solve S y = x in place, x <- y (model.n entries), with the factors L U of `factor`."""
     rows = size(model.n)
     # L y = x, then U x = y with inverse diagonal
     for i in range(1, rows):
@@ -406,7 +406,7 @@ def _residual(lane, model, par, q, v, a, u, r):
 
 
 def _solve(lane, model, S, x):
-    """x <- S^-1 x: `solve` as a plain function, for `vjp_of`."""
+    """Solve S y = x in place: `solve` as a plain function, for `vjp_of`."""
     solve(lane, model, S, x)
 
 
@@ -416,7 +416,7 @@ _vjp_residual = vjp_of(_residual, ("par", "q", "v", "a", "u", "r"))
 
 @kernel
 def solve_transposed(lane, model, S, x):
-    """x <- S^-T x in place with the factors of `factor`: the reverse derivative of `solve`, which is linear in x."""
+    """Solve S^T y = x in place, with the factors of `factor`: the reverse derivative of `solve`, linear in x."""
     _vjp_solve(lane, model, S, x, x)
 
 

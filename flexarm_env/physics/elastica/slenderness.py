@@ -209,8 +209,7 @@ class _Modes:
         return max(abs(float(self.chain.w[own] @ (shape[own] - shape[own.start]))) for own in self.own)
 
     def swing(self, t: Array) -> tuple[float, float, float]:
-        """Return largest link angle, largest angle between links (rad) and largest angular rate without gravity
-        (rad/s).
+        """Return largest link angle, largest angle between links (rad), largest angular rate without gravity (rad/s).
 
         Only rigid motions count. The scene's loads and motions are integrated over the times t (s).
         """
