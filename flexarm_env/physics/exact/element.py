@@ -12,8 +12,7 @@ Gamma_1 = g_1/l - 1, Gamma_2 = g_2/l, kappa = psi', and with p Gauss points of w
 with the laws of `materials` in place of the squares. Inertia: ml = m l/2, jl = J l/2. If sections vary within the
 element (`layout.Varying`), k1 and k2 differ between points, and bending and inertia have full matrices (`constants`).
 Arrays of coordinates begin at the left vertex (`layout.ELEMENT`); lists of nodes hold left, right, interior. `order`: a
-tuple of p zeros. All functions run when a kernel is compiled (`compiler.trace`), which records their operations on
-values.
+tuple of p zeros. All functions run when a kernel is compiled; `compiler.trace` records their operations on values.
 """
 
 from typing import Any, NamedTuple
@@ -104,8 +103,7 @@ def _momenta(sums: Sums, t: Tables, section: Any, nodes: list[Any], axis: int) -
 def momentum(lane, order, a, left, section, r: Lanes):
     """Write the left vertex's and the interior rows of r = M a of an element: forces (inertial axes), moment on psi.
 
-    left: (a_x, a_y, a_psi) and the present rows of r at the left vertex. Returns these six numbers of the right one.
-    """
+    left: (a_x, a_y, a_psi) and the present rows of r at the left vertex. Returns these six numbers at the right."""
     p, sums = len(order), Sums()
     t = tables(p)
     ends, rest = [], []
@@ -216,8 +214,7 @@ def tangent(lane, order, points, section, weights, S: Lanes):
     """Write to S the factors of the interior with their couplings to both vertices, then the condensed matrix.
 
     The element's matrix is weights.mass M + weights.damping C + weights.stiffness K; points: `Point` fields that
-    `forces` returned; S: `layout.ELEMENT_FACTORS`. Entries are computed at first use, because they outnumber the
-    registers."""
+    `forces` returned; S: `layout.ELEMENT_FACTORS`. Computed at first use: entries outnumber the registers."""
     p, sums = len(order), Sums()
     t = tables(p)
     ck, tau, length = weights.stiffness, section.tau, length_of(section)
@@ -342,8 +339,7 @@ def backward(lane, order, S: Lanes, x: Lanes, left, right):
 def energy_sums(lane, order, q, v, psi, spin, left, section):
     """Return an element's kinetic and strain energy (J) and first moments of mass int m x, int m y (kg m, inertial).
 
-    psi, spin: angle and rate at the left end. left: its (x, y, vx, vy) if q and v do not hold them, else None.
-    """
+    psi, spin: angle and rate at the left. left: its (x, y, vx, vy) if q and v do not hold them, else None."""
     p, sums = len(order), Sums()
     t = tables(p)
     x, y, vx, vy = (None,) * 4 if left is None else left
