@@ -47,7 +47,7 @@ _ONE, _RECORD, _START = (0,), (0,) * GOAL, (0,) * START.offsets(0, 0).end
 
 @kernel
 def start_episodes(address, mode, count):
-    """Start new episodes of the arms p.queue[0 ... count - 1], each drawn from its random stream.
+    """Start new episodes of the arms p.queue[0 ... count - 1], each drawn from the arm's own random stream.
 
     address: of a `Program`. mode: for their records, RUNNING (moved by the next step), FRESH (skipped by the next step)
     or GUIDED (follows prescribed motions).
@@ -143,8 +143,7 @@ def _only(lane, i):
 def _draw(task, ranges, stream, request, arm, own):
     """Draw an arm's `START` (joint angles, target, vibration, factors, parameters) into own, unless requested.
 
-    request: a `REQUEST`, NaN where a number is to be drawn. Every request consumes equally many numbers of the stream,
-    so that later draws are the same.
+    request: a `REQUEST`, NaN where a number is to be drawn. Every request consumes the same number of random numbers, so that later draws do not depend on it.
     # in        task, ranges (`Ranges`), request
     # in, out   stream[arm]
     # out       own: angles, rad; target (2,), m or rad; vibration, over L; factors; parameters (kg, kg m^2, -, s)
@@ -301,15 +300,14 @@ def _draw_held(p, arm, lanes, record):
 
 @kernel
 def _swing(lane, p, i, live, own, par, angles, w):
-    """Set the velocities of an arm in space to a vibration in its modes, with the energy that the amplitudes ask for.
+    """Set the velocities of an arm in space to a vibration in its modes, with the energy of the drawn amplitudes.
 
     p.ranges.shake (`envs.vibration.swing`) holds modes about joint angles 0. At other angles their rates would swing
     the joints as well. Therefore
 
         v <- v - (M + c K)^-1 M v,      c long beside the square of every period over 2 pi,
 
-    which removes the momentum of the joints (turning a joint does not strain the arm) and almost nothing of a
-    vibration. v is then scaled to the kinetic energy sum_m E_m amplitude_m^2. M, K: mass and stiffness matrix.
+    which removes the momentum of the joints, because turning a joint does not strain the arm, and almost nothing of a vibration. v is then scaled to the kinetic energy sum_m E_m amplitude_m^2. M, K: mass and stiffness matrix.
     i, live: lane of the arm and its mask. own: a `START` with amplitudes (over L). angles: joint angles, rad.
     # in        w.q;  shake: rates (n, 3), energies E (3,) J, c (s^2)
     # scratch   w.a0, w.v0, w.b0, w.r, w.S
@@ -348,7 +346,7 @@ def _swing(lane, p, i, live, own, par, angles, w):
 
 @kernel
 def _start_info(lanes, p, arm, record, info):
-    """Write the info of an arm before its first period: zeros, in_range 1, error estimate; aim at the target.
+    """Write the info of an arm before its first period (zeros, in_range 1, error estimate), and its goal angles.
 
     arm: number in the batch; lanes: of a group. info: all fields before `further`. error: p.estimate of the
     formulation's own error, over the arm's length. record.target is in; record.goal (rad), the joint angles that reach
@@ -392,8 +390,7 @@ def _first_observation(lane, p, arm, live, record, action, poses, seen, info):
 def finish_guided(address, arm, code):
     """Write the results of a period of a guided arm, from the poses, action and gauges in its block.
 
-    code: status code of the period, or -1 at the start of an episode. A guided arm follows prescribed motions and is
-    advanced by a `Simulation`, not by the batch; this replaces the end of `episode.step`.
+    code: status code of the period, or -1 at the start of an episode. A guided arm follows prescribed motions and is advanced by a `Simulation`, not by the batch. For it this function replaces the end of `episode.step`.
     # in        poses (inertial axes, m, rad and rates), action, gauges in `seen`, record
     # out       p.reward, p.terminated, p.truncated, p.observation of the arm;  its info
     """

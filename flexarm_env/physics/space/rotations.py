@@ -234,7 +234,7 @@ def inverse_rotation(p):
 
 @kernel
 def shortest_rotation(p):
-    """Return p or -p, the same rotation, whichever has w >= 0: its rotation vector is at most pi long."""
+    """Return the one of p and -p (the same rotation) with w >= 0, whose rotation vector is at most pi long."""
     sign = select_lt(p[0], 0.0, -1.0, 1.0)
     return p[0] * sign, p[1] * sign, p[2] * sign, p[3] * sign
 
@@ -335,9 +335,9 @@ def inverse_map(d, share, x):
 def tangent_map(d, inverse, x):
     """Return T^T(d) x, or T^-T(d) x where the compile-time flag `inverse` is True.
 
-    T^T = 1 + (1 - cos a)/a^2 d^ + (1 - sin(a)/a)/a^2 d^ d^,  a = |d|; d: rotation vector of at most 2 pi (rad). The
-    tangent map T takes an increment e of d to one in body axes: exp(d^ + e^) = exp(d^) exp((T e)^). Its transpose takes
-    x, conjugate to the latter, back.
+    T^T = 1 + (1 - cos a)/a^2 d^ + (1 - sin(a)/a)/a^2 d^ d^, a = |d|; d: rotation vector of at most 2 pi (rad). The
+    tangent map T maps an increment e of d to the increment T e in body axes: exp(d^ + e^) = exp(d^) exp((T e)^). If x
+    is conjugate to increments in body axes, T^T x is conjugate to increments of d.
     """
     if inverse:
         return inverse_map(d, inverse_share(d), x)
