@@ -230,13 +230,13 @@ def _last(model, task):
 
 @kernel
 def _more(model):
-    """Return how many more numbers are stored per jump of torques: factors, accelerations and inputs before the jump."""
+    """Return how many numbers are stored per jump of torques: factors, accelerations and inputs before the jump."""
     return size(model.n_factor) + size(model.n) + size(model.n_inputs)
 
 
 @kernel
 def room_of(model, task, actuator, n_steps):
-    """Return the length of the tape for one arm's period, which stores the ends of all steps and the jumps of torques."""
+    """Return the length of one arm's tape for a period, which stores the ends of all steps and the jumps of torques."""
     times = n_steps if may_jump_before_step(actuator, 1) else 1
     return n_steps * _length(model, task) + times * (_length(model, task) + _more(model))
 

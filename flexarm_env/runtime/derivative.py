@@ -34,7 +34,7 @@ from .sensors import measure
 
 
 class Derivative(NamedTuple):
-    """A batch's program with its rows: S numbers in a state, X of them moving; A joints; O entries of the observation."""
+    """A batch's program with its rows: S numbers in a state, X of them moving; A joints; O observed entries."""
 
     lane: tuple[int, ...]  # tag of plain lanes
     dual: tuple[int, ...]  # tag of the same lanes with tangents

@@ -141,7 +141,8 @@ def set_pushes(lane, p, record, w):
 def record_events(lane, p, par: Lanes, record: Lanes, w: Work, live, info: Lanes, outcome: Lanes):
     """Write the period's cost, payload mass (kg) and push (N) into info where live > 1/2, and price the cost.
 
-    The cost of a period is 1 if a limit is exceeded or if the arm is nearer to a keep-out shape than its margin, otherwise 0.
+    The cost of a period is 1 if a limit is exceeded or if the arm is nearer to a keep-out shape than its margin,
+    otherwise 0.
     # in, out   record.cost, the episode's sum;  outcome row 0, the reward, which falls by the priced cost
     """
     if size(p.task.further) > 0:
@@ -171,7 +172,9 @@ def record_events(lane, p, par: Lanes, record: Lanes, w: Work, live, info: Lanes
 def _cost(lane, p, q, info: Lanes):
     """Return 1.0 in lanes where a tip deflection or a strain exceeds its limit, otherwise 0.0.
 
-    Deflections are read from info (tip deflection over link length). Strains come from rows of `gauges.curvature_rows`, divided by the limit. In space each station has two rows, for bending in both planes, whose absolute values are added.
+    Deflections are read from info (tip deflection over link length). Strains come from rows of `gauges.curvature_rows`,
+    divided by the limit. In space each station has two rows, for bending in both planes, whose absolute values are
+    added.
     # in        q (n, lanes) coordinates; info.deflection
     """
     most, task, cost = 0.0, p.task, p.cost

@@ -171,7 +171,9 @@ def close_fit(lane, links, record, saved, scratch: Lanes, w: Work):
 def _compare(lanes, i, k, links, allowed, period, poses, record, scratch, result, level, w):
     """Compare arm i's run of k halvings with its coarser run: keep the run as the result, or store its tips.
 
-    The finer run of a pair (scratch.fine = k) is kept if the distance of the tips is at most allowed (m), or if there are no shorter steps. A run that failed in a group of several lanes is kept as well. After any other run fine becomes k + 1.
+    The finer run of a pair (scratch.fine = k) is kept if the distance of the tips is at most allowed (m), or if there
+    are no shorter steps. A run that failed in a group of several lanes is kept as well. After any other run fine
+    becomes k + 1.
     # in        poses, tips of this run (m, m/s, inertial axes);  w.flag, status;  scratch.fine
     # out       scratch.flag, taken (k), apart (error, m), result, where kept;  scratch.tips, where not
     #           level, where kept without failure: halvings of the next period

@@ -40,7 +40,8 @@ class Guided(NamedTuple):
 def follow_motions(lane, guide, p, model, par, record: Lanes, action, w: Work, anew):
     """Advance an arm that follows prescribed motions by one control period, under torques on its free joints.
 
-    A torque that differs from the last torque is a kink, at which velocities and accelerations are made consistent. anew: make them consistent even if no torque changes, as derivatives by the action require.
+    A torque that differs from the last torque is a kink, at which velocities and accelerations are made consistent.
+    anew: make them consistent even if no torque changes, as derivatives by the action require.
     # guide     `Guided`: drive, kinks, longest step;  p: `Program`
     # in        record.periods, which gives the time; par, the arm's own parameters
     # in, out   action (joints, lanes), entries that do not count <- 0;  w: q, v, a, b, u and flag

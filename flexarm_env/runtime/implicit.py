@@ -158,7 +158,8 @@ def _jump(lane, d, chunks, par, s, record, saved, block, scratch, w):
 
     # in        u0, u: inputs before and after, N m and N
     # in, out   a, b (m/s^2, rad/s^2) of w, and their tangents in the dual work arrays
-    The elastica's accelerations are solved for anew. Those of models with light joints and of stiff models jump by the effect of the torques' change.
+    The elastica's accelerations are solved for anew. Those of models with light joints and of stiff models jump by the
+    effect of the torques' change.
     """
     if d.program.model.newton.resolved is not None:
         _afresh(lane, d, chunks, par, block, scratch, w)

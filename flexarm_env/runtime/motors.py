@@ -41,8 +41,9 @@ def _joint(lane, task, poses: Lanes, k, rates):
 def _control(lane, task, controller, model, par, poses, record: Lanes, w: Work):
     """Apply the PD joint controllers: w.u <- clip(share w.u + stiffness (goal - angle) - damping rate), N m.
 
-    Angles (rad) and rates (rad/s) are those of the joints, from encoders on the link side of the gears. If controller.motors is a tag, they are those of the motors. goal: record.goal, rad. controller: share of the action's torque, stiffness
-    (N m/rad) and damping (N m s/rad) of each joint. Torques are clipped to task.torque_limits.
+    Angles (rad) and rates (rad/s) are those of the joints, from encoders on the link side of the gears. If
+    controller.motors is a tag, they are those of the motors. goal: record.goal, rad. controller: share of the action's
+    torque, stiffness (N m/rad) and damping (N m s/rad) of each joint. Torques are clipped to task.torque_limits.
     # in        w.u, torques of the action;  w.q, w.v;  record.goal
     # scratch   poses, or w.y
     # out       w.u (joints, lanes)
@@ -93,7 +94,9 @@ def _amplify(lane, task, amplifier, model, par, action: Lanes, factor, w: Work):
 def command(lane, task, controller, amplifier, model, par, action: Lanes, poses, record: Lanes, w: Work):
     """Write the commanded joint torques of a control period into w.u, N m.
 
-    With an amplifier the torque is the amplifier's. Otherwise it is the action times the torque limit, plus the PD controllers' torque if there are any. A drawn factor on the torque constant multiplies the torque. amplifier, controller: None if absent.
+    With an amplifier the torque is the amplifier's. Otherwise it is the action times the torque limit, plus the PD
+    controllers' torque if there are any. A drawn factor on the torque constant multiplies the torque. amplifier,
+    controller: None if absent.
     # in        action (joints, lanes) in [-1, 1];  w.q, w.v;  record.goal, record.torque_factor
     # scratch   poses, w.y
     # out       w.u (joints, lanes)

@@ -90,11 +90,12 @@ def room_of(model, par):
 def tangent_rows(lane, wide, model, drive, steps, scheme, factors, here, ahead, behind, moved, passes, room, out):
     """Write the derivatives of q and v at the steps' ends by theta into out (rows, 2 n).
 
-    wide: `lane` with one tangent. here, ahead, behind: `Neighbour`s; here is the unmodified model. factors: of `factor_rows`.
-    moved (rows, motions, 3): derivatives of the prescribed motions. passes: 1 where the factored matrix is the exact
-    derivative of the residual; otherwise the remainder is solved for again.
+    wide: `lane` with one tangent. here, ahead, behind: `Neighbour`s; here is the unmodified model. factors: of
+    `factor_rows`. moved (rows, motions, 3): derivatives of the prescribed motions. passes: 1 where the factored matrix
+    is the exact derivative of the residual; otherwise the remainder is solved for again.
     # in, out   room: `room_of` numbers of scratch, first a `Work` whose q, v, a, b hold the state and its tangents
-    A step ends at its prediction moved by Newton's increment; v, a and b change in proportion. Both prediction and increment move rotations by `protocol.retract`.
+    A step ends at its prediction moved by Newton's increment; v, a and b change in proportion. Both prediction and
+    increment move rotations by `protocol.retract`.
     """
     n, length, inputs = size(model.n), size(model.n_factor), size(model.n_inputs)
     w, more = unpack(wide, model, room, 0), room[work_size(2, model, 0) :]

@@ -143,7 +143,8 @@ def _only(lane, i):
 def _draw(task, ranges, stream, request, arm, own):
     """Draw an arm's `START` (joint angles, target, vibration, factors, parameters) into own, unless requested.
 
-    request: a `REQUEST`, NaN where a number is to be drawn. Every request consumes the same number of random numbers, so that later draws do not depend on it.
+    request: a `REQUEST`, NaN where a number is to be drawn. Every request consumes the same number of random numbers,
+    so that later draws do not depend on it.
     # in        task, ranges (`Ranges`), request
     # in, out   stream[arm]
     # out       own: angles, rad; target (2,), m or rad; vibration, over L; factors; parameters (kg, kg m^2, -, s)
@@ -307,8 +308,9 @@ def _swing(lane, p, i, live, own, par, angles, w):
 
         v <- v - (M + c K)^-1 M v,      c long beside the square of every period over 2 pi,
 
-    which removes the momentum of the joints, because turning a joint does not strain the arm, and almost nothing of a vibration. v is then scaled to the kinetic energy sum_m E_m amplitude_m^2. M, K: mass and stiffness matrix.
-    i, live: lane of the arm and its mask. own: a `START` with amplitudes (over L). angles: joint angles, rad.
+    which removes the momentum of the joints, because turning a joint does not strain the arm, and almost nothing of a
+    vibration. v is then scaled to the kinetic energy sum_m E_m amplitude_m^2. M, K: mass and stiffness matrix. i, live:
+    lane of the arm and its mask. own: a `START` with amplitudes (over L). angles: joint angles, rad.
     # in        w.q;  shake: rates (n, 3), energies E (3,) J, c (s^2)
     # scratch   w.a0, w.v0, w.b0, w.r, w.S
     # out       w.v, and w.b = 0, in lane i
@@ -390,7 +392,8 @@ def _first_observation(lane, p, arm, live, record, action, poses, seen, info):
 def finish_guided(address, arm, code):
     """Write the results of a period of a guided arm, from the poses, action and gauges in its block.
 
-    code: status code of the period, or -1 at the start of an episode. A guided arm follows prescribed motions and is advanced by a `Simulation`, not by the batch. For it this function replaces the end of `episode.step`.
+    code: status code of the period, or -1 at the start of an episode. A guided arm follows prescribed motions and is
+    advanced by a `Simulation`, not by the batch. For it this function replaces the end of `episode.step`.
     # in        poses (inertial axes, m, rad and rates), action, gauges in `seen`, record
     # out       p.reward, p.terminated, p.truncated, p.observation of the arm;  its info
     """
