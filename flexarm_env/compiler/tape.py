@@ -1,11 +1,11 @@
 """The tape of reverse mode: an IR builder that records float64 instructions and writes the reverse sweep of cotangents.
 
-A `Tape` writes instructions as any builder does. While it records, each one that depends on a differentiated input
+A `Tape` writes instructions like any builder. While it records, each instruction that depends on a differentiated input
 becomes a `Node` of the current `Region`: a function, a loop body, one side of a branch. `sweep` writes the reverse code
 of a region. Memory has parallel memory for cotangents (bars). In the reverse sweep a store moves the cotangent of its
-place to the stored number and sets it to 0; a load adds its cotangent to that of the place. In the reverse sweep `back`
-gives a forward value: in the outermost region it is still available; integers, addresses, cheap arithmetic and loads
-from unchanged arrays are recomputed; all others are saved.
+place to the stored number and sets it to 0; a load adds its cotangent to that of the place. `back` returns a forward
+value in the reverse sweep. In the outermost region the value is still available. Integers, addresses, cheap arithmetic
+and loads from unchanged arrays are recomputed. Other values are saved.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Tape(Rooms):
 
     # --- passes ------------------------------------------------------------------------------------
     def argument(self, array: Any, bar: Any) -> Any:
-        """Return the address where the code sees an array: its own, or a copy's if written to. bar None: scratch."""
+        """Return the address at which the code sees an array: its own, or a copy's if written to. bar None: scratch."""
         slot = self.slot(DOUBLE.as_pointer())
         size = array.shape[0]
         for more in array.shape[1:]:

@@ -21,7 +21,7 @@ class SpaceReach(Task):
 
 @kernel
 def _in_root(lane, poses: Lanes, x, y, z, d):
-    """Return component d of the vector (x, y, z), given in inertial axes, along axis d of the axes of link 0's root."""
+    """Return the component of the vector (x, y, z; inertial axes) along axis d of link 0's root."""
     o = SPACE_POSE.axes + d
     # column d of A, which turns axes of link 0's root into inertial ones and is stored by rows
     return (x * poses[o] + y * poses[o + 3]) + z * poses[o + 6]
@@ -123,11 +123,11 @@ def space_target(task, angles, first, second):
 
 @kernel
 def space_aim(task, record):
-    """Write the goal angles (rad) that reach a target on a path into record[GOAL:]; no-op where targets rest.
+    """Write the goal angles (rad) that reach a target on a path into record[GOAL:]; no-op if targets rest.
 
-    Goal angles of a resting target have been drawn before the target itself. record: of one arm: target (m, inertial
-    axes) in; goal: in, the angles from which they are sought, and out. task.chain: a `JOINT` per joint, None where
-    targets rest.
+    Goal angles of a resting target have been drawn before the target itself. record: record of one arm. Its target (m,
+    inertial axes) is read. Its goal holds the start of the search at entry and the goal angles at return. task.chain: a
+    `JOINT` per joint, None where targets rest.
     """
     if task.chain is not None:
         point = (record[TARGET], record[TARGET + 1], record[TARGET + 2])
@@ -136,7 +136,7 @@ def space_aim(task, record):
 
 @kernel
 def space_pursue(task, record):
-    """Move the goal angles (rad), record[GOAL:], so that they reach the moved target; no-op where targets rest.
+    """Move the goal angles (rad), record[GOAL:], so that they reach the moved target; no-op if targets rest.
 
     record: of one arm: target (m, inertial axes) in; goal: in and out. task.chain: a `JOINT` per joint, None where
     targets rest.

@@ -15,8 +15,8 @@ _RECORD = (0,) * GOAL
 def _on_path(reference, task, record, lanes, i, t, k, out):
     """Write the `MOVING` (position, velocity) of arm i's target at t (s), control instant k, into out.
 
-    From reference.table (position and rate of each instant, the last one held), or from the path in the arm's record.
-    lanes: of a group, of which arm i is one. record: in lanes.
+    The target comes from reference.table (position and rate of each instant; the last row is held) or from the path in
+    the arm's record. lanes: lanes of a group that contains arm i. record: in lanes.
     """
     targets = size(task.targets)
     if reference.table.shape[0] > 0:
@@ -49,8 +49,8 @@ def _set_target(reference, task, record, lanes, i, t, k, out):
 def move_targets(lane, reference, task, period, record):
     """Move the targets of running arms to the end of the control period, and update the joint angles that reach them.
 
-    reference: None where targets rest (no-op). period: s. record, in lanes: mode and periods done in; target,
-    target_rate and goal out.
+    reference: None if targets rest (no-op). period: s. record, in lanes: mode and periods done are read; target,
+    target_rate and goal are written.
     """
     if reference is not None:
         for i in range(lane_count(lane)):
@@ -123,7 +123,7 @@ def _look_ahead(lanes, reference, task, period, first, record, seen, i):
 def start_path(reference, task, stream, arm, record, lanes):
     """Draw a path for an arm at the start of its episode and put its target at the path's start.
 
-    The number of draws from `stream` does not depend on the kind of path. reference.line: straight lines are drawn.
+    The number of draws from `stream` is the same for every kind of path. reference.line: straight lines are drawn.
     arm: number in the batch; lanes: of a group.
     # in        record.goal, joint angles (rad) from which the arm's posture follows the path
     # in, out   stream[arm]
