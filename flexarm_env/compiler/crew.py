@@ -327,7 +327,7 @@ class Crew:
         return int(result)
 
     def _begin(self) -> None:
-        """Start the threads with new boards and a new caller's lock, because old threads may hold the former ones."""
+        """Start the threads with new boards and a new lock for the caller: old threads may hold the old ones."""
         self._boards, self._done = np.zeros_like(self._boards), threading.Lock()
         # compile or load `serve` here, not in a thread: with task OVER it returns at once
         self._boards[TASK] = OVER

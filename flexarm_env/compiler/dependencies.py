@@ -1,7 +1,7 @@
 """Dependencies of a compiled program outside the package's sources, described by text that processes can compare.
 
 A program on disk is loaded if this description is the same as when it was compiled. The description includes the kernel
-itself, the global names that it reads, and the functions, classes and values of these names with their own
+itself, the global names that it reads, and the objects of these names (functions, classes, values) with their own
 dependencies. A module's name alone does not suffice, because two folders may each have a module of that name.
 
 A function is described by its bytecode, defaults and closure values; a named tuple by its fields, defaults and
@@ -42,12 +42,12 @@ class Indescribable(ValueError):
 
 
 class Description:
-    """Text that describes what a program depends on.
+    """Text that describes the dependencies of a program.
 
     Attributes:
         words: the description, one string for each root and each function.
-        guide: what `now` needs to repeat it: whether each function was compiled, and the names that it reads.
-        classes: named tuple classes found on the way, by module and qualified name.
+        guide: data with which `now` repeats the description: whether each function was compiled, and the names that it
+        reads. classes: named tuple classes found on the way, by module and qualified name.
     """
 
     def __init__(self, reads: Reads | None, guide: Sequence[Any]) -> None:

@@ -326,7 +326,7 @@ def clean(folder: Path) -> tuple[int, int]:
 
 
 _known_size: dict[Path, int] = {}
-"""Size of each folder in bytes: last counted by this process, plus what it has written since."""
+"""Size of each folder in bytes: the last count by this process plus the size of files written since."""
 
 
 def _make_room(folder: Path, key: Key, written: Path) -> None:

@@ -143,7 +143,7 @@ def _compiled(
 def linkable(kernel: Kernel, layout: Layout, name: str, cpu: str | None) -> bytes:
     """Return an object file with the function `name`(address of a placed named tuple, two integers), to be linked.
 
-    cpu: LLVM's name of the target processor; None: this machine's. Results are bitwise those of the program in Python.
+    cpu: LLVM's name of the target processor; None for this machine's. Results are bitwise those of a call from Python.
     """
     shapes = [("placed", layout), "integer", "integer"]
     with _LOCK, announced(kernel.function), _uncollected():

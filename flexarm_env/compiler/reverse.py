@@ -363,7 +363,7 @@ class _Held(Tracer):
         return self.arrays[-1]
 
     def close(self) -> None:
-        """Store changed elements, and move the loads to the beginning of what was recorded.
+        """Store changed elements, and move the loads to the beginning of the recorded code.
 
         Their cotangents are then added to memory at the end of the reverse code.
         """

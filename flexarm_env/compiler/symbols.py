@@ -213,7 +213,7 @@ def largest(x: Value) -> Value:
 
 
 def with_slope(y: Value, x: Value, slope: Value) -> Value:
-    """Return y as a function of x alone with the given derivative: tangents slope x', those of y dropped."""
+    """Return y as a function of x alone with the given derivative: tangents slope x'; y's own tangents are dropped."""
     # a `Tape` records the slope for the reverse sweep
     if hasattr(y.builder, "sloped"):
         return y.builder.sloped(y, x, slope)

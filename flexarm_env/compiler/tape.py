@@ -297,7 +297,7 @@ class Tape(Rooms):
         return self.select(self.fcmp_ordered("<", x, _all(g.type)), self.fneg(g), g)
 
     def insert_element(self, into: Any, x: Any, k: Any) -> Any:
-        """Write a vector with lane k replaced by x; the cotangent of lane k goes to x, the others to the vector."""
+        """Write a vector with lane k replaced by x; lane k's cotangent goes to x, that of other lanes to the vector."""
         by_into, by_x = (
             lambda g: self.insert_element(g, _all(DOUBLE), k),
             lambda g: self.extract_element(g, k),
@@ -353,7 +353,7 @@ class Tape(Rooms):
         return place
 
     def _bar(self, place: Any) -> Any:
-        """Return the address of the cotangents of an address: the same offsets from the bar of its base."""
+        """Return the cotangents' address for an address: the same offsets from the bar of its base."""
         if id(place) in self._bars:
             return self.back(self._bars[id(place)])
         bar = self._bar(place.operands[0])

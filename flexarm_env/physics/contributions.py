@@ -1,4 +1,4 @@
-"""The contract of a contribution: terms beside those of the links, in every formulation without multipliers.
+"""The contract of a contribution: terms in addition to the links' terms, in every formulation without multipliers.
 
 A contribution is a NamedTuple class with kernels registered for it (`register`). Each kernel adds the contribution's
 terms to the result of the arm's formulation. `joints.equations` composes arm and contributions to one Model,
@@ -11,7 +11,7 @@ Arguments that recur (others as in `protocol`)
     S           the arm's matrix array, then entries that the assembly gave to contributions (`joints.build`)
 
 Residual
-    prepare(lane, part, model, par, state, weights, S)      Before the arm's residual: store in S what it depends on.
+    prepare(lane, part, model, par, state, weights, S)      Before the arm's residual: store in S values that it uses.
     point_forces(lane, part, model, par, state, S, inputs)
         Add forces on points of the arm (N, N m) to its inputs. They depend on q and v, not on accelerations.
     assemble(lane, part, model, par, state, u, weights, r, S)
@@ -36,7 +36,7 @@ Work and energy
 
 Configuration and output
     set_joint_configuration(lane, part, model, live, rates, q, v)           Own rows after the arm's joints were set.
-    poses(lane, part, model, q, v, out)                     Add what tasks read, at the end of out.
+    poses(lane, part, model, q, v, out)                     Write the poses for tasks at the end of out.
 
 Reverse derivatives, where `Jointed.derived` does not leave them to the compiler
     vjp_residual(lane, part, model, par, state, bar, u_bar, r_bar)          That of `assemble`; own rows of r_bar <- 0.

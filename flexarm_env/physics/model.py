@@ -1,9 +1,9 @@
 """Data records shared by the assembly of a model and by its kernels: Models, Scheme, Drive, System, status codes.
 
 A Model is a NamedTuple of arrays and numbers, never written after assembly; each formulation has its own
-(`FloatingFrame`, `ExactBeam`, `Elastica`). `physics/protocol.py` specifies the fields from n to newton that all
-Models have. The state is q, v, a (accelerations) and b (the integrator's auxiliary acceleration), float64, one entry
-per row of the system. A field that is None, or a tag (0,), selects at compile time what a kernel contains.
+(`FloatingFrame`, `ExactBeam`, `Elastica`). `physics/protocol.py` specifies the fields from n to newton that all Models
+have. The state is q, v, a (accelerations) and b (the integrator's auxiliary acceleration), float64, one entry per row
+of the system. A field that is None, or a tag (0,), selects terms of a kernel at compile time.
 """
 
 from __future__ import annotations
@@ -343,10 +343,10 @@ class Jointed(NamedTuple):
 
     arm    the Model of the arm with ideal joints; bound: its largest tip deflection over length
     table  int64: `physics.joints.layout.PLACE` of each joint that is not ideal; data  float64: `LAW` of each
-    own    where each arm has its own laws, in `par` and not in `data`: as many zeros as `par` has entries before them
+    own    if each arm has its own laws, in `par` and not in `data`: one zero per entry of `par` before the laws
     hub    (0,) where the laws have a hub inertia at the first of the joints, otherwise None
-    contributions  records of what acts on the arm (`physics.contributions`), such as `Gears` and `Floating`
-    points     as many zeros as the arm has inputs, where a contribution acts on a point of it; otherwise None
+    contributions  records of the contributions (`physics.contributions`), such as `Gears` and `Floating`
+    points     one zero per input of the arm, if a contribution acts on a point of the arm; otherwise None
     derived    (0,) where the compiler derives `vjp_residual` of the whole, otherwise None
     """
 

@@ -85,7 +85,7 @@ Reverse derivatives; `compiler.vjp_of` derives them from the functions above unl
         `vjp_residual` of the product S x with a constant x.
     vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar)   The same of `task_poses`.
     note_inverse(lane, model, d, share), noted_inverse(lane, model, d, share, x)
-        Store in `share` what T^-T of d needs; x <- T^-T x with it.
+        Store the coefficients of T^-T of d in `share`; x <- T^-T x with them.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """One control period and its derivative by state and action, on rows of numbers instead of a batch's blocks.
 
-A row of `Derivative.state` holds all numbers that an arm's period depends on. The first X numbers are the moving ones,
-which derivatives are taken of and by. Constants follow. The period is that of `episode`, without info: it computes
+A row of `Derivative.state` holds all numbers that an arm's period depends on. The first X numbers are the moving ones:
+derivatives are taken of them and by them. Constants follow. The period is that of `episode`, without info: it computes
 torques, steps, observation and reward from the action. Its derivative, `jacobian`, has D = X + A columns, one per
 moving number and action, and X + O + 1 rows per arm: the moving numbers at the end, the observation's entries and the
 reward.
@@ -181,7 +181,7 @@ def _all_columns(d, model, parts, level, g, block, moves):
 
 @kernel
 def _some_columns(d, model, parts, level, g, begin, end, block, moves, anew):
-    """Compute columns begin ... end - 1 of group g's Jacobians, as many at once as dual lanes carry.
+    """Compute columns begin ... end - 1 of group g's Jacobians in one pass (at most as many as dual lanes carry).
 
     block: dual block, scratch. anew: make the start of the period consistent even if no torque changes (`guided`).
     """

@@ -1,4 +1,4 @@
-"""Steps fitted to a tolerance: each arm's control period is divided into as many steps as its motion needs.
+"""Steps fitted to a tolerance: each arm's motion determines the number of steps in its control period.
 
 A period is computed in steps of h and of h/2 from the same start. The distance between the tips of both runs, now and
 extrapolated by another period, is the error of the finer run (theory, eq. 6.4). The finer run is kept if its error is

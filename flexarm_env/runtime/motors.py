@@ -228,7 +228,7 @@ def motors_at(task, actuator):
 def record_commands(lane, task, actuator, record: Lanes, w: Work):
     """Push the commanded torques w.u (N m) onto record.commands, newest first; the oldest row is dropped.
 
-    record.commands: (actuator.rows, joints), the commands of as many control periods, in lanes.
+    record.commands: (actuator.rows, joints), the commands of `rows` control periods, in lanes.
     """
     n, at = size(task.links), motors_at(task, actuator)
     for k in range(n):

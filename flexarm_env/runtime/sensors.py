@@ -424,8 +424,8 @@ def _entry(lanes, p, arm, k, record, seen, first):
     """Return entry k of one arm's observation as float32, with noise and delay.
 
     seen: measured entries, in lanes; arm: number in the batch. The record holds the last `age` values of the entry.
-    Each call shifts these values by one period and returns the oldest value, or that of the delay drawn for the
-    episode. At the start of an episode (first) the past is filled with the present value.
+    Each call shifts these values by one period and returns the oldest value, or the value at the drawn delay. At the
+    start of an episode (first) the past is filled with the present value.
     """
     value, sensors = seen[k * lanes + arm % lanes], p.sensors
     if sensors is not None:

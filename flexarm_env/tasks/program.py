@@ -234,7 +234,7 @@ REASONS: dict[float, str] = {
 """One word for each code that `info` holds."""
 
 STATUS_WORDS: dict[float, str] = {code: STATUS[int(code)] if code < len(STATUS) else STATUS[0] for code in REASONS}
-"""The solver's status for each of these codes."""
+"""The solver's status for each of these codes of `info`."""
 
 CLIP = 10.0
 """Observations are clipped to this many scales."""

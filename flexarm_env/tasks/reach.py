@@ -216,7 +216,7 @@ def reach_draw_line(task, stream, arm, start, drawn, path):
 def reach_path_at(task, path, t, out):
     """Write the target's position (m) and velocity (m/s), inertial axes, at time t (s), on a circle or a line.
 
-    path: a `PATH`. The formula is that of a circle whose center moves. The center of a circular path rests; on a
+    path: a `PATH`. The formula describes a circle whose center moves. The center of a circular path rests; on a
     straight path the radius is 0. out: a `MOVING`.
     """
     radius, rate = path[_PATH.size], path[_PATH.rate]

@@ -61,10 +61,10 @@ class Touching(NamedTuple):
     at        offset in S of the first point's `HERE`
     points    one zero per point
     entries   one zero per entry of a point in the inputs: 3 in the plane, 6 in space
-    space     as many zeros as the obstacles' axes count: 2 in the plane, 3 in space
+    space     one zero per axis of the obstacles: 2 in the plane, 3 in space
     axes      one zero per component of the force that is used: `space`, with friction on a sphere also the moment
     room      one zero per row of the Model
-    poses     as many zeros as `protocol.task_poses` of the arm writes
+    poses     one zero per number that `protocol.task_poses` writes for the arm
     links     int64 (points,): the points are the tips of these links
     radii     float64 (points,): of the sphere about each point, m
     meets     float64 (points, obstacles), flat: 1 where the point may touch the obstacle, otherwise 0

@@ -183,7 +183,7 @@ def _product(a, b, c, d):
 
 @kernel
 def add_offset_tangent(lane, model, payload, on: Nodes, cm, S: Lanes):
-    """Add to S (row-major, nodes' angles and root) the terms of an eccentric payload beyond those of one at the tip.
+    """Add to S (row-major, nodes' angles and root) the terms that an eccentric payload adds to a payload at the tip.
 
     # model     payload: its mass, kg; cm: weight of M
     # state     on: `Nodes` with the unit tangents e_j in (c, s) and the weighted derivative of e_j'' in (ex, ey)

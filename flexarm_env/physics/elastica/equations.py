@@ -303,7 +303,7 @@ def _root_tangent(lane, model, payload, on: Nodes, cm, S: Lanes):
     """Write the last two rows and columns of S: x, y of the root, or of the center of mass in free flight.
 
     # state     payload: its mass, kg; on: `Nodes`, with the weighted derivatives de_j'' of e_j'' by phi_j in ex, ey
-    # out       S[m + X, j] = moment_j de_j'', S[j, m + X] = cm moment_j n_j, S[m + X, m + X] = cm mass; likewise Y
+    # out       S[m + X, j] = moment_j de_j'', S[j, m + X] = cm moment_j n_j, S[m + X, m + X] = cm mass; the same for Y
 
     cm: weight of M; n_j = (-sin phi_j, cos phi_j); m: number of nodes. sum_j moment_j e_j (kg m), moment_j = payload
     w_j + b_j - mass beta_j, is the first moment about the point (x, y), 0 up to round-off about the center of mass.

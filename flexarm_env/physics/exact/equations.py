@@ -133,8 +133,8 @@ def _vertex_behind_hinge(lane, model, state: State, k, left):
     """Return the `Vertex` at the root of link k > 0 from the tip vertex `left` before its hinge, without rigid ends.
 
     The root section has the angle psi + delta (rad), delta of the hinge. Forces (N, inertial axes) include the elbow's
-    inertia forces; the moment (N m) is only that of the elbow part behind the hinge, since a hinge transmits none.
-    state: q, v, a."""
+    inertia forces; the moment (N m) is only that of the elbow part behind the hinge: a hinge transmits none. state: q,
+    v, a."""
     (x, y, psi), (vx, vy, spin), (ax, ay, alpha), (fx, fy, _) = left.place, left.rate, left.acceleration, left.force
     elbow, d = elbow_of(model, k), rows_of(model).hinges + k - 1
     alpha = alpha + state.a[d]

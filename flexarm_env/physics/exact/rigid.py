@@ -209,8 +209,8 @@ def beam_start_rows(lane, model, state: State, u: Lanes, k, tip, i, r: Lanes, we
 def last_vertex_force(lane, model, par: Lanes, state: State, tip, i, weights, S):
     """Return force (N, inertial axes) and moment (N m) on the last vertex, row i.
 
-    Beam (`tip`), the payload's mass and the tip lever that carries the payload contribute. The caller adds the
-    payload's rotary inertia.
+    It is the sum from the beam (`tip`), the payload's mass and the tip lever that carries the payload. The caller adds
+    the payload's rotary inertia.
     """
     (fx, fy, moment), (ax, ay, alpha) = tip.force, tip.acceleration
     omega, mass, k = state.v[i + T], par[PAYLOAD_MASS], model.links - 1
@@ -252,7 +252,7 @@ def condense_to_near_point(lane, model, S, k, end, tail):
 
 @kernel
 def condense_payload(lane, model, S, tail):
-    """Return the symmetric 3x3 matrix on (x, y, psi) of the tip, given that of the payload's center of mass, `tail`.
+    """Return the symmetric 3x3 matrix on (x, y, psi) of the tip, given the matrix `tail` of the payload's center.
 
     S holds the `LEVER_FACTORS` of the payload's lever. For a payload at the tip `tail` is returned.
     """

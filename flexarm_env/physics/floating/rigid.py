@@ -131,7 +131,7 @@ def condense_to_near_point(lane, lever, S: Lanes, first, tail: Lanes):
 
         tail <- N' (tail + m_far) W + own mass at e/2,   N = [1, 0, nx; 0, 1, ny; 0, 0, 1], W: with (wx, wy)
 
-    (nx, ny): derivative of the far point by the angle; (wx, wy): that of its acceleration, weighted by cm, cc, ck
+    (nx, ny): derivative of the far point by the angle; (wx, wy): derivative of its acceleration, weighted by cm, cc, ck
     (`Weights`); e: lever; m_far: mass at the far point. No-op without a lever (None). Inertial axes.
 
     # in       S: `LEVER_FACTORS` of `transmit_inward`; first: index of lever 0's

@@ -1,4 +1,4 @@
-"""Cotangents of a step, a fresh start and a jump of torques: transform those of the results into those of the inputs.
+"""Cotangents of a step, a fresh start and a jump of torques: compute the inputs' from the results' cotangents.
 
 The functions are the transposes of those in `tangents`. They solve a system with the transposed matrix and apply the
 residual's derivatives in reverse. `bar` is a work array: its q, v, a, b and u hold cotangents, its other rows are

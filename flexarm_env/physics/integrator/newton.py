@@ -75,7 +75,7 @@ def _first_contraction(lane, first_error, increment):
 
 @kernel
 def follow_displacement(lane, w: Work, k, d, slopes):
-    """Update v, a and b of row k for a change d of its q (m or rad): v += d dv/dq, likewise a and b.
+    """Update v, a and b of row k for a change d of its q (m or rad): v += d dv/dq, and the same for a and b.
 
     slopes: `NewmarkSlopes`, dv/dq (1/s), da/dq and db/dq (1/s^2) of the step's end.
     """

@@ -227,7 +227,7 @@ def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
 
 @kernel
 def link_poses(lane, model, par, q, v, out, tasks=None):
-    """Write the arm's poses to out; for tasks (a tag, not None) also what contributions add at its end.
+    """Write the arm's poses to out; for tasks (a tag, not None) also the contributions' poses, at the end of out.
 
     Poses: `layout.POSES` per link, in space `layout.SPACE_POSES`. q, v: coordinates and their rates.
     """

@@ -335,7 +335,7 @@ def hold_sticking_joints(lane, model, S: Lanes, x: Lanes):
 # derivatives take the branch of the values: a joint that stuck sticks, one that slid keeps its T
 @kernel
 def store_branch(lane, model, par, state, weights, ahead, r, S: Lanes):
-    """Store in S which joints stick and in which direction the others slide (slides = +-1) at the end of a step.
+    """Store in S which joints stick at the end of a step, and in which direction the other joints slide (slides = +-1).
 
     S: factors of the step's matrix; r: residual at the step's end, overwritten. weights, ahead: as in `apply_friction`.
     """

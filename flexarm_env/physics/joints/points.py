@@ -23,7 +23,8 @@ from .. import protocol
 class Point(NamedTuple):
     """A point of the arm on which a contribution acts, the field `point` of its record.
 
-    at in S: B, then W, a column of n numbers for each axis; C (axes x axes) and scratch of as many; k.
+    Entries in S from `at` on: B, then W, each with a column of n numbers per axis; C (axes x axes); scratch of the same
+    size; k.
     """
 
     input: int  # first of its entries in the arm's inputs (N) and input displacements (m, inertial axes)

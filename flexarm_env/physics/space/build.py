@@ -210,7 +210,7 @@ def count_rows(link: Link | RigidLink, settings: Settings) -> int:
 
 
 def names_of(arm: Arm, settings: Settings) -> tuple[str, ...]:
-    """Return the names of all rows: the base's, each joint's, those of vertices or strains, and of inner modes.
+    """Return the names of all rows: of the base, of each joint, of vertices or strains, and of inner modes.
 
     Vertices are numbered E = 1, 2, ... along each link.
     """

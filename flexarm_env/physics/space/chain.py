@@ -42,7 +42,7 @@ class Chain(NamedTuple):
 
     places    int64: a `PLACE` for each link, and one more behind the last
     joints    float64: a `JOINT` for each link, at its root
-    end       float64 `BODY`: the last link's rigid end; payload: the payload, likewise from the last section
+    end       float64 `BODY`: the last link's rigid end; payload: `BODY` of the payload; both on the last section
     mounts    int64 (links,): 1 where the joint's `mount` rotates; None: no joint's does
     levers    int64 (links,): 1 where the joint has `before` or `beyond`; None: no joint has
     gravity   float64 (3,): m/s^2, inertial axes; or None

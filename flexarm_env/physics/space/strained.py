@@ -174,7 +174,7 @@ def last_place(lane, model, k, q, v, root):
 
 @kernel
 def sweep_outward(lane, model, k, state, root, S):
-    """Return the `Vertex` of the last section of link k; store in S what `sweep_inward` needs (`NOTED`).
+    """Return the `Vertex` of the last section of link k; store in S (`NOTED`) the values that `sweep_inward` needs.
 
     state: q, v, a; root: `Vertex` of the link's first section. Stored are orientations, angular rates, accelerations,
     inertia forces and moments of all points, in the axes of the link's root. Theory, (9.5).
