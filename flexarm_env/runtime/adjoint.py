@@ -99,9 +99,9 @@ _vjp_motors = vjp_of(update_motor_torques, ("record", "w"))
 def adjoint(address, first, last):
     """Compute the cotangents of states and actions of groups first ... last - 1 from the cotangents of their outcomes.
 
-    address: of a `Derivative` d. In: d.state_bar (of the state a period later), d.observation_bar, d.reward_bar. Out:
-    d.state_bar (of the state), d.action_bar, d.failed. The blocks and tape of group `first` are used for all; returns
-    0.
+    address: address of a `Derivative` d. In: d.state_bar (of the state a period later), d.observation_bar,
+    d.reward_bar. Out: d.state_bar (of the state), d.action_bar, d.failed. The blocks and tape of group `first` are used
+    for all; returns 0.
     """
     d = dereference(address)
     row = d.plain.row

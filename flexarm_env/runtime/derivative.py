@@ -73,8 +73,8 @@ class Derivative(NamedTuple):
 def step(address, first, last):
     """Advance groups first ... last - 1 by one control period, from d.state and d.action; no derivatives. Returns 0.
 
-    address: of a `Derivative` d; it writes d.after, observation, reward, failed, past (1: joint limit passed) and, with
-    fitted steps, level.
+    address: address of a `Derivative` d; it writes d.after, observation, reward, failed, past (1: joint limit passed)
+    and, with fitted steps, level.
     """
     return _values(dereference(address), first, last, (0,))
 
@@ -83,7 +83,7 @@ def step(address, first, last):
 def observe(address, first, last):
     """Observe groups first ... last - 1 in the states d.state, without a step: d.observation and d.reward.
 
-    address: of a `Derivative` d. Returns 0.
+    address: address of a `Derivative` d. Returns 0.
     """
     return _values(dereference(address), first, last, None)
 
@@ -92,7 +92,7 @@ def observe(address, first, last):
 def tangents(address, first, last):
     """Compute d.jacobian of one control period for groups first ... last - 1, in dual lanes.
 
-    address: of a `Derivative` d. Returns 0.
+    address: address of a `Derivative` d. Returns 0.
     """
     return _columns(dereference(address), first, last, (0,))
 
@@ -101,7 +101,7 @@ def tangents(address, first, last):
 def observation_tangents(address, first, last):
     """Compute d.jacobian of the observation in the states d.state, without a step, for groups first ... last - 1.
 
-    address: of a `Derivative` d.
+    address: address of a `Derivative` d.
     """
     return _columns(dereference(address), first, last, None)
 

@@ -76,8 +76,8 @@ OUTCOME = (0, 0)
 def step(address, first, last):
     """Advance groups first ... last - 1 by one control period; return the number of arms that the caller must handle.
 
-    A group is the arms in the lanes of one block of memory. address: of a `tasks.program.Program`. The caller must
-    handle an arm whose episode has ended, one that follows prescribed motions (mode GUIDED), and one whose Newton
+    A group is the arms in the lanes of one block of memory. address: address of a `tasks.program.Program`. The caller
+    must handle an arm whose episode has ended, one that follows prescribed motions (mode GUIDED), and one whose Newton
     iteration failed in a group of several lanes, which must be repeated alone.
     """
     p = dereference(address)

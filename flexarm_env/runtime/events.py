@@ -44,9 +44,9 @@ def _axes(task):
 def draw_events(lanes, p, arm, par, record, info):
     """Draw the payload change and the first push of an arm's episode into its record; info.payload <- its mass, kg.
 
-    record.change <- (control period at whose start the payload changes, factor on the nominal payload). lanes: lanes of
-    a group; arm: number in the batch, whose lane is arm % lanes. par: parameters in lanes, with the present payload
-    mass.
+    record.change <- (control period at whose start the payload changes, factor on the nominal payload). lanes: number
+    of lanes of a group; arm: number in the batch, whose lane is arm % lanes. par: parameters in lanes, with the present
+    payload mass.
     """
     i = arm % lanes
     if p.payload_change is not None:
@@ -64,7 +64,7 @@ def _draw_push(pushes, stream, arm, record, lanes, axes):
 
     pushes: ranges of waiting time and force, `lasting` and `until`; times in control periods. The direction is uniform
     on the circle in the plane (axes = 2) or on the sphere in space (axes = 3; height uniform in [-1, 1], angle
-    uniform). A push that would begin after pushes.until is omitted (first = inf). lanes: lanes of a group.
+    uniform). A push that would begin after pushes.until is omitted (first = inf). lanes: number of lanes of a group.
     """
     i = arm % lanes
     # period of the push; it is drawn in every case, so that the stream does not depend on the settings

@@ -35,7 +35,7 @@ def implicit(address, first, last):
     """Compute d.jacobian of one control period for groups first ... last - 1 by implicit differentiation of the steps.
 
     Rows of an arm's Jacobian: moving numbers of the state after, observed entries, reward. Columns: moving numbers at
-    the start, actions. Shape (X + O + 1, X + A), SI units, observations over their scales. address: of a
+    the start, actions. Shape (X + O + 1, X + A), SI units, observations over their scales. address: address of a
     `derivative.Derivative` d, whose outcome rows are written as well. The scratch memory of group `first` serves all
     groups. Returns 0.
     """

@@ -25,9 +25,9 @@ LAW_SIZE = _LAW.end
 def law_of(law: Any, scale: float, period: float, path: str = "sensors") -> np.ndarray:
     """Return the `LAW` array of a sensor (`flexarm_env.sensors.Law`) that is read every `period` s.
 
-    scale: unit of the entry in SI; bias, noise and resolution are divided by it. path: of the sensor, for messages.
-    Raises ValueError for a delay of more than MOST_LATE periods, or a reading interval that is no whole number of
-    periods.
+    scale: unit of the entry in SI; bias, noise and resolution are divided by it. path: key path of the sensor, for
+    messages. Raises ValueError for a delay of more than MOST_LATE periods, or a reading interval that is no whole
+    number of periods.
     """
     # delay and interval in periods; delay = whole periods + share of one
     late, every = law.delay / period, law.interval / period

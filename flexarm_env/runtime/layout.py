@@ -48,8 +48,8 @@ def parameters_of(model: Any, space: bool) -> int:
 def layout_of(lanes: int, model: Any, task: Any, entries: int, extras: Any, fitted: bool) -> Block:
     """Return the offsets of a block's sections for groups of `lanes` arms, each on whole lanes and cache lines.
 
-    task: a `tasks.task.Task`. entries: of the observation. extras: a `tasks.program.Extras`. fitted: whether steps are
-    fitted to a tolerance, which needs a `SCRATCH` behind the other sections.
+    task: a `tasks.task.Task`. entries: number of entries of the observation. extras: a `tasks.program.Extras`. fitted:
+    whether steps are fitted to a tolerance, which needs a `SCRATCH` behind the other sections.
     """
     links, record = len(task.links), RECORD.offsets(0, *record_sizes(task, entries, extras)).end
     info = INFO.offsets(0, links, len(task.targets), len(task.terms), len(task.further)).end

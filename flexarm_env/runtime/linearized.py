@@ -55,7 +55,7 @@ def outputs_of(n):
 
 @kernel
 def linearize(address, first, last):
-    """Compute values and derivatives of groups first ... last - 1; address: of a `Linearization`. Returns 0.
+    """Compute values and derivatives of groups first ... last - 1; address: address of a `Linearization`. Returns 0.
 
     It writes d.values (rates, or state a period later, then outputs) and d.slopes (derivatives of d.values by q, v,
     torques).

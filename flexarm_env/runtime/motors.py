@@ -305,7 +305,7 @@ def _lateness(lane, task, actuator, record: Lanes):
 def draw_delay(actuator, task, stream, arm, record, lanes):
     """Draw the command delay of an arm's episode (whole steps) into record.delays; no-op if no delay is drawn.
 
-    actuator.drawn: least and largest delay, or None. arm: number in the batch; lanes: of a group.
+    actuator.drawn: least and largest delay, or None. arm: number in the batch; lanes: number of lanes of a group.
     """
     if actuator is not None and actuator.drawn is not None:
         record[motors_at(task, actuator).delays * lanes + arm % lanes] = draw_whole(stream, arm, actuator.drawn)
@@ -316,7 +316,7 @@ def draw_lag(p, arm, record, info, lanes):
     """Draw the motors' lag for an arm's episode: share and mean into the record, s into info; no-op if none is drawn.
 
     share = 1 - exp(-h / lag): fraction of the way to the command in a step; mean: of that fraction over the step.
-    lanes: lanes of a group; arm: number in the batch.
+    lanes: number of lanes of a group; arm: number in the batch.
     """
     if p.actuator is not None and p.actuator.lag is not None:
         least, most = p.actuator.lag
@@ -339,7 +339,8 @@ def record_delay(lane, p, record, live, info):
 def draw_lateness(actuator, stream, arm, record, lanes):
     """Draw the extra delay of the next period's commands into record.late; no-op without jitter.
 
-    It is a whole number of steps from 0 to actuator.jitter[0]. lanes: lanes of a group; arm: number in the batch.
+    It is a whole number of steps from 0 to actuator.jitter[0]. lanes: number of lanes of a group; arm: number in the
+    batch.
     """
     if actuator is not None and actuator.jitter is not None:
         drawn = math.floor(uniform(stream, arm) * (actuator.jitter[0] + 1.0))

@@ -49,8 +49,8 @@ _ONE, _RECORD, _START = (0,), (0,) * GOAL, (0,) * START.offsets(0, 0).end
 def start_episodes(address, mode, count):
     """Start new episodes of the arms p.queue[0 ... count - 1], each drawn from the arm's own random stream.
 
-    address: of a `Program`. mode: for their records, RUNNING (moved by the next step), FRESH (skipped by the next step)
-    or GUIDED (follows prescribed motions).
+    address: address of a `Program`. mode: mode for the arms' records, RUNNING (moved by the next step), FRESH (skipped
+    by the next step) or GUIDED (follows prescribed motions).
     """
     p = dereference(address)
     for k in range(count):
@@ -284,7 +284,7 @@ def _place_in_space(lane, p, arm, own, par, poses, record, action, w):
 def _draw_held(p, arm, lanes, record):
     """Draw goal angles (rad) anew until the motors can hold the rigid arm there, at most MOST_DRAWS times.
 
-    record.goal of the arm's lane: in and out. arm: number in the batch; lanes: of a group.
+    record.goal of the arm's lane: in and out. arm: number in the batch; lanes: number of lanes of a group.
     """
     n, i = size(p.task.links), arm % lanes
     mine = stack(_ONE, p.task.links)
@@ -350,9 +350,9 @@ def _swing(lane, p, i, live, own, par, angles, w):
 def _start_info(lanes, p, arm, record, info):
     """Write the info of an arm before its first period (zeros, in_range 1, error estimate), and its goal angles.
 
-    arm: number in the batch; lanes: of a group. info: all fields before `further`. error: p.estimate of the
-    formulation's own error, over the arm's length. record.target is in; record.goal (rad), the joint angles that reach
-    it, and hold = 0 (instants within the success bands) are out.
+    arm: number in the batch; lanes: number of lanes of a group. info: all fields before `further`. error: p.estimate of
+    the formulation's own error, over the arm's length. record.target is in; record.goal (rad), the joint angles that
+    reach it, and hold = 0 (instants within the success bands) are out.
     """
     task, i, at = p.task, arm % lanes, info_of(p.task)
     for k in range(i, at.further * lanes, lanes):

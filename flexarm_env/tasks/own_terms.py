@@ -21,7 +21,8 @@ def judge_with_terms(lane, task, poses, action, record, live, info):
 
     `judge` writes success and the task's terms into info, where live > 1/2. task.own_terms: kernels term(lane, task,
     poses, action, record), whose weighted values are added to the reward and written into info.terms before the terms
-    of cost, change of actions and failure. poses: of the links, inertial axes; action (joints, lanes), in [-1, 1].
+    of cost, change of actions and failure. poses: poses of the links, inertial axes; action (joints, lanes), in [-1,
+    1].
     """
     total, past = judge(lane, task, poses, action, record, live, info)
     # the last terms of info are the user's own, cost, change of actions and failure, in this sequence

@@ -51,7 +51,8 @@ def reach_observe(lane, task, poses: Lanes, record: Lanes, out):
 
     Entries: sine, cosine of each joint; N joint rates (rad/s); N tip deflections over the link's length, N of their
     rates (1/s); tip velocity (m/s) and target less tip (m), in the axes of link 0's root; seven of a floating base.
-    poses: of the links, inertial axes; record: the target. Each entry is divided by its scale and clipped to +-10.
+    poses: poses of the links, inertial axes; record: the target. Each entry is divided by its scale and clipped to
+    +-10.
     """
     n = size(task.links)
     before, spin = 0.0, of_base(lane, task, poses, BASE_POSE.rate)
@@ -87,10 +88,10 @@ def reach_observe(lane, task, poses: Lanes, record: Lanes, out):
 def reach_judge(lane, task, poses: Lanes, action, record: Lanes, live, info):
     """Write success, info and the reward terms of a tip that is brought to a point in the plane (`reward_point`).
 
-    error: distance of the tip to the target over the arm's length; speed: of the tip relative to the target over that
-    length, 1/s; shaking: sum of squares of deflection rates over the links' lengths, 1/s^2. poses: of the links,
-    inertial axes; action (joints, lanes), in [-1, 1]; info is written where live > 1/2. Returns (reward, 1.0 where a
-    joint is beyond its limits).
+    error: distance of the tip to the target over the arm's length; speed: speed of the tip relative to the target over
+    that length, 1/s; shaking: sum of squares of deflection rates over the links' lengths, 1/s^2. poses: poses of the
+    links, inertial axes; action (joints, lanes), in [-1, 1]; info is written where live > 1/2. Returns (reward, 1.0
+    where a joint is beyond its limits).
     """
     n = size(task.links)
     shaking = 0.0

@@ -81,9 +81,9 @@ def _approach(chain, links, length, limits, point, steps, angles):
 
         d theta = J' (J J' + damping)^-1 (point - tip)
 
-    J (3, N): derivative of the tip (m) by the joint angles. chain: a `JOINT` per joint; links: N zeros; length: m, of
-    the arm; limits (2 N,): low, high of each joint, rad; point: m, inertial axes; steps: largest number of iterations;
-    angles (N,): rad, in and out. No joint moves by more than _FARTHEST rad a step.
+    J (3, N): derivative of the tip (m) by the joint angles. chain: a `JOINT` per joint; links: N zeros; length: length
+    of the arm, m; limits (2 N,): low, high of each joint, rad; point: m, inertial axes; steps: largest number of
+    iterations; angles (N,): rad, in and out. No joint moves by more than _FARTHEST rad a step.
     """
     lines = stack(_ONE, links + links + links + links + links + links)
     off = point - _stretched(chain, links, angles, lines)
@@ -126,8 +126,8 @@ def _column(lines, k, tip):
 def follow_point(chain, links, length, limits, point, angles):
     """Move the joint angles to reach a point that has moved a little, with few iterations from the present angles.
 
-    chain: a `JOINT` per joint; links: N zeros; length: m, of the arm; limits (2 N,): low, high of each joint, rad;
-    point: m, inertial axes; angles (N,): rad, in and out.
+    chain: a `JOINT` per joint; links: N zeros; length: length of the arm, m; limits (2 N,): low, high of each joint,
+    rad; point: m, inertial axes; angles (N,): rad, in and out.
     """
     _approach(chain, links, length, limits, point, _FOLLOWED, angles)
 
@@ -138,8 +138,8 @@ def seek_point(chain, links, length, limits, point, angles):
 
     The search starts from the present angles. If it fails, it is repeated from two bent postures.
 
-    The best result is kept. chain: a `JOINT` per joint; links: N zeros; length: m, of the arm; limits (2 N,): low, high
-    of each joint, rad; point: m, inertial axes; angles (N,): rad, in and out.
+    The best result is kept. chain: a `JOINT` per joint; links: N zeros; length: length of the arm, m; limits (2 N,):
+    low, high of each joint, rad; point: m, inertial axes; angles (N,): rad, in and out.
     """
     least, mine, best = math.inf, stack(_ONE, links), stack(_ONE, links)
     for trial in range(3):

@@ -137,8 +137,8 @@ def show_base(lane, task, poses: Lanes, sine, cosine, out):
     """Write the last seven entries of the observation of an arm on a floating base, over their scales.
 
     No-op where the root is held. Sine and cosine of the base's attitude, its rate (rad/s), then velocity (m/s) and
-    position (m) of the hub, each along and across the root of link 0; sine, cosine: of the inertial angle of that root.
-    poses: of the links, then of the base, inertial axes.
+    position (m) of the hub, each along and across the root of link 0; sine, cosine: those of the inertial angle of that
+    root. poses: poses of the links, then of the base, inertial axes.
     """
     if size(task.base) > 0:
         k = size(task.entries) - 7
@@ -158,8 +158,8 @@ def show_base(lane, task, poses: Lanes, sine, cosine, out):
 def level(lane, task, poses, good):
     """Return `good` (1 or 0) if a floating base's attitude is within its success band, else 0.
 
-    The band is the last of task.bands, rad. If the root is held, `good` is returned. poses: of the links, then of the
-    base.
+    The band is the last of task.bands, rad. If the root is held, `good` is returned. poses: poses of the links, then of
+    the base.
     """
     if size(task.base) > 0:
         turned = absolute(of_base(lane, task, poses, BASE_POSE.angle))
@@ -303,7 +303,7 @@ def reward_term(lane, task, live, info, k, value):
 def record_tip(lane, task, poses: Lanes, record: Lanes, live, info):
     """Write the tip's position (m, inertial axes) and the target (m, or rad) into info, where live > 1/2.
 
-    poses: of the links, inertial axes. record: the target.
+    poses: poses of the links, inertial axes. record: the target.
     """
     o, at = POSE.end * (size(task.links) - 1), info_of(task).target
     put_info(lane, live, info, TIP, poses[o + POSE.tip_x])

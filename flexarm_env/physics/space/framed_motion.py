@@ -64,8 +64,8 @@ def late_of(lane, model, par, frame, rates, spins, stiff, late, at):
     """Return the `Late` of a segment: damping forces by rotations at constant rates.
 
     d phi' = (phi' / 2) x (dth + dbeta) - w x dth - X dbeta, X dbeta = w_x (0, dbeta_z, -dbeta_y) with the frame's spin
-    w_x; strain rates follow by `framed._strained_rate`. spins: of both sections (rad/s, section axes); late: tau_d
-    times a weight (s), see `framed_tangent.tangent`; stiff: `Stiff`. Theory, (9.3).
+    w_x; strain rates follow by `framed._strained_rate`. spins: angular velocities of both sections (rad/s, section
+    axes); late: tau_d times a weight (s), see `framed_tangent.tangent`; stiff: `Stiff`. Theory, (9.3).
     """
     x, y, spin = 0.25 * late * rates.left, 0.25 * late * rates.right, late * rates.spin
     # d phi' by the rotations of the left section, the right section, and the frame
