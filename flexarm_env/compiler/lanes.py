@@ -2,8 +2,8 @@
 
 A kernel takes a *lane tag*, a tuple of zeros whose length L is the number of arms advanced together (`SINGLE` or
 `EIGHT`). In an array that holds lanes, element k of all L arms lies at `[k*L : (k+1)*L]`. `load(lane, array, k)`
-returns a float64 where L = 1 and an LLVM `<L x double>` otherwise; arithmetic and the functions below accept both, so
-that the same source is the kernel of a single arm and of a batch. No operation is contracted or reordered. Single arms
+returns a float64 if L = 1 and an LLVM `<L x double>` otherwise. Arithmetic and the functions below accept both types,
+so the same source is the kernel of a single arm and of a batch. No operation is contracted or reordered. Single arms
 and batches therefore give the same bits, on any x86 or Arm vector unit.
 
 With a longer tag, `dual(lane, D)`, the same source becomes the kernel of its derivative (forward mode). Each element is

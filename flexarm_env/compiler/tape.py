@@ -3,9 +3,9 @@
 A `Tape` writes instructions like any builder. While it records, each instruction that depends on a differentiated input
 becomes a `Node` of the current `Region`: a function, a loop body, one side of a branch. `sweep` writes the reverse code
 of a region. Memory has parallel memory for cotangents (bars). In the reverse sweep a store moves the cotangent of its
-place to the stored number and sets it to 0; a load adds its cotangent to that of the place. `back` returns a forward
-value in the reverse sweep. In the outermost region the value is still available. Integers, addresses, cheap arithmetic
-and loads from unchanged arrays are recomputed. Other values are saved.
+place to the stored number and clears it at the place; a load adds its cotangent to that of the place. `back` returns a
+forward value in the reverse sweep. In the outermost region the value is still available. Integers, addresses, cheap
+arithmetic and loads from unchanged arrays are recomputed. Other values are saved.
 """
 
 from __future__ import annotations

@@ -225,10 +225,10 @@ def _plain(function: Any) -> Any:
 
 
 class Straight:
-    """A function that is traced, hence inlined, where kernels call it.
+    """A function that is traced, and therefore inlined, at each call by a kernel.
 
-    when: condition on (arguments by name, writer); where False `function`, a kernel, is called. traits: words that
-    go into the cache key beside the function.
+    when: condition on (arguments by name, writer). If it is False, `function` is a kernel and is called. traits: words
+    that go into the cache key beside the function.
     """
 
     def __init__(self, function: Any, when: Callable[[dict[str, Any], Any], bool] | None = None) -> None:

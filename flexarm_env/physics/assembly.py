@@ -109,10 +109,10 @@ plane."""
 
 
 def _check_honoured(part: Any, path: str, formulation: str, honours: Honours) -> None:
-    """Raise ValueError for a field of `part`, or of its parts, that is not at its default and not in `honours`.
+    """Raise ValueError for a field of `part`, or of its parts, that is set but is not in `honours`.
 
-    part: an Arm or a description within it, at key path `path`; honours: fields that the formulation uses, by class. A
-    subclass that `honours` does not name is rejected as well.
+    A field is set if it differs from its default. part: an Arm or a description within it, at key path `path`; honours:
+    fields that the formulation uses, by class. A subclass that `honours` does not name is rejected as well.
     """
     if isinstance(part, tuple | list):
         for i, entry in enumerate(part):

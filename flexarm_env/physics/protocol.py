@@ -144,8 +144,8 @@ class NewtonPolicy(NamedTuple):
 def reuses_matrix(policy, iteration):
     """Return whether Newton iteration number `iteration` (from 0) uses the factors of the iteration before.
 
-    policy: `NewtonPolicy`. Its `reuse` is None (each iteration has its own matrix) or a pair of tuples, whose lengths
-    are the numbers of the first and the last iteration that reuse factors.
+    policy: `NewtonPolicy`. If its `reuse` is None, each iteration has its own matrix. Otherwise `reuse` is a pair of
+    tuples; their lengths are the numbers of the first and of the last iteration that reuse factors.
     """
     if policy.reuse is None:
         return False

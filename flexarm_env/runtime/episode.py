@@ -77,8 +77,8 @@ def step(address, first, last):
     """Advance groups first ... last - 1 by one control period; return the number of arms that the caller must handle.
 
     A group is the arms in the lanes of one block of memory. address: address of a `tasks.program.Program`. The caller
-    must handle an arm whose episode has ended, one that follows prescribed motions (mode GUIDED), and one whose Newton
-    iteration failed in a group of several lanes, which must be repeated alone.
+    must handle three cases: an arm whose episode has ended; an arm that follows prescribed motions (mode GUIDED); and
+    an arm whose Newton iteration failed in a group of several lanes, which must be repeated alone.
     """
     p = dereference(address)
     count = 0
@@ -178,8 +178,8 @@ def observe_material(lane, p, par, record, w, seen):
 def find_sound(lane, entries, flag: Lanes, seen: Lanes):
     """Return 1.0 in lanes that were moved and whose observation is finite, otherwise 0.0.
 
-    flag (lanes,): status code, 0 (OK) where the arm was moved without error; NOT_FINITE is written where an entry of
-    seen is not finite, and a code other than OK is kept. entries: how many rows of `seen` are checked.
+    flag (lanes,): status code, 0 (OK) where the arm was moved without error; NOT_FINITE is written if an entry of seen
+    is not finite. A code other than OK is kept. entries: how many rows of `seen` are checked.
     """
     code = flag[0]
     for k in range(entries):

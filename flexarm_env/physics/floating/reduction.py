@@ -1,9 +1,9 @@
 """Reduction of a link, or of a piece of a link, to a few bending modes with foreshortening (the paper's
 substructuring).
 
-The shape is s = (x - p'H(x)p / 2, v(x)'p), sections turn by phi(x)'p, and p'H(x)p = int_0^x v'^2 - (v' - phi)^2 dx
-(theory, eq. 4.1). The line along the sections' normals keeps its length, as the exact beam's axis does. The modes are
-those of the clamped link, with the mass and inertia that the link carries lumped at its tip.
+The deformed shape is s = (x - p'H(x)p / 2, v(x)'p). Sections turn by phi(x)'p, and p'H(x)p = int_0^x v'^2 - (v' -
+phi)^2 dx (theory, eq. 4.1). The line along the sections' normals keeps its length, as the exact beam's axis does. The
+modes are those of the clamped link, with the mass and inertia that the link carries lumped at its tip.
 """
 
 from collections.abc import Sequence

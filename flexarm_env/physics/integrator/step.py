@@ -68,8 +68,8 @@ def newmark_predict(lane, model, w: Work, h, scheme):
 def _restart_from_step_start(lane, model, w: Work, slopes):
     """Start the Newton iteration at the step's initial q instead of the prediction; v, a, b follow q by `slopes`.
 
-    After a jump of a load, accelerations that the step does not resolve may make the prediction so wrong that the
-    iteration does not converge from it. slopes: `NewmarkSlopes`, derivatives of v+, a+, b+ by q+, eq. (6.1).
+    After a jump of a load, the step may not resolve the accelerations. The iteration may then not converge from the
+    prediction, because its error is too large. slopes: `NewmarkSlopes`, derivatives of v+, a+, b+ by q+, eq. (6.1).
 
     # state     w.q, w.v, w.a, w.b: in, prediction; out, the values that belong to q+ = w.q0
     # scratch   w.r

@@ -1,8 +1,8 @@
 """Common part of contributions that are forces on a point of the arm and depend on its position, such as a spring.
 
-The point is a point load of the arm (`AtPoint.place`), so that every formulation computes the displacement y of the
-point, the generalized forces B f of a force f there, and how B changes with q. A stiffness k of the point adds the
-block B k B^T to the matrix. It has few columns and is applied to solutions (theory, (6.7)):
+The point is a point load of the arm (`AtPoint.place`). Every formulation therefore computes the displacement y of the
+point, the generalized forces B f of a force f on the point, and the change of B with q. A stiffness k of the point adds
+the block B k B^T to the matrix. It has few columns and is applied to solutions (theory, (6.7)):
 
     (S + B k B^T)^-1 b = x - W C B^T x,   x = S^-1 b,   W = S^-1 B,   C = (1 + k B^T W)^-1 k
 

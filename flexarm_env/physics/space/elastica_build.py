@@ -164,8 +164,8 @@ ALIKE = 1.01
 """Largest ratio of bending stiffnesses that count as equal."""
 
 ALONG = 4.0
-"""Ratio of shear to bending of a link that swings about a pin under its own inertia, 12 EI / (C L^2), divided by the
-same ratio of a clamped link under a force at its tip, 3 EI / (C L^2)."""
+"""Quotient of two ratios of shear to bending deflection. For a link that swings about a pin under its own inertia the
+ratio is 12 EI / (C L^2). For a clamped link under a force at its tip it is 3 EI / (C L^2)."""
 
 BENT = 0.3
 """Deflection, as a fraction of its length, assumed for a link before anything is known."""

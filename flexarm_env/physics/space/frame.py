@@ -1,9 +1,9 @@
 """Kinematics of a segment's floating frame between two sections in space: position, rotation, rates (theory, 9).
 
-The frame begins at the left section's origin, its x axis (the chord) passes through the right one's, and its roll about
-x follows both sections' y axes: z is normal to x and to their sum p. The sections' rotation vectors phi_l, phi_r (rad)
-relative to the frame and e = |r_r - r_l| - l (m) are the elastic coordinates of a Timoshenko element with 12
-coordinates, 6 of which are elastic:
+The frame begins at the left section's origin. Its x axis (the chord) passes through the right section's origin. Its
+roll about x follows both sections' y axes: z is normal to x and to the sum p of these y axes. The sections' rotation
+vectors phi_l, phi_r (rad) relative to the frame and e = |r_r - r_l| - l (m) are the elastic coordinates of a Timoshenko
+element with 12 coordinates, 6 of which are elastic:
 
     r(x) = (1 - x/l) r_l + x/l r_r + A n(x),   n = h_l (phi_l x e_x) + h_r (phi_r x e_x)     [41], h of either plane
     U = (phi' K phi + EA/l (e + phi' H phi / 2)^2) / 2                    (docs: theory, eq. 1.2, of both bendings)

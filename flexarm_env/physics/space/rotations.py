@@ -1,10 +1,10 @@
 """Algebra of vectors, 3 x 3 matrices and rotations, for one arm or for lanes: named tuples, which stay in registers.
 
-A vector is a `Vector`, a matrix a `Matrix` of three rows, a unit quaternion a tuple p = (w, x, y, z) with
-w = cos(|psi|/2). A rotation vector psi (rad) stands for the rotation exp(psi^), where psi^ b = psi x b. p and -p are
-the same rotation. Rotations map vectors from body axes to reference axes. Coordinates of a section are a rotation
-vector (body axes to inertial axes), which an increment d in body axes changes as exp(psi^) exp(d^) (Bruels & Cardona
-2010). T(d) is the tangent map, exp(d^ + e^) = exp(d^) exp((T e)^) to first order in e.
+A vector is a `Vector`, a matrix a `Matrix` of three rows, a unit quaternion a tuple p = (w, x, y, z) with w =
+cos(|psi|/2). A rotation vector psi (rad) stands for the rotation exp(psi^), where psi^ b = psi x b. p and -p are the
+same rotation. Rotations map vectors from body axes to reference axes. The coordinates of a section are a rotation
+vector psi (body axes to inertial axes). An increment d in body axes changes the rotation to exp(psi^) exp(d^) (Bruels &
+Cardona 2010). T(d) is the tangent map, exp(d^ + e^) = exp(d^) exp((T e)^) to first order in e.
 """
 
 from __future__ import annotations
