@@ -299,7 +299,7 @@ def _by_chord(frame, A):
 
 @kernel
 def _drawn(frame, left, right, bent, cm):
-    """Return the coupling of an end's position, across the chord, with rotations and positions by inertia (frame axes).
+    """Return the inertia coupling of an end's position across the chord with rotations and positions (frame axes).
 
     left, right, bent: kg m, h of both rotations and n, weighted with the end's share of the mass; cm: mass weight.
     Returns (rows y, z by the left section), (by the right section), (force by the chord's y, by its z).
