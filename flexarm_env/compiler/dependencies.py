@@ -87,7 +87,7 @@ class Description:
         return found
 
     def _all(self, roots: Sequence[Any]) -> None:
-        """Describe the root objects, then all functions that they refer to, breadth first."""
+        """Describe the roots, then, breadth first, the functions outside the package (`_named`) that they lead to."""
         for root in roots:
             self.words.append(self.describe(root))
         while self._left:

@@ -25,7 +25,7 @@ def judge_with_terms(lane, task, poses, action, record, live, info):
     1].
     """
     total, past = judge(lane, task, poses, action, record, live, info)
-    # the last terms of info are the user's own, cost, change of actions and failure, in this sequence
+    # k: first of the user's own terms; cost (if task.charged), change of actions (if task.acted), failure follow it
     k = size(task.terms) - 1 - min(size(task.acted), 1) - len(task.own_terms)
     if task.charged is not None:
         k = k - 1

@@ -71,7 +71,7 @@ def press_judge(lane, task, poses: Lanes, action, record: Lanes, live, info: Lan
         put_info(lane, live, info, DEFLECTION + k, normal / task.lengths[k])
         rate = rate / task.lengths[k]
         shaking = shaking + rate * rate
-    # way to the target, and its component along the wall
+    # target less tip (dx, dy; m, inertial axes); e (m): its part along the wall; d: its length over the arm's length
     o = POSE.end * (n - 1)
     dx = record[TARGET] - poses[o + POSE.tip_x]
     dy = record[TARGET + 1] - poses[o + POSE.tip_y]

@@ -199,7 +199,7 @@ def _tangent(lane, model, par: Lanes, q, on: Nodes, weights, S: Lanes):
         share = payload * D[at.w + i]
         moment = share + D[at.b + i]
         ci, si, dxi, dyi = c[i], s[i], ex[i], ey[i]
-        # the same with the link's own tau_d, if the links differ
+        # steep: EI factor times (ck + tau_d s_k cc), s_k: link k's share of tau_d, where the links differ
         k = i // n
         steep = slope
         if model.damping is not None and not isinstance(model.damping, tuple):

@@ -287,7 +287,7 @@ def energy(lane, model, par: Lanes, q: Lanes, v: Lanes):
     """
     pose, frame, ends = stack(lane, SIX), stack(lane, SIX), stack(lane, (0, 0, 0))
     zero = 0.0
-    # kinetic energy and first moments of rigid ends (with the elbows' masses where links have such ends)
+    # ends <- 0: T (J), m x, m y (kg m, inertial axes) of the rigid ends, and of the elbows' masses on them
     store_vector(lane, ends, 0, (zero, zero, zero))
     kinetic, strain, gravity = zero, zero, zero
     gx, gy = gravity_along(model.gravity, 0), gravity_along(model.gravity, 1)

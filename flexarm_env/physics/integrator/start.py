@@ -296,7 +296,7 @@ def damping_layer(lane, model, drive, par, w: Work, rest, h, fresh):
 
 @kernel
 def _damp_layer(lane, model, drive, par, w: Work, rest, h, matrix, fresh, share):
-    """Compute w.r <- (1 - s) x by (M + h/2 C) y + Phi_q^T mu = h/2 C x, with SMALL h/2 x given in w.v (m/s, rad/s).
+    """Compute w.r <- y = (1 - s) x, (M + h/2 C) y + Phi_q^T mu = h/2 C x; w.v holds SMALL h/2 x (m/s, rad/s).
 
     s = (M + h/2 C)^-1 M; M, C: mass and damping matrix; mu: multipliers of the constraints Phi = 0; h: a step, s.
     matrix: True assembles and factors M + h/2 C in w.S first, False uses its factors. rest: residual at rest (v = a =

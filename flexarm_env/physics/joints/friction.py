@@ -262,11 +262,10 @@ def _choose_branch(lane, model, par, weights, i, S: Lanes):
 
 @kernel
 def _solve_torques(lane, model, S: Lanes, transposed):
-    """Solve for the torques T (N m) that close the gaps of sticking joints; T = bound for sliding ones.
+    """Solve for friction torques T (N m): sum_j W_ij T_j = gap_i where joint i sticks, T_i = bound_i where it slides.
 
-        sticks: sum_j W_ij T_j = gap_i,    slides: T_i = bound_i
-
-    gap, bound: `GEAR` fields; W_ij: entry of S^-1 in the friction rows of joints i and j. transposed: True uses W^T,
+    `GEAR` fields: gap (`_find_gaps`: change of the increment x_i that leaves joint i at rest) and bound (N m), in;
+    torque: T, out. W_ij: entry of S^-1 in the friction rows of joints i and j. transposed: True uses W^T,
     for cotangents, where all bounds are 0. Gaussian elimination without pivoting. Theory, (6.6).
     """
     joints, one, zero = count(model), 1.0, 0.0

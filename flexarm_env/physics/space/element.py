@@ -403,8 +403,9 @@ def inertia_wrenches(lane, mass, length, left, right, weights, S, o):
 
 @kernel
 def _add(lane, S: Lanes, o, x, xt, A, tx, tt, arm):
-    """Add to the 6 x 6 block at o of S (rows: force, moment; columns: position, rotation) the inertia of a middle mass.
+    """Add the derivative of a middle mass's wrench on one end, by motion of an end, to the 6 x 6 block at o of S.
 
+    Rows: force (inertial axes), moment (section axes); columns: position (inertial axes), rotation (section axes).
     Force rows: x 1 and xt/2. Moment rows: tx e_x^ A^T and arm e_x^ tt. x, tx, arm: numbers; xt, A, tt: 3 x 3.
     """
     for a in range(3):

@@ -213,7 +213,7 @@ def _turned(lane, model, frame, now, bending, late, bent, weights, at):
     now: (force between the ends, moments on phi_l, phi_r); bending: of `_bending`; late: `Late` or None; bent: `Bent`.
     """
     cm, c, P, Q = weights.mass, weights.stiffness, frame.left.T, frame.right.T
-    # moments on phi by both sections and, with the opposite sign, by the frame
+    # d(moment on phi), d phi = T^-1 dth - T^-T dbeta: ll P by dth of the left section, ll P^T + lr Q^T by -dbeta
     Pt, Qt, (ll, lr, rr) = P.T, Q.T, bending
     rl = lr.T
     ll_by, rl_by, lr_by, rr_by = ll @ P, rl @ P, lr @ Q, rr @ Q
@@ -336,7 +336,10 @@ def _less(rows):
 
 @kernel
 def _columns(frame):
-    """Return the `Column`s of the left position, left rotation, right position and right rotation of a segment."""
+    """Return `Column`s by left place, left rotation, right place, right rotation (places: frame axes, rotations: own).
+
+    For the rows of the inner modes, `_inner_column`. frame: `Frame` of the segment.
+    """
     a, b, share, zero = frame.left, frame.right, frame.over, frame.length * 0.0
     none, full = Vector(zero, zero, zero), zero + 1.0
     nothing, one = Matrix(none, none, none), about_identity(full, none, zero, none)
