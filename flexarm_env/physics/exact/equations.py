@@ -115,10 +115,7 @@ def _add_lumped_inertia(lane, model, par: Lanes, weights, S: Lanes):
 
 @kernel
 def _directions(lane, model, q: Lanes, S: Lanes):
-    """Store (sin psi, cos psi) of every Gauss point in the `circle` fields of S; psi: section's angle to inertial x.
-
-    q: coordinates (m, rad).
-    """
+    """Store (sin psi, cos psi) of every Gauss point in the `circle` fields of S; psi: section's angle to inertial x."""
     # one pass ahead of the elements: each sine is a long chain of operations, but none waits for another
     own = element_factors_at(0, len(model.order))
     i, o = rows_of(model).elements, factors_of(model).elements + own.circle
