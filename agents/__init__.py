@@ -1,1 +1,3 @@
-"""Scripts of a checkout: `python -m agents.train_ppo` and others, thin over `flexarm_env.training`, and studies."""
+"""Scripts of a checkout, such as `python -m agents.train_ppo`: short programs around `flexarm_env.training`, and
+studies.
+"""

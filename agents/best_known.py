@@ -1,17 +1,19 @@
-"""Best known settling: the episodes that policies are judged on, their torques optimised for the table's own measure.
+"""Find the quickest known settling in the evaluation episodes by optimizing the torques of each episode.
 
     python -m agents.best_known                          # both environments: a quarter of an hour of one core
     python -m agents.best_known --only slew --episodes 10
 
-For every episode the fewest control periods are sought after which the tip stays in its band to the end of the episode
-(`flexarm_env.control.optimal.least_settling`), from the receding-horizon controller's first plan; with two links from
-two of them: the elbow bent as the environment chooses it at the goal, and the other way; and from what the quickest of
-the policies and controllers does, which counts itself where nothing better is found. A plan is torques alone: it is
-played without feedback in the environment, where its settling is measured, and again on the converged exact beam.
-Nothing says that there is no quicker one.
+For every episode the script searches the fewest control periods after which the tip stays in its band to the end of the
+episode (`flexarm_env.control.optimal.least_settling`). The search has several initial guesses. The first is the first
+plan of the receding-horizon controller. For two links there are two such plans: one with the elbow bent at the goal as
+the environment chooses, one with the elbow bent to the other side. The last guess is the motion under the quickest of
+the policies and controllers. If no plan is quicker, this motion is the result. A plan consists of torques alone. It is
+played without feedback in the environment, where its settling time is measured, and then on the converged exact beam. A
+quicker motion may exist.
 
-Done in lots of episodes; a lot that is in docs/results/optimal.json is kept, so that a run that was broken off goes on.
-Writes docs/results/optimal.{json,md}; `python -m agents.table` shows the policies' distance from it.
+The episodes are planned in lots. A lot that docs/results/optimal.json contains is not planned again, so that an
+interrupted run can be continued. The script writes docs/results/optimal.{json,md}; `python -m agents.table` compares
+the policies with these results.
 """
 
 import sys
@@ -41,29 +43,31 @@ from flexarm_env.training.runs import command, read_json, versions, write_json
 from flexarm_env.validation import Array
 
 EXACT: dict[str, Any] = {"elements": 4, "order": 3, "dt": 0.001, "tolerance": 1e-8}
-"""The converged exact beam: its own error is a hundredth of the band in which a tip counts as settled."""
+"""Solver options of the converged exact beam, whose own error is a hundredth of the band of a settled tip."""
 
 AFTER = MPCGains(10.0, 10.0, 10.0, 10.0)
-"""What a plan costs once the tip is in its band, and the regulator that holds the arm behind it."""
+"""Weights of a plan's cost after the tip has reached its band, and of the regulator that holds the arm afterwards."""
 
 GUESSED = {"slew": MPCGains(50.0, 50.0, 50.0, 50.0), "reach": MPCGains(50.0, 20.0, 20.0, 20.0)}
-"""Of the receding-horizon controller that plans begin with: eager, for the arm is the nominal one."""
+"""Gains of the receding-horizon controller that makes the first guesses. They are high, since the arm is the nominal
+one."""
 
 POLICY = "quickest policy"
-"""What the first guess is called that is made of what policies do."""
+"""Name of the initial guess that consists of the quickest policies' actions."""
 
 WANTED = 1.15
-"""Times the best settling known: what is asked of a policy."""
+"""Settling time required of a policy, over the shortest one known."""
 
 NEAR = 1.3
-"""A further first guess is followed up where it is there in less than so many times the best settling found before."""
+"""A further guess is optimized only if it arrives within this many times the shortest settling time found so far."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """An environment, its number of episodes, in lots of so many, and what plans look at after they have settled.
+    """Environment with its number of episodes, and the number of episodes that are planned together (`lot`).
 
-    tail: control periods. families: of trained policies, of which each one's best is looked at beside.
+    tail: control periods of a plan after settling. families: families of trained policies; the best policy of each is
+    evaluated too.
     """
 
     env: str
@@ -81,11 +85,11 @@ CASES = {
 
 @dataclass(frozen=True)
 class Arguments:
-    """What `python -m agents.best_known` takes.
+    """Arguments of `python -m agents.best_known`.
 
     Args:
         only: slew or reach; default both.
-        episodes: of each, in place of all (what is found is not written then).
+        episodes: number of episodes of each environment, for a preview whose results are not written; default all.
         results: folder of the page and its JSON.
     """
 
@@ -95,29 +99,29 @@ class Arguments:
 
 
 class Watched:
-    """A policy, and the joint torques (n, N) N m that it has led to."""
+    """Policy that records the joint torques (n, N), N m, which its actions cause."""
 
     def __init__(self, policy: Any, env: Any, torques: list[Array]) -> None:
         self.policy, self.batch, self.torques = policy, env.unwrapped.batch, torques
 
     def note(self) -> None:
-        """Of the last period."""
+        """Record the torques of the last period."""
         batch = self.batch
         self.torques.append(np.array([batch.view(i).torques for i in range(batch.n)]))
 
     def reset(self, observation: NDArray[np.float32]) -> None:
-        """Begin."""
+        """Reset the policy."""
         self.policy.reset(observation)
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The policy's action."""
+        """Record the last torques and return the policy's action."""
         self.note()
         action: NDArray[np.float32] = self.policy.act(observation)
         return action
 
 
 class OtherWay(MPC):
-    """With the elbow bent the other way at the goal."""
+    """Receding-horizon controller whose goal has the elbow bent to the other side."""
 
     def _goal(self, signals: Any) -> Array:
         """Return the goal angles (n, 2), rad, with the elbow bent to the other side."""
@@ -130,7 +134,7 @@ class OtherWay(MPC):
 
 @dataclass(frozen=True)
 class Lot:
-    """Episodes that are planned together: where they start, x (n, S), and where their tips are to be."""
+    """Episodes that are planned together: initial states x (n, S), targets of the tips, and widths of their bands."""
 
     plant: Dynamics
     x: Array
@@ -138,7 +142,7 @@ class Lot:
     band: Array
 
     def off(self, x: Array, arms: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Distance of the tip over its band, and its derivative: see `optimal.least_settling`."""
+        """Return the tip's distance over its band, and the derivative of this number: see `optimal.least_settling`."""
         tip, slope = self.plant.tip(x)
         target, band = self.target[arms], self.band[arms, None]
         if self.target.ndim == 1:
@@ -154,7 +158,7 @@ class Lot:
 
 
 def lot_of(env: Any, first: int) -> Lot:
-    """The episodes of an environment from this seed on."""
+    """Return the episodes of an environment, one per arm, from the seed `first` on."""
     setup, batch = control.Setup.of(env), env.unwrapped.batch
     plant = dynamics(setup.arm, setup.control_dt)
     _, info = env.reset(seed=first)
@@ -167,7 +171,7 @@ def lot_of(env: Any, first: int) -> Lot:
 
 
 class Guess(NamedTuple):
-    """actions (T, n, N), joint angles at the goal (n, N), control periods to be there (n,)."""
+    """Initial guess: actions (T, n, N), joint angles at the goal (n, N), control periods until the arrival (n,)."""
 
     actions: Array
     goal: Array
@@ -175,7 +179,7 @@ class Guess(NamedTuple):
 
 
 def guesses(env: Any, first: int) -> dict[str, Guess]:
-    """First guesses by name: the plans with which the receding-horizon controller begins."""
+    """Return initial guesses by name: the first plans of the receding-horizon controller."""
     setup = control.Setup.of(env)
     made = {"elbow as chosen": MPC(setup, GUESSED[setup.task])}
     if setup.task == "reach":
@@ -192,8 +196,8 @@ def guesses(env: Any, first: int) -> dict[str, Guess]:
 class Judged(NamedTuple):
     """Results of trained policies and controllers.
 
-    By name settling time (s) and return of each episode; of the fastest in each the torques (T, n, N) over their
-    limits, and the state (n, S) at its end.
+    settling, returns: settling time, s, and return of each episode, by the policy's name. actions (T, n, N): torques of
+    each episode's quickest policy, divided by their limits. ends (n, S): states at the end under these torques.
     """
 
     settling: dict[str, list[float]]
@@ -203,7 +207,7 @@ class Judged(NamedTuple):
 
 
 def policies(case: Case, first: int, count: int) -> Judged:
-    """See `Judged`."""
+    """Evaluate the trained policies and the controllers of a case on `count` episodes from the seed `first` on."""
     named = families.named(case.families[0])
     made = {
         f"PPO ({name})": choose(str(families.named(name).best(families.TRAINED)), case.env) for name in case.families
@@ -229,7 +233,11 @@ def policies(case: Case, first: int, count: int) -> Judged:
 
 
 def followed(lot: Lot, known: Judged, ways: list[Array]) -> Guess:
-    """The quickest policies as a first guess; of joint angles that reach the target, those that they have led to."""
+    """Return the actions of the quickest policies as an initial guess.
+
+    ways: several joint angles (n, N), rad, that reach the target; the guess has those nearest to the policy's final
+    angles.
+    """
     angles = known.ends[:, lot.plant.joints]
     turned = np.array([goal + 2.0 * np.pi * np.round((angles - goal) / (2.0 * np.pi)) for goal in ways])
     nearest = np.argmin(np.abs(turned - angles).max(axis=2), axis=0)
@@ -239,7 +247,7 @@ def followed(lot: Lot, known: Judged, ways: list[Array]) -> Guess:
 
 
 def planned(lot: Lot, case: Case, guess: Guess, limit: int) -> Array:
-    """Actions (limit, n, N) of whole episodes; a guess's own where nothing better is found."""
+    """Return actions (limit, n, N) of whole episodes: the optimized ones, or the guess's if the optimization fails."""
     plant, goal = lot.plant, guess.goal
     if plant.n_inputs == 1:
         goal = lot.target[:, None]
@@ -263,7 +271,11 @@ def planned(lot: Lot, case: Case, guess: Guess, limit: int) -> Array:
 
 
 def solve_lot(case: Case, first: int, count: int) -> dict[str, Any]:
-    """What is kept of a lot: settling (s) by first guess; of the best in the environment and on the exact beam."""
+    """Plan a lot and return its record.
+
+    The record contains the settling times, s, of each initial guess, and the results of each episode's best actions in
+    the environment and on the exact beam.
+    """
     began = time.process_time()
     env = fixed.make_episodes(case.env, count)
     limit = int(env.unwrapped.plan.limit)
@@ -307,7 +319,7 @@ def solve_lot(case: Case, first: int, count: int) -> dict[str, Any]:
 
 
 def joined(lots: list[Mapping[str, Any]]) -> dict[str, Any]:
-    """Numbers of all lots in a row."""
+    """Join the results of all lots."""
     keys = ("settling", "exact", "success", "exact_success", "effort", "returns")
     out: dict[str, Any] = {key: np.array([v for lot in lots for v in lot[key]]) for key in keys}
     names = dict.fromkeys(name for lot in lots for name in lot["starts"])
@@ -320,7 +332,7 @@ def joined(lots: list[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def blocks(content: Mapping[str, Any]) -> dict[str, list[str]]:
-    """Tables of docs/results/optimal.md."""
+    """Format the tables of docs/results/optimal.md."""
     rows, spread, apart = [], [], []
     for name, case in CASES.items():
         lots = list(content["lots"].get(name, {}).values())
@@ -359,7 +371,7 @@ def blocks(content: Mapping[str, Any]) -> dict[str, list[str]]:
 
 
 def find_all(arguments: Arguments) -> None:
-    """Find what is missing, write page and numbers."""
+    """Plan all missing lots, and write the page and its numbers."""
     path = arguments.results / "optimal.json"
     if arguments.only is not None and arguments.only not in CASES:
         raise ValueError(f"--only {arguments.only}: must be one of {', '.join(CASES)}")

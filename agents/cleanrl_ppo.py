@@ -1,10 +1,11 @@
-"""PPO in one file, as CleanRL writes it: the vector environment, PyTorch, and nothing else of this repository.
+"""PPO in one file, in the manner of CleanRL: it uses the vector environment, PyTorch, and nothing else of the
+repository.
 
     python agents/cleanrl_ppo.py --env-id FlexibleArm-v0
     python agents/cleanrl_ppo.py --env-id flexarm_env:flexarm/slew-measured-v2 --out slew.pt
 
-What it has learnt is written to --out. `act` is a policy for `flexarm bench suite --policy agents.cleanrl_ppo:act`: it
-reads the file that the environment variable AGENT names.
+The trained networks are written to --out. `act` is a policy for
+`flexarm bench suite --policy agents.cleanrl_ppo:act`; it reads the file named by the environment variable AGENT.
 """
 
 import argparse
@@ -62,18 +63,18 @@ class Agent(nn.Module):
         self.logstd = nn.Parameter(torch.full((1, joints), -0.5))
 
     def value(self, seen: torch.Tensor) -> torch.Tensor:
-        """Of observations (n, entries): (n,)."""
+        """Return the values (n,) of observations (n, entries)."""
         found: torch.Tensor = self.critic(seen).squeeze(-1)
         return found
 
     def distribution(self, seen: torch.Tensor) -> Normal:
-        """Of actions."""
+        """Return the distribution of the actions for observations (n, entries)."""
         mean = self.actor(seen)
         return Normal(mean, self.logstd.expand_as(mean).exp())
 
 
 def train(args: argparse.Namespace) -> list[float]:
-    """Train and write the agent; the mean return of the episodes that ended in each iteration."""
+    """Train and write the agent; return each iteration's mean return over the episodes that ended in it."""
     torch.manual_seed(args.seed)
     torch.set_num_threads(1)  # networks this small wait for each other on more
     envs = gym.make_vec(
@@ -153,7 +154,7 @@ def learn(agent: Agent, optimizer: Any, args: argparse.Namespace, batch: list[to
 
 @cache
 def trained(path: str) -> Agent:
-    """Load the agent of a file."""
+    """Load the agent from a file."""
     kept = torch.load(path, weights_only=True)
     agent = Agent(kept["entries"], kept["joints"])
     agent.load_state_dict(kept["agent"])
@@ -161,7 +162,7 @@ def trained(path: str) -> Agent:
 
 
 def act(observations: np.ndarray) -> np.ndarray:
-    """Return actions (n, joints) for observations (n, entries), by the agent in the file that AGENT names."""
+    """Return the actions (n, joints) for observations (n, entries); AGENT names the agent's file."""
     with torch.no_grad():
         found: np.ndarray = trained(os.environ["AGENT"]).actor(torch.from_numpy(observations)).clamp(-1.0, 1.0).numpy()
     return found

@@ -1,10 +1,10 @@
-"""`make demo`: replay two scenes against their references and one in space, train a first policy, judge it beside
-classical control.
+"""`make demo`: replay three scenes, train a first policy, and evaluate it together with classical controllers.
 
     python -m agents.demo [--out runs/demo] [--steps 600000] [--seed 0] [--fresh]
 
-Leaves figures, the trained run and report.md in the folder. What is there already is kept: a second call goes on where
-the first one stopped (--fresh begins anew).
+Two of the scenes are compared with their references; the third is in space. The folder then contains figures, the
+trained run and report.md. Results that the folder already contains are kept: a second call continues where the first
+one stopped (--fresh starts again).
 """
 
 import sys
@@ -33,13 +33,13 @@ CONTROLLERS = ("pd", "zvd", "lqr", "time_optimal")
 
 @dataclass(frozen=True)
 class Arguments:
-    """What `python -m agents.demo` takes.
+    """Arguments of `python -m agents.demo`.
 
     Args:
-        out: folder of everything.
+        out: folder of all results.
         steps: environment steps of the training run.
-        seed: of the training run.
-        fresh: remove what is in the folder first.
+        seed: seed of the training run.
+        fresh: remove the contents of the folder first.
     """
 
     out: Path = Path("runs/demo")
@@ -49,11 +49,11 @@ class Arguments:
 
 
 say = partial(print, flush=True)
-"""A line of progress."""
+"""Print a line of progress."""
 
 
 def replay(out: Path) -> list[str]:
-    """Run the scenes under every formulation, draw them, and return the report's lines."""
+    """Run the scenes under every formulation and draw them; return the report's lines."""
     from flexarm_env.comparison import tip_error
     from flexarm_env.plotting import plot_comparison, plot_trajectory
     from flexarm_env.scenes import named, reference
@@ -88,7 +88,7 @@ def replay(out: Path) -> list[str]:
 
 
 def in_space(out: Path) -> list[str]:
-    """Run an arm that leaves the plane; draw, film and show it; lines of the report."""
+    """Run an arm that leaves the plane, and write its figure, film and player; return the report's lines."""
     from flexarm_env.envs.video import pictures, write_film
     from flexarm_env.plotting import plot_trajectory
     from flexarm_env.scenes import named
@@ -110,7 +110,7 @@ def in_space(out: Path) -> list[str]:
 
 
 def train(arguments: Arguments) -> list[str]:
-    """Lines of the report."""
+    """Train the policy; return the report's lines."""
     from flexarm_env.training import train as train_ppo
     from flexarm_env.training.progress import finished
 
@@ -122,9 +122,9 @@ def train(arguments: Arguments) -> list[str]:
 
 
 def judged(out: Path, controllers: Sequence[str], others: Mapping[str, Any] | None = None) -> tuple[Any, list[str]]:
-    """Return the results of the trained policy and of controllers on the evaluation episodes, and the report's lines.
+    """Evaluate the trained policy and controllers on the evaluation episodes; return results and the report's lines.
 
-    others: rows shown before them.
+    others: results of other policies, shown in the table's first rows.
     """
     from flexarm_env.training.evaluate import Arguments as Judged
     from flexarm_env.training.evaluate import evaluate
@@ -138,7 +138,7 @@ def judged(out: Path, controllers: Sequence[str], others: Mapping[str, Any] | No
 
 
 def judge(out: Path) -> list[str]:
-    """The trained policy, an untrained one and the classical controllers on the same episodes; lines of the report."""
+    """Evaluate the trained policy, an untrained one and controllers on the same episodes; return the report's lines."""
     from flexarm_env.suite.best import Actions
     from flexarm_env.training import episodes
     from flexarm_env.training.statistics import summary

@@ -1,4 +1,4 @@
-"""Judge policies and controllers: `python -m agents.evaluate`, which is `flexarm_env.training.evaluate`."""
+"""Evaluate policies and controllers: `python -m agents.evaluate` runs `flexarm_env.training.evaluate`."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""A trained policy as policy.npz: `python -m agents.export_policy`, which is `flexarm_env.training.export_policy`."""
+"""Write a trained policy as policy.npz: `python -m agents.export_policy` runs `flexarm_env.training.export_policy`."""
 
 import sys
 

@@ -1,11 +1,12 @@
-"""The trained policies that come with the repository: how each is trained, where it stands.
+"""Train the policies that ship with the repository, and copy them to their folders.
 
     python -m agents.families                        # train all that is missing, publish them: an hour on two cores
     python -m agents.families --only flexible_arm    # one family
 
-Runs go to runs/families/NAME-SEED; a run that was broken off is gone on with, a finished one kept. Of each the
-essentials are copied to agents/trained/NAME-SEED, and the best seed's (on the validation episodes) policy.npz into the
-package, as flexarm_env/data/policies/NAME/policy.npz. `python -m agents.table` judges them.
+Runs are written to runs/families/NAME-SEED. An interrupted run is continued; a finished one is kept. The essential
+files of each run are copied to agents/trained/NAME-SEED. The policy.npz of the best seed, by the validation episodes,
+is copied into the package as flexarm_env/data/policies/NAME/policy.npz. `python -m agents.table` evaluates these
+policies.
 """
 
 import os
@@ -26,12 +27,12 @@ CONTROL = ("pd", "zv", "zvd", "lqr", "mpc")
 
 @dataclass(frozen=True)
 class Family:
-    """Runs that differ in their seed alone.
+    """Training runs that differ only in their seed.
 
     Args:
-        name: of the policy. env: id. config: file in configs/ppo. seeds: how many.
-        test: number of test episodes. controllers: beside which it is judged. every: steps from one evaluation to the
-            next. published: its best policy comes with the package.
+        name: name of the policy. env: id of the environment. config: file in configs/ppo. seeds: number of runs.
+        test: number of test episodes. controllers: controllers in the same table. every: environment steps from one
+            evaluation to the next. published: whether the package contains its best policy.
     """
 
     name: str
@@ -45,16 +46,16 @@ class Family:
 
     @property
     def task(self) -> str:
-        """Of the environment: "slew" or "reach"."""
+        """Task of the environment: "slew" or "reach"."""
         return {"FlexibleArm-v0": "slew", "TwoLinkFlexArm-v0": "reach"}[self.env]
 
     def runs(self, home: Path) -> list[Path]:
-        """The run folders that are there, by seed."""
+        """Return the existing run folders, ordered by seed."""
         folders = [home / f"{self.name}-{seed}" for seed in range(self.seeds)]
         return [folder for folder in folders if (folder / "policy.npz").is_file()]
 
     def best(self, home: Path) -> Path:
-        """Return the run folder of the seed that did best on the validation episodes.
+        """Return the run folder of the seed with the best result on the validation episodes.
 
         Raises ValueError if there is none.
         """
@@ -77,14 +78,14 @@ FAMILIES = (
 
 
 def named(name: str) -> Family:
-    """A family by its name."""
+    """Return the family with this name."""
     known = {family.name: family for family in FAMILIES}
     return known[check.choice("--only", name, tuple(known))]
 
 
 @dataclass(frozen=True)
 class Arguments:
-    """What `python -m agents.families` takes.
+    """Arguments of `python -m agents.families`.
 
     Args:
         only: names of families, separated by commas; default all.
@@ -108,7 +109,7 @@ def train(family: Family, seed: int, home: Path, progress: bool) -> None:
 
 
 def publish(folder: Path, with_model: bool = False) -> None:
-    """Copy the essentials of a run to agents/trained; with_model: model.zip too, without the optimiser's state."""
+    """Copy a run's essential files to agents/trained; with_model: also model.zip, without the optimizer's state."""
     final = TRAINED / folder.name
     shutil.rmtree(final, ignore_errors=True)
     final.mkdir(parents=True)
@@ -126,7 +127,7 @@ def publish(folder: Path, with_model: bool = False) -> None:
 
 
 def publish_family(family: Family, home: Path) -> None:
-    """Publish all runs of a family, and its best policy in the package."""
+    """Copy all runs of a family to agents/trained, and its best policy into the package."""
     best = family.best(home)
     for folder in family.runs(home):
         publish(folder, with_model=folder == best)
@@ -136,7 +137,7 @@ def publish_family(family: Family, home: Path) -> None:
 
 
 def train_all(arguments: Arguments) -> None:
-    """Train what is missing, publish."""
+    """Train all missing runs and copy all policies to their folders."""
     chosen = FAMILIES if arguments.only is None else [named(name) for name in arguments.only.split(",")]
     for family in chosen:
         for seed in range(family.seeds):

@@ -1,4 +1,4 @@
-"""Films of episodes: `python -m agents.films`, which is `flexarm_env.training.films`."""
+"""Films of episodes: `python -m agents.films` runs `flexarm_env.training.films`."""
 
 import sys
 

@@ -1,9 +1,11 @@
-"""The best known on a task: an episode's torques by the gradient of its own return, the episode known beforehand.
+"""Optimize the torques of known episodes by gradient ascent on their returns, for the best known values of the suite.
 
-No policy knows so much: starts, payloads and targets are those of the very episode, nothing has to be measured, and the
-torques follow from time alone. What is found is a local optimum, reached from the actions of controllers that see the
-whole state; it is played in the task itself, sensors and all, where it must give the return that was found.
-`python -m agents.suite --only foresight`.
+The search knows more than any policy: the start, payload and target of each episode. It measures nothing, and the
+torques depend only on time. Each result is a local optimum. The search starts from the actions of controllers that
+observe the whole state. The optimized torques are then played in the task itself, with its sensors, where they must
+give the return that the search computed.
+
+    python -m agents.suite --only foresight
 """
 
 import time
@@ -27,24 +29,25 @@ from flexarm_env.training.runs import read_json, write_json
 from flexarm_env.validation import Array
 
 SENSED = ("observation", "history", "sensors")
-"""Keywords that say what is seen, which torques found beforehand do not depend on."""
+"""Environment keywords of the observation. They do not affect the motion under given torques."""
 CONTROLLERS = ("pd", "zv", "zvd", "lqr", "lqg", "mpc", "time_optimal")
-"""Where the search begins: in each episode with the actions of the best of them; in space without mpc, a decision of
-which takes 10 ms and more."""
+"""Controllers whose actions start the search: in each episode those of the best one. In space mpc is omitted, because
+each of its decisions takes at least 10 ms."""
 PATIENCE, ENOUGH = 30, 1e-4
-"""A search ends where so many steps have brought no more than this share of the mean return."""
+"""A search ends after PATIENCE steps that together increase the mean return by at most the share ENOUGH."""
 MEMORY = 12
-"""Moves that a search remembers."""
+"""Number of steps stored for the quasi-Newton direction."""
 GROWTH, STAGE, STRESS = 40, 40, 5.0
-"""Of searches that grow: by how many periods, steps of each, and the weight of an episode's end; see `growing`."""
+"""Searches over growing parts of an episode: periods added per search, steps per search, and weight of the episode's
+last periods; see `growing`."""
 LARGE = 1e4
-"""Beyond any return: an episode that ends early lies below."""
+"""Magnitude larger than any return: an episode that ends early has the value -LARGE in a search."""
 ALIKE = 1e-6
-"""Share by which an episode may pay otherwise in the task than in the search."""
+"""Largest relative difference between an episode's return in the task and in the search."""
 
 
 def played(env: Any, policy: Any, price: float = 0.0) -> tuple[Array, Array]:
-    """Actions (T, n, N) and J (n,) of a policy on the episodes, in a vector environment of them."""
+    """Play a policy in a vector environment's episodes; return its actions (T, n, N) and J (n,)."""
     limit, n = int(env.unwrapped.plan.limit), int(env.num_envs)
     actions = np.zeros((limit, *env.action_space.shape), np.float32)
     returns, costs, alive = np.zeros(n), np.zeros(n), np.ones(n, bool)
@@ -60,9 +63,9 @@ def played(env: Any, policy: Any, price: float = 0.0) -> tuple[Array, Array]:
 
 
 def beginnings(task: suite.Task, trained: Sequence[Path] = ()) -> tuple[Array, Array]:
-    """Return actions and J of each episode's best controller, and of its best trained policy.
+    """Return each episode's best actions and their J: the best controller's, and the best trained policy's.
 
-    Controllers see the whole state; policies (run folders) see what the task shows, or the whole state.
+    Controllers observe the whole state. Policies (run folders) have the task's observation or the whole state.
     """
     named = [word for word in CONTROLLERS if word != "mpc" or task.environment != payoff.SPACE]
     whole = gym.make_vec(task.environment, EPISODES, vectorization_mode="vector_entry_point", **seen_whole(task))
@@ -80,13 +83,16 @@ def beginnings(task: suite.Task, trained: Sequence[Path] = ()) -> tuple[Array, A
 
 
 def best_of(ways: Sequence[Array], values: Sequence[Array]) -> tuple[Array, Array]:
-    """Of each episode the best of actions (T, n, N) with values (n,), the first of equal ones, and its value."""
+    """Return, for each episode, the actions (T, n, N) with the largest of the `values` (n,), and this value.
+
+    If several values are equal, the first one counts.
+    """
     first = np.argmax(values, axis=0)
     return np.stack(ways)[first, :, np.arange(EPISODES)].transpose(1, 0, 2), np.max(values, axis=0)
 
 
 def seen_whole(task: suite.Task) -> dict[str, Any]:
-    """Keywords of the task's environment without its sensors."""
+    """Return the keywords of the task's environment without those of its sensors."""
     return {key: value for key, value in task.arguments.items() if key not in SENSED}
 
 
@@ -103,15 +109,20 @@ def search(
     steadied: bool = False,
     grid: float = 0.0,
 ) -> tuple[Array, Array]:
-    """Actions (T, n, N) of the episodes and their returns (n,).
+    """Search the best actions (T, n, N) of the episodes; return the actions and their returns (n,).
 
-    trained: run folders to begin with, beside controllers. steps: see `climb`. In space, or if `steadied`, an arm is
-    steadied by that of `trained` which sees all there is and does it best. kept: a file in which actions are kept on
-    the way, and from which a search that was broken off goes on. start: actions and their returns to begin with, in
-    place of all that. lifting: see `payoff.Fine`. stages: weights (T,) of the periods' rewards in searches before, of
-    `STAGE` steps each, whose last actions the search begins with, better or not (see `growing`). only: of which
-    episodes, the n of them. grid: actions are handed on in parts of it, where it is not 0.
-    ValueError where the task's environment has no derivatives, or does not give these returns.
+    Args:
+        trained: run folders of policies whose actions start the search too. steps: see `climb`.
+        steadied: stabilize each arm by the policy of `trained` that observes the whole state and does so best; always
+            done in space.
+        kept: file of intermediate actions, from which an interrupted search continues.
+        start: actions and their returns; the search starts from these actions alone.
+        lifting: see `payoff.Fine`.
+        stages: weights (T,) of the periods' rewards in preceding searches of `STAGE` steps each. The main search starts
+            from their last actions even if these are worse (see `growing`).
+        only: indices (n,) of the searched episodes. grid: actions are rounded to multiples of 1 / grid; 0: not rounded.
+    Raises:
+        ValueError: the task's environment has no derivatives, or gives other returns.
     """
     from flexarm_env.derivatives import Arms
 
@@ -190,32 +201,36 @@ def climb(
 def growing(periods: int, end: int) -> list[Array]:
     """Return weights (T,) of successive searches over growing parts of an episode.
 
-    The first search counts `2 GROWTH` periods, each later one `GROWTH` more; the last counts all, the `end` last ones,
-    in which success is judged, `STRESS`-fold. Later periods so cannot spoil an episode's beginning.
+    The first search counts the rewards of the first `2 GROWTH` periods, each later one those of `GROWTH` further
+    periods. The last search counts all rewards; the last `end` periods, in which success is evaluated, have the weight
+    `STRESS`. In this way later periods cannot spoil an episode's beginning.
     """
     shares = [np.arange(periods) < count for count in range(2 * GROWTH, periods + GROWTH, GROWTH)]
     return [*(np.where(share, 1.0, 0.0) for share in shares), np.where(np.arange(periods) < periods - end, 1.0, STRESS)]
 
 
 def beside(task: suite.Task, home: Path) -> list[Path]:
-    """Return the run folders of policies: the task's own, then, in space, those of tasks with other sensors."""
+    """Return the run folders of the task's policies, and in space also of policies for tasks with other sensors."""
     tasks = [task.id, *(one.id for one in suite.tasks() if one.environment == task.environment == payoff.SPACE)]
     return [path.parent for name in dict.fromkeys(tasks) for path in sorted(home.glob(f"*/{name}/policy.npz"))]
 
 
 def keep(path: Path, actions: Array, returns: Array) -> None:
-    """Write actions (T, n, N) and returns (n,)."""
+    """Write actions (T, n, N) and their returns (n,) to a file."""
     write_npz(path, {"actions": actions.astype(np.float32), "returns": returns})
 
 
 def read(path: Path) -> tuple[Array, Array]:
-    """Read what `keep` wrote: actions (T, n, N) and returns (n,)."""
+    """Read actions (T, n, N) and their returns (n,) from a file that `keep` wrote."""
     with np.load(path) as data:
         return data["actions"].astype(float), data["returns"].astype(float)
 
 
 def _newton(slope: Array, moves: Sequence[tuple[Array, Array]]) -> Array:
-    """Uphill (n, d) by the moves (n, d) made and what the slope fell by, the oldest first."""
+    """Compute the quasi-Newton (L-BFGS) ascent direction (n, d).
+
+    slope (n, d): gradient. moves: earlier steps (n, d), each with the decrease of the gradient in it, the oldest first.
+    """
     way, shares = slope.copy(), []
     for move, fall in reversed(moves):
         along = np.sum(move * fall, axis=1)
@@ -236,7 +251,10 @@ def _newton(slope: Array, moves: Sequence[tuple[Array, Array]]) -> Array:
 
 
 def found(task: suite.Task, folder: Path) -> Path:
-    """The folder with the actions of a task's episodes: searched for, or there already; policies beside it help."""
+    """Return the folder with a task's optimized actions; search them first if the folder lacks them.
+
+    The policies in the folders beside it also start the search.
+    """
     path = folder / "actions.npz"
     if not path.is_file():
         wall, cpu = time.perf_counter(), time.process_time()
@@ -252,7 +270,10 @@ def found(task: suite.Task, folder: Path) -> Path:
 
 
 def better(task: suite.Task, *ways: Array) -> tuple[Array, Array]:
-    """Of each episode the best of actions (T, n, N), as the task has it, and the returns."""
+    """Return, for each episode, the actions with the largest return in the task, and these returns.
+
+    ways: several sets of actions (T, n, N).
+    """
     env = suite.make_vec(task.id, EPISODES)
     values = [played(env, Actions(way), task.price)[1] for way in ways]
     env.close()
@@ -260,7 +281,10 @@ def better(task: suite.Task, *ways: Array) -> tuple[Array, Array]:
 
 
 def chosen(folder: Path) -> Chosen:
-    """What was found, as a policy of the task's episodes; ValueError where it is played on others."""
+    """Return the optimized actions as a policy for the task's episodes.
+
+    Its `make` raises ValueError if the environment has another number of episodes or joints.
+    """
     path = folder / "actions.npz"
     record = read_json(folder / "run.json")
     actions, _ = read(path)

@@ -1,8 +1,7 @@
-"""A return in a task with its slope by the actions, as `agents.foresight` climbs it.
+"""Return of a task and its derivatives by the actions, which `agents.foresight` maximizes.
 
-What a task takes for its cost is differentiated here (`Fine`), arms to which something comes that is drawn on the way
-move in the task itself (`InTask`), and arms that the least change of an early action would send elsewhere are pulled
-back to their way (`Steady`).
+`Fine` differentiates the task's cost. `InTask` steps arms with random events in the task itself. `Steady` stabilizes
+arms that a small change of an early action would lead to another motion.
 """
 
 import re
@@ -19,28 +18,29 @@ from flexarm_env.validation import Array
 
 SPACE = "SpatialFlexArm-v0"
 LIFT = 0.3
-"""m that an arm has to rise by, to be over a shape, for what its price is; see `Fine`."""
+"""Height, m, by which an arm must rise above a shape for a cost of one price; see `Fine`."""
 NUDGE = 1e-3
-"""By how much of the limits a first action is off, where ways of steadying are compared."""
+"""Disturbance of the first action, as a share of the limits, with which feedback laws are compared."""
 
 
 class Fine:
-    """Cost of a task: price times the number of periods at whose end a link's deflection over L passes the limit.
+    """Cost of a task: its price times the number of periods at whose end a link's deflection over length exceeds the
+    limit.
 
-    For arms in space: the number of periods at whose end the arm is inside a shape. Derivatives by a deflection are
-    those of a smoothed step. The cost of shapes is smoothed, and its middle lies `OFF` m outside of them, so that
-    results stay outside. It is evaluated at points on straight lines between the state's sections. Within a wall no
-    slope leads over it: `lifting` prices the height by which the point that must rise most has to rise. ValueError for
-    another kind of cost.
+    For arms in space the cost counts the periods at whose end the arm is inside a shape. Derivatives by a deflection
+    are those of a smoothed step. The cost of shapes is smoothed too; the middle of the smoothed step lies `OFF` m
+    outside of the shape, so that results stay outside. It is evaluated at points on straight lines between the state's
+    sections. Inside a wall the gradient of this cost does not lead over the wall. `lifting` therefore replaces it by
+    the largest height by which a point of the arm must rise to be above the wall. ValueError for another kind of cost.
     """
 
     ROUNDED, SOFT, OFF = 0.03, 0.005, 0.012
 
     def __init__(self, task: suite.Task, plan: Any, names: Sequence[str] = (), lifting: bool = False) -> None:
-        """Store which entries of the observation and the state the task's cost depends on.
+        """Store which entries of the observation and of the state the task's cost depends on.
 
-        names: of the state's entries, for shapes in space. lifting: see the class. Raises ValueError for another kind
-        of cost.
+        names: names of the state's entries, for shapes in space. lifting: see the class. Raises ValueError for another
+        kind of cost.
         """
         cost, self.lifting = task.keywords.get("cost", {}), lifting
         self.shapes = plan.keep_out if "keep_out" in task.keywords else ()
@@ -60,7 +60,10 @@ class Fine:
             self.weights = np.maximum(0.0, 1.0 - np.abs(at[:, None] - np.arange(len(rows))))
 
     def __call__(self, seen: Array, state: Array) -> tuple[Array, Array, Array | float]:
-        """Of observations (n, O) and states (n, S): what is taken (n,), and its slopes (n, O) and (n, S)."""
+        """Return the cost (n,), and its derivatives by the observations (n, O) and by the states (n, S).
+
+        seen (n, O): observations. state (n, S): states.
+        """
         slope = np.zeros_like(seen)
         if self.shapes:
             value, way = self.nearest(self.weights @ state[:, self.sections])
@@ -74,7 +77,10 @@ class Fine:
         return self.price * over.any(axis=1), slope, 0.0
 
     def nearest(self, points: Array) -> tuple[Array, Array]:
-        """Of arms' points (n, P, 3), m: cost (n,) over the price, of one of them, and its slope (n, P, 3)."""
+        """Return the cost over the price (n,), and its derivatives by the arms' points (n, P, 3), m.
+
+        The cost of an arm is the largest one of its points.
+        """
         soft, flat, cost, every = self.SOFT, points.copy(), [], np.arange(len(points))
         for shape in self.shapes:
             if self.lifting:  # how far inside, seen from above
@@ -98,7 +104,8 @@ class Fine:
 class InTask:
     """Arms with random events, stepped in the task itself, which draws the events.
 
-    Derivatives are those at the states reached there. `step` and `vjp` are as those of `derivatives.Arms`.
+    Derivatives are evaluated at the states that the task reaches. `step` and `vjp` are called like those of
+    `derivatives.Arms`.
     """
 
     def __init__(self, arms: Any, seeds: Sequence[int]) -> None:
@@ -119,13 +126,13 @@ class InTask:
 class Steady:
     """Feedback that pulls arms back to their path under actions (T, n, N) from states `start`.
 
-    It is linear about the path and 0 on it, as a policy's that observes the whole state. Searches in space add it to
-    the actions: without it the smallest change of an early action (1e-5 of the torque) leads to another motion, and
-    most of the return is lost.
+    The feedback is a linearized policy that observes the whole state; on the path it is 0. Searches in space add it to
+    the actions: without feedback the smallest change of an early action (1e-5 of the torque) leads to another motion,
+    and most of the return is lost.
     """
 
     def __init__(self, arms: Any, start: Array, actions: Array, policy: Any) -> None:
-        """Follow the actions (T, n, N) from start, and store a policy's slopes by its observations along that path."""
+        """Simulate the path under actions (T, n, N), and store the policy's derivatives by its observations there."""
         state, seen = start, [arms.observe(start)]
         for action in actions[:-1]:
             state, after, _ = arms.step(state, action)
@@ -149,10 +156,10 @@ def returned(
     arms: Any, start: Array, wanted: Array, fine: Fine, steady: Steady | None = None, weight: Array | None = None,
     grid: float = 0.0,
 ) -> tuple[Array, Array, Array]:  # fmt: skip
-    """Return J (n,) of actions (T, n, N), its derivatives by them, and the actions played.
+    """Return J (n,) of actions (T, n, N), the derivatives of J by the actions, and the played actions.
 
-    J is NaN where an episode would end early. grid: played actions are multiples of 1 / grid; 0: any. weight (T,): of
-    the periods' rewards and costs; periods after the last nonzero one are not simulated.
+    J is NaN where an episode would end early. grid: played actions are multiples of 1 / grid; 0: not rounded.
+    weight (T,): weights of the periods' rewards and costs; periods after the last nonzero weight are not simulated.
     """
     counts = np.ones(len(wanted)) if weight is None else np.trim_zeros(weight, "b")
     states, taken, total, over = [start], [], np.zeros(arms.n), np.zeros(arms.n, bool)
@@ -180,12 +187,12 @@ def returned(
 
 
 def exact(x: Array) -> Array:
-    """Round actions to float32, in which environments receive them."""
+    """Round actions to float32, the type that environments receive."""
     return x.astype(np.float32).astype(float)
 
 
 def steadiers(task: suite.Task, env: Any, trained: Sequence[Path]) -> list[Any]:
-    """Those of the policies (run folders) that see what an environment shows. ValueError where in space none does."""
+    """Return the policies (run folders) that accept the environment's observation. ValueError if none does in space."""
     found = []
     for folder in trained:
         with suppress(ValueError):
@@ -198,7 +205,7 @@ def steadiers(task: suite.Task, env: Any, trained: Sequence[Path]) -> list[Any]:
 def steadiest(arms: Any, start: Array, actions: Array, policies: Sequence[Any]) -> Steady:
     """Return the feedback of each arm's best policy about the path under actions (T, n, N) from states `start`.
 
-    Best is the policy under which a first action that is off by `NUDGE` changes the observations least.
+    The best policy is the one under which an error of `NUDGE` in the first action changes the observations least.
     """
     ways = [Steady(arms, start, actions, policy) for policy in policies]
     away = []

@@ -1,9 +1,10 @@
-"""`make ray-demo`: train PPO of RLlib on FlexibleArm-v0 with two runners, and judge it on the 100 evaluation episodes.
+"""`make ray-demo`: train RLlib's PPO on FlexibleArm-v0 with two runners, and evaluate it on the 100 evaluation
+episodes.
 
     python -m agents.ray_demo [--out runs/ray-demo] [--runners 2] [--seed 0] [--fresh]
 
-Leaves the run folder, figures and report.md in the folder. What is there already is kept: a second call goes on where
-the first one stopped (--fresh begins anew). The exit code is 1 where the task is not solved.
+The folder then contains the run folder, figures and report.md. Results that the folder already contains are kept: a
+second call continues where the first one stopped (--fresh starts again). The exit code is 1 if the task is not solved.
 """
 
 import sys
@@ -21,14 +22,14 @@ SOLVED = 0.95
 
 @dataclass(frozen=True)
 class Arguments:
-    """What `python -m agents.ray_demo` takes.
+    """Arguments of `python -m agents.ray_demo`.
 
     Args:
-        out: folder of everything.
+        out: folder of all results.
         steps: environment steps of the training run.
-        runners: processes that step environments.
-        seed: of the training run.
-        fresh: remove what is in the folder first.
+        runners: number of processes that step environments.
+        seed: seed of the training run.
+        fresh: remove the contents of the folder first.
     """
 
     out: Path = Path("runs/ray-demo")

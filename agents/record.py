@@ -1,12 +1,13 @@
-"""The best that was ever played on the suite's tasks, by episode: flexarm_env/data/suite/best/TASK.npz.
+"""Records of the suite: search the best actions for each episode of the tasks, flexarm_env/data/suite/best/TASK.npz.
 
     python -m agents.record [--task IDS] [--home runs/suite]
 
-Of each task: controllers that see what it shows and what there is, the policies of all run folders, what foresight has
-found, and the record so far. The search of `agents.foresight` goes on from the best of each episode, steadied by the
-policies that see all there is, until `PATIENCE` of its steps bring less than `ENOUGH` of the mean return, and begins
-anew from there for the episodes that gained `GAIN`. With --grow a second one finds ways from their beginnings on: of
-the episodes that do not succeed (failed), or of all.
+For each task the script plays several candidates: controllers with the task's observation and with the whole state, the
+policies of all run folders, the results of `agents.foresight`, and the present record. The search of `agents.foresight`
+starts from the best actions of each episode, with feedback by the policies that observe the whole state. It ends when
+`PATIENCE` steps increase the mean return by less than the share `ENOUGH`. Episodes whose value has increased by more
+than `GAIN` are searched again from the new actions. With --grow, a second search optimizes growing parts of the
+episodes without success (failed), or of all episodes (all).
 """
 
 import sys
@@ -36,22 +37,22 @@ from flexarm_env.training.runs import command, read_json
 HOME = ROOT / "flexarm_env" / "data" / "suite" / "best"
 SEARCH, GROWS = "search from ", ("none", "failed", "all")
 GAIN = 0.02
-"""An episode whose value a search raised by less is not searched again."""
+"""An episode is searched again only if the last search increased its value by more than this number."""
 GRIDS, LOST = (128.0, 256.0, 512.0, 1024.0, 8192.0), 0.02
-"""Actions are rounded, as they are played, to parts of the first of GRIDS that costs no more than LOST of the value,
-and leaves no less than a published run has."""
+"""Played actions are rounded to multiples of 1 / G. G is the first of GRIDS for which the episode loses at most LOST of
+its value, and keeps at least the value of every published run."""
 
 
 @dataclass(frozen=True)
 class Arguments:
-    """What `python -m agents.record` takes.
+    """Arguments of `python -m agents.record`.
 
     Args:
         task: ids of tasks, separated by commas; default all.
         home: folder of the runs.
         out: folder of the records.
-        steps: of the search, at most; 0: none.
-        grow: failed, all or none: the episodes of a search that grows; see `agents.foresight.growing`.
+        steps: largest number of search steps; 0: no search.
+        grow: failed, all or none: the episodes of the growing search; see `agents.foresight.growing`.
     """
 
     task: str | None = None
@@ -62,7 +63,7 @@ class Arguments:
 
 
 def candidates(task: suite.Task, home: Path) -> Iterator[tuple[str, Any, bool]]:
-    """Return names, makers of an environment's policies, and whether each observes the whole state."""
+    """Yield each candidate's name, the function that makes its policy, and whether it observes the whole state."""
     if task.id in best.known():
         kept = best.record(task)
         yield "", lambda env: best.Actions(kept.actions), False
@@ -75,13 +76,13 @@ def candidates(task: suite.Task, home: Path) -> Iterator[tuple[str, Any, bool]]:
 
 
 def finished(folder: Path) -> bool:
-    """Whether it has a run that came to its end."""
+    """Return whether a folder contains a finished run."""
     ours = any((folder / name).is_file() for name in ("policy.npz", "model.zip", "actions.npz"))
     return ours and "cpu_s" in read_json(folder / "run.json")
 
 
 def gathered(task: suite.Task, home: Path) -> tuple[Any, Any, list[str]]:
-    """Return each episode's best actions, their value, and their policy."""
+    """Return each episode's best actions, the value of these actions, and the policy that played them."""
     shown = suite.make_vec(task.id, EPISODES)
     seen = foresight.seen_whole(task)
     wide = gym.make_vec(task.environment, EPISODES, vectorization_mode="vector_entry_point", **seen)
@@ -99,20 +100,23 @@ def gathered(task: suite.Task, home: Path) -> tuple[Any, Any, list[str]]:
 
 
 def published(task: suite.Task) -> Any:
-    """Return the largest value of published runs in each episode; -inf if there is none."""
+    """Return, for each episode, the largest value of the published runs; -inf without such a run."""
     found = results.of_task(task, results.folder_of(RESULTS, earlier=True))
     rows = [results.values(task, entry) for _, entry in found]
     return np.max([np.full(EPISODES, -np.inf), *rows], axis=0)
 
 
 def write(task: suite.Task, home: Path, actions: Any, values: Any, by: list[str]) -> None:
-    """Write what there is by now: the next run goes on from it, as from a record."""
+    """Write the record found so far; the next run continues from it."""
     what = {"actions": best.packed(actions), "values": values, "by": by, "digest": task.digest}
     write_npz(home / f"{task.id}.npz", what | {"date": date.today().isoformat()})
 
 
 def made(task: suite.Task, arguments: Arguments) -> str:
-    """Write a task's record; a line of it. ValueError where what was played is not what the task gives."""
+    """Write a task's record and return a line about it.
+
+    Raises ValueError if the actions have smaller values in the task than when their policies played them.
+    """
     kept, judged, by = gathered(task, arguments.home)
     env = suite.make_vec(task.id, EPISODES)
     values, successes = best.played(task, env, best.Actions(kept))

@@ -1,15 +1,15 @@
-"""Reference results on the suite: methods trained and judged on its tasks, docs/results/suite.md made of them.
+"""Reference results on the suite: train and evaluate methods on its tasks, and write docs/results/suite.md.
 
-    python -m agents.suite --plan                    # what there is to do, what is done, and what it would take
-    python -m agents.suite                           # all that is missing: days on two cores; goes on where it stopped
+    python -m agents.suite --plan                    # print jobs that are done, jobs to do, and their time
+    python -m agents.suite                           # all missing jobs: days on two cores; can be continued
     python -m agents.suite --only pd,lqg             # these methods alone
     python -m agents.suite --only ppo --seeds 1 --minutes 60
 
-Controllers come first, then the first seed of each method that learns, then the next. Runs go to
-runs/suite/METHOD-SEED/TASK (one that was broken off is gone on with), results to docs/results/suite/METHOD-SEED.json,
-and the page is made anew after each. Training is for the task's budget of control periods, times --share; of a run the
-policy with the highest mean return on the validation episodes is judged. --freeze writes the references that scores are
-made from.
+Controllers are evaluated first, then the first seed of each method that learns, then the next seed. Runs are written to
+runs/suite/METHOD-SEED/TASK, where an interrupted run is continued, and results to docs/results/suite/METHOD-SEED.json.
+The page is written again after each job. A training run uses the task's budget of control periods, times --share. The
+run's policy with the highest mean return on the validation episodes is evaluated. --freeze writes the references of the
+scores.
 """
 
 import sys
@@ -45,26 +45,28 @@ RESULTS = ROOT / "docs" / "results" / "suite"
 REFERENCES = ROOT / "flexarm_env" / "data" / "suite" / "references.json"
 
 FEW = ("slew-unknown-v2", "slew-geared-v2", "reach-measured-v1")
-"""Tasks of the methods that should matter there: those with memory, and those that learn from what was before."""
+"""Tasks for methods with memory, and for methods that learn from earlier data: tasks on which these should have an
+advantage."""
 
 MANY = {
     "slew-measured-v2": 9000, "slew-unknown-v2": 2600, "slew-limited-v2": 2000, "slew-handling-v2": 10_000,
     "reach-measured-v1": 700, "reach-three-v2": 480, "reach-pushed-v1": 320, "float-reach-v1": 450,
     "space-reach-v1": 600, "space-wall-v1": 240, "space-measured-v1": 200,
 }  # fmt: skip
-"""Episodes of tasks where the hundred do not tell all methods apart to within `flexarm_env.suite.page.WIDTH`."""
+"""Numbers of episodes for tasks on which a hundred episodes do not separate all methods to within
+`flexarm_env.suite.page.WIDTH`."""
 
 SECONDS = {"ppo": 60e-6, "gradient": 60e-6, "sac": 1.5e-3, "tqc": 2.5e-3, "recurrent_ppo": 1.2e-3}
-"""CPU time of a control period in training, s, roughly: for the plan alone."""
+"""Approximate CPU time, s, of a control period in training; used only by --plan."""
 
 
 @dataclass(frozen=True)
 class Method:
-    """A method of the reference results.
+    """Method of the reference results.
 
     Args:
-        name: of a controller, or what its results are called. seeds: runs. algorithm: that trains it ("": a
-            controller). tasks: ids; None: all. config: its file of hyperparameters, configs/ALGORITHM/CONFIG.yml.
+        name: name of the controller, or of the method's results. seeds: number of runs. algorithm: training algorithm;
+            "": a controller. tasks: ids; None: all. config: file of hyperparameters, configs/ALGORITHM/CONFIG.yml.
     """
 
     name: str
@@ -88,17 +90,17 @@ METHODS = (
 
 @dataclass(frozen=True)
 class Arguments:
-    """What `python -m agents.suite` takes.
+    """Arguments of `python -m agents.suite`.
 
     Args:
         only: methods, separated by commas; default all.
         task: ids of tasks, separated by commas; default all.
-        seeds: runs of each method that learns, at most.
-        share: of each task's training budget, for a look.
-        minutes: after which no further run is begun.
+        seeds: largest number of runs of each method that learns.
+        share: share of each task's training budget, for a preview.
+        minutes: time after which no further run is started.
         home: folder of the runs.
-        results: folder of the results files; the page lies beside it.
-        plan: only say what is to be done.
+        results: folder of the results files; the page is written beside it.
+        plan: only print the jobs.
         freeze: only write the references of tasks that have none: PD's mean returns, and the highest of all results.
         progress: show progress bars.
     """
@@ -125,20 +127,20 @@ class Job:
 
     @property
     def name(self) -> str:
-        """To be shown."""
+        """Name for display."""
         return f"{self.method.name}-{self.seed} on {self.task.id}"
 
     def folder(self, home: Path) -> Path:
-        """Its run folder."""
+        """Return the run folder."""
         return home / f"{self.method.name}-{self.seed}" / self.task.id
 
     @property
     def episodes(self) -> int:
-        """How many it is judged on: what is found beforehand, on the hundred that it was found for."""
+        """Number of evaluation episodes; actions optimized in advance have only the hundred they were optimized for."""
         return EPISODES if self.method.algorithm == "foresight" else MANY.get(self.task.id, EPISODES)
 
     def done(self, results: Path) -> bool:
-        """Whether its result is there, or why there is none."""
+        """Return whether the results file contains the job's result, or the reason why there is none."""
         known = begun(results, self.method.name, self.seed)
         entry = known.tasks.get(self.task.id)
         if entry is None:
@@ -163,7 +165,7 @@ def jobs(arguments: Arguments) -> Iterator[Job]:
 
 # ------------------------------------------------------------------ one job
 def run(job: Job, arguments: Arguments) -> str:
-    """Train and judge; a line of what came of it."""
+    """Train and evaluate the method; return a line about the result."""
     word, chooser = job.method.name, choose
     if job.method.algorithm:
         try:
@@ -222,10 +224,10 @@ def of_run(word: str, task: suite.Task) -> Chosen:
 
 # ------------------------------------------------------------------ references
 def references(found: Sequence[Results]) -> dict[str, dict[str, Any]]:
-    """Return the reference values of scores; frozen ones never change.
+    """Return the reference values of scores; recorded ones never change.
 
-    For a task without a frozen reference, compute one from the results of a folder. Such a task has no reference if the
-    results lack PD, or if no method is better than PD.
+    A task without recorded references gets them from the results in a folder. It has no reference if the results lack
+    PD, or if no method is better than PD.
     """
     known = {name: asdict(one) for name, one in frozen_references().items()}
     for task in suite.tasks():
@@ -241,7 +243,7 @@ def references(found: Sequence[Results]) -> dict[str, dict[str, Any]]:
 
 
 def plan(todo: Sequence[Job], arguments: Arguments) -> list[str]:
-    """Print a line per method: finished runs, missing runs, and the time these would take."""
+    """Print a line per method: finished runs, missing runs, and the time that the missing runs need."""
     lines = []
     for method in METHODS:
         own = [job for job in todo if job.method == method]
@@ -254,13 +256,13 @@ def plan(todo: Sequence[Job], arguments: Arguments) -> list[str]:
 
 
 def made(arguments: Arguments) -> None:
-    """The page, where there are results."""
+    """Write the page if there are results."""
     if any(arguments.results.glob("*.json")):
         write_text(arguments.results.with_suffix(".md"), page(folder_of(arguments.results, earlier=True)))
 
 
 def work(arguments: Arguments) -> int:
-    """Do what the flags ask: print the plan, update the references, or train and evaluate what is missing."""
+    """Print the plan, write the references, or train and evaluate all missing jobs, as the flags say."""
     began, todo = time.monotonic(), list(jobs(arguments))
     if arguments.plan:
         print("\n".join(plan(todo, arguments)))

@@ -1,14 +1,15 @@
-"""Train one policy for each choice of reward weights or arm parameters, with Ray Tune, and compare them.
+"""Train one policy for each combination of reward weights or arm parameters, with Ray Tune, and compare the policies.
 
     python -m agents.sweep --space '{"reward.vibration": [0.0, 0.02, 0.2, 2.0]}'
     python -m agents.sweep --space '{"payload": [0.5, 1.0, 2.0], "reward.effort": [0.01, 0.1]}' --out runs/sweep-arm
     python -m agents.sweep --out runs/sweep-arm --resume
 
-A key of --space is a keyword of the environment, with dots into its tables (reward.effort), or a parameter of the arm:
-payload, EI or damping, as a factor on the nominal value, in training and in the evaluation alike. All combinations are
-run, each in a process of its own, as many at once as there are processors. The folder holds trials/NAME, run folders as
-those of `agents.train_rllib`, and results.csv, results.md and results.png: every policy on the same episodes, judged by
-the environment's own reward. A sweep that was broken off goes on with --resume, each trial from its last checkpoint.
+A key of --space is a keyword of the environment, with dots for keys of its tables (reward.effort), or a parameter of
+the arm: payload, EI or damping. A parameter is a factor on the nominal value in training and in evaluation. All
+combinations are trained, each in a process of its own, as many at once as there are processors. The folder contains
+trials/NAME, which are run folders like those of `agents.train_rllib`, and results.csv, results.md and results.png. All
+policies are evaluated on the same episodes, by the environment's own reward. With --resume an interrupted sweep
+continues, each trial from its last checkpoint.
 """
 
 import dataclasses
@@ -31,27 +32,27 @@ SHOWN = {
     "success_rate": "success", "settling_time_median": "settling (s)", "residual_vibration_median": "vibration (mm)",
     "overshoot_median": "overshoot (%)", "effort_median": "effort (s)", "return_mean": "return",
 }  # fmt: skip
-"""Columns of the results, as in `training.statistics`: medians over the episodes, but for success and return."""
+"""Columns of the results, see `training.statistics`: medians over the episodes, but means for success and return."""
 
 DRAWN = ("success_rate", "settling_time_median", "residual_vibration_median", "effort_median")
 
 
 @dataclass(frozen=True)
 class Arguments:
-    """What `python -m agents.sweep` takes.
+    """Arguments of `python -m agents.sweep`.
 
     Args:
-        space: what is varied, as JSON: key -> list of values.
+        space: varied keywords and parameters, as JSON: key -> list of values.
         env: id of the environment.
         config: file of hyper-parameters, RL Zoo format; default configs/ppo/default.yml.
         env_kwargs: further keywords of the environment in every trial, as JSON.
-        seeds: runs of each choice, with seeds 0, 1, ...
+        seeds: number of runs of each combination, with seeds 0, 1, ...
         n_timesteps: environment steps of each trial; default the config's.
-        eval_episodes: episodes that every policy is judged on.
-        out: folder of everything.
-        resume: go on with the sweep in that folder (other flags but --address are then its own).
-        address: of a Ray cluster (its nodes must share the folder); default a Ray of its own on this machine.
-        at_once: trials that run at the same time; default as many as there are processors.
+        eval_episodes: number of episodes on which every policy is evaluated.
+        out: folder of all results.
+        resume: continue the sweep in that folder (with its own flags, except --address).
+        address: address of a Ray cluster, whose nodes must share the folder; default a Ray of its own on this machine.
+        at_once: number of trials that run at the same time; default the number of processors.
     """
 
     space: dict[str, Any] = field(default_factory=dict)
@@ -82,7 +83,7 @@ def choices(space: Mapping[str, Any], seeds: int) -> list[dict[str, Any]]:
 
 
 def keywords(choice: Mapping[str, Any], common: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the environment's keywords of a combination."""
+    """Return the environment's keywords for a combination."""
     kwargs: dict[str, Any] = json.loads(json.dumps(common))
     for key, value in choice.items():
         if key == "seed":
@@ -99,13 +100,13 @@ def keywords(choice: Mapping[str, Any], common: Mapping[str, Any]) -> dict[str, 
 
 
 def name_of(choice: Mapping[str, Any]) -> str:
-    """A folder's name for a choice."""
+    """Return the folder name of a combination."""
     words = [f"{key.rpartition('.')[2]}={value}" for key, value in choice.items()]
     return "".join(c if c.isalnum() or c in "=.,-_" else "_" for c in ",".join(words))
 
 
 def check(arguments: Arguments, wanted: list[dict[str, Any]]) -> None:
-    """Make each trial's environment once: a ValueError for a key or value that there is not comes at once."""
+    """Make each trial's environment once, so that an unknown key or invalid value raises ValueError before training."""
     for choice in wanted:
         try:
             episodes.make_episodes(arguments.env, 1, **keywords(choice, arguments.env_kwargs)).close()
@@ -114,7 +115,7 @@ def check(arguments: Arguments, wanted: list[dict[str, Any]]) -> None:
 
 
 def trial(config: Mapping[str, Any], told: Mapping[str, Any]) -> None:
-    """Run one trial in its own process: train, resume or keep, evaluate, report."""
+    """Run one trial in its own process: train, resume or keep its run, evaluate the policy, and report the result."""
     from ray import tune
 
     from agents.train_rllib import Arguments as Training
@@ -146,7 +147,7 @@ def judge(folder: Path, env_id: str, kwargs: Mapping[str, Any], n: int) -> dict[
 
 # ------------------------------------------------------------------ the sweep
 def sweep(arguments: Arguments) -> list[dict[str, Any]]:
-    """Run what is left of the sweep; the rows of its results. ValueError with a sentence for what is wrong."""
+    """Run the missing trials of the sweep; return the rows of its results. ValueError describes invalid arguments."""
     out = arguments.out.absolute()
     if arguments.resume:
         arguments = _resumed(arguments)
@@ -189,7 +190,7 @@ def _given(arguments: Arguments, choice: dict[str, Any], out: Path) -> dict[str,
 
 
 def _tuned(arguments: Arguments, given: list[dict[str, Any]], out: Path) -> int:
-    """Let Tune run the trials, or what is left of them; how many failed."""
+    """Let Tune run all trials, or the missing ones; return the number of failed trials."""
     import os
 
     from ray import tune
@@ -213,7 +214,7 @@ def _tuned(arguments: Arguments, given: list[dict[str, Any]], out: Path) -> int:
 
 
 def _folder(trial: Any) -> str:
-    """Tune's own folder of a trial, by the name of its choice."""
+    """Return the name of Tune's own folder for a trial."""
     return str(trial.config.get("choice", trial.trial_id))
 
 
@@ -245,7 +246,7 @@ def write(out: Path, rows: list[dict[str, Any]], varied: list[str], env_id: str)
 
 
 def run(arguments: Arguments) -> int:
-    """Run what is left, say where the results are."""
+    """Run the missing trials and print where the results are."""
     try:
         rows = sweep(arguments)
     except KeyboardInterrupt:

@@ -1,10 +1,10 @@
-"""The page docs/results/control.md: the policies of agents/trained beside classical control, on the same episodes.
+"""Evaluate the policies of agents/trained and the classical controllers on the same episodes: docs/results/control.md.
 
     python -m agents.table                       # half an hour on two cores
     python -m agents.table --policies mpc        # that row alone; the others stay as they are
 
-Writes docs/results/control.{md,json} and the figures docs/figures/control_*.png. How the policies are trained:
-agents/families.py. How far they are from the best known is taken from docs/results/optimal.json (agents.best_known).
+The script writes docs/results/control.{md,json} and the figures docs/figures/control_*.png. `agents.families` trains
+the policies. The best known settling times are read from docs/results/optimal.json (`agents.best_known`).
 """
 
 import csv
@@ -35,16 +35,16 @@ from flexarm_env.training.runs import command, read_json, read_run, versions, wr
 from flexarm_env.training.statistics import markdown
 
 FEWER_EPISODES = 100
-"""Where the episodes are long to compute, or many."""
+"""Number of episodes where one episode takes long to compute, or where many policies are evaluated."""
 
 TIMED = 5
-"""Episodes in which decisions are timed."""
+"""Number of episodes in which decisions are timed."""
 
 NO_MARGIN = ROOT / "agents" / "no_margin"
-"""Gains found by `agents.tune --margin 0`."""
+"""Folder of gains found by `agents.tune --margin 0`."""
 
 ROBUST = ROOT / "agents" / "robust"
-"""Gains found by `agents.tune --randomized`."""
+"""Folder of gains found by `agents.tune --randomized`."""
 
 SHIFTS: dict[str, dict[str, Any]] = {
     "payload doubled": {"payload": [2.0, 2.0]},
@@ -52,7 +52,7 @@ SHIFTS: dict[str, dict[str, Any]] = {
     "stiffness halved": {"EI": [0.5, 0.5]},
     "damping x 0.25": {"damping": [0.25, 0.25]},
 }
-"""One thing at a time is not as it was in training."""
+"""Single changes of the arm with respect to training."""
 
 MEASURED: dict[str, Any] = {"observation": "measured"}
 SETTINGS: dict[str, dict[str, tuple[dict[str, Any], str | None]]] = {
@@ -69,10 +69,11 @@ SETTINGS: dict[str, dict[str, tuple[dict[str, Any], str | None]]] = {
         "two_link_geared, measured": ({"arm": "two_link_geared"} | MEASURED, "two_link_geared"),
     },
 }
-"""Arms with and without gears, friction and sensors, seen whole and by their sensors; the family trained there."""
+"""Arms with and without gears, friction and sensors, with the full observation and with that of the sensors; each with
+the family trained there."""
 
 DRAWN = "drawn arms"
-"""What is tuned on them says so."""
+"""Label of controllers that were tuned on randomly drawn arms."""
 
 Row = dict[str, Any]
 Rows = dict[str, Row]
@@ -80,15 +81,15 @@ Rows = dict[str, Row]
 
 @dataclass(frozen=True)
 class Arguments:
-    """What `python -m agents.table` takes.
+    """Arguments of `python -m agents.table`.
 
     Args:
         trained: folder of the runs.
         results: folder of the page and its JSON.
         figures: folder of the figures.
-        episodes: of a table, in place of each family's own number (for a quick look).
-        only: flexible_arm, two_link or measured; the rest of the page is kept as it is.
-        policies: names of rows, separated by commas, that are judged; the other rows are kept as they are.
+        episodes: number of episodes of a table, for a preview; default each family's own number.
+        only: flexible_arm, two_link or measured; the rest of the page is kept unchanged.
+        policies: names of the rows to be evaluated, separated by commas; the other rows are kept unchanged.
     """
 
     trained: Path = TRAINED
@@ -100,7 +101,7 @@ class Arguments:
 
 
 class Judge:
-    """Runs the tables of one call, and names policies as the page does."""
+    """Evaluation of the policies in one call of the script, under the names on the page."""
 
     def __init__(self, arguments: Arguments) -> None:
         self.arguments = arguments
@@ -108,7 +109,10 @@ class Judge:
         self.asked = None if arguments.policies is None else arguments.policies.split(",")
 
     def anew(self, kept: Rows, family: Family, words: Mapping[str, str], most: int = 1000, **how: Any) -> Rows:
-        """Summaries of these policies: judged, or kept where others are asked for."""
+        """Return summaries of these policies.
+
+        Policies named in `--policies` (without it, all) are judged; the others keep their rows in `kept`.
+        """
         wanted = {name: word for name, word in words.items() if self.asked is None or name in self.asked}
         rows = kept | self.rows(family, wanted, most, **how)[0]
         return {name: rows[name] for name in words if name in rows}
@@ -116,7 +120,10 @@ class Judge:
     def rows(
         self, family: Family, words: Mapping[str, str], most: int = 1000, **how: Any
     ) -> tuple[Rows, Any, dict[str, float]]:
-        """Summaries, episodes by name, and bounds of policies given as name -> word; most: number of episodes."""
+        """Evaluate policies; return their summaries, their episodes by name, and the time bounds.
+
+        words: policies, name -> word. most: largest number of episodes.
+        """
         count = min(self.arguments.episodes or family.test, most)
         rows: Rows = {}
         results: dict[str, Any] = {}
@@ -133,23 +140,23 @@ class Judge:
         return rows, results, bounds
 
     def best(self, family: Family) -> str:
-        """The word of a family's best policy."""
+        """Return the path of a family's best policy."""
         return os.path.relpath(family.best(self.arguments.trained))
 
     def words(self, family: Family, *others: Family) -> dict[str, str]:
-        """The best policies of families and the controllers, name -> word."""
+        """Return the best policies of families and the controllers, name -> word."""
         policies = {f"PPO ({one.name})": self.best(one) for one in (family, *others)}
         return policies | {name: name for name in family.controllers}
 
 
 def tuned(family: Family, folder: Path, *names: str, label: str) -> dict[str, str]:
-    """Controllers with the gains of a folder, name and label -> word."""
+    """Return controllers with the gains of a folder: name and label -> word."""
     file = os.path.relpath(folder / f"{family.task}.toml")
     return {f"{name}{label}": f"{name}@{file}" for name in names}
 
 
 def curve_of(folder: Path) -> list[dict[str, float]]:
-    """The learning curve of a run folder."""
+    """Read the learning curve of a run folder."""
     with (folder / "learning_curve.csv").open(encoding="utf-8") as file:
         return [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
 
@@ -210,7 +217,7 @@ def nominal(judge: Judge, family: Family, content: dict[str, Any]) -> None:
 
 
 def decisions(judge: Judge, family: Family, content: dict[str, Any]) -> None:
-    """CPU time of the controllers' decisions for one arm, ms: median, 99th percentile and most over some episodes."""
+    """Measure the CPU time of the controllers' decisions for one arm, ms: median, 99th percentile, maximum."""
     own = content[family.name].setdefault("decisions", {})
     for name in family.controllers:
         if judge.asked is not None and name not in judge.asked:
@@ -231,7 +238,7 @@ def decisions(judge: Judge, family: Family, content: dict[str, Any]) -> None:
 
 
 def robustness(judge: Judge, family: Family, robust: Family, content: dict[str, Any]) -> None:
-    """Evaluate randomized arms, the exact model, and single changes."""
+    """Evaluate policies on randomized arms, on the exact model, and under single changes of the arm."""
     say(f"{family.env}: other arms, other models")
     own, words, most = content[family.name], judge.words(family, robust), FEWER_EPISODES
     every = words | tuned(family, ROBUST, "pd", "zv", "zvd", "lqr", label=f" ({DRAWN})")
@@ -291,7 +298,7 @@ def section(family: Family, own: Mapping[str, Any], best: Mapping[str, Any] | No
 
 
 def distance(rows: Rows, best: Mapping[str, Any]) -> list[str]:
-    """Return the policies' settling times over those of the best known plans."""
+    """Return the ratios of the policies' settling times to those of the best known plans."""
     median, mean = float(np.median(best["settling"])), float(np.mean(best["settling"]))
     ratios = [
         (name, f"{row['settling_time_median'] / median:.2f}", f"{row['settling_time_mean'] / mean:.2f}")
@@ -310,7 +317,7 @@ def best_known(results: Path, family: Family) -> dict[str, Any] | None:
 
 
 def measured(judge: Judge, content: dict[str, Any]) -> None:
-    """Evaluate controllers, and policies trained there, with gears, friction and real sensors."""
+    """Evaluate controllers and the policies trained there on arms with gears, friction and real sensors."""
     before, found = content.get("measured", {}), {}
     for name, settings in SETTINGS.items():
         family, columns = families.named(name), {}
@@ -329,7 +336,7 @@ def measured(judge: Judge, content: dict[str, Any]) -> None:
 
 
 def blocks(content: Mapping[str, Any], best: Mapping[str, Any]) -> dict[str, list[str]]:
-    """Return the blocks of each section of the page. best: of `best_known`, by family."""
+    """Return the blocks of each section of the page. best: results of `best_known`, by family."""
     lines = {"machine": [told(content["machine"])]}
     for name in (name for name in PARTS if name in content):
         if name == "measured":
@@ -344,7 +351,7 @@ PARTS = ("flexible_arm", "two_link", "measured")
 
 
 def save(arguments: Arguments, content: dict[str, Any]) -> None:
-    """Write page and numbers."""
+    """Write the page and its numbers."""
     best = {name: best_known(arguments.results, families.named(name)) for name in ("flexible_arm", "two_link")}
     write_json(arguments.results / "control.json", content)
     write_page(arguments.results, "control", blocks(content, best))

@@ -1,4 +1,4 @@
-"""Train a policy: `python -m agents.train_ppo`, which is `flexarm_env.training.train`."""
+"""Train a policy: `python -m agents.train_ppo` runs `flexarm_env.training.train`."""
 
 import sys
 

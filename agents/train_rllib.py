@@ -5,10 +5,10 @@
     .venv-ray/bin/python -m agents.train_rllib --env TwoLinkFlexArm-v0 --address auto --runners 30 --envs-per-runner 16
     .venv-ray/bin/python -m agents.train_rllib --out runs/mine --resume
 
-Hyper-parameters are those of configs/ppo/default.yml, which Stable-Baselines3 is trained with. The run folder is laid
-out as that of `agents.train_ppo`: policy.npz (the best on the validation episodes, for NumPy alone), config.yml,
-run.json, learning_curve.csv and .png, tensorboard/; beside them module.pt (weights of that policy's RLModule) and,
-until the run has finished, checkpoints/ (each holds RLlib's own in algorithm/).
+Hyper-parameters are those of configs/ppo/default.yml, as for Stable-Baselines3. The run folder has the layout of
+`agents.train_ppo`: policy.npz (the best on the validation episodes, for NumPy alone), config.yml, run.json,
+learning_curve.csv and .png, and tensorboard/. It also contains module.pt (weights of that policy's RLModule) and, until
+the run has finished, checkpoints/ (each with RLlib's own checkpoint in algorithm/).
 """
 
 import contextlib
@@ -46,19 +46,20 @@ FAILED = 1
 
 @dataclass(frozen=True, kw_only=True)
 class Arguments(Training):
-    """What `python -m agents.train_rllib` takes.
+    """Arguments of `python -m agents.train_rllib`.
 
     Args:
         out: run folder; default runs/rllib-ENV-SEED.
-        resume: go on from the run folder's last checkpoint, or anew where it has none yet (other flags but those of
-            processes are then those of the run).
-        address: HOST:PORT of a Ray cluster's head, or auto for the one this machine belongs to; default a Ray of its
-            own on this machine.
-        runners: processes that step environments, a processor each; 0: the training process does it.
-        envs_per_runner: environments that a runner steps together; default the config's n_envs shared out.
-        learners: processes that update the network, a processor each; 0: the training process does it.
+        resume: continue from the run folder's last checkpoint, or start if it has none yet. All other flags, except
+            those of processes, are then those of the run.
+        address: HOST:PORT of a Ray cluster's head, or auto for the cluster of this machine; default a Ray of its own
+            on this machine.
+        runners: number of processes that step environments, one processor each; 0: the training process steps them.
+        envs_per_runner: number of environments that a runner steps together; default the config's n_envs divided
+            among the runners.
+        learners: number of processes that update the network, one processor each; 0: the training process does it.
         sampler: native (whole arrays a step) or rllib (RLlib's own loop over environments).
-        threads: of torch in the training process; runners and learners have one each.
+        threads: number of torch threads in the training process; runners and learners have one each.
         verbose: show Ray's own messages.
     """
 
@@ -72,16 +73,16 @@ class Arguments(Training):
 
     @property
     def name(self) -> str:
-        """The library."""
+        """Name of the library."""
         return "rllib"
 
 
 PROCESSES = ("address", "runners", "envs_per_runner", "learners", "sampler", "threads", "progress", "verbose")
-"""Arguments that a resumed run takes from its command line: what it runs on may have changed."""
+"""Arguments that a resumed run takes from its command line, since the machine may have changed."""
 
 
 def train(arguments: Arguments) -> Progress:
-    """Train, and return what it came to. ValueError with a sentence for what is wrong."""
+    """Train a policy and return the run's progress. ValueError describes invalid arguments."""
     arguments = arguments.begun(*PROCESSES, algorithm="rllib_ppo")
     cluster.need_ray()
     config = setup.load(arguments.config, arguments.env).lasting(arguments.n_timesteps)
@@ -111,12 +112,12 @@ def train(arguments: Arguments) -> Progress:
 
 
 class Run:
-    """A training run: the algorithm, what it has come to, and its folder."""
+    """Training run: the algorithm, the progress, and the folder."""
 
     def __init__(
         self, arguments: Arguments, config: configs.Config, kwargs: dict[str, Any], algorithm: Any, eval_env: Any
     ) -> None:
-        """Store what a run is made of, and begin its record."""
+        """Store the parts of a run and begin its record."""
         from flexarm_env.control import Setup
 
         self.arguments, self.config, self.algorithm, self.eval_env = arguments, config, algorithm, eval_env
@@ -129,7 +130,7 @@ class Run:
 
     # --- begin and end -------------------------------------------------------------------------------
     def begin(self) -> None:
-        """Go on from the last checkpoint, or write what a new run begins with."""
+        """Restore the last checkpoint, or write the files of a new run."""
         arguments = self.arguments
         if arguments.resume and checkpoints(self.folder):
             self._restore()
@@ -153,7 +154,7 @@ class Run:
         return {node: nodes.count(node) for node in sorted(set(nodes))}
 
     def finish(self) -> None:
-        """Write what a finished run leaves behind."""
+        """Write the files of a finished run."""
         finish(self.folder, self.record, self.state)
         shutil.rmtree(self.folder / "checkpoints", ignore_errors=True)
 
@@ -167,7 +168,7 @@ class Run:
 
     # --- training ------------------------------------------------------------------------------------
     def learn(self) -> None:
-        """Iterate to the end; evaluate and save between iterations."""
+        """Train to the end; evaluate and save between iterations."""
         arguments, state, total = self.arguments, self.state, self.config.n_timesteps
         evaluation = after(self.steps - 1, arguments.evaluate_every)
         checkpoint = after(self.steps, arguments.checkpoint_every)
@@ -188,7 +189,7 @@ class Run:
             self._note(result)
 
     def _note(self, result: Mapping[str, Any]) -> None:
-        """Take the counts of an iteration; none where all runners were lost in it and are being started anew."""
+        """Store the counts of an iteration, unless all runners were lost in it and are being restarted."""
         runners = result.get("env_runners", {})
         self.steps = max(self.steps, int(runners.get("num_env_steps_sampled_lifetime", 0)))
         spent = float(runners.get("cpu_s", 0.0))
@@ -201,7 +202,7 @@ class Run:
                 self._board.add_scalar(name, value, self.steps)
 
     def judge(self, result: Mapping[str, Any]) -> None:
-        """Evaluate on the validation episodes, note it, keep the policy where it is the best so far."""
+        """Evaluate on the validation episodes, record the result, and save the policy if it is the best so far."""
         from agents.rllib.module import deviation, numpy_policy
         from flexarm_env.training.export_policy import save
 
@@ -228,25 +229,25 @@ class Run:
 
     @property
     def module(self) -> Any:
-        """The network in this process, with the learners' weights."""
+        """Return the network in this process, with the learners' weights."""
         return self.algorithm.get_module()
 
     def _sync(self) -> None:
-        """Give runners the learners' weights, the one in this process too."""
+        """Copy the learners' weights to all runners, the one in this process included."""
         self.algorithm.env_runner_group.sync_weights(
             from_worker_or_learner_group=self.algorithm.learner_group, inference_only=True
         )
 
     # --- checkpoints ---------------------------------------------------------------------------------
     def save(self) -> None:
-        """Save all that resuming the run needs."""
+        """Save all data that resuming the run requires."""
         with new_checkpoint(self.folder, self.steps, ("policy.npz", "module.pt")) as part:
             self.algorithm.save_to_path((part / "algorithm").absolute())
             with (part / "state.pkl").open("wb") as file:
                 pickle.dump({"progress": self.state, "steps": self.steps}, file)
 
     def _restore(self) -> None:
-        """Go back to the last checkpoint that can be read."""
+        """Restore the last readable checkpoint."""
 
         def read(path: Path, kept: dict[str, Any]) -> tuple[Progress, int]:
             self.algorithm.restore_from_path((path / "algorithm").absolute())

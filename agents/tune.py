@@ -1,4 +1,4 @@
-"""Tune the gains of the controllers that come with the package: `python -m agents.tune`, which is `flexarm tune`."""
+"""Tune the gains of the package's controllers: `python -m agents.tune` runs the program of `flexarm tune`."""
 
 import sys
 from pathlib import Path

@@ -1,10 +1,11 @@
-"""What each feature costs where it is present, and what where it is absent: docs/results/cost_model.md.
+"""Measure the cost of each feature for arms that have it and for arms that lack it: docs/results/cost_model.md.
 
     python -m benchmarks.ablation [--rounds 7] [--page] [--out FOLDER]
 
-Present: a control period of 64 arms on one thread, and of a single environment, with and without the feature, in turn.
-Absent: features are compile-time tags. The step of an arm that has none of them is compiled twice, from the kernels
-as they are and from a copy whose lines for these features are cut out, and callgrind counts what both execute.
+For arms that have the feature, the script times a control period of 64 arms on one thread, and of a single environment,
+alternately with and without the feature. For arms that lack it, the cost should be zero, because features are
+compile-time tags. The step of an arm without these features is compiled twice: from the present kernels, and from a
+copy without the lines for the features. Callgrind counts the instructions of both.
 """
 
 import argparse

@@ -1,14 +1,15 @@
-"""Hashes of what the solver computes: kept before a change that should change nothing, and compared after it.
+"""Hash the solver's results before and after a change that should not alter them, and compare the hashes.
 
-python -m benchmarks.bits FILE [--only WORDS ...]            writes what is not yet in FILE (JSON)
-python -m benchmarks.bits FILE --compare [--only WORDS ...]  computes it again; the exit code is 1 where it differs
+python -m benchmarks.bits FILE [--only WORDS ...]            computes the cases that FILE (JSON) lacks, and adds them
+python -m benchmarks.bits FILE --compare [--only WORDS ...]  computes the cases again; exit code 1 if a result differs
 
-A case's numbers come in parts (coordinates, energies, observations, ...), each with a hash, and are stored beside FILE
-(FILE.npz), so that a difference has a size. All parts must be equal to the last bit. A part named d_... is a derivative
-or follows from one: with --within 1e-12 its numbers may differ by 1e-12 of the part's largest number. Each case's
-result is written as soon as it is computed, so that a run can be continued. --only: cases whose names hold one of the
-words; --most N: at most N cases (a process keeps all it compiles); --list: names alone. Cases: `benchmarks.bits_cases`
-in the plane, `benchmarks.bits_space` in space. A small part has a record in the repository: `benchmarks.bits_gate`.
+The numbers of a case form parts (coordinates, energies, observations, ...). Each part has a hash, and its numbers are
+stored beside FILE (FILE.npz), so that the size of a difference is known. All parts must be equal to the last bit. A
+part named d_... is a derivative or follows from one: with --within 1e-12 its numbers may differ by 1e-12 of the part's
+largest number. Each case's result is written as soon as it is computed, so that an interrupted run can be continued.
+--only: cases whose names contain one of the words. --most N: at most N cases, since a process keeps all compiled code.
+--list: print the names alone. The cases are in `benchmarks.bits_cases` (plane) and `benchmarks.bits_space` (space). The
+repository records a small part of them: `benchmarks.bits_gate`.
 """
 
 import argparse

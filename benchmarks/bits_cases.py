@@ -1,8 +1,8 @@
-"""The cases of `benchmarks.bits`: what is computed, through the package's public names alone.
+"""Cases of `benchmarks.bits` in the plane, computed through the package's public names alone.
 
-Environments of every kind, single and vector, with resets, and with two threads; motions that arms follow; the suite's
-tasks; controllers; derivatives of control periods, linear models, runs; every scene that comes with the package; scenes
-with every kind of load, motion, joint and link under every formulation and its options.
+The cases cover environments of every kind, single and vector, with resets and with two threads; motions that arms
+follow; the suite's tasks; controllers; derivatives of control periods, linear models and runs; and every packaged
+scene. Further scenes contain every kind of load, motion, joint and link, under every formulation and its options.
 """
 
 import dataclasses

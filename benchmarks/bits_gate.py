@@ -1,14 +1,14 @@
-"""The gate: a small part of `benchmarks.bits`, compared to the last bit with the record in the repository.
+"""Compare a small part of `benchmarks.bits` with the record in the repository, to the last bit.
 
-python -m benchmarks.bits_gate [--only WORDS ...]  compares; the exit code is 1 where a number has changed (`make bits`)
-python -m benchmarks.bits_gate --write             computes the record anew (`make bits-record`)
+python -m benchmarks.bits_gate [--only WORDS ...]  compares; exit code 1 if a number has changed (`make bits`)
+python -m benchmarks.bits_gate --write             computes the record again (`make bits-record`)
 
-A commit that changes bits on purpose changes the record, benchmarks/bits_record.json, with it. Compiled kernels compute
-the same bits on every processor, but the C library, LAPACK and NumPy choose their loops by the processor, which changes
-last bits of models and of drawn starts and targets. The record therefore names the machine and the versions that it was
-computed with. On any other machine the gate computes the commit before (with uncommitted changes: the last commit) and
-compares with that; it leaves out cases whose record has changed since. Where there is no such commit (no git, a shallow
-clone) nothing is compared, and the exit code is 0.
+A commit that changes bits on purpose also changes the record, benchmarks/bits_record.json. Compiled kernels compute the
+same bits on every processor. The C library, LAPACK and NumPy choose their loops by the processor, which changes the
+last bits of models and of random starts and targets. The record therefore names its machine and versions. On any other
+machine the script computes the previous commit (with uncommitted changes: the last commit) and compares with that; it
+omits cases whose record has changed since. Without such a commit (no git, a shallow clone) nothing is compared, and the
+exit code is 0.
 """
 
 import argparse

@@ -1,8 +1,8 @@
-"""The cases of `benchmarks.bits` in space: each formulation, alone and with each feature that arms in space have.
+"""Cases of `benchmarks.bits` in space: each formulation alone, and with each feature of arms in space.
 
-Scenes: every feature of `tests.feature_matrix_space` and some pairs, under every formulation; arms of rigid links.
-Environments: single, vector and with two threads. Derivatives: tangents, cotangents and Jacobians of rollouts, linear
-models, runs. Controllers.
+Scenes contain every feature of `tests.feature_matrix_space` and some pairs of features, under every formulation, and
+arms of rigid links. Environments are single, vector, and with two threads. Derivatives are tangents, cotangents and
+Jacobians of rollouts, linear models, and runs. Controllers are included.
 """
 
 import dataclasses

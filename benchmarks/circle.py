@@ -1,8 +1,8 @@
-"""From an unknown arm at the end of a wire to a policy in C that moves it: docs/results/circle.md.
+"""From an unknown arm behind a UDP connection to a policy in C that moves it: docs/results/circle.md.
 
 python -m benchmarks.circle [--seeds N] [--steps N] [--targets N] [--page] [--out FOLDER] [--runs FOLDER]
 
-What is done, and why, says docs/tutorials/circle.md; here at full length, for several seeds.
+docs/tutorials/circle.md explains the steps. This script runs them at full length and for several seeds.
 """
 
 import argparse

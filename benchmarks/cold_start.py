@@ -1,15 +1,15 @@
-"""What it takes from `python` to the first step, for every kind of arm: processor time, memory, room on the disk.
+"""Measure processor time, memory and disk space from `python` to the first step, for every kind of arm.
 
     python -m benchmarks.cold_start [--repeats 3] [--only WORD]     writes the lines of docs/results/throughput.md
 
---only: cases whose names have the word; the others stay as they are.
+--only: cases whose names contain the word; the others keep their numbers.
 
-Each case runs in a fresh process: first with an empty folder of compiled code, then again with what the first one left
-there; the least of the repeats counts. Processor time is that of all threads and child processes, from the start of
-the interpreter to the end of the first step (or derivative). The package is a copy, its bytecode made beforehand as an
-installer does, so that nothing compiled beside it is found. Beside each case stands what a fixed piece of plain Python
-takes in the same minutes, for a machine that others share is slower at times. "A further kind" is what a process that
-has one kind grows by with each other kind: memory in MB.
+Each case runs in a fresh process: first with an empty folder of compiled code, then with the code that the first
+process left there. The smallest of the repeated times counts. Processor time includes all threads and child processes,
+from the start of the interpreter to the end of the first step (or derivative). The package is a copy with bytecode, as
+an installer makes it, so that no compiled code beside it is found. The table also shows the time of a fixed piece of
+plain Python in the same minutes, because a shared machine is slower at times. "A further kind" is the memory, MB, that
+each additional kind of arm needs in a process that has already used one kind.
 """
 
 import argparse

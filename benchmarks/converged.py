@@ -1,11 +1,12 @@
-"""Converged solutions of the validation scenes, from the project's own exact formulation with a convergence study.
+"""Compute converged solutions of the validation scenes with the package's exact formulation.
 
     python -m benchmarks.converged [--scene NAME ...] [--check | --cross-check]
 
-Each scene is run on two meshes and with two steps; the finest is kept in `flexarm_env/data/references/converged/` as
-CSV (columns of `Trajectory.to_csv`) and `converged.json` says how far mesh and step still moved its tip, and how far
-from it two others come out: finite differences on a staggered grid in plain NumPy, which share no code with the package
-(`tests/oracle_exact.py`), and Exudyn where it is installed. `--check` only prints, `--cross-check` runs the two alone.
+Each scene is run on two meshes and with two steps. The finest solution is stored as CSV in
+`flexarm_env/data/references/converged/` (columns of `Trajectory.to_csv`). `converged.json` there records how much the
+tip still changed with mesh and step, and its distance from two other solutions. One is by finite differences on a
+staggered grid in plain NumPy, without code of the package (`tests/oracle_exact.py`); the other is by Exudyn, if it is
+installed. `--check` only prints; `--cross-check` computes only the two other solutions.
 """
 
 import argparse

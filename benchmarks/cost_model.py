@@ -1,9 +1,10 @@
-"""What a time step must cost, and what it does: docs/results/cost_model.{md,json}.
+"""Compare the lowest possible cost of a time step with its measured cost: docs/results/cost_model.{md,json}.
 
     python -m benchmarks.cost_model [--page] [--out FOLDER]
 
-Operations are counted (`benchmarks.operations`), the machine's ceiling is measured with chains of additions and
-multiplications that depend on nothing but themselves, and so are steps of 5 ms, of one arm and of eight in lanes.
+`benchmarks.operations` counts the operations of a step. The machine's peak rate is measured with independent chains of
+additions and multiplications. Then steps of 5 ms are timed, for one arm and for eight arms in the lanes of a vector
+unit.
 """
 
 import argparse

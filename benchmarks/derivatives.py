@@ -1,11 +1,12 @@
-"""What derivatives cost, for every kind of arm: docs/results/derivatives.md.
+"""Measure the cost of derivatives for every kind of arm: docs/results/derivatives.md.
 
     python -m benchmarks.derivatives [--arms 256] [--only WORDS ...] [--page] [--out FOLDER]
 
-Processor time on one thread, in microseconds an arm and control period, the least of many rounds in which what is
-compared takes turns: a rollout of 10 periods, the gradient of its rewards (which comes on top), the Jacobians of a
-period, and linear models where they are compiled. Each kind is measured in a process of its own; --only: those whose
-names have one of the words, while the rows of the others stay as they are in the folder.
+The numbers are processor times on one thread, in microseconds per arm and control period. They are minima over many
+rounds in which the compared computations alternate. The computations are a rollout of 10 periods, the gradient of its
+rewards (in addition to the rollout), the Jacobians of a period, and linear models where these are compiled. Each kind
+of arm is measured in its own process. --only: kinds whose names contain one of the words; the others keep their rows in
+the folder.
 """
 
 import argparse

@@ -1,9 +1,10 @@
-"""What goes through the doors: docs/results/doors.md.
+"""Test and time exported arms and controllers, and the packets of a served arm: docs/results/doors.md.
 
 python -m benchmarks.doors [--periods N] [--page] [--out FOLDER]
 
-Arms as C libraries beside Python, their steps timed in C with allocations counted; units in FMPy, alone and an arm with
-its controller; packets of all kinds at a served arm. Needs a C compiler and the extra `fmi`; a few minutes.
+Arms as C libraries are compared with Python; their steps are timed in C, and their memory allocations are counted. FMUs
+run in FMPy, alone and as an arm with its controller. A served arm receives packets of all kinds. The script needs a C
+compiler and the extra `fmi`, and takes a few minutes.
 """
 
 import argparse

@@ -1,11 +1,11 @@
-"""PyElastica as a peer: the one-link validation scenes on its Cosserat rods, laid in a plane (extra: bench).
+"""Compare with PyElastica: the one-link validation scenes on its Cosserat rods in a plane (extra: bench).
 
-Its rod has positions at nodes, directors at elements, and an explicit position Verlet step that the quickest wave
-limits. Stiffness, mass and rotary inertia are ours; its stiffnesses change with stretch, which ours
-do not (a difference of the order of the stretch). Loads on the root act on its first node and, torques, on the first
-element. Directors live in the middle of elements: where the root's angle is prescribed, the rod begins half an element
-before the root, so that the middle of its first element is there. Its two-link systems hang on penalty springs and are
-left out.
+PyElastica's rod has positions at nodes and directors at elements. Its step is explicit position Verlet and is limited
+by the fastest wave. Stiffness, mass and rotary inertia equal those of the package. Its stiffnesses change with stretch,
+while the package's do not; the difference is of the order of the stretch. Forces on the root act on its first node, and
+torques on its first element. Directors are in the middle of elements. Where the root's angle is prescribed, the rod
+therefore begins half an element before the root, so that the middle of its first element is at the root. Its two-link
+systems are joined by penalty springs and are omitted.
 """
 
 import math

@@ -1,16 +1,17 @@
-"""Estimated errors of runs in space against true ones: a part of `benchmarks.stability`.
+"""Compare error estimates of runs in space with true errors: a part of `benchmarks.stability`.
 
     python -m benchmarks.estimates_space [--limit N] [--workers N] [--fresh] [--page] [--out FOLDER]
 
-Random arms of one to three links, with or without a turret, under gravity, sinusoidal torques of the joints and a force
-at the tip. Drawn are the formulation and its mesh, q = EI / (C L^2) of a link up to 0.3, a payload of 0.01 to 1000 kg,
-a factor of 0.01 to 1e6 on all stiffnesses, Kelvin-Voigt damping, and a step of 0.5 to 20 ms.
+The arms are random: one to three links, with or without a turret, under gravity, sinusoidal joint torques and a force
+at the tip. The following are random too: the formulation and its mesh, q = EI / (C L^2) of a link up to 0.3, a payload
+of 0.01 to 1000 kg, a factor of 0.01 to 1e6 on all stiffnesses, Kelvin-Voigt damping, and a step of 0.5 to 20 ms.
 
-The true error is the distance from the exact beam on a fine mesh with short steps and rho_inf = 0.9, of the tip or of
-its axes (a rad counts as a fifth of the length), over the arm's length. A second, coarser reference bounds the
-reference's own error; where that leaves the verdict open, one of twice the mesh and half the step decides.
+The true error is the distance of the tip, or of its axes (1 rad counts as a fifth of the length), from the exact beam,
+over the arm's length. The exact beam has a fine mesh, short steps and rho_inf = 0.9. A second, coarser reference bounds
+the reference's own error. If this bound leaves the verdict open, a third reference with twice the mesh and half the
+step decides.
 
-A run with status "ok" is understated where its error is above the larger of 1.5 times its estimate and 1e-5.
+The error of a run with status "ok" is underestimated if it exceeds the larger of 1.5 times its estimate and 1e-5.
 """
 
 import argparse

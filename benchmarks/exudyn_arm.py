@@ -1,10 +1,10 @@
-"""A tapered two-link arm with elastic, damped joints and rigid ends in large motion: the exact beam beside Exudyn.
+"""Compare the exact beam with Exudyn: large motion of a tapered two-link arm with elastic joints and rigid ends.
 
     python -m benchmarks.exudyn_arm            measures both and prints the distances (extra: bench)
 
-Exudyn's beam elements are of one section each, so that its error is of second order in their number: two meshes are
-extrapolated (Richardson). Rigid ends are local positions of bodies on the beams' end nodes, joints revolute ones with
-torsional springs whose offsets are the motors' angles.
+The joints are damped. Each of Exudyn's beam elements has a constant section, so that its error is of second order in
+the element length: two meshes are extrapolated (Richardson). Rigid ends are local positions of bodies on the beams' end
+nodes. Joints are revolute joints with torsional springs, whose offsets are the motors' angles.
 """
 
 from typing import Any

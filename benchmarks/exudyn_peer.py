@@ -1,12 +1,13 @@
-"""Exudyn as a peer, on its own geometrically exact beam elements (extra: bench): scenes of one link, and the strip of
-`FlexibleArm-v0` stepped from Python.
+"""Compare with Exudyn's geometrically exact beam elements: scenes of one link, and the strip stepped from Python.
 
-In `run` loads are switched off at their kink between two calls of the solver, so that no Python function runs inside
-it; a prescribed hub angle needs a function of time, which Exudyn calls from Python, once or more a step: that is in its
-time. `stepper` keeps the solver between control periods, writes no files and takes the quickest settings for a small
-system: dense matrices, modified Newton, linear elements, the module without range checks. Only what a step needs is in
-its loop: the torque set, the period solved, the tip and hub read. No observation, reward or wrapper, which ours has:
-the comparison is generous to it.
+The scenes need the extra `bench`; the strip is that of `FlexibleArm-v0`.
+
+In `run`, loads are switched off between two calls of the solver, so that no Python function runs inside the solver. A
+prescribed hub angle requires a function of time. Exudyn calls it from Python at least once per step, and its time
+includes these calls. `stepper` keeps the solver between control periods, writes no files, and has the fastest settings
+for a small system: dense matrices, modified Newton, linear elements, and the module without range checks. Its loop only
+sets the torque, solves the period, and reads tip and hub. It has no observation, reward or wrapper, which the package's
+environment has: the comparison favors Exudyn.
 """
 
 import itertools

@@ -1,11 +1,12 @@
-"""Arms in space beside Exudyn's beam (extra: bench): what both come to, and run time against error.
+"""Compare arms in space with Exudyn's beam (extra: bench): converged results, and run time against error.
 
 python -m benchmarks.exudyn_space [--out FOLDER] [--page]
 
-`ObjectBeamGeometricallyExact` on nodes with Euler parameters, joints as `GenericJoint`, everything undamped: its
-damping matrix changes nothing in that object (1.13.6). Newton's tolerances are 1e-6: at the default, 1e-8, derivatives
-by differences do not get there, and steps are halved or the solver gives up. Forces are Python functions there, called
-twice a step; the steps are 200 to 3200, so that they take a few milliseconds of a run.
+Exudyn's model consists of `ObjectBeamGeometricallyExact` on nodes with Euler parameters, and joints as `GenericJoint`.
+All arms are undamped, because that object ignores its damping matrix (1.13.6). Newton's tolerances are 1e-6. At the
+default 1e-8, Newton's method with difference derivatives does not converge, and steps are halved or the solver fails.
+Forces are Python functions in Exudyn, called twice per step; with 200 to 3200 steps they take a few milliseconds of a
+run.
 """
 
 import argparse

@@ -1,10 +1,10 @@
-"""Steps fitted to a tolerance against fixed ones: the error that a control period adds, and what it costs.
+"""Compare adaptive steps (fitted to a tolerance) with fixed ones: the error of a control period, and the cost.
 
     python -m benchmarks.fitted_steps [--periods 400] [--page] [--out FOLDER]
 
-`FlexibleArm-v0` in four kinds of motion. The error of a period is how far its tip ends from where steps 256 times
-shorter lead from the same state, on the same mesh. Steps: all that were taken, those of comparisons too. CPU: of the
-compiled control period of one arm, the least of five rounds.
+`FlexibleArm-v0` moves in four ways. The error of a period is the distance of its final tip position from the one with
+256 times shorter steps, from the same state and on the same mesh. The number of steps includes the steps taken for
+comparison. The CPU time is that of the compiled control period of one arm, the smallest of five rounds.
 """
 
 import argparse

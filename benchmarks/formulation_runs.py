@@ -1,4 +1,4 @@
-"""What `benchmarks.formulations` measures and draws: exact beam, elastica and reduction to modes, one function each."""
+"""Measurements and figures of `benchmarks.formulations`, a function each: exact beam, elastica, reduction to modes."""
 
 from pathlib import Path
 from typing import Any

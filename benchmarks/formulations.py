@@ -1,10 +1,10 @@
-"""Exact beam, elastica and reduction to modes, measured and drawn: docs/results/physics.md, docs/figures/.
+"""Measure and plot exact beam, elastica and reduction to modes: docs/results/physics.md, docs/figures/.
 
 python -m benchmarks.formulations [--page] [--out FOLDER] [--figures FOLDER]
 
-Orders of convergence, centre of mass and long-run energy of the exact beam; errors of the elastica on slender arms and
-what it leaves out; the reduction's error against deflection and time. The exit code is 1 where a figure is not what it
-should be.
+For the exact beam the script measures orders of convergence, the center of mass, and long-run energy. For the elastica
+it measures errors on slender arms and the effects that the elastica omits. For the reduction it measures the error
+against deflection and time. The exit code is 1 if a result is outside of its bounds.
 """
 
 import argparse

@@ -1,8 +1,8 @@
-"""A policy for an arm that is known by its log alone: docs/results/identification.md.
+"""Learn a policy for an arm that is known only from its log: docs/results/identification.md.
 
 python -m benchmarks.from_a_log [--steps N] [--episodes N] [--page] [--out FOLDER] [--runs FOLDER]
 
-What is done, and why, says the page.
+The page explains the steps.
 """
 
 import argparse

@@ -1,13 +1,13 @@
-"""How soon policies are learned by gradients, PPO beside, and what a tolerance leaves: docs/results/derivatives.md.
+"""Compare learning by gradients with PPO, and measure the effect of the tolerance: docs/results/derivatives.md.
 
 python -m benchmarks.gradients [--seeds 5] [--ppo 5] [--arms 512] [--kept] [--only ENV ...] [--page] [--out FOLDER]
     [--runs FOLDER]
 
-Learning: `agents.train_ppo` with
---algo gradient and ppo and the default configs, one process, one thread; processor time without imports, compilation,
-evaluation and checkpoints, up to the evaluation that finds the task solved (95 % of the validation episodes). The run's
-best policy is judged on the test episodes, which neither training nor the choice has seen. Finished runs are kept: a
-benchmark that was stopped goes on, and with --kept they alone are told of.
+Both are trained by `agents.train_ppo` with --algo gradient and --algo ppo and the default configs, in one process with
+one thread. The processor time excludes imports, compilation, evaluation and checkpoints. It ends at the evaluation in
+which the task counts as solved (95 % of the validation episodes). The run's best policy is evaluated on the test
+episodes, which neither training nor the selection uses. Finished runs are kept, so that an interrupted benchmark can be
+continued; with --kept the page shows only these runs.
 """
 
 import argparse

@@ -1,6 +1,6 @@
-"""A measured two-link robot, its fit and its held-out prediction: docs/hardware.md.
+"""Fit a measured two-link robot and predict its held-out motions: docs/hardware.md.
 
-python -m benchmarks.hardware [--page] [--out FOLDER] [--figures FOLDER]     stopped, it goes on where it was
+python -m benchmarks.hardware [--page] [--out FOLDER] [--figures FOLDER]     an interrupted run can be continued
 """
 
 import argparse

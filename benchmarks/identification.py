@@ -1,18 +1,20 @@
-"""Do the 95 % intervals of `flexarm identify` hold, is what cannot be told named: docs/results/identification.md.
+"""Test the 95 % intervals and unidentifiable parameters of `flexarm identify`: docs/results/identification.md.
 
-python -m benchmarks.identification [--cases N] [--page] [--out FOLDER]     stopped, it goes on where it was
+python -m benchmarks.identification [--cases N] [--page] [--out FOLDER]     an interrupted run can be continued
 
-Each case draws a strip (EI, payload and tau_d within 8 % of the usual ones), a smooth hub motion of nine sines and 1 %
-of white noise on a filtered, offset strain gauge. Three parameters are fitted from the usual strip; then the mass per
-length as well, of which with the hub's angle prescribed only ratios to stiffness and payload show.
+Each case draws a strip (EI, payload and tau_d within 8 % of the nominal values), a smooth hub motion of nine sines, and
+1 % of white noise on a filtered strain gauge with an offset. Three parameters are fitted, starting from the nominal
+strip. A second fit adds the mass per length. With a prescribed hub angle, only its ratios to stiffness and payload are
+identifiable.
 
-A case by torques is the log of another solver. A strip, every second one behind a gear, has EI, payload, tau_d and hub
-inertia between 0.62 and 1.62 times the usual ones. It is computed as an exact beam at a thirtieth of the sampling
-interval, driven by nine sines of torque, and read by an encoder of 4096 counts and a noisy gauge at 100 or 200 Hz. The
-fit begins with the usual arm and the default step and mesh.
+A case with torques has the log of another solver. A strip, every second one with a gear, has EI, payload, tau_d and hub
+inertia between 0.62 and 1.62 times the nominal values. It is computed as an exact beam with a thirtieth of the sampling
+interval as step, and driven by nine sines of torque. An encoder of 4096 counts and a noisy gauge are read at 100 or
+200 Hz. The fit starts from the nominal arm, with the default step and mesh.
 
-A case in space draws a boom on a pillar that turns, by yaw and shoulder, under gravity: its stiffnesses to bending in
-both planes and to torsion, payload, tau_d and the shoulder's gear, from three gauges by the motors' angles.
+A case in space draws a boom on a rotating pillar, with yaw and shoulder joints, under gravity. The fitted parameters
+are its bending stiffnesses in both planes, its torsional stiffness, the payload, tau_d and the shoulder's gear. The log
+contains three gauges and the motors' angles.
 """
 
 import argparse

@@ -1,18 +1,18 @@
-"""Machine instructions that compiled code executes, program by program, as callgrind counts them.
+"""Count the machine instructions of compiled programs with callgrind.
 
-    python -m benchmarks.instructions FILE [--only WORDS ...]             counts, and adds what it finds to FILE (JSON)
+    python -m benchmarks.instructions FILE [--only WORDS ...]             counts, and adds the results to FILE (JSON)
     python -m benchmarks.instructions FILE --compare OTHER [--only ...]   prints FILE's counts over those of OTHER
 
-Each program of `PROGRAMS` runs in a process of its own under valgrind, which counts nothing while it starts, compiles
-and takes its first steps; then its work is done ten times and counted. What is executed outside of files, the
-machine code that was made in memory, is told apart from the rest, Python's interpreter for the most part. Counts are of
-one run: the same code gives the same number, to a few in a million.
+Each program of `PROGRAMS` runs in its own process under valgrind. Nothing is counted while the program starts, compiles
+and takes its first steps. Then its work is done ten times and counted. Instructions in memory that belongs to no file
+are those of the compiled code; the rest, mostly Python's interpreter, is listed separately. Counts are of one run: the
+same code gives the same number, to a few in a million.
 
-Counts of some programs are in the repository, benchmarks/instructions_record.json: a commit that changes them on
-purpose counts those programs anew.
+The repository contains the counts of some programs, benchmarks/instructions_record.json. A commit that changes these
+counts on purpose counts the programs again.
 
-Valgrind shows programs a Haswell, without AVX-512: code of that kind is made beforehand, outside of valgrind, and kept
-in a folder that goes again (or --cache).
+Valgrind presents a Haswell processor, without AVX-512, to the programs. Code for that processor is compiled in advance,
+outside of valgrind, in a temporary folder (or the one of --cache).
 """
 
 import argparse

@@ -1,8 +1,8 @@
-"""Lines of Python by room, of commits and of the working tree, as a table in Markdown.
+"""Count the lines of Python by folder, in commits and in the working tree, as a Markdown table.
 
 python -m benchmarks.lines [--kinds] [COMMIT ...]
 
---kinds: lines of code, of docstrings and of own-line comments apart, and comments as a share of code.
+--kinds: separate lines of code, docstrings and own-line comments, and comments as a share of code.
 """
 
 import ast

@@ -1,8 +1,8 @@
-"""A million steps of the strip under random bang-bang torque in pairs of zero net impulse, by every formulation.
+"""Run a million steps of the strip under random bang-bang torque with zero net impulse, by every formulation.
 
-Each pair is the full torque of one sign, then of the other, for the same random time (0.1 to 0.6 s); a share of it
-where a row names one, since whole links reduced to modes are not made for full torque. Settings are the environments'
-defaults but for what a row names. Energy is looked at each time the torque switches.
+Each pair of torques is the full torque of one sign, then of the other, for the same random time (0.1 to 0.6 s). Some
+rows have a share of the full torque, since whole links reduced to modes are not suited to full torque. Settings are the
+environments' defaults, except those that a row names. The energy is checked each time the torque switches.
 """
 
 import time

@@ -1,4 +1,4 @@
-"""One way to parse a benchmark's command line, to describe the machine, and to write a file, whole or not at all."""
+"""Common functions of the benchmarks: parse the command line, describe the machine, write a file atomically."""
 
 import argparse
 import os

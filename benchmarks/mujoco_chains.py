@@ -1,7 +1,7 @@
-"""Arms as MuJoCo's users model them: chains of hinges, stepped in C by `mujoco.rollout` or as Gymnasium environments.
+"""Model arms as MuJoCo's users do: chains of hinges, stepped in C by `mujoco.rollout` or as Gymnasium environments.
 
-Nothing of MuJoCo is charged for what a task does not need: no contacts, no constraints, no shapes, no sensors. Places
-of the tip follow from the recorded states, outside of the clock.
+The chains omit all that the task does not need: they have no contacts, constraints, shapes or sensors. Tip positions
+are computed from the recorded states, outside of the timed part.
 """
 
 import dataclasses

@@ -1,13 +1,14 @@
-"""Beside MuJoCo, accuracy against run time: docs/results/work_precision.md, docs/results/mujoco_peer.json.
+"""Compare with MuJoCo, accuracy against run time: docs/results/work_precision.md, docs/results/mujoco_peer.json.
 
     python -m benchmarks.mujoco_peer [--episodes 20] [--page] [--out FOLDER] [--figures FOLDER]
 
-`strip` and `de_luca_siciliano` run the episodes of `benchmarks.choose_default` (torques held over control periods of 20
-ms, random and bang-bang, as many of either), from the starts of the environments, against the converged exact beam.
-`three_dof` runs a quarter of its torques for 0.5 s in space. MuJoCo's chains are stepped in C (`mujoco.rollout`); the
-package's arms as Gymnasium environments, Python included. Error: largest distance of the tip from the reference in an
-episode, in % of the arm's length; the worst episode counts. Times: CPU microseconds of one arm and control period, the
-least of some rounds, all of one run; on two threads by the clock. About ten CPU minutes. Needs the extra `mujoco`.
+`strip` and `de_luca_siciliano` run the episodes of `benchmarks.choose_default` from the starts of the environments. The
+torques are held over control periods of 20 ms; half of the episodes have random torques, half bang-bang torques. The
+reference is the converged exact beam. `three_dof` runs a quarter of its torques for 0.5 s in space. MuJoCo's chains are
+stepped in C (`mujoco.rollout`). The package's arms are Gymnasium environments, Python included. The error of an episode
+is the largest distance of the tip from the reference, in % of the arm's length; the worst episode counts. Times are CPU
+microseconds per arm and control period, the smallest of several rounds, all of one run; with two threads they are wall
+times. The script takes about ten CPU minutes and needs the extra `mujoco`.
 """
 
 import argparse

@@ -1,9 +1,9 @@
-"""Floating-point operations of a time step, counted: the kernels run uncompiled on numbers that count themselves.
+"""Count the floating-point operations of a time step, by running the kernels uncompiled on numbers that count them.
 
     FLEXARM_COMPILER=python python -m benchmarks.operations      prints the counts as JSON
 
-Additions, multiplications and divisions of the state are counted, one each; loads, comparisons, integer work and
-products of the model's constants alone are not.
+Additions, multiplications and divisions that involve the state count as one each. Loads, comparisons, integer
+operations and products of the model's constants alone are not counted.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Pages of results: prose stands in Markdown alone, and a script writes its numbers between marks of the page.
+"""Pages of results: the prose is written in Markdown by hand; scripts write numbers between marks of the page.
 
     <!-- RECORD BLOCK -->
-    what the script RECORD.py, or one that is named on the page, makes of RECORD.json
+    lines made from RECORD.json by the script RECORD.py, or by another script that the page names
     <!-- end -->
 
-A script gives what it measures, and the lines of each block; `--page` writes the blocks anew from the record alone.
+A script provides its measurements, and the lines of each block. `--page` writes the blocks again from the record alone.
 """
 
 import argparse

@@ -1,9 +1,9 @@
-"""Known answers of the floating frame, measured and drawn: docs/results/physics.{md,json} and docs/figures/.
+"""Compare the floating frame with known solutions, and plot both: docs/results/physics.{md,json} and docs/figures/.
 
 python -m benchmarks.physics_figures [--page] [--out FOLDER] [--figures FOLDER]
 
-Spin-up past the first frequency; centre of mass and energy of free flight at rho_inf = 1 against the step; order of the
-integrator. The exit code is 1 where a figure is not what it should be.
+The cases are a spin-up past the first frequency, the center of mass and energy of free flight at rho_inf = 1 against
+the step, and the order of the integrator. The exit code is 1 if a result is outside of its bounds.
 """
 
 import argparse

@@ -1,8 +1,9 @@
-"""Time that an exported policy takes for a decision in C.
+"""Time the decisions of an exported policy in C.
 
     python -m benchmarks.policy_in_c
 
-Prints the least of 50 means of 200 decisions, in µs, of each packaged policy, compiled with `cc -O2`.
+For each packaged policy, compiled with `cc -O2`, the script prints a time per decision, in µs: the smallest of 50
+means, each over 200 decisions.
 """
 
 import subprocess

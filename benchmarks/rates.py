@@ -1,4 +1,4 @@
-"""Environment steps a second: single and vector, ours and others', measured in turn so that ratios are of one run."""
+"""Measure environment steps per second, single and vector, alternately with those of other packages, in one run."""
 
 import itertools
 import time

@@ -1,12 +1,13 @@
-"""What Ray costs and how training scales with its processes: docs/results/ray.{md,json}.
+"""Measure Ray's cost and how training scales with its processes: docs/results/ray.{md,json}.
 
     .venv-ray/bin/python -m benchmarks.ray_scaling [--iterations 8] [--rounds 2] [--page] [--out FOLDER]
 
-PPO with the hyper-parameters of configs/ppo/default.yml on FlexibleArm-v0: rollouts of 8192 steps of 64 environments,
-10 epochs, minibatches of 1024, network [64, 64], one torch thread in each process. `plain` is the same training loop
-written out in NumPy and torch, without Ray, with the same network, on one core; the others are RLlib's PPO with its
-runners (`native`: those of agents/rllib/runner.py, `rllib`: RLlib's own) as processes of their own, or none, and
-learners likewise. They take turns; times are medians over iterations, the first two of each turn left out.
+PPO is trained on FlexibleArm-v0 with the hyper-parameters of configs/ppo/default.yml: rollouts of 8192 steps of 64
+environments, 10 epochs, minibatches of 1024, network [64, 64], one torch thread in each process. `plain` is the same
+training loop with the same network in NumPy and torch, without Ray, on one core. All other cases are RLlib's PPO. Its
+runners are `native` (agents/rllib/runner.py) or `rllib` (RLlib's own). Runners and learners are separate processes, or
+the training process does their work. The cases alternate. Times are medians over iterations, without the first two of
+each turn.
 """
 
 import argparse

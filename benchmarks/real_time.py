@@ -1,8 +1,9 @@
-"""How well a served arm keeps its time: docs/results/real_time.md.
+"""Measure how punctually a served arm keeps its control periods: docs/results/real_time.md.
 
 python -m benchmarks.real_time [--periods N] [--page] [--out FOLDER]
 
-An arm served in one process, driven by PD from another, on loopback, each on a core of its own; about half an hour.
+One process serves the arm, and another drives it by PD over loopback, each on its own core. The script takes about half
+an hour.
 """
 
 import argparse

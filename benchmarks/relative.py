@@ -1,9 +1,10 @@
-"""Beside shamilmamedov/flexible_arm, the environment that `three_dof` is after: docs/results/relative.md.
+"""Compare with shamilmamedov/flexible_arm, whose arm is the model for `three_dof`: docs/results/relative.md.
 
     python -m benchmarks.relative [--relative FOLDER --python PYTHON] [--runs FOLDER]
 
-FOLDER holds its files, PYTHON is an interpreter (3.10, for its dataclasses) with CasADi and Gymnasium; without, what is
-kept of it stays. Rates are of processor time, in turns in one run.
+FOLDER contains its files. PYTHON is an interpreter with CasADi and Gymnasium (3.10, because of its dataclasses).
+Without these flags, the recorded results of that environment are kept. Rates are of processor time; both environments
+alternate in one run.
 """
 
 import argparse

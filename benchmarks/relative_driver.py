@@ -1,9 +1,9 @@
-"""Drives shamilmamedov/flexible_arm, from a folder with its files, in an interpreter that has CasADi and Gymnasium.
+"""Drive shamilmamedov/flexible_arm, from a folder with its files, in an interpreter with CasADi and Gymnasium.
 
-A line of JSON in, a line out: {"elements", "torques" (T, 3), "state" (joint angles)} gives the tips (T, 3), m, and what
-the steps took of the processor, s. Of its environment the simulator and the tip are run, which its step consists of but
-for distance and observation: the step itself ends in an IndexError where the true state is observed, its default
-(commit fe633ce). What it imports for planning and drawing is left out.
+The program reads one line of JSON, {"elements", "torques" (T, 3), "state" (joint angles)}, and writes one line: the tip
+positions (T, 3), m, and the processor time of the steps, s. It runs the environment's simulator and computes the tip,
+which is the environment's step without distance and observation. The step itself cannot be used: with its default, an
+observation of the true state, it ends in an IndexError (commit fe633ce). Imports for planning and drawing are omitted.
 """
 
 import json

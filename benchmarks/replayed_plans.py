@@ -1,11 +1,11 @@
-"""Plans of least time, replayed by themselves and by the exact beam: does `found` say what the arm does?
+"""Check `found` of plans of least time: replay them by `Motion.replay` and on the exact beam, and compare.
 
     python -m benchmarks.replayed_plans [--goals N] [--out FILE]
 
-Two shipped arms and two limp ones, with and without a bound on deflections, to random goals. Each plan is run on the
-exact beam with 10 elements a link and steps of 0.5 ms, on which the largest deflection, the joint angles and the final
-rates are compared with those of `Motion.replay`. A plan is wrong where it is found and on the exact beam exceeds its
-bound by more than 6 % and 6e-4 of a link's length, or is off its goal by more than 0.02 rad.
+Two packaged arms and two softer ones move to random goals, with and without a bound on deflections. Each plan is run on
+the exact beam with 10 elements per link and steps of 0.5 ms. The largest deflection, the joint angles and the final
+rates of this run are compared with those of `Motion.replay`. A plan with `found` is wrong if on the exact beam it
+exceeds its bound by more than 6 % and 6e-4 of a link's length, or misses its goal by more than 0.02 rad.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""Many cases, one after the other or on several cores: progress on a terminal, results kept so that a run can go on."""
+"""Run many cases, one after the other or on several cores, with progress and with results that allow continuation."""
 
 import contextlib
 import functools

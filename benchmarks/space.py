@@ -1,4 +1,4 @@
-"""Arms in space against known answers, what a step costs, and what a model of pitch alone leaves out of `three_dof`.
+"""Compare arms in space with known solutions, time their steps, and compare `three_dof` with a model of pitch alone.
 
 python -m benchmarks.space [--out FOLDER] [--page] [--only PARTS ...]; figures to docs/figures.
 """

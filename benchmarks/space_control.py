@@ -1,4 +1,4 @@
-"""How soon controllers settle `SpatialFlexArm-v0`, on 100 reaches: docs/environments/spatial_results.md."""
+"""Measure how soon controllers settle `SpatialFlexArm-v0`, on 100 reaches: docs/environments/spatial_results.md."""
 
 import argparse
 import sys

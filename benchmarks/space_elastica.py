@@ -1,4 +1,4 @@
-"""What links in space cost whose coordinates are their strains, beside floating frames and the exact beam.
+"""Measure the cost of links in space with strains as coordinates, compared with floating frames and the exact beam.
 
 python -m benchmarks.space_elastica [--out FOLDER] [--page]; a table of docs/results/space.md.
 """

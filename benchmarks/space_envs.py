@@ -1,4 +1,4 @@
-"""Accuracy and speed of `SpatialFlexArm-v0`, random torques and PD: docs/environments/spatial_results.md."""
+"""Measure accuracy and speed of `SpatialFlexArm-v0` by random torques and PD: docs/environments/spatial_results.md."""
 
 import argparse
 import dataclasses

@@ -1,17 +1,18 @@
-"""Stability under stress: thousands of runs, sorted into ok, inaccurate, failed with a report, and silently wrong.
+"""Stability under stress: thousands of runs, classified as ok, inaccurate, failed with a report, or silently wrong.
 
     python -m benchmarks.stability [--full] [--limit N] [--workers N] [--fresh] [--page] [--out FOLDER]
 
-The default size takes a quarter to half an hour of two cores; `--full` more than twice that. Results are kept in
-runs/benchmarks while it runs, so that a run that was stopped goes on where it was. Every case is bounded in time.
+The default size takes a quarter to half an hour of two cores; `--full` takes more than twice as long. Intermediate
+results are stored in runs/benchmarks, so that an interrupted run can be continued. The time of every case is limited.
 
-A run is silently wrong where its status is "ok" and
-  (i)  energy appeared: dE + D - W is above 1e-2 of gross work and initial energy, or the scheme took more than a tenth;
+A run is silently wrong if its status is "ok" and one of two conditions holds:
+  (i)  energy was created: dE + D - W exceeds 1e-2 of gross work and initial energy, or the scheme dissipated more than
+       a tenth of them;
   (ii) its tip is further from the converged solution than 1 % of L and than five times its `error_estimate`.
-(i) is asked of every case that ended; (ii) of all that have damping as their subject and of every fourth of the others,
-where the converged solution is one: two meshes and steps of it agree within 0.3 % of L, and there is no drag, which the
-exact beam has not. Of the rest it is not known whether the tip is right, and the page says how many those are. The
-exit code is 1 where a run was silently wrong, returned a NaN, raised or took too long.
+Condition (i) is tested in every case that ended. Condition (ii) is tested in all cases about damping, and in every
+fourth of the others. It requires a converged solution: two meshes and steps agree within 0.3 % of L, and there is no
+drag, which the exact beam lacks. In all other cases the tip's error is unknown, and the page states their number. The
+exit code is 1 if a run was silently wrong, returned a NaN, raised an exception or took too long.
 """
 
 import argparse

@@ -1,7 +1,8 @@
-"""The cases of the stability sweep: numbers in, scene and settings out.
+"""Cases of the stability sweep: functions from numbers to a scene and settings.
 
-Every arm has length 1 m, mass 1 kg and EI = 1 N m^2 in all, so that a time is told by the first period T1 of the
-clamped arm with its payload, a torque by the strip's limit in units of EI / L (0.286), a stiffness by EA L^2 / EI.
+Every arm has length 1 m, mass 1 kg and EI = 1 N m^2 in total. Times are therefore multiples of the first period T1 of
+the clamped arm with its payload, torques are multiples of the strip's limit in units of EI / L (0.286), and stiffness
+is given by EA L^2 / EI.
 """
 
 import dataclasses

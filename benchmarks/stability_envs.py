@@ -1,13 +1,13 @@
-"""Environments under stress: episodes of arms that are drawn at random, with the settings that an environment chooses.
+"""Environments under stress: episodes of randomly drawn arms, with the settings that an environment chooses.
 
     python -m benchmarks.stability_envs [--arms N] [--seed S] [--only KIND ...] [--workers N] [--fresh] [--page]
         [--out FOLDER]
 
-An arm, its features and its torque limits are drawn; eight episodes of 100 control periods follow, with actions drawn
-uniformly or from {-1, 1} and held for 1 or 8 periods. The tip is compared with two runs of the exact beam in fine steps
-(`FINE`). An episode is judged where these agree within 0.5 % of the arm's length throughout and run to their end. It is
-reported where `make` warned or refused, info was out of range, the episode ended with a reason, or
-`info["error_estimate"]` is at least the error.
+An arm, its features and its torque limits are random. Eight episodes of 100 control periods follow. Their actions are
+uniform or from {-1, 1}, and held for 1 or 8 periods. The tip is compared with two runs of the exact beam with small
+steps (`FINE`). An episode is evaluated if these runs reach their end and agree within 0.5 % of the arm's length
+throughout. An error counts as reported in four cases: `make` warned or rejected the arm, info was out of range, the
+episode ended with a reason, or `info["error_estimate"]` is at least the error.
 """
 
 import argparse

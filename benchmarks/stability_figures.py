@@ -1,4 +1,4 @@
-"""Maps of the stability sweep: in each cell the outcomes of its cases side by side."""
+"""Maps of the stability sweep: each cell shows the outcomes of its cases side by side."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -2,14 +2,14 @@
 
     python -m benchmarks.stability_plane [--cases N] [--workers N] [--fresh] [--page] [--out FOLDER]
 
-Arms of one to three links, stepped, kinked, tapered and uniform strips of metal and plastic from 0.2 to 1 m; payloads
-up to three times the arm's mass; gears that give, friction and backlash; torques, forces and motions that are smooth,
-jump, or are faster than the step; steps from a 500th to a tenth of the first period, at most 20 ms; all formulations
-with default and random meshes. The reference is another formulation on a mesh three times as fine with a sixteenth of
-the step. A second reference, on two thirds of that mesh with twice that step, says how far the reference itself is off.
-A case is not judged where the references are further apart than a fifth of the limit, or the error is above the limit
-by less than that. A run is wrong where its status is "ok" and its error is above max(1.5 times its estimate, 1e-5 of
-the length).
+The arms have one to three links: stepped, kinked, tapered and uniform strips of metal and plastic, 0.2 to 1 m long.
+Payloads are up to three times the arm's mass. Gears are elastic, with friction and backlash. Torques, forces and
+motions are smooth, jump, or change faster than the step. Steps are between a 500th and a tenth of the first period, at
+most 20 ms. All formulations run with default and random meshes. The reference is another formulation on a mesh three
+times as fine with a sixteenth of the step. A second reference, on two thirds of that mesh with twice that step,
+estimates the error of the first. A case is not evaluated if the references differ by more than a fifth of the limit, or
+if the run's error exceeds the limit by less than this difference. A run is wrong if its status is "ok" and its error
+exceeds max(1.5 times its estimate, 1e-5 of the length).
 """
 
 import argparse

@@ -1,11 +1,11 @@
-"""Stability under stress of arms in space: a part of `benchmarks.stability`, judged by the same words.
+"""Stability of arms in space under stress: a part of `benchmarks.stability`, with the same classification.
 
     python -m benchmarks.stability_space [--limit N] [--workers N] [--fresh] [--page] [--out FOLDER]
 
-Arms of length 1 m, mass 1 kg and EI = 1 N m^2, with a flatter and a twisting stiffness of their own, on oblique axes;
-times are told by the first period T1 of the clamped arm. The converged solution is the exact beam's on two meshes and
-steps of it, which agree within 0.3 % of L; of arms that are stiffer than `STIFF` it is that of such an arm, which is as
-good as rigid. A rad by which the tip's axes are off counts as much as a fifth of L by which the tip is.
+Arms have length 1 m, mass 1 kg and EI = 1 N m^2, their own EI_y and torsional stiffness, and oblique axes. Times are
+multiples of the first period T1 of the clamped arm. The converged solution is that of the exact beam on two meshes with
+two steps, which agree within 0.3 % of L. For arms stiffer than `STIFF` it is the solution of an arm of stiffness
+`STIFF`, which is practically rigid. An error of 1 rad of the tip's axes counts as much as a tip error of a fifth of L.
 """
 
 import argparse

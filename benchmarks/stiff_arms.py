@@ -1,8 +1,9 @@
-"""Arms of any stiffness over what torques ask for, in environments and as scenes: right, told, or silently wrong.
+"""Arms of any stiffness under given torques, in environments and as scenes: right, reported, or silently wrong.
 
-The strip with EI, EA and C, with EI alone, and with EA and C alone times 10^0 ... 10^14 turns for a second under half
-of its torque. With EI it is as good as rigid, T t^2 / 2 I; with EA and C alone it moves as the strip does. Wrong: the
-tip's angle is more than 1 % off, or a kinetic energy is negative.
+The strip turns for a second under half of its torque limit. In one series EI, EA and C are multiplied by
+10^0 ... 10^14, in another EI alone, and in a third EA and C alone. With a large EI the arm is practically rigid and
+turns by T t^2 / 2 I. With EA and C alone multiplied, it moves as the strip does. A run is wrong if the tip's angle is
+off by more than 1 %, or if a kinetic energy is negative.
 A part of `benchmarks.stability`.
 """
 

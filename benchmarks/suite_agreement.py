@@ -1,10 +1,10 @@
-"""Whether what pays and what counts as success are one thing: returns and successes of all methods, compared.
+"""Check that the suite's rewards agree with its criteria of success: returns and successes of all methods, compared.
 
     python -m benchmarks.suite_agreement [--results docs/results/suite]
 
-Of all pairs of runs on the same episode of a task, of which one succeeded and one did not: how often the one that did
-has the higher return (less the task's price times cost). A pair of equal returns is no agreement. Of a task in its
-latest version at least 95 % of at least 30 pairs are asked for.
+The script considers all pairs of runs on the same episode of a task of which one succeeded and the other did not. It
+counts how often the successful run has the higher return (minus the task's price times cost). A pair with equal returns
+counts against the agreement. Each task in its latest version must have at least 30 pairs, of which at least 95 % agree.
 """
 
 import argparse

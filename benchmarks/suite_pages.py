@@ -1,8 +1,8 @@
-"""The pages of the suite's tasks, from their data: docs/suite.md and docs/suite/ID.md.
+"""Write the pages of the suite's tasks from the tasks' data: docs/suite.md and docs/suite/ID.md.
 
     python -m benchmarks.suite_pages
 
-A task's page shows the player docs/players/ID.json where there is one.
+A task's page shows the player docs/players/ID.json if this file exists.
 """
 
 from pathlib import Path

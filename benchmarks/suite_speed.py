@@ -1,9 +1,9 @@
-"""What the suite's tasks cost, steps a second of each beside its plain environment: docs/results/throughput.md.
+"""Measure steps per second of the suite's tasks, each beside its plain environment: docs/results/throughput.md.
 
     python -m benchmarks.suite_speed [--rounds 4] [--page] [--out FOLDER]
 
-64 arms on one thread by random actions, in turns, by processor time, the best round of each (others may share the
-machine).
+64 arms run on one thread with random actions. The tasks alternate. Rates are of processor time, in the best round of
+each task, because other programs may use the machine too.
 """
 
 import argparse

@@ -1,10 +1,10 @@
-"""Environment steps a second, memory: docs/results/throughput.{md,json}, docs/figures/throughput.png.
+"""Measure environment steps per second and memory: docs/results/throughput.{md,json}, docs/figures/throughput.png.
 
     python -m benchmarks.throughput [--rounds 5] [--seconds 0.5] [--quick] [--page] [--out FOLDER]
 
-Every case is measured once a round and all are in every round, so that ratios are of one run on one machine; the best
-round counts, for others may share the machine. `Pendulum-v1` is the yardstick. Single environments are what
-`gymnasium.make` gives, wrappers included; vector ones are native, autoreset steps not counted; info_level is
+Every case is measured once in each round, so that ratios are of one run on one machine. The best round counts, because
+other programs may use the machine too. `Pendulum-v1` is measured for comparison. Single environments are those of
+`gymnasium.make`, wrappers included. Vector environments are native, and autoreset steps are not counted. info_level is
 "standard" throughout. `benchmarks.suite_speed` writes the part on the suite's tasks.
 """
 

@@ -1,12 +1,13 @@
-"""Run time against error: every scene, formulation, mesh, step and numerical damping: docs/results/work_precision.md.
+"""Run time against error for all scenes, formulations, meshes and time steps: docs/results/work_precision.md.
 
     python -m benchmarks.work_precision [--full] [--scene NAME ...] [--fresh] [--page] [--out FOLDER] [--figures FOLDER]
 
-The eight validation scenes against their converged solutions, and the arms of both environments under random bang-bang
-torque against the exact beam on a fine mesh, made here. CPU time is that of the run itself, without compilation, on one
-core, the least of two runs where these are short. Exudyn and PyElastica run the scenes they can hold where they are
-installed; PyElastica, which steps explicitly, for at most 4 s a run (--full: 120 s). The default
-size takes about ten minutes; results are kept in runs/benchmarks while it runs, so that it can be stopped.
+The eight validation scenes are compared with their converged solutions. The arms of both environments, under random
+bang-bang torque, are compared with the exact beam on a fine mesh, computed here. Numerical damping varies too. CPU time
+is that of the run itself, without compilation, on one core; for short runs it is the smaller of two. Exudyn and
+PyElastica, if installed, run the scenes that they can model. PyElastica, which steps explicitly, is limited to 4 s per
+run (--full: 120 s). The default size takes about ten minutes. Intermediate results are stored in runs/benchmarks, so
+that an interrupted run can be continued.
 """
 
 import argparse

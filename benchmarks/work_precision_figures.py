@@ -1,4 +1,4 @@
-"""Figures of run time against error: one a scene, one of all fronts."""
+"""Figures of run time against error: one for each scene, and one of all Pareto fronts."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path

@@ -1,1 +1,1 @@
-"""What `agents.train_rllib` and `agents.sweep` are made of: Ray started, RLlib's PPO set up, runners, the network."""
+"""Parts of `agents.train_rllib` and `agents.sweep`: start of Ray, setup of RLlib's PPO, runners, and the network."""

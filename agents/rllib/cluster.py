@@ -1,4 +1,4 @@
-"""Ray found, started on this machine or joined; a lock that lets one process of a node compile while others wait."""
+"""Start Ray on this machine or join a cluster; a lock lets one process of a node compile while the others wait."""
 
 import contextlib
 import os
@@ -12,7 +12,7 @@ MISSING = (
     'or pip install -c constraints-ray.txt "flexarm_env[ray]"'
 )
 MEMORY = 500_000_000
-"""Of the object store of a Ray that is started here, bytes: rollouts are small."""
+"""Size, bytes, of the object store of a Ray that is started here; rollouts are small."""
 
 
 def need_ray() -> Any:
@@ -57,10 +57,10 @@ def connect(address: str | None, processes: int, verbose: bool = False) -> Any:
 
 @contextlib.contextmanager
 def one_at_a_time(name: str = "compile", folder: Path | None = None) -> Iterator[None]:
-    """Hold a lock that processes of this node and user share; it is free again when its holder dies.
+    """Hold a lock that processes of this node and user share; the system releases it when its holder dies.
 
-    Around the first use of an environment: the first process compiles and writes the cache, the others wait and load
-    what it wrote. Where there are no such locks (Windows), everyone goes on at once.
+    The lock surrounds the first use of an environment: the first process compiles and writes the cache, then the others
+    load the compiled code. On systems without such locks (Windows) no process waits.
     """
     try:
         import fcntl

@@ -1,4 +1,4 @@
-"""The network that RLlib trains, and the same network as a policy that needs NumPy alone."""
+"""The network that RLlib trains, and its conversion to a policy that needs only NumPy."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from flexarm_env.training.export_policy import TOLERANCE, weights_of
 
 
 class FreeDeviationModule(DefaultPPOTorchRLModule):
-    """RLlib's own network for PPO, with a standard deviation that is a parameter and starts where it is told.
+    """RLlib's own network for PPO, with the actions' standard deviation as a parameter with a given initial value.
 
-    model_config: "log_std_init", beside RLlib's own keys.
+    model_config: RLlib's own keys and "log_std_init", the logarithm of the initial standard deviation.
     """
 
     def setup(self) -> None:
-        """Build the networks: orthogonal weights, small for the action, and biases of zero."""
+        """Build the networks with orthogonal weights, which are small in the action layer, and zero biases."""
         super().setup()
         with torch.no_grad():
             for part, last in ((self.encoder, 2**0.5), (self.pi, 0.01), (self.vf, 1.0)):
@@ -35,7 +35,7 @@ class FreeDeviationModule(DefaultPPOTorchRLModule):
 
 
 def deviation(module: Any) -> float:
-    """Mean standard deviation of the actions."""
+    """Return the mean standard deviation of the actions."""
     return float(torch.exp(module.pi.log_std.detach()).mean())
 
 
@@ -52,7 +52,7 @@ def numpy_policy(module: Any, meta: Mapping[str, Any]) -> NumpyPolicy:
 
 
 def difference(policy: NumpyPolicy, module: Any, n: int = 1024, seed: int = 0) -> float:
-    """Return the largest difference between two policies' actions on observations drawn from the space."""
+    """Return the largest difference between the actions of both policies on random observations of the space."""
     bounds = np.minimum(module.observation_space.high, 3.0)
     observations = np.random.default_rng(seed).uniform(-bounds, bounds, (n, len(bounds))).astype(np.float32)
     with torch.no_grad():

@@ -1,4 +1,4 @@
-"""The environment runner: the native vector environment stepped as arrays, handed to RLlib as episodes."""
+"""Environment runner: it steps the native vector environment with arrays and passes RLlib the episodes."""
 
 from __future__ import annotations
 
@@ -17,17 +17,19 @@ from agents.rllib.cluster import one_at_a_time
 from flexarm_env.training.starts import staggered
 
 TIMES = ("environment_s", "policy_s", "episodes_s")
-"""What a runner's time goes into; the metrics sum them over the runners."""
+"""Measured parts of a runner's time; the metrics sum each part over the runners."""
 
 
 class NativeEnvRunner(SingleAgentEnvRunner):
     """RLlib's runner without its Python loop over environments.
 
-    Takes any vector environment in next-step autoreset mode whose observations and actions are boxes. Connectors and
-    the callbacks of single steps are passed over; actions are drawn from the module's distribution and clipped to the
-    action space, observations go to the module as they are. Episodes come out as RLlib's own would, without infos.
+    It accepts any vector environment in next-step autoreset mode whose observations and actions are boxes. Connectors
+    and the callbacks of single steps are not called. Actions are drawn from the module's distribution and clipped to
+    the action space; observations reach the module unchanged. The episodes equal those of RLlib's own runner, without
+    infos.
 
-    The first environment of a node is made, and stepped once, behind a lock: it compiles, the others load.
+    The first environment of a node is made and stepped once under a lock, because it compiles; the others load the
+    compiled code.
     """
 
     def make_env(self) -> None:
@@ -62,7 +64,7 @@ class NativeEnvRunner(SingleAgentEnvRunner):
         random_actions: bool = False,
         force_reset: bool = False,
     ) -> list[SingleAgentEpisode]:
-        """At least num_timesteps steps, as pieces of episodes."""
+        """Sample at least num_timesteps steps; return the episodes and parts of episodes."""
         if num_timesteps is None or random_actions:
             raise ValueError("NativeEnvRunner samples a number of steps under its policy, nothing else")
         if force_reset or self._seen is None or self._needs_initial_reset:
@@ -104,7 +106,7 @@ class NativeEnvRunner(SingleAgentEnvRunner):
     def _episodes(
         self, rows: list[tuple[NDArray[Any], ...]], last: NDArray[np.float32]
     ) -> tuple[list[SingleAgentEpisode], int]:
-        """The rows, one a step with all environments, as episodes and pieces of them; how many came to their end."""
+        """Convert rows, one step of all environments each, to episodes and parts of episodes; count finished ones."""
         columns = (np.stack(column) for column in zip(*rows, strict=True))
         obs, act, reward, logp, inputs, terminated, truncated, over = columns
         obs = np.concatenate([obs, last[None]])

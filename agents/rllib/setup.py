@@ -1,4 +1,4 @@
-"""RLlib's PPO from the same files of hyper-parameters that Stable-Baselines3 is trained with."""
+"""Set up RLlib's PPO from the same files of hyper-parameters as Stable-Baselines3."""
 
 import contextlib
 from pathlib import Path
@@ -11,7 +11,7 @@ DEFAULTS: dict[str, Any] = {
     "n_envs": 64, "n_steps": 128, "batch_size": 1024, "n_epochs": 10, "gamma": 0.99, "gae_lambda": 0.95,
     "learning_rate": 3e-4, "clip_range": 0.2, "ent_coef": 0.0, "vf_coef": 0.5, "max_grad_norm": 0.5,
 }  # fmt: skip
-"""What holds where the file says nothing."""
+"""Hyper-parameters used if the file does not set them."""
 
 KEYS = (*DEFAULTS, "n_timesteps", "policy", "policy_kwargs")
 NETWORK = {"net_arch": [64, 64], "log_std_init": 0.0, "activation_fn": None}
@@ -37,7 +37,10 @@ def load(path: Path | None, env_id: str) -> configs.Config:
 
 
 def split(config: configs.Config, runners: int, learners: int, envs_per_runner: int | None) -> tuple[int, int, int]:
-    """Return environments a runner, and steps and minibatch a learner. Raises ValueError if they do not divide."""
+    """Return the number of environments per runner, and the steps and the minibatch size of each learner.
+
+    Raises ValueError if the numbers do not divide.
+    """
     value = DEFAULTS | dict(config.text)
     value["n_envs"] = int(float(value["n_envs"]))
     sources, updates = max(1, runners), max(1, learners)

@@ -1,4 +1,4 @@
-"""The command `flexarm`. Each subcommand is a module that is imported only when it is used."""
+"""The command `flexarm`. Each subcommand is a module, which is imported only when the subcommand is used."""
 
 from flexarm_env.cli.parser import main
 

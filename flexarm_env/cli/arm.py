@@ -1,4 +1,4 @@
-"""`flexarm arm`: properties of an arm for control and learning, and suitable times."""
+"""`flexarm arm`: properties of an arm for control and learning, and suitable episode times."""
 
 import argparse
 import math
@@ -23,7 +23,7 @@ from flexarm_env.parameters import Arm
 from flexarm_env.scene import Scene
 
 FREQUENCIES = 3
-"""Flexible modes that are listed."""
+"""Number of flexible modes in the output."""
 
 
 def run(args: argparse.Namespace) -> int:
@@ -67,8 +67,10 @@ def environment_of(arm: Arm) -> str:
 
 
 def frequencies(arm: Arm) -> dict[str, float]:
-    """Return frequencies (Hz) and damping ratios of the lowest flexible modes about the straight arm, without gravity,
-    joints free."""
+    """Return frequencies (Hz) and damping ratios of the lowest flexible modes.
+
+    The arm is straight, without gravity, and its joints are free.
+    """
     scene = Scene("modes", arm.taut, duration=1.0, dt=1e-3)
     own = modes(scene, arm.n_links + FREQUENCIES + 1, "geometrically_exact", clamped=())
     flexible = np.flatnonzero(own.frequencies > 1e-3 * own.frequencies.max())[:FREQUENCIES]

@@ -1,8 +1,7 @@
 """`flexarm bench`: run the benchmarks of a checkout with the given flags.
 
 `flexarm bench suite` and `page` work without a checkout. `benchmarks/` is searched in the current folder and its
-parents, then beside the package. All arguments after the command are passed to the script, and its exit code is
-returned.
+parents, then beside the package. All arguments after the command are passed to the script, whose exit code is returned.
 """
 
 import argparse
@@ -43,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def checkout() -> Path | None:
-    """Return the folder with benchmarks/ beside flexarm_env: here, above, or the package's own."""
+    """Return the folder that contains benchmarks/ and flexarm_env: the current one, a parent, or the package's own."""
     here = Path.cwd()
     for place in (here, *here.parents, Path(__file__).resolve().parents[2]):
         if (place / "flexarm_env").is_dir() and any((place / "benchmarks").glob("*.py")):

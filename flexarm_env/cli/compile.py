@@ -18,11 +18,11 @@ from flexarm_env.cli.progress import show
 ENVIRONMENTS = ("FlexibleArm-v0", "TwoLinkFlexArm-v0")
 
 Use = tuple[str, Callable[[], object]]
-"""What is used, in words, and the first use of it."""
+"""Description of a feature, and a function that uses the feature once."""
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compile all programs by using each once; returns 1 if compiled code cannot be stored."""
+    """Compile all programs by using each feature once; return 1 if compiled code cannot be stored."""
     from flexarm_env.settings import FORMULATIONS
 
     if args.clean:
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def clean(as_json: bool) -> int:
-    """Delete the folder's compiled code, of every version; returns 1 if some cannot be deleted."""
+    """Delete the compiled code of every version in the folder; return 1 if some of it cannot be deleted."""
     from flexarm_env.compiler import objects
 
     folder = objects.folders()[0]
@@ -65,7 +65,7 @@ def environments(formulation: str | None) -> Iterator[Use]:
     options: dict[str, Any] = {} if formulation is None else {"formulation": formulation}
 
     def one(name: str) -> None:
-        """Compile what a single environment needs: reset, step and picture."""
+        """Compile the programs of a single environment: reset, step and picture."""
         env = gym.make(name, **options)
         env.reset(seed=0)
         env.step(env.action_space.sample())
@@ -73,7 +73,7 @@ def environments(formulation: str | None) -> Iterator[Use]:
         env.close()
 
     def many(name: str) -> None:
-        """Compile what vector environments need, on one and on two threads."""
+        """Compile the programs of a vector environment, for one and for two threads."""
         for count, threads in ((8, 1), (16, 2)):
             envs = gym.make_vec(name, num_envs=count, threads=threads, **options)
             envs.reset(seed=0)
@@ -86,13 +86,13 @@ def environments(formulation: str | None) -> Iterator[Use]:
 
 
 def _scenes(formulation: str | None) -> Iterator[Use]:
-    """Compile what scenes use: simulation, replay through an environment, linear models."""
+    """Compile the programs of scenes: simulation, replay through an environment, and linear models."""
     from flexarm_env import linear, scenes
     from flexarm_env.envs.replay import through_env
     from flexarm_env.simulation import simulate
 
     def simulated() -> None:
-        """Compile `simulate` for every named scene: one step of each."""
+        """Compile `simulate` for every named scene by running one step of each."""
         for name in scenes.names():
             scene = scenes.named(name)
             simulate(scene, formulation, duration=scene.dt)
@@ -128,7 +128,7 @@ def _commands() -> list[Use]:
     from flexarm_env.training.episodes import judged_in
 
     def plays(word: str, env_id: str, **options: Any) -> None:
-        """Compile what `flexarm play`, `view` and `evaluate` need for a policy in an environment."""
+        """Compile the programs that `flexarm play`, `view` and `evaluate` need for a policy in an environment."""
         recorder = EpisodeRecorder(gym.make(env_id, **{**options, "duration": 0.04}))
         for _ in play(recorder, control.find_policy(word), range(1), []):
             pass
@@ -142,7 +142,7 @@ def _commands() -> list[Use]:
         envs.close()
 
     def packaged() -> None:
-        """Compile what the policies of the package need, and PD in their environments."""
+        """Compile the programs of the packaged policies, and of PD in their environments."""
         for name in control.policy_names():
             found = control.find_policy(name)
             plays(name, found.env_id, **judged_in(found.env_kwargs, found.asked))
@@ -173,7 +173,10 @@ def _commands() -> list[Use]:
 
 
 def cache_report(said: list[str]) -> dict[str, Any]:
-    """Return the folder of compiled code, whether it is writable, and a sentence if not. said: collected warnings."""
+    """Return the folder of compiled code, whether it is writable, and a sentence if not.
+
+    said: collected warnings.
+    """
     from flexarm_env.compiler import UNCOMPILED, objects
 
     if UNCOMPILED:
@@ -187,7 +190,7 @@ def cache_report(said: list[str]) -> dict[str, Any]:
 
 
 def _trouble(folder: Path) -> str:
-    """Return why a folder cannot store files, or ""."""
+    """Return the reason why a folder cannot store files, or ""."""
     from flexarm_env.compiler import objects
 
     probe = folder / f".flexarm-{time.time_ns()}"

@@ -18,13 +18,13 @@ NEEDED = ("numpy", "scipy", "llvmlite", "gymnasium")
 OPTIONAL = ("matplotlib", "pygame-ce", "moviepy", "stable-baselines3", "torch", "minari")
 
 VARIABLES = ("FLEXARM_COMPILER", "FLEXARM_CACHE_DIR", "OMP_NUM_THREADS")
-"""Told where they are set."""
+"""Environment variables that are printed if they are set."""
 
 SELF_TEST = "robot_arm_motion"
 SELF_TEST_SETTINGS: dict[str, Any] = {"formulation": "geometrically_exact", "elements": 5, "dt": 0.005}
-"""Of the formulation that compiles quickest."""
+"""Settings of the formulation that compiles fastest."""
 SELF_TEST_ERROR = 0.015
-"""Largest tip error (m) that it may have against its reference; measured: 0.0129."""
+"""Largest accepted tip error (m) against the reference in the self-test; measured: 0.0129."""
 
 
 def run(args: argparse.Namespace) -> int:

@@ -14,10 +14,10 @@ from flexarm_env.files import to_file, write_text
 from flexarm_env.sections import Section
 
 FLAGS = ("segments", "placement", "gravity")
-"""Flags of --to mjcf alone."""
+"""Flags that apply only to --to mjcf."""
 _OF_OTHERS = ("name", "cpu", "env", "env_kwargs", "slew", "elbows", "targets", "fmi")
 SEGMENTS = 4
-"""Springs of a link where none are given."""
+"""Default number of springs per link."""
 
 
 def export(args: argparse.Namespace, out: Path) -> int:
@@ -55,7 +55,7 @@ def _gravity(text: str | None, space: bool) -> tuple[float, float, float]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the arm of a robot's file and print its links, joints and omitted features."""
+    """Write the arm from a robot's file, and print the links, joints and omitted features."""
     out = to_file("--out", args.out, (".toml",))
     found = import_arm(
         args.file, root=args.root, tip=args.tip, flexible=dict(_flexible(text) for text in args.flexible or ()),
@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _flexible(text: str) -> tuple[str, Section]:
-    """Read BODY=SECTION."""
+    """Parse BODY=SECTION."""
     name, mark, table = text.partition("=")
     try:
         given = tomllib.loads(f"section = {table}")["section"] if mark else None

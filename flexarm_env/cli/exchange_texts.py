@@ -1,7 +1,7 @@
 """Help texts of `flexarm export` and `flexarm import`."""
 
 FORMS = {"onnx": ".onnx", "c": ".c", "library": "", "fmu": ".fmu", "mjcf": ".xml", "urdf": ".urdf"}
-"""Values of --to, and how the file's name ends; a library is a folder."""
+"""Values of --to, each with the ending of the file's name; a library is a folder."""
 
 EXPORT = """\
 Export a trained policy, a controller or an arm for use without this package.

@@ -1,4 +1,4 @@
-"""`flexarm export`: a trained policy as ONNX or as C, a controller as C; an arm as a C library."""
+"""`flexarm export`: a trained policy as ONNX or C, a controller as C, or an arm as a C library."""
 
 import argparse
 from pathlib import Path
@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _around(args: argparse.Namespace, policy: AroundPolicy, out: Path) -> tuple[bytes, dict[str, Any]]:
-    """Return the exported file of a policy with a controller inside, and what to print about it."""
+    """Return the exported file of a policy with a controller inside, and the lines to print about it."""
     env_id, kwargs = permitted(args.what, policy.meta["env_id"], policy.meta["env_kwargs"])
     env = gym.make(env_id, **kwargs)
     bound: Any = policy.bound(env)
@@ -89,7 +89,7 @@ def _around(args: argparse.Namespace, policy: AroundPolicy, out: Path) -> tuple[
 
 
 def _controller(args: argparse.Namespace, out: Path) -> int:
-    """Export a controller as C source or FMU, as the flags say; returns the exit code."""
+    """Export a controller as C source or FMU, depending on the flags; return the exit code."""
     if args.to not in ("c", "fmu"):
         raise check.InvalidValue("--to", args.to, "must be c or fmu for a controller")
     if args.env is None:
@@ -112,7 +112,7 @@ def _controller(args: argparse.Namespace, out: Path) -> int:
 
 
 def _rows(flag: str, text: str | None, count: int, what: str) -> Any:
-    """Parse LOW:HIGH,LOW:HIGH,... or X:Y:Z,... to rows of `count` numbers; None for no text."""
+    """Parse LOW:HIGH,LOW:HIGH,... or X:Y:Z,... to rows of `count` numbers; return None without a text."""
     try:
         rows = [tuple(map(float, row.split(":"))) for row in ([] if text is None else text.split(","))]
     except ValueError:
@@ -123,7 +123,7 @@ def _rows(flag: str, text: str | None, count: int, what: str) -> Any:
 
 
 def _arm(args: argparse.Namespace, out: Path) -> int:
-    """Export an environment's arm as a C library or FMU, as the flags say; returns the exit code."""
+    """Export an environment's arm as a C library or FMU, depending on the flags; return the exit code."""
     fmu = args.to == "fmu"
     env = environment(args.what, keywords(args.env_kwargs))
     name = args.name if args.name is not None else c_name(out.resolve().stem if fmu else out.resolve().name)
@@ -145,7 +145,7 @@ def _arms() -> tuple[str, ...]:
 
 
 def environment(word: str, options: dict[str, Any]) -> Any:
-    """Make the environment that a word names: an id, a suite task, or an arm, by name or file."""
+    """Make the environment that a word names: an environment's id, a task of the suite, or an arm (name or file)."""
     known = [task.id for task in suite.tasks(earlier=True)]
     if word in known:
         return suite.make(word, **options)
@@ -159,7 +159,7 @@ def environment(word: str, options: dict[str, Any]) -> Any:
 
 
 def entries_of(policy: NumpyPolicy, word: str) -> Entries:
-    """Return the observation's entries from the policy's file, or else from its environment."""
+    """Return the observation's entries from the policy's file or, if it lacks them, from the policy's environment."""
     known = Entries.of(policy)
     if known is not None:
         return known

@@ -1,4 +1,4 @@
-"""`flexarm excite` and `identify`: torques for a log, and from logs to an arm."""
+"""`flexarm excite` and `flexarm identify`: design torques for a log, and fit an arm to logs."""
 
 import argparse
 import math
@@ -17,7 +17,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _excite(args: argparse.Namespace) -> int:
-    """Design torques, write them, and print the arm's response."""
+    """Design torques, write them, and print the simulated motion of the arm."""
     names = [flag.removeprefix("--").replace("-", "_") for flag, *_ in EXCITED]
     to_file("--out", args.out, (".csv",))
     found = excite(args.arm, **{name: getattr(args, name) for name in names})
@@ -31,7 +31,7 @@ def _excite(args: argparse.Namespace) -> int:
 
 
 def _identify(args: argparse.Namespace) -> int:
-    """Fit an arm to logs, print and write the result; returns 1 unless the fit is good."""
+    """Fit an arm to logs, and print and write the result; return 1 unless the fit is good."""
     names = None if args.fit is None else [name.strip() for name in args.fit.split(",") if name.strip()]
     held = [path for path in (args.hold_out or "").split(",") if path]
     data = [path for path in args.data.split(",") if path]

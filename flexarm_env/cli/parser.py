@@ -1,4 +1,4 @@
-"""Arguments and help texts of `flexarm`; nothing heavy is imported here."""
+"""Arguments and help texts of `flexarm`. This module imports no slow modules."""
 
 import argparse
 import importlib
@@ -120,7 +120,7 @@ TRAINING = {
     "evaluate": "evaluate policies and controllers",
     "tune": "tune the controllers' gains",
 }
-"""Commands that are programs of `flexarm_env.training`, which read their flags themselves."""
+"""Commands of `flexarm_env.training`, whose programs parse their own flags."""
 
 BENCH = """\
 Evaluate policies on the suite's tasks (suite), summarize results on a page (page), or run a benchmark of a checkout
@@ -178,7 +178,7 @@ EXCITED: tuple[tuple[str, float | None, str, str], ...] = (
     ("--spread", 2.0, "FACTOR", "range of their EI, payload, hub and damping: 1/FACTOR to FACTOR (2)"),
     ("--seed", 0, "S", "seed of the phases and of these arms (0)"),
 )
-"""Arguments of `flexarm_env.identification.excite`: flag, default, what stands for it, help."""
+"""Arguments of `flexarm_env.identification.excite`: flag, default, placeholder of the value, help."""
 
 SERVE = """\
 Simulate an arm in real time and answer UDP packets: torques or joint angles in, sensor readings out. The documentation
@@ -235,11 +235,11 @@ SOLVER: tuple[tuple[str, type, str, str], ...] = (
      "halve dt if the time between two samples would add more error than this, a fraction of the length"),
     ("period_correction", bool, "", "correct the integrator's period error (geometrically_exact)"),
 )  # fmt: skip
-"""Options of `flexarm_env.settings` that `replay` and `simulate` take: name, kind, what stands for it, help."""
+"""Options of `flexarm_env.settings` for `replay` and `simulate`: name, type, placeholder of the value, help."""
 
 
 def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
-    """Add the flags of `replay` and `simulate`; their names are those of the options in Python."""
+    """Add the flags of `replay` and `simulate`, which have the names of the options in Python."""
     solver = parser.add_argument_group("solver", SOLVER_NOTE)
     solver.add_argument("--formulation", metavar="NAME", help="floating_frame, geometrically_exact, elastica or paper")
     for name, kind, metavar, text in SOLVER:
@@ -281,7 +281,7 @@ def build_parser() -> Parser:
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
 
     def add(name: str, summary: str, description: str, module: str, epilog: str = CODES_NOTE) -> Parser:
-        """Add a command that the module `cli.<module>` runs, with `--json`, and return its parser."""
+        """Add a command with `--json`, which the module `cli.<module>` runs; return the command's parser."""
         command: Parser = commands.add_parser(name, help=summary, description=description, epilog=epilog)
         command.set_defaults(module=module)
         if module != "checkout":
@@ -409,7 +409,7 @@ def build_parser() -> Parser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code (and raises SystemExit for --help and wrong flags)."""
+    """Run the command line; return the exit code (SystemExit is raised for --help and wrong flags)."""
     parser = build_parser()
     words = list(sys.argv[1:] if arguments is None else arguments)
     if words and (words[0] in TRAINING or (words[0] == "bench" and words[1:] not in (["--help"], ["-h"]))):

@@ -25,13 +25,13 @@ from flexarm_env.training.episodes import judged_in
 KEYBOARD = "keyboard"
 DEFAULT_ENV = "FlexibleArm-v0"
 KEYS = {"left": (0, 1.0), "right": (0, -1.0), "up": (1, 1.0), "down": (1, -1.0)}
-"""Key -> joint and direction of its torque."""
+"""Mapping from keys to a joint and the direction of its torque."""
 GENTLE = 0.3
-"""Share of the torque limit with a shift key held."""
+"""Share of the torque limit while a shift key is held."""
 
 
 class Keyboard:
-    """A policy: torques from the keys that are pressed."""
+    """Policy that maps the pressed keys to torques."""
 
     def __init__(self, joints: int, held: Callable[[str], bool]) -> None:
         self.joints, self.held = joints, held
@@ -40,7 +40,7 @@ class Keyboard:
         """Do nothing: the keyboard has no memory."""
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the full torque one way or the other; less with shift."""
+        """Return the full torque in the direction of each pressed key; with shift, a smaller torque."""
         action = np.zeros(self.joints, np.float32)
         for key, (joint, way) in KEYS.items():
             if joint < self.joints and self.held(key):
@@ -92,7 +92,7 @@ def choose(word: str, flag: str = "--policy") -> NamedPolicy:
 
 
 def play(env: Any, player: NamedPolicy, seeds: range, outcomes: list[dict[str, Any]]) -> Iterator[NDArray[np.uint8]]:
-    """Play an episode per seed, yield its pictures, and append its outcome. Ends if the window is closed."""
+    """Play an episode for each seed, yield its pictures, and append its outcome; stop when the window is closed."""
     env.reset(seed=seeds[0])
     policy = player.make(env)
     for seed in seeds:
@@ -113,7 +113,7 @@ def play(env: Any, player: NamedPolicy, seeds: range, outcomes: list[dict[str, A
 
 
 def _picture(env: Any) -> Iterator[NDArray[np.uint8]]:
-    """Return the present picture, or None in a window."""
+    """Return the present picture; None if there is a window."""
     if env.render_mode == "rgb_array":
         yield env.render()
 
@@ -130,7 +130,10 @@ def keywords(text: str | None) -> dict[str, Any]:
 
 
 def _environment(args: argparse.Namespace, player: NamedPolicy, mode: str | None) -> Any:
-    """Make the environment that is played in, recorded: the policy's own keywords, then those of the user."""
+    """Make the environment, with recording.
+
+    Its keywords are the policy's own; those of the user override them.
+    """
     env_id = args.env or player.env_id or DEFAULT_ENV
     if player.env_id and env_id != player.env_id:
         raise check.InvalidValue("ENV", env_id, f"must be {player.env_id}, which {player.name} was trained on")

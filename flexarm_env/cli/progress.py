@@ -1,4 +1,4 @@
-"""A progress bar on a terminal, and the common output of results."""
+"""Progress bar on a terminal, and the common output format of results."""
 
 import json
 import math
@@ -9,7 +9,7 @@ from typing import Any, TextIO
 
 
 class ProgressBar:
-    """A progress bar on a terminal, called with the share done, 0 to 1; silent for the first half second."""
+    """Progress bar on a terminal, called with the completed share, 0 to 1; silent for the first half second."""
 
     def __init__(self, label: str, stream: TextIO | None = None, after: float = 0.5) -> None:
         self._stream = sys.stderr if stream is None else stream
@@ -18,7 +18,7 @@ class ProgressBar:
         self._drawn = ""
 
     def __call__(self, share: float) -> None:
-        """Draw the bar at a share (0 to 1) of the work, with the time left; nothing in the first half second."""
+        """Draw the bar at a share (0 to 1) of the work with the remaining time; nothing in the first half second."""
         spent = time.monotonic() - self._start
         if not self._visible or spent < self._after:
             return

@@ -1,4 +1,4 @@
-"""`flexarm serve` and `flexarm run`: an arm that answers packets in real time, and a policy that drives one."""
+"""`flexarm serve` and `flexarm run`: serve an arm that answers packets in real time, and drive one by a policy."""
 
 import argparse
 import contextlib
@@ -26,7 +26,7 @@ from flexarm_env.remote import Limits, Played, RemoteArmEnv, Server, Session, Wi
 from flexarm_env.remote.packet import SHORTEST
 
 LONGEST = 4096
-"""Bytes of a key."""
+"""Largest size of a key file, bytes."""
 
 
 def run(args: argparse.Namespace) -> int:
@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def key_of(path: str | None) -> bytes | None:
-    """Read a shared key from a file that only its owner can read."""
+    """Read a shared key from a file that only the file's owner can read."""
     if path is None:
         return None
     file = Path(path)
@@ -53,7 +53,7 @@ def key_of(path: str | None) -> bytes | None:
 
 @contextlib.contextmanager
 def _until_terminated() -> Iterator[None]:
-    """Let SIGTERM end the block as Ctrl-C does, with a complete log. Signals arrive in the main thread only."""
+    """End the block on SIGTERM as on Ctrl-C, with a complete log. Only the main thread receives signals."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -140,7 +140,7 @@ def _policy(args: argparse.Namespace) -> tuple[str, Callable[[Wire], Any]]:
         raise check.InvalidValue("POLICY", args.policy, "must be a policy, or a controller together with --env")
 
     def made(wire: Wire) -> Any:
-        """Design the policy for the arm behind a connection, and let it act once, so that all is compiled."""
+        """Make the policy for the connected arm, and call it once, so that everything is compiled."""
         kwargs = {**player.env_kwargs, **keywords(args.env_kwargs), "control_dt": wire.period}
         with contextlib.closing(gym.make(env_id, **kwargs)) as model:
             setup = Setup.of(model)

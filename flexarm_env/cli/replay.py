@@ -1,4 +1,4 @@
-"""`flexarm replay` and `flexarm simulate`: run a scene, report, compare, write, draw."""
+"""`flexarm replay` and `flexarm simulate`: run a scene, print a report, compare, write files, and plot."""
 
 import argparse
 import dataclasses
@@ -26,7 +26,7 @@ from flexarm_env.trajectory import check_work
 
 TABLES, FIGURES, FILMS = (".csv", ".npz"), (".png", ".pdf", ".svg"), (".mp4", ".gif", ".webm", ".mkv", ".mov")
 NEEDED = {"plot": ("matplotlib", "plot"), "video": ("pygame", "render")}
-"""Output -> module that makes it, and the extra that brings it."""
+"""For each output, the module that makes it, and the extra that installs this module."""
 
 Columns = Mapping[str, NDArray[np.float64]]
 
@@ -110,7 +110,7 @@ def report(trajectory: Any, compile_seconds: float) -> dict[str, Any]:
 
 
 def _film(trajectory: Any, path: Path, speed: float) -> Path:
-    """Write a film of the run with 25 pictures a second, or as many as were recorded."""
+    """Write a film of the run with 25 pictures a second, or fewer if fewer were recorded."""
     from flexarm_env.envs.video import pictures, write_film
 
     interval = float(np.diff(trajectory.t).mean()) if trajectory.t.size > 1 else 1.0
@@ -129,7 +129,7 @@ def _errors(trajectory: Any, reference: Columns) -> dict[str, Any]:
 
 
 def _trajectory(scene: Scene, settings: Settings, args: argparse.Namespace) -> tuple[Any, float]:
-    """Return the run, and the time, s, that compiling or loading took before it."""
+    """Return the run, and the time, s, of the preceding compilation or loading."""
     run = _through_env if args.through_env else _directly
     start = time.perf_counter()
     first = max(1e-9, min(scene.dt, settings.dt or scene.dt, args.duration or scene.duration))
@@ -160,7 +160,7 @@ def _through_env(scene: Scene, settings: Settings, args: argparse.Namespace, bar
 
 
 def _reference(args: argparse.Namespace) -> tuple[Columns | None, str]:
-    """Return the reference's columns and their source: the given file, or the named scene's own."""
+    """Return the reference's columns and their source, which is the given file or the named scene's own reference."""
     given = getattr(args, "reference", None)
     if given is not None:
         return scenes.read_reference(given), given
@@ -177,7 +177,7 @@ def _needs(name: str, module: str, extra: str) -> None:
 
 
 def writable(name: str, path: str, endings: tuple[str, ...]) -> Path:
-    """Check an output's path before a long run, make its folder, and return the path."""
+    """Check an output's path before a long run, create its folder, and return the path."""
     if name in NEEDED and Path(path).suffix.lower() in endings:
         _needs(name, *NEEDED[name])
     return to_file(f"--{name}", path, endings)

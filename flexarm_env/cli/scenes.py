@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _entry(name: str) -> dict[str, object]:
-    """Return what `flexarm scenes` shows of a scene."""
+    """Return the entry of a scene in the output of `flexarm scenes`."""
     scene = scenes.named(name)
     return {
         "name": name,

@@ -27,7 +27,7 @@ COMMANDS = {
 }
 
 MOST = 100_000
-"""Episodes that a policy is judged on at most."""
+"""Largest number of episodes in a policy's evaluation."""
 
 SUITE = f"""\
 Evaluate policies on the suite's tasks, each on the {EPISODES} episodes with seeds from {FIRST}, and write
@@ -67,7 +67,7 @@ def run(name: str, words: Sequence[str]) -> int:
 
 
 def _suite(words: Sequence[str]) -> int:
-    """Run `flexarm bench suite`: evaluate policies on tasks, or list tasks or play records; returns the exit code."""
+    """Run `flexarm bench suite`: evaluate policies on tasks, list tasks, or play records; return the exit code."""
     parser = Parser(prog="flexarm bench suite", description=SUITE, epilog=CODES)
     parser.add_argument("--policy", default="pd", metavar="POLICY[,POLICY...]", help="policies to evaluate (pd)")
     parser.add_argument("--task", metavar="ID[,ID...]", help="tasks; default: all")
@@ -111,7 +111,7 @@ def _suite(words: Sequence[str]) -> int:
 
 
 def _best(wanted: Sequence[Task], as_json: bool) -> int:
-    """Play records; returns 1 if one does not reproduce its stored values."""
+    """Play records; return 1 if a record does not reproduce its stored values."""
     found = {}
     for task in wanted:
         kept = best.record(task)

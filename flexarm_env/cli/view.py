@@ -1,4 +1,4 @@
-"""`flexarm view`: a page that plays scenes, trajectories, episodes, controllers and policies in a browser."""
+"""`flexarm view`: write a page that plays scenes, trajectories, episodes, controllers and policies in a browser."""
 
 import argparse
 import math
@@ -28,7 +28,7 @@ from flexarm_env.view import Clip, SpaceClip
 from flexarm_env.view import Player as Page
 
 OF_THE_POLICY = ("action_mode", "residual_share", "observation", "history", "sensors")
-"""Keywords of a policy's environment that say what it sees and sets: a controller beside it has its own."""
+"""Keywords of a policy's environment that define its observation and action. Controllers on the page use others."""
 KINDS = {
     "episodes": "a file of recorded episodes", "scene": "a scene", "player": "a controller, a policy or a task",
 }  # fmt: skip
@@ -36,9 +36,9 @@ FLAGS = {
     "episode": "episodes", "formulation": "scene", "duration": "scene", "sample": "scene", "seed": "player",
     "env_kwargs": "player",
 }  # fmt: skip
-"""Flags that one kind of run alone takes."""
+"""Flags that apply to one kind of run only."""
 PICTURES = 300
-"""Instants of a scene that is run for the page, at least, where its steps are as many."""
+"""Smallest number of instants of a simulated scene on the page, unless the scene has fewer steps."""
 
 
 def run(args: argparse.Namespace) -> int:
@@ -73,7 +73,7 @@ def _checked(args: argparse.Namespace) -> list[str]:
 
 
 def _kind(word: str) -> str:
-    """Return the kind of a word: "episodes", "trajectory", "scene" or "player"."""
+    """Return the kind of run that a word names: "episodes", "trajectory", "scene" or "player"."""
     path = Path(word)
     if path.suffix == ".npz" and path.is_file():
         held = npz_names(path, "trajectory, episodes or policy")
@@ -94,7 +94,7 @@ def _kind(word: str) -> str:
 
 
 def _clip(word: str, kind: str, seed: int, args: argparse.Namespace, shared: dict[str, Any]) -> Clip | SpaceClip:
-    """Return the clip of a word of the given kind."""
+    """Return the clip of the run that a word names; kind: the kind of this run."""
     path = Path(word)
     if kind == "episodes":
         return _of_episodes(path, args)
@@ -106,7 +106,7 @@ def _clip(word: str, kind: str, seed: int, args: argparse.Namespace, shared: dic
 
 
 def _who(word: str, seed: int) -> NamedPolicy:
-    """Return a player by name; for a suite task, the best known policy of the episode with this seed."""
+    """Return a player by name; for a suite task, return the best known policy of the episode with this seed."""
     if word not in best.known():
         return choose(word, "RUN")
     kept = best.record(task(word))
@@ -117,7 +117,7 @@ def _who(word: str, seed: int) -> NamedPolicy:
 
 
 def _of_episodes(path: Path, args: argparse.Namespace) -> Clip | SpaceClip:
-    """Return the recording's episode --episode, or its first."""
+    """Return the clip of the recording's episode --episode, or of its first episode."""
     kept = load_episodes(path)
     k = 0 if args.episode is None else check.integer("--episode", args.episode, minimum=0, maximum=len(kept) - 1)
     with check.in_file(path):
@@ -139,9 +139,10 @@ def _of_scene(scene: Scene, word: str, args: argparse.Namespace) -> Trajectory:
 
 
 def _shared(args: argparse.Namespace, kinds: Sequence[str], seed: int) -> dict[str, Any]:
-    """Return id and keywords of the environment that controllers play in.
+    """Return id and keywords of the environment in which controllers play.
 
-    They are those of the first policy named, or --env, with --env-kwargs.
+    The environment is --env, or that of the first named policy. The keywords are this policy's, overridden by
+    --env-kwargs.
     """
     given = keywords(args.env_kwargs)
     for word, kind in zip(args.runs, kinds, strict=True):
@@ -152,12 +153,12 @@ def _shared(args: argparse.Namespace, kinds: Sequence[str], seed: int) -> dict[s
 
 
 def _registered(env_id: str) -> str:
-    """Return an id without the package prefix that `gymnasium.make` accepts."""
+    """Return an id without the package's prefix, which `gymnasium.make` accepts."""
     return env_id.removeprefix(f"{PACKAGE}:")
 
 
 def _of_player(player: NamedPolicy, seed: int, shared: dict[str, Any]) -> Clip | SpaceClip:
-    """Return the clip of one episode of a controller or policy."""
+    """Return the clip of one episode played by a controller or policy."""
     env_id, kwargs = shared["env"], shared["kwargs"]
     if player.env_id:
         env_id, kwargs = player.env_id, {**player.env_kwargs, **shared["given"]}

@@ -7,7 +7,7 @@
     controller.reset(observation)
     action = controller.act(observation)
 
-All of them read only the environment's observation, know the nominal arm, and keep its torque limits.
+All controllers read only the environment's observation, are designed for the nominal arm, and keep its torque limits.
 """
 
 from .base import Controller, Setup

@@ -16,7 +16,8 @@ from ..scene import Scene
 from ..validation import Array
 
 NODES = 7
-"""Tangent angles per link of the elastica model that yields the modes; the retained frequencies are then converged."""
+"""Number of tangent angles per link in the elastica model that yields the modes; with it the retained frequencies are
+converged."""
 
 
 GRID = 0.1
@@ -26,7 +27,8 @@ GRID = 0.1
 def postures(goals: Array) -> list[tuple[float, ...]]:
     """Round the elbow angles of goals (n, N), rad, to the design grid: one tuple of N - 1 angles per goal.
 
-    A posture and its mirror image have the same model; both map to the one whose first bent elbow turns left, > 0.
+    A posture and its mirror image have the same model; both are represented by the one whose first bent elbow turns
+    left, > 0.
     """
     # joint 0, the hub, does not affect the model
     elbows = np.round(goals[:, 1:] / GRID) * GRID
@@ -37,15 +39,16 @@ def postures(goals: Array) -> list[tuple[float, ...]]:
 
 @dataclass(frozen=True)
 class ArmModel:
-    """Linear model x' = A x + B u, y = C x of an arm about rest in a posture: a truncated set of modes, SI.
+    """Linear model x' = A x + B u, y = C x of an arm about rest in a posture, reduced to its lowest modes; SI units.
 
     States x (2 n,): amplitudes of the n lowest modes (the N rigid ones first), then their rates. Inputs u: N joint
-    torques, N m. Outputs y (4 N,): joint angles (rad), joint rates, tip deflections over link length, their rates.
+    torques, N m. Outputs y (4 N,): joint angles (rad), joint rates, tip deflections divided by link length, their
+    rates.
 
     Attributes:
         A (2n, 2n), B (2n, N), C (4N, 2n): continuous time.
-        frequencies (n - N,): frequencies of the flexible modes, joints free, rad/s. ratios (n - N,): their damping
-            ratios.
+        frequencies (n - N,): frequencies of the flexible modes with free joints, rad/s. ratios (n - N,): damping ratios
+            of these modes.
         inertia (N, N): rigid inertia about the joints, kg m^2.
     """
 
@@ -66,7 +69,7 @@ class ArmModel:
         return held(self.A, self.B, dt)
 
     def state_of(self, outputs: Array) -> Array:
-        """Return the minimum-norm state (..., 2n) with the outputs (..., 4N): least strain and kinetic energy.
+        """Return the state (..., 2n) with the outputs (..., 4N) that has the least strain and kinetic energy.
 
         Amplitudes minimize |q_rigid|^2 + sum_i (omega_i q_i)^2, rates minimize |q'|^2.
         """
@@ -99,7 +102,7 @@ def arm_model(arm: Arm, posture: tuple[float, ...] = (), flexible: int | None = 
 
     Args:
         arm: the arm. posture: angles of joints 1 to N-1, rad (() is straight).
-        flexible: number of flexible modes beside the N rigid ones, at least 1; None keeps N + 1.
+        flexible: number of flexible modes in addition to the N rigid ones, at least 1; None: N + 1.
     """
     n_joints, full = arm.n_links, linear_model(arm, posture)
     size = len(full.A) // 2

@@ -1,7 +1,8 @@
-"""Policies with a controller inside: the controller's torque plus a share of a network's, as one policy.
+"""Policies with a controller inside: the sum of the controller's torque and a share of a network's, as one policy.
 
-The network learns what the controller lacks: action = clip(controller + share * network) in shares of the torque
-limits. Both read the same observation. The environment's actions stay torques.
+The network learns the part of the action that the controller lacks: action = clip(controller + share * network). All
+terms are torques divided by the limits. Controller and network read the same observation. The environment's actions
+are torques as before.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ class Inside:
     """Controller inside a policy.
 
     Args:
-        controller: its name. share: share of the torque limits that the network's actions command. gains: the
-            controller's gains by name.
+        controller: name of the controller. share: share of the torque limits that the network's actions command. gains:
+            the controller's gains by name.
     """
 
     controller: str
@@ -39,7 +40,7 @@ class Inside:
     def of(cls, word: str, env: Any, share: float | None = None) -> Inside:
         """Read the controller that a word names (pd, or pd@FILE with gains of `flexarm tune`) for an environment.
 
-        share: None: `base.RESIDUAL_SHARE`. ValueError for another word, share or file.
+        share: None: `base.RESIDUAL_SHARE`. Raises ValueError for an unknown word or file, or an invalid share.
         """
         name, at, file = word.partition("@")
         check.choice("around", name, NAMES)
@@ -77,9 +78,9 @@ class Inside:
         return controller(self.controller, env, self.gains)
 
     def actions(self, own: Controller | Following, observation: NDArray[np.floating], action: Any) -> Array32:
-        """Compute the policy's actions from the network's; own: the controller, which observes first.
+        """Compute the policy's actions from the network's. The controller observes first.
 
-        action: of the network, (n, N) or (N,), clipped to [-1, 1] here.
+        own: the controller. action: actions of the network, (n, N) or (N,); they are clipped to [-1, 1] here.
         """
         beside = self.share * np.clip(np.asarray(action, np.float64), -1.0, 1.0)
         found: Array32 = own.act(observation, beside)
@@ -87,9 +88,9 @@ class Inside:
 
 
 def restarting(inside: Inside, env: Any) -> Controller | Following:
-    """Make the controller for a vector environment, whose environments begin episodes one by one.
+    """Make the controller for a vector environment whose environments begin their episodes at different times.
 
-    ValueError if its memory begins for all environments together.
+    Raises ValueError for a controller whose memory can only begin for all environments together.
     """
     found = inside.made(env)
     if not found.restarts:
@@ -101,7 +102,7 @@ def restarting(inside: Inside, env: Any) -> Controller | Following:
 def linear_law(controller: Controller | Following) -> NDArray[np.float64]:
     """Return the matrix K (entries, N) of a controller whose unsaturated actions are observation @ K.
 
-    ValueError for controllers with a memory, or of observations without the goal's joint angles.
+    Raises ValueError for a controller with a memory, or if the observation lacks the goal's joint angles.
     """
     law = getattr(controller, "linear", None)
     found = None if law is None else law()

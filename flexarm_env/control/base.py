@@ -1,4 +1,4 @@
-"""Basis of all controllers: numbers about the environment, observation reader, interface and torque limit."""
+"""Basis of all controllers: facts about the environment, observation reader, interface, and torque limit."""
 
 from __future__ import annotations
 
@@ -35,12 +35,14 @@ SHARES: dict[str, dict[str, float]] = {
 """Bounds of the fields of gains whose range is not 0 to `MOST_GAIN`."""
 
 MOST_GAIN = 1e6
-"""Largest gain or weight, in its own unit; larger ones make no sense for these arms."""
+"""Largest gain or weight, in its own unit; larger values make no sense for these arms."""
 
 
 @dataclass(frozen=True)
 class Gains:
-    """Validated controller parameters; a per-joint field is a tuple with one number per joint, or a single number."""
+    """Validated controller parameters; a per-joint field is a tuple with one number per joint, or a single number for
+    all.
+    """
 
     def __post_init__(self) -> None:
         """Validate every field against its bounds and store the converted value."""
@@ -67,12 +69,12 @@ class Setup:
         arm: the nominal arm. control_dt: control period, s. torque_limits (N,): N m at an action of 1.
         names, scales: names and scales of the observation's entries, in order; entry = value / scale.
         history: number of instants in an observation, the oldest first.
-        sensors: sensors that produce the entries; None: ideal or unknown. noise: standard deviations added to all
-            entries, in their units; (): none.
+        sensors: sensors that produce the entries; None: ideal or unknown. noise: standard deviations of the noise on
+            all entries, in their units; (): no noise.
         action_mode: meaning of an action; "": unknown. residual_share: share of action_mode="residual_pd".
-        gravity: m/s^2; None: none. keep_out: shapes that the arm has to avoid.
-        delay: total delay of torques and readings, s; the largest one if it is random. lag: time constant of the
-        motors, s.
+        gravity: m/s^2; None: no gravity. keep_out: shapes that the arm has to avoid.
+        delay: total delay of torques and readings, s; a random delay counts with its maximum. lag: time constant of the
+            motors, s.
     """
 
     task: str
@@ -133,7 +135,8 @@ class Setup:
 def lateness(plan: Any) -> tuple[float, float]:
     """Return (delay, lag) of an environment's loop, s: delay of motors plus sensors, and the motors' time constant.
 
-    A random delay counts with its maximum. The motor filter moves by the share 1 - exp(-dt / lag) in a solver step dt.
+    A random delay counts with its maximum. In a solver step dt the motor torque approaches the command by the share
+    1 - exp(-dt / lag) of their difference.
     """
     motors, sensors, step = plan.extras.actuator, plan.extras.sensors, plan.settings.dt
     delay = 0.0 if sensors is None else sensors.age * plan.period
@@ -150,12 +153,12 @@ def lateness(plan: Any) -> tuple[float, float]:
 class Signals:
     """Observation in SI units, one row per environment.
 
-    Attributes: angles (n, N) rad, wrapped to one turn; rates (n, N) rad/s; bends (n, N): tip deflection over length;
-        bend_rates (n, N) 1/s; error (n, 1): target minus tip angle, rad (slew), or (n, 2): tip to target in the frame
-        that turns with the hub, m (reach). If the observation instead contains the goal's joint angles minus the
-        joints' (observation="measured"), these are to_go (n, N) rad, and bends, their rates and error are empty.
-        gauges (n, G): in their units. In space error is (n, 3), and bends (n, 3 F) are the F flexible links'
-        deflections along y, along z and twists (rad), for controllers that need them.
+    Attributes: angles (n, N) rad, wrapped to one turn; rates (n, N) rad/s; bends (n, N): tip deflections divided by
+        length; bend_rates (n, N): their rates, 1/s; error (n, 1): target minus tip angle, rad (slew), or (n, 2): vector
+        from tip to target in the frame that turns with the hub, m (reach). to_go (n, N): the goal's joint angles minus
+        the joints', rad, with observation="measured"; bends, bend_rates and error are then empty. gauges (n, G): in
+        their units. In space error is (n, 3). Controllers in space that need deflections get bends (n, 3 F): of the F
+        flexible links, deflections along y, deflections along z, and twists (rad).
     """
 
     angles: Array
@@ -169,14 +172,14 @@ class Signals:
     def outputs(self, angles: Array) -> Array:
         """Stack joint angles, joint rates, deflections and deflection rates as outputs of an arm's model.
 
-        angles (n, N), rad: joint angles to use instead of the measured ones. Returns (n, 4 N), in space (n, 2 N + 6 F).
+        angles (n, N), rad: joint angles that replace the measured ones. Returns (n, 4 N), in space (n, 2 N + 6 F).
         """
         return np.concatenate([angles, self.rates, self.bends, self.bend_rates], axis=1)
 
 
 BENDS = ("tip_deflection_y", "tip_deflection_z", "twist")
 BEND_RATES = ("tip_deflection_rate_y", "tip_deflection_rate_z", "twist_rate")
-"""Observed deflections and twist of each link of an arm in space, and their rates."""
+"""Observed deflections and twist of each link of an arm in space, and the rates of these quantities."""
 
 
 class Reader:
@@ -252,9 +255,10 @@ class Controller(ABC):
     needs_bends: ClassVar[bool] = False
     """Whether the controller requires tip deflections and their rates."""
     needs_goals: ClassVar[bool] = False
-    """Whether it requires goal joint angles minus measured joint angles (observation="measured")."""
+    """Whether the controller requires goal joint angles minus measured joint angles (observation="measured")."""
     restarts: ClassVar[bool] = False
-    """Whether single environments may begin a new episode (`restart`): no part of the memory is shared by all."""
+    """Whether single environments may begin a new episode (`restart`); the memory then has no part shared by all
+    environments."""
 
     def __init__(self, setup: Setup) -> None:
         """Store the setup and torque limits, and prepare the observation reader."""
@@ -273,10 +277,10 @@ class Controller(ABC):
         self.initialise(signals, self.goal - self._angles)
 
     def restart(self, observation: NDArray[np.floating], rows: NDArray[np.bool_]) -> None:
-        """Begin new episodes in some environments, with their first observations, and keep the memory of the rest.
+        """Begin new episodes in some environments with their first observations; the memory of all others is kept.
 
-        observation (n, entries): of all environments. rows (n,): mask of those that begin. ValueError unless
-        `restarts`.
+        observation (n, entries): observations of all environments. rows (n,): mask of the environments that begin.
+        Raises ValueError unless `restarts`.
         """
         if not self.restarts:
             what = "must be pd: the memory of other controllers begins for all environments together"
@@ -292,11 +296,11 @@ class Controller(ABC):
                 own[rows] = value
 
     def act(self, observation: NDArray[np.floating], beside: NDArray[np.floating] | None = None) -> NDArray[np.float32]:
-        """Compute actions in [-1, 1], (n, N), or (N,) for a single observation: torques over their limits, saturated.
+        """Compute actions in [-1, 1], (n, N), or (N,) for one observation: torques divided by their limits, saturated.
 
-        beside: actions of another policy, of the result's shape, that are added before the saturation; estimates are
-        advanced under the sum. Raises ValueError for an observation that is not finite or whose shape differs from the
-        one given to `reset` (the memory is then unchanged), and RuntimeError before the first `reset`.
+        beside: actions of another policy, of the result's shape. They are added before the saturation, and estimates
+        are advanced under the sum. Raises RuntimeError before the first `reset`. Raises ValueError for an observation
+        that is not finite, or whose shape differs from the one given to `reset`; the memory is then unchanged.
         """
         signals = self.read(observation)
         count, begun = len(signals.angles), len(self.goal)
@@ -327,7 +331,7 @@ class Controller(ABC):
 
     @abstractmethod
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        """Joint torques (n, N) in N m, before the limit; to_go as in :meth:`initialise`."""
+        """Return joint torques (n, N), N m, before the limit; to_go as in :meth:`initialise`."""
 
     def predict(self, torques: Array) -> None:  # noqa: B027
         """Advance the estimate by one period under the applied torques (n, N), N m."""
@@ -347,7 +351,7 @@ class Controller(ABC):
 
 
 def _hub_error(signals: Signals) -> Array:
-    """Target minus hub angle (n, 1), rad, of one link: error plus angle from hub to tip (straight at rest)."""
+    """Return target minus hub angle (n, 1), rad, of one link: tip error plus the angle from hub to tip (0 at rest)."""
     bend = np.clip(signals.bends, -0.9, 0.9)
     chord = 1.0 - 0.6 * bend**2  # along the root tangent, over the length, of a cantilever bent by its tip
     return signals.error + np.arctan2(bend, chord)

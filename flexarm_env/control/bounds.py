@@ -12,17 +12,18 @@ from . import ilqr
 from .dynamics import Dynamics
 
 TOLERANCE = 2e-3
-"""Largest accepted violation of a limit: rad, rates over the arm's own (`rates_of`), or shares of a deflection's bound
-or of a band."""
+"""Largest accepted violation of a limit. Angles are in rad, and rates are divided by the arm's own (`rates_of`).
+Violations of deflections and of bands are divided by the bound."""
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """Limits on a motion, beside the motors' own.
+    """Limits on a motion, in addition to the motors' own.
 
     torque: share of the torque limits, above 0 and at most 1. joints: (low, high) of each joint angle, rad, infinite
-    without a limit; () for none at all. deflection: largest tip deflection over length of any link (in space: also
-    twist, rad). keep_out: shapes that `Dynamics.points` have to avoid, by `margin`, m.
+    without a limit; () for no limits at all. deflection: largest tip deflection divided by length, of any link (in
+    space it also limits the twist, rad). keep_out: shapes from which `Dynamics.points` must keep a distance of at least
+    `margin`, m.
     """
 
     torque: float = 1.0
@@ -51,16 +52,17 @@ class Bounds:
 
 
 def _or_infinite(path: str, value: object, unit: str = "", **bounds: float) -> float:
-    """Validate a number with `check.number`; infinity, for no bound, is accepted too."""
+    """Validate a number with `check.number`; infinity, which means no bound, is accepted too."""
     if isinstance(value, float) and np.isinf(value) and (value > 0.0 or not bounds):
         return float(value)
     return check.number(path, value, unit, **bounds)
 
 
 def within(plant: Dynamics, bounds: Bounds, n: int, total: int, stiff: float = 1.0) -> list[ilqr.Limits]:
-    """Path constraints of `bounds` for n arms over `total` periods: joint angles, deflections, distances from shapes.
+    """Return the path constraints of `bounds` for n arms over `total` periods: joint angles, deflections, distances.
 
-    Deflections are divided by their bound, distances by the arm's length. stiff: factor on the initial penalties.
+    The distances are those from the shapes of `keep_out`. Deflections are divided by their bound, distances by the
+    arm's length. stiff: factor on the initial penalties.
     """
     found = []
     count = plant.n_inputs

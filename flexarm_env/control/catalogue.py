@@ -52,9 +52,9 @@ def _table(task: str) -> dict[str, Any]:
 def tuned_gains(name: str, task: str, n_joints: int | None = None) -> Any:
     """Return the tuned gains of controller `name` for a task ("slew", "reach", or "space").
 
-    n_joints: number of joints; None: that of the task's own arm. Three and more joints share one set of gains, "chain".
-    Returns an instance of the controller's gains class. Raises ValueError for an unknown name, or a controller that
-    does not exist for the task.
+    n_joints: number of joints; None: that of the task's own arm. Arms with three and more joints share one set of
+    gains, "chain". Returns an instance of the controller's gains class. Raises ValueError for an unknown name, or a
+    controller that does not exist for the task.
     """
     check.choice("controller", name, NAMES)
     table = _table("chain" if n_joints is not None and n_joints > 2 and task != "space" else task)
@@ -65,9 +65,9 @@ def tuned_gains(name: str, task: str, n_joints: int | None = None) -> Any:
 
 
 def gains_from(name: str, values: Mapping[str, Any], space: bool = False) -> Any:
-    """Build the gains of controller `name` from values by key; ValueError for an unknown key, listing the known ones.
+    """Build the gains of controller `name` from values by key.
 
-    space: whether the arm is one in space.
+    space: whether the arm is one in space. Raises ValueError for an unknown key; the message lists the known ones.
     """
     kind, _ = (_SPACE if space else _KINDS)[name]
     needed = [field.name for field in dataclasses.fields(kind) if field.default is dataclasses.MISSING]
@@ -79,10 +79,10 @@ TUNED_ON = "strip"
 
 
 def for_arm(gains: LQRGains, setup: Setup) -> LQRGains:
-    """Scale LQR weights tuned on one one-link arm to another.
+    """Scale LQR weights that were tuned on one one-link arm to another one-link arm.
 
-    Weights on rates, which are relative to the first flexible frequency, grow with that frequency times the arm's
-    quickest quarter turn, so that they count relative to the slew.
+    The weights on rates are relative to the first flexible frequency. They are multiplied by this frequency times the
+    arm's quickest quarter turn, so that rates count relative to the slew.
     """
     # ratio of (first flexible frequency x quarter-turn time) to that of the tuning arm
     share = _tempo(setup.arm) / _tempo(arms.named(TUNED_ON))
@@ -91,7 +91,7 @@ def for_arm(gains: LQRGains, setup: Setup) -> LQRGains:
 
 
 def _tempo(arm: Arm) -> float:
-    """First flexible frequency (joints free, rad/s) times the time of the quickest quarter turn, s."""
+    """Return the first flexible frequency (free joints, rad/s) times the time of the quickest quarter turn, s."""
     return float(arm_model(arm).frequencies[0]) * timescales(arm).slew
 
 
@@ -101,8 +101,8 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
     Args:
         name: "pd", "zv", "zvd", "lqr", "lqg", "mpc" or "time_optimal".
         env: a `Setup`, or an environment (single or vector) with action_mode "torque".
-        gains: gains of the controller's gains class, or a table of them by name, as `flexarm tune` writes; None takes
-            the tuned ones of the environment's task.
+        gains: an instance of the controller's gains class, or a table of gains by name, as `flexarm tune` writes. None:
+            the tuned gains of the environment's task.
     Raises:
         ValueError: an unknown name, or an environment that the controller does not support.
     """
@@ -157,7 +157,7 @@ class Following:
         """Do nothing: there is no memory."""
 
     def act(self, observation: NDArray[np.floating], beside: NDArray[np.floating] | None = None) -> Any:
-        """Compute actions (n, N) in [-1, 1] as if the episode began at this observation; beside: as a controller's."""
+        """Compute actions (n, N) in [-1, 1] as if the episode began at this observation; beside: as in `Controller`."""
         self.controller.reset(observation)
         return self.controller.act(observation, beside)
 

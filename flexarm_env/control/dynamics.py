@@ -1,6 +1,6 @@
 """Discrete dynamics of many arms: one control period as a function of state and torques, with derivatives.
 
-The arm is the environments' elastica with ideal joints. Torques are held over a period and accelerations are solved
+The arm is the environments' elastica with ideal joints. Torques are constant over a period. Accelerations are computed
 again where torques jump, so that the nodes' angles and rates are the whole state.
 """
 
@@ -29,7 +29,7 @@ from .space import held_model, holding
 Vector = tuple[float, ...]
 
 POINTS = 4
-"""Points per link that are kept out of obstacles, its tip included."""
+"""Points per link, the tip included, that must stay out of obstacles."""
 
 AT_ONCE = 1024
 """Largest number of arms per compiled call; their memory then fits into the processor's cache."""
@@ -38,16 +38,17 @@ AT_ONCE = 1024
 class Dynamics:
     """Discrete dynamics x' = f(x, u) of an arm over one control period.
 
-    x (m, S): coordinates q, then their rates. A link's q are its nodes' absolute tangent angles, rad, but the first
-    one, the joint angle, is relative to the tip of the link before. u (m, N): torques over their limits, in [-1, 1].
+    x (m, S): coordinates q, then their rates. A link's q are its nodes' tangent angles, rad: the first one (the joint
+    angle) relative to the tip of the preceding link, all others absolute. u (m, N): torques divided by their limits, in
+    [-1, 1].
 
-    arm: the arm, or its name or TOML file; joints are taken as ideal, without limits. period: s. nodes: per link. step:
+    arm: the arm, or its name or TOML file; its joints become ideal, without limits. period: s. nodes: per link. step:
     longest solver step, s; None: that of the class.
     """
 
     gravity: Vector | None = None
     step = 0.02 / 3.0
-    """Longest solver step, s, unless one is given: that of the planar environments."""
+    """Default of the longest solver step, s, which is that of the planar environments."""
 
     def __init__(
         self, arm: Arm | str | os.PathLike[str], period: float, nodes: int = 4, step: float | None = None
@@ -85,7 +86,7 @@ class Dynamics:
         self.limits = np.array(arm.torque_limits)
         self.n_inputs, self.half, self.size = arm.n_links, len(rows), 2 * len(rows)
         self.joints, self._rows = joints, rows
-        """Positions of the joint angles in x; their rates follow `half` later."""
+        """Positions of the joint angles in x; the position of a joint's rate is `half` larger."""
         self._batches: dict[int, Batch] = {}
         self._differentiated: dict[int, tuple[Periods, Array]] = {}
 
@@ -102,7 +103,7 @@ class Dynamics:
         return out
 
     def jacobians(self, x: Array, u: Array) -> tuple[Array, Array]:
-        """Return exact derivatives A (m, S, S) by x and B (m, S, N) by u of `advance`; NaN where a step was halved."""
+        """Return exact derivatives of `advance`: A (m, S, S) by x and B (m, S, N) by u; NaN where a step was halved."""
         size, n = self.size, self.n_inputs
         A, B = np.empty((len(x), size, size)), np.empty((len(x), size, n))
         for first in range(0, len(x), AT_ONCE):
@@ -145,7 +146,7 @@ class Dynamics:
         return x
 
     def still(self, angles: ArrayLike) -> tuple[Array, Array]:
-        """Return states (m, S) at rest at joint angles (m, N), rad, and holding torques (m, N) over their limits."""
+        """Return states (m, S) at rest at joint angles (m, N), rad, and holding torques (m, N) divided by limits."""
         x = self.unbent(angles)
         return x, np.zeros((len(x), self.n_inputs))
 
@@ -163,7 +164,7 @@ class Dynamics:
         return float(arm_model(self.arm, (0.0,) * (self.n_inputs - 1)).frequencies[0])
 
     def points(self, x: Array) -> tuple[Array, Array]:
-        """Positions (..., P, 2), m, of `POINTS` equally spaced points per link, and their derivative by x."""
+        """Return positions (..., P, 2), m, of `POINTS` equally spaced points per link, and their derivative by x."""
         return self._ahead(x, self._arms)
 
     def places(self, x: Array) -> Array:
@@ -176,7 +177,7 @@ class Dynamics:
         return place[..., 0, :], slope[..., 0, :, :]
 
     def _ahead(self, x: Array, levers: Array) -> tuple[Array, Array]:
-        """Positions (..., P, 2), m: sums of levers (P, half) times (cos phi, sin phi), and their derivative by x."""
+        """Return positions (..., P, 2), m, and their derivative by x: sums of levers (P, half) times (cos, sin) phi."""
         phi = x[..., : self.half] @ self._angles.T
         cosine, sine = np.cos(phi)[..., None, :] * levers, np.sin(phi)[..., None, :] * levers
         slope = np.zeros((*cosine.shape[:-1], 2, self.size))
@@ -184,7 +185,7 @@ class Dynamics:
         return np.stack([cosine.sum(-1), sine.sum(-1)], axis=-1), slope
 
     def bends(self, x: Array) -> tuple[Array, Array]:
-        """Return the tip deflections over length (..., N) and their derivative (..., N, S)."""
+        """Return the tip deflections divided by length (..., N) and their derivative (..., N, S)."""
         # sum over a link's nodes of weight times sin(phi - phi_root)
         phi = x[..., : self.half] @ self._angles.T
         roots = np.repeat(phi[..., self.joints], self.nodes, axis=-1)
@@ -199,9 +200,10 @@ class Dynamics:
         return self.bends(x)[0]
 
     def outputs(self, x: Array) -> tuple[Array, Array]:
-        """Return outputs (m, O) and their derivative by x (m, O, S), without that of deflection rates by deflections.
+        """Return outputs (m, O) and their derivative by x (m, O, S).
 
-        O: joint angles, their rates, deflections (in space also twists), their rates.
+        O: joint angles, their rates, deflections (in space also twists), their rates. The derivatives of deflection
+        rates by deflections are omitted.
         """
         half, joints, (bends, slope) = self.half, self.joints, self.bends(x)
         n, many, own = len(joints), bends.shape[1], slope[..., :half]
@@ -216,9 +218,9 @@ class Dynamics:
         return weights.stage(self.outputs(np.zeros((1, self.size)))[1][0], self.first, self.n_inputs)
 
     def corrected(self, x: Array, outputs: Array) -> Array:
-        """Correct states x (m, S) to outputs (m, 4 N): joint angles and rates, deflections over length and their rates.
+        """Correct states x (m, S) to measured outputs (m, 4 N): joint angles, rates, deflections / length, rates.
 
-        Links are turned at their joints and bent in the shape of a force at their tip.
+        Links are turned at their joints, and bent in the shape that a force at the tip causes.
         """
         half, out = self.half, x.copy()
         angle, rate, bend, bend_rate = np.split(outputs, 4, axis=1)
@@ -235,14 +237,14 @@ class Dynamics:
         return out
 
     def _turn(self, x: Array, part: int, k: int, by: Array) -> None:
-        """Turn link k's nodes by angles (m, nodes), and the links beyond by its tip's. part: 0 angles, `half` rates."""
+        """Turn link k's nodes by angles (m, nodes), the following links by its tip's. part: 0 angles, `half` rates."""
         x[:, part + k * self.nodes : part + (k + 1) * self.nodes] += by
         for later in range(k + 1, self.n_inputs):
             at = part + later * self.nodes
             x[:, at + 1 : at + self.nodes] += by[:, -1:]
 
     def _move(self, x: Array, u: Array, out: Array) -> None:
-        """Advance states x (m, S) under torques u (m, N) in one compiled call; write out (m, S), NaN if failed."""
+        """Advance states x (m, S) under torques u (m, N) in one compiled call; write `out` (m, S), NaN if failed."""
         batch = self._batch(len(x))
         lanes, m, block = len(batch.lane), len(x), batch.block
         groups, rows = -(-m // lanes), len(batch.system.q0)
@@ -263,7 +265,7 @@ class Dynamics:
         out[batch.table[batch.info_at.reason, :m] != 0.0] = np.nan
 
     def _periods(self, m: int) -> tuple[Periods, Array]:
-        """Return differentiable control periods of at least m arms, and their state array to be filled."""
+        """Return differentiable control periods for at least m arms, and the array that receives their states."""
         batch = self._batch(m)
         if batch.n not in self._differentiated:
             periods = Periods(batch, alone="none")  # plans that go on through halved steps do not come to rest
@@ -272,7 +274,7 @@ class Dynamics:
         return self._differentiated[batch.n]
 
     def _batch(self, m: int) -> Batch:
-        """Return a batch of at least m arms, its size a power of two from 8; batches are kept."""
+        """Return a cached batch of at least m arms; its size is a power of two, at least 8."""
         size = 8
         while size < m:
             size *= 2
@@ -286,26 +288,26 @@ class Dynamics:
 
 
 STEP = 1e-5
-"""Step of central differences: rad, and strains."""
+"""Step of central differences, for angles (rad) and strains."""
 
 GENTLE = StateWeights(1.0, 0.5, 1.0, 0.5)
-"""Weights of the gentle regulators that move an arm to its goal from far away."""
+"""Weights of the soft regulators that move an arm to its goal from far away."""
 
 NEWTON = 8
-"""Newton steps to the arm's static rest."""
+"""Number of Newton steps to the arm's static rest."""
 
 
 class SpatialDynamics(Dynamics):
     """`Dynamics` of an arm in space on a fixed base, under gravity (x, y, z), m/s^2.
 
-    A link's q are its joint angle, then its strains: `nodes` - 1 polynomials of torsion and bending about y and z.
-    Deflections are those of its flexible links along y, then z, over their lengths, then their twists, rad.
+    A link's q are its joint angle, then its strains: `nodes` - 1 polynomials of torsion and bending about y and z. The
+    deflections are those of the flexible links along y, then along z, divided by length, then the twists, rad.
     """
 
     step = 0.005
 
     def __init__(self, arm: Arm, period: float, nodes: int, gravity: Vector, step: float | None = None) -> None:
-        """Assemble the elastica of an arm in space. period, step: s; gravity (3,): m/s^2; nodes: of each link."""
+        """Assemble the elastica of an arm in space. period, step: s; gravity (3,): m/s^2; nodes: number per link."""
         self.step = self.step if step is None else step
         strains = 3 * (nodes - 1)
         counts = [1 if link.rigid else 1 + strains for link in arm.links]
@@ -338,12 +340,12 @@ class SpatialDynamics(Dynamics):
         return x
 
     def homing(self, x: Array, u: Array) -> Array:
-        """Gains K (m, N, S) of gentle regulators u - K dx about rest states (m, S) with holding torques u (m, N)."""
+        """Return gains K (m, N, S) of soft regulators u - K dx about rest states x (m, S) held by torques u (m, N)."""
         stage, R = self.stage_weight(GENTLE), np.eye(self.n_inputs)
         return np.stack([riccati(A, B, stage, R)[0] for A, B in zip(*self.jacobians(x, u), strict=True)])
 
     def begun(self, start: Array, goal: Array, periods: int) -> Array:
-        """Return initial controls (T, n, N) by gentle regulators; held torques would let the arm fall."""
+        """Return initial controls (T, n, N) from soft regulators; under constant torques the arm would fall."""
         home, held = self.still(goal[:, self.joints])
         K, x, controls = self.homing(home, held), start, np.zeros((periods, *held.shape))
         for k in range(periods):
@@ -368,7 +370,7 @@ class SpatialDynamics(Dynamics):
         return place[..., -1, :], slope[..., -1, :, :]
 
     def points(self, x: Array) -> tuple[Array, Array]:
-        """Positions (..., P, 3), m about the root, of all links' sections and tips, and their derivative by x."""
+        """Return positions (..., P, 3), m from the root, of all sections and tips, and their derivative by x."""
         return self._seen(x, "shapes")
 
     def places(self, x: Array) -> Array:
@@ -377,7 +379,7 @@ class SpatialDynamics(Dynamics):
         return found.reshape(*x.shape[:-1], *found.shape[1:])
 
     def bends(self, x: Array) -> tuple[Array, Array]:
-        """Return deflections over length and twists, rad, (..., 3 F) and their derivative (..., 3 F, S)."""
+        """Return deflections divided by length and twists, rad, (..., 3 F) and their derivative (..., 3 F, S)."""
         return self._seen(x, "bends")
 
     def deflections(self, x: Array) -> Array:
@@ -386,7 +388,7 @@ class SpatialDynamics(Dynamics):
         return found.reshape(*x.shape[:-1], *found.shape[1:])
 
     def _seen(self, x: Array, what: str) -> tuple[Array, Array]:
-        """Values (..., *) of a quantity of `_read`, and their derivative by x (..., *, S) by central differences."""
+        """Return a quantity (..., *) of `_read`, and its derivative by x (..., *, S) by central differences."""
         q = x[..., : self.half].reshape(-1, self.half)
         ways = STEP * np.concatenate([np.zeros((1, self.half)), np.eye(self.half), -np.eye(self.half)])
         found = self._read((q + ways[:, None]).reshape(-1, self.half), what)
@@ -397,7 +399,7 @@ class SpatialDynamics(Dynamics):
         return found[0], slope
 
     def _read(self, q: Array, what: str) -> Array:
-        """Points (m, P, 3), m ("shapes"), or deflections over length and twists (m, 3 F) ("bends") at q (m, half)."""
+        """Return points (m, P, 3), m ("shapes"), or deflections / length and twists (m, 3 F) ("bends") at q."""
         rows = np.zeros((len(q), 6 + self.half))
         rows[:, 6:] = q
         if what == "shapes":
@@ -414,7 +416,7 @@ def dynamics(
     """Return the cached `Dynamics` of an arm.
 
     nodes: None: 4, in space 3. gravity: m/s^2, ignored in the plane. step: longest solver step, s; None: 0.02/3, in
-    space 0.005, which plans of `optimal` halve where they need to.
+    space 0.005, which plans of `optimal` halve if necessary.
     """
     arm = arms.resolve(arm)
     period = check.number("period", period, "s", above=0.0)
@@ -433,7 +435,7 @@ def _one_for_all(arm: Arm, period: float, nodes: int, gravity: Vector | None, st
 
 
 def _task(arm: Arm) -> Task:
-    """Build a task without reward of the environments' kind, so that their compiled functions are reused."""
+    """Build a task without reward, of the environments' kind, so that their compiled functions are reused."""
     n, space = arm.n_links, arm.spatial
     kind = SpaceReach if space else Slew if n == 1 else Reach if n == 2 else Chain
     entries = 3 * n + 6 * sum(not link.rigid for link in arm.links) + 6 if space else 6 if n == 1 else 5 * n + 4

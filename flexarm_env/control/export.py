@@ -1,7 +1,7 @@
-"""Export trained policies: one C file for a controller board, ONNX for machines that run it.
+"""Export trained policies: as one C file for a controller board, or as ONNX.
 
-Both contain the data of a `policy.npz` and agree with :class:`NumpyPolicy` to 1e-6: ONNX sums in double as it does,
-the C file in float32 with compensated sums (Dekker 1971).
+Both contain the data of a `policy.npz` and agree with :class:`NumpyPolicy` to 1e-6. The ONNX model sums in double
+precision, as `NumpyPolicy` does. The C file sums in float32 with compensation (Dekker 1971).
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from ..tasks.program import CLIP
 from .policy import NumpyPolicy
 
 FAR = 1e9
-"""Magnitude to which a policy in C clips an observation's entries, well within float32's range."""
+"""Magnitude to which a policy in C clips an observation's entries; it is well within float32's range."""
 OPSET, IR_VERSION = 17, 8
-"""ONNX versions, old enough for current runtimes."""
+"""ONNX versions, chosen old enough for current runtimes."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Entries:
 
     @classmethod
     def of(cls, policy: NumpyPolicy) -> Entries | None:
-        """Read the entries from the policy's metadata; None for files of version 0.1, which do not contain them."""
+        """Read the entries from the policy's metadata; None for files of version 0.1, which lack them."""
         scales = policy.meta.get("scales")
         if not scales:
             return None
@@ -52,9 +52,9 @@ class Entries:
 def onnx_bytes(policy: NumpyPolicy, law: tuple[float, NDArray[np.float64]] | None = None) -> bytes:
     """Serialize the policy as an ONNX model: `observation` (n, entries) to `action` (n, joints) in [-1, 1], float32.
 
-    The observation is the environment's own, with all instants of its history, and is normalized inside the model. The
-    model's metadata is the policy's `meta`. law: (share, K) of a policy with a controller inside, whose unsaturated
-    actions are observation @ K. ImportError if the package onnx is missing.
+    The observation is the environment's own, with all instants of its history; the model normalizes it. The model's
+    metadata is the policy's `meta`. law: (share, K) of a policy with a controller inside, whose unsaturated actions are
+    observation @ K. Raises ImportError if the package onnx is missing.
     """
     with check.needs("an ONNX file", "onnx", "export"):
         from onnx import TensorProto, checker, helper, numpy_helper
@@ -144,7 +144,7 @@ def c_comment(lines: Iterable[str]) -> str:
 
 
 def harmless(line: str) -> str:
-    """Make a line safe inside a C comment, whatever an arm, a policy's file or a user's keyword is called.
+    """Make a line safe inside a C comment. The line may contain the name of an arm, a file or a keyword.
 
     Comment delimiters are broken up. Backslashes and all other characters except printable ASCII become "?". Two
     question marks are separated, because the C99 trigraph for a backslash begins with them: at the end of a line a
@@ -167,10 +167,11 @@ def c_source(policy: NumpyPolicy, entries: Entries, name: str) -> str:
 
     Args:
         entries: entries of one instant; a policy whose observation contains several instants has a history.
-        name: prefix of the file's definitions: NAME_decide (the environment's observation to actions), NAME_reset and
-            NAME_act (values in SI units, one instant after the other, to actions), NAME_memory, NAME_OBSERVATION, ...
+        name: prefix of the file's definitions. NAME_decide maps the environment's observation to actions. NAME_act maps
+            values in SI units, one instant after the other, to actions. NAME_reset, NAME_memory, NAME_OBSERVATION, ...
+            complete them.
     Raises:
-        ValueError: the policy's observation is no whole number of such entries.
+        ValueError: the size of the policy's observation is no multiple of the number of entries.
     """
     size, joints = policy.weights[0][0].shape[0], policy.weights[-1][0].shape[1]
     count, widths = len(entries.names), [w.shape[1] for w, _ in policy.weights]
@@ -195,7 +196,7 @@ def c_source(policy: NumpyPolicy, entries: Entries, name: str) -> str:
 
 
 def _steps(policy: NumpyPolicy) -> Iterator[str]:
-    """Generate the C statements from the observation, in `x`, to actions; layers alternate between `x` and `y`."""
+    """Generate the C statements from the observation, in `x`, to actions; the layers write to `y` and `x` in turn."""
     # observation into x, clipped or normalized, with the remainder in x_rest
     if policy.normaliser is None:
         yield "for (i = 0; i < UPPER_OBSERVATION; i++)"

@@ -22,11 +22,13 @@ def around_c_source(
     """Generate a policy with a controller inside as one C99 file: the network's source, the controller's, their sum.
 
     Args:
-        policy: bound to an environment. entries: as in `export.c_source`. name: prefix of the file's definitions:
-            NAME_reset, NAME_act (values in SI units to actions) and NAME_decide (the environment's observation to
-            actions), each with a NAME_memory. elbows, targets: of the controller, as in `in_c.controller_source`.
+        policy: policy bound to an environment. entries: as in `export.c_source`. name: prefix of the file's
+            definitions: NAME_reset, NAME_act (values in SI units to actions) and NAME_decide (the environment's
+            observation to actions), each with a NAME_memory. elbows, targets: arguments of `in_c.controller_source` for
+            the controller.
     Raises:
-        ValueError: as `export.c_source` and `in_c.controller_source`; a controller that begins anew in every period.
+        ValueError: as `export.c_source` and `in_c.controller_source`; or for a controller that restarts in every
+            period.
     """
     own = bound_controller(policy)
     if isinstance(own, Following):

@@ -14,7 +14,7 @@ from .kinematics import tip_in_hub_frame, wrapped
 from .lqr import LQRGains, design, times
 
 ENTRIES = ("to_target_x", "to_target_y", "target_velocity_x", "target_velocity_y", "target_force", "tip_force_normal")
-"""Entries of the observation that the controller reads beside those of the joints and links."""
+"""Entries of the observation that the controller reads in addition to those of joints and links."""
 
 
 @dataclass(frozen=True)
@@ -22,10 +22,10 @@ class ForceGains(Gains):
     """Gains of `HybridForce`.
 
     Args:
-        angle, rate, bend, bend_rate: weights of the state feedback about the reference, as those of `LQRGains`.
-        path, force: integral gains, 1/s, of the distance from the path and of the normal force's error.
-        lead: s, proportional part of the distance from the path over its integral gain.
-        approach, press: s, time in which the tip comes to the wall, and in which the force then rises.
+        angle, rate, bend, bend_rate: weights of the state feedback about the reference; see `LQRGains`.
+        path, force: integral gains, 1/s, on the distance from the path and on the error of the normal force.
+        lead: ratio of the proportional gain to the integral gain for the distance from the path, s.
+        approach: time in which the tip moves to the wall, s. press: time in which the force then rises, s.
         friction: assumed coefficient of friction.
     """
 
@@ -42,11 +42,11 @@ class ForceGains(Gains):
 
 
 class HybridForce(Controller):
-    """State feedback about the static arm that presses with the commanded force at the target, with integral errors.
+    """State feedback with integral errors about an arm at rest that presses on the wall with the commanded force.
 
-    In each period the joint angles and torques of the arm at rest are computed whose tip is at the reference under the
-    wall's reaction (`StaticChain`). The reference moves from the tip's place at the start to the target, then the force
-    rises. Errors along the wall and of the normal force are integrated; both shift the reference.
+    In each period the controller computes the joint angles and torques of the arm at rest whose tip is at the reference
+    under the wall's reaction (`StaticChain`). The reference moves from the tip's initial position to the target; then
+    the force rises. The errors along the wall and of the normal force are integrated, and both shift the reference.
     """
 
     needs_bends = True
@@ -55,7 +55,7 @@ class HybridForce(Controller):
         """Look up the entries of the observation.
 
         Raises:
-            ValueError: an environment without task="press", or whose observation lacks an entry.
+            ValueError: the environment has another task than "press", or its observation lacks an entry.
         """
         if setup.task != "press":
             raise check.InvalidValue("task", setup.task, 'must be "press" for a controller of the contact force')
@@ -79,7 +79,7 @@ class HybridForce(Controller):
         self._error: Array | None = None
 
     def act(self, observation: NDArray[np.floating], beside: NDArray[np.floating] | None = None) -> NDArray[np.float32]:
-        """Compute actions in [-1, 1]: torques over their limits, saturated; beside: as in `Controller.act`."""
+        """Compute actions in [-1, 1]: torques divided by their limits, saturated; beside: see `Controller.act`."""
         if not len(self.goal):
             raise RuntimeError("No episode has begun: call the controller's reset(observation) first")
         signals = self.read(observation)
@@ -93,7 +93,7 @@ class HybridForce(Controller):
         return applied if np.ndim(observation) == 2 else applied.reshape(-1)
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        """Not used: `act` needs entries that `Signals` lacks."""
+        """Raise an error: `act` does not use this method, since it needs entries that `Signals` lacks."""
         raise NotImplementedError
 
     def _torques(self, signals: Signals, seen: Array) -> Array:
@@ -131,7 +131,7 @@ class HybridForce(Controller):
         return holding - self._feedback(np.concatenate(off, axis=1))
 
     def _feedback(self, outputs: Array) -> Array:
-        """Return K x (n, N), N m, of outputs (n, 4 N) about the reference; gains belong to the reference's posture."""
+        """Return K x (n, N), N m, for outputs (n, 4 N) about the reference; K is that of the reference's posture."""
         setup, found = self.setup, np.zeros((len(outputs), self.setup.n_joints))
         for i, posture in enumerate(postures(self.goal)):
             own = design(setup.arm, setup.torque_limits, setup.control_dt, self._weights, posture)
@@ -147,7 +147,7 @@ class HybridForce(Controller):
 
 
 class StaticChain:
-    """An arm of flexible links at rest under a force on its tip, by the theory of small deflections of each link."""
+    """Arm of flexible links at rest under a force on its tip, with small deflections of each link."""
 
     def __init__(self, arm: Arm) -> None:
         """Store lengths (m) and bending stiffnesses at mid-length (N m^2; inf for rigid links)."""
@@ -156,9 +156,9 @@ class StaticChain:
         self.stiffness = np.array(stiff)
 
     def bend(self, angles: Array, force: Array) -> tuple[Array, Array, Array]:
-        """Return tip (n, 2), m, deflections over length (n, N) and joint torques (n, N), N m, of the arm at rest.
+        """Return tip (n, 2), m, deflections divided by length (n, N) and joint torques (n, N), N m, of the arm at rest.
 
-        angles (n, N): joint angles, rad. force (n, 2): on the tip, N, inertial axes.
+        angles (n, N): joint angles, rad. force (n, 2): force on the tip, N, inertial axes.
         """
         n, links = angles.shape
         bends, slopes, torques = np.zeros((n, links)), np.zeros((n, links)), np.zeros((n, links))
@@ -184,7 +184,7 @@ class StaticChain:
     def solve(self, angles: Array, force: Array, tip: Array) -> tuple[Array, Array, Array]:
         """Return joint angles (n, N), deflections and holding torques of the arm whose tip is at `tip` (n, 2), m.
 
-        angles: from which Newton's iteration begins; of more than two joints the nearest solution is found.
+        angles: initial guess of Newton's iteration. With more than two joints the nearest solution is found.
         """
         step, angles = 1e-5, angles.copy()
         for _ in range(6):

@@ -4,10 +4,11 @@ For each arm, minimize
 
     sum_k cost_k(x_k) + 1/2 sum_k weight . (u_k - still)^2   with x_k+1 = f(x_k, u_k), |u| <= bound, k = 0 ... T - 1
 
-(cost_k: up to T).
+(the sum of cost_k includes k = T).
 
-Every iteration linearizes all stages of all arms together, solves the linear-quadratic problem backwards with the
-controls' limits, and tries several step lengths at once. State limits are penalties with multipliers (`Limits`).
+Every iteration linearizes all stages of all arms together. It solves the linear-quadratic problem backwards with the
+controls' limits, and then tries several step lengths at once. State limits are enforced by penalties with multipliers
+(`Limits`).
 """
 
 from collections.abc import Sequence
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from flexarm_env.validation import Array
 
 LENGTHS = np.array([1.0, 0.7, 0.45, 0.25, 0.12, 0.05, 0.02, 0.005])
-"""Step lengths of the line search, relative to the full step: as many as compiled code has lanes."""
+"""Step lengths of the line search, relative to the full step; their number is that of the lanes of compiled code."""
 
 
 class System(Protocol):
@@ -33,13 +34,13 @@ class System(Protocol):
         """Return the states (m, S) after stage k from states x (m, S) and controls u (m, N)."""
 
     def linear(self, x: Array, u: Array) -> tuple[Array, Array]:
-        """Return A (T, n, S, S) and B (T, n, S, N): f's derivatives by states x (T, n, S) and controls u (T, n, N)."""
+        """Return f's derivatives by states x (T, n, S) and controls u (T, n, N): A (T, n, S, S) and B (T, n, S, N)."""
 
 
 class Astray(ValueError):
     """Neither the initial guess nor the rest controls lead to finite states.
 
-    Attributes: arms (n,): the arms concerned.
+    Attributes: arms (n,): the arms for which this is so.
     """
 
     def __init__(self, arms: NDArray[np.bool_]) -> None:
@@ -51,10 +52,10 @@ class Cost(Protocol):
     """Cost of states, stage by stage."""
 
     def value(self, x: Array, k: int | slice) -> Array:
-        """Cost (..., n) of states (..., n, S) at stage k, or at a slice of stages."""
+        """Return the cost (..., n) of states (..., n, S) at stage k, or at a slice of stages."""
 
     def slopes(self, x: Array) -> tuple[Array, Array]:
-        """Gradient (T + 1, n, S) and positive semi-definite Hessian (T + 1, n, S, S) at states (T + 1, n, S)."""
+        """Return gradient (T + 1, n, S) and positive semi-definite Hessian (T + 1, n, S, S) at states (T + 1, n, S)."""
 
 
 @dataclass
@@ -65,14 +66,14 @@ class Quadratic:
     weight: Array
 
     def value(self, x: Array, k: int | slice) -> Array:
-        """Cost (..., n) of states (..., n, S) at stage k, or at a slice of stages."""
+        """Return the cost (..., n) of states (..., n, S) at stage k, or at a slice of stages."""
         goal = self.goal if self.goal.ndim == 2 else self.goal[k]
         off, weight = x - goal, self.weight[k]
         weight = weight if self.weight.ndim == 4 else weight[..., None, :, :]
         return np.asarray(0.5 * np.einsum("...i,...i->...", (weight @ off[..., None])[..., 0], off))
 
     def slopes(self, x: Array) -> tuple[Array, Array]:
-        """Gradient W (x - goal) and Hessian W at states (T + 1, n, S)."""
+        """Return gradient W (x - goal) and Hessian W at states (T + 1, n, S)."""
         off = x - self.goal
         weight = self.weight if self.weight.ndim == 4 else self.weight[:, None]
         weight = np.broadcast_to(weight, (*off.shape, off.shape[-1]))
@@ -84,8 +85,8 @@ class Limits:
     """Constraints low <= g(x) <= high by the augmented Lagrangian method; low = high is an equality.
 
     of: x (..., S) -> g (..., G) and its derivative (..., G, S). low, high: (T + 1, n, G), infinite without a limit.
-    penalty: (n,) factors. alone: x -> g, if that costs much less than `of`: then only states at an active limit are
-    differentiated. above, below: multipliers of the upper and lower limits.
+    penalty: (n,) factors. alone: x -> g, a function for cases in which it costs much less than `of`; only states at an
+    active limit are then differentiated. above, below: multipliers of the upper and lower limits.
     """
 
     of: Any
@@ -105,19 +106,19 @@ class Limits:
         return np.asarray(self.of(x)[0] if self.alone is None else self.alone(x))
 
     def _active(self, g: Array, k: int | slice) -> tuple[Array, Array]:
-        """Multiplier estimates max(lambda + penalty * violation, 0), (..., n, G), of the upper and the lower limits."""
+        """Return the estimates max(lambda + penalty * violation, 0), (..., n, G), of upper and lower multipliers."""
         stiff = self.penalty[:, None]
         over = self.above[k] + stiff * (g - self.high[k])
         under = self.below[k] + stiff * (self.low[k] - g)
         return np.maximum(over, 0.0), np.maximum(under, 0.0)
 
     def value(self, x: Array, k: int | slice) -> Array:
-        """Augmented Lagrangian term (..., n), sum of squared multiplier estimates over 2 penalty, at stage k."""
+        """Return the augmented Lagrangian term (..., n) at stage k: sum of (multiplier estimate)^2 / (2 penalty)."""
         over, under = self._active(self._values(x), k)
         return np.asarray((over**2 + under**2).sum(-1) / (2.0 * self.penalty))
 
     def slopes(self, x: Array) -> tuple[Array, Array]:
-        """Gradient (T + 1, n, S) and Gauss-Newton Hessian (T + 1, n, S, S) of the augmented Lagrangian terms."""
+        """Return gradient (T + 1, n, S) and Gauss-Newton Hessian (T + 1, n, S, S) of the augmented Lagrangian terms."""
         if self.alone is None:
             g, slope = self.of(x)
             over, under = self._active(g, slice(None))
@@ -132,7 +133,7 @@ class Limits:
         return gradient, slope.swapaxes(-1, -2) @ (stiff[..., None] * slope)
 
     def violation(self, x: Array) -> Array:
-        """Largest violation (n,) along trajectories x (T + 1, n, S), in the units of g."""
+        """Return the largest violation (n,) along trajectories x (T + 1, n, S), in the units of g."""
         g = self._values(x)
         return np.asarray(np.maximum(np.maximum(g - self.high, self.low - g), 0.0).max(axis=(0, 2)))
 
@@ -196,9 +197,9 @@ def solve(
     """Minimize the total cost by iLQR from an initial guess.
 
     Args:
-        x: states (n, S) to start from. guess: controls (T, n, N), or a plan, which is followed by its gains if it
-            starts elsewhere. effort (N,): positive weights on the controls.
-        iterations: at most. tolerance: stop when no arm's cost falls by a larger share of itself.
+        x: initial states (n, S). guess: controls (T, n, N), or a plan; a plan that starts elsewhere is followed by its
+            gains. effort (N,): positive weights on the controls.
+        iterations: largest number. tolerance: the iteration stops when no arm's cost falls by a larger share of itself.
         bound: bound of the controls. still (n, N): controls without cost.
     Raises:
         Astray: neither the initial guess nor `still` leads to finite states.
@@ -250,10 +251,10 @@ def backward(
     bound: float = 1.0,
     still: Array | float = 0.0,
 ) -> tuple[Array, Array]:
-    """Backward pass: feedforward k (T, n, N) and gains K (T, n, N, S) of du = k + K dx that solve the local LQ problem.
+    """Solve the local LQ problem backwards: feedforward k (T, n, N) and gains K (T, n, N, S) of du = k + K dx.
 
-    states (T + 1, n, S) and controls (T, n, N): trajectory to linearize about. effort (N,): weights of (u - still)^2.
-    damping (n,): added to the diagonal of Quu. Controls + k stay within +-bound.
+    states (T + 1, n, S) and controls (T, n, N): trajectory about which the problem is linearized. effort (N,): weights
+    of (u - still)^2. damping (n,): added to the diagonal of Quu. Controls + k stay within +-bound.
     """
     periods, _, count = controls.shape
     A, B = system.linear(states[:-1], controls)
@@ -311,9 +312,10 @@ def _within(Quu: Array, Qu: Array, Qux: Array, low: Array, high: Array) -> tuple
 
 
 def _corner(H: Array, g: Array, low: Array, high: Array) -> Array:
-    """Minimize 1/2 u' H u + g u between low and high, (n, N), where some limit is active.
+    """Minimize 1/2 u' H u + g u between low and high, (n, N), in cases in which a limit is active.
 
-    Two controls: the best point with one control at a limit. More: coordinate descent.
+    For two controls the result is the best point with one control at a limit. For more it is found by coordinate
+    descent.
     """
     count = H.shape[1]
     if count == 2:
@@ -340,7 +342,7 @@ def _corner(H: Array, g: Array, low: Array, high: Array) -> Array:
 
 
 def _partial(Quu: Array, Qux: Array, free: NDArray[np.bool_]) -> Array:
-    """Gains -Quu^-1 Qux (n, N, S) of the free controls (n, N); clamped ones have zero rows."""
+    """Return the gains -Quu^-1 Qux (n, N, S) of the free controls (n, N); clamped controls have zero rows."""
     both = free[:, :, None] & free[:, None, :]
     # identity rows for the clamped controls
     H = np.where(both, Quu, np.eye(Quu.shape[1]))
@@ -358,9 +360,9 @@ def _forward(
     bound: float,
     still: Array | float,
 ) -> tuple[Array, Array, Array]:
-    """Forward pass: simulate the new control law with all `LENGTHS` of the feedforward step.
+    """Simulate the new control law forward with all `LENGTHS` of the feedforward step.
 
-    Returns states (T + 1, 8, n, S), controls (T, 8, n, N) and costs (8, n). feed, gains: of `backward`.
+    Returns states (T + 1, 8, n, S), controls (T, 8, n, N) and costs (8, n). feed, gains: results of `backward`.
     """
     periods, n, count = controls.shape
     size, tried = system.size, len(LENGTHS)

@@ -1,8 +1,9 @@
 """Export controllers: one C file each, in double precision, with the numbers of the Python class.
 
-Designs that need SciPy (Riccati equations, modes, a linear program) are solved here. The file contains their results
-and computes the actions of `Controller.act` in each control period; its fragments are in `data/control/c`. Gains that
-depend on an arm's posture are tabulated for all requested postures, `arm_model.GRID` apart.
+Designs that need SciPy (Riccati equations, modes, a linear program) are solved here. The C file contains the numbers
+that result and computes the actions of `Controller.act` in each control period; the pieces of C from which it is
+composed are in `data/control/c`. Gains that depend on an arm's posture are tabulated for all requested postures,
+`arm_model.GRID` apart.
 """
 
 import itertools
@@ -46,19 +47,19 @@ def controller_source(
     """Generate a controller as one C99 file without `main`: double, arrays of fixed size, no allocation.
 
     Args:
-        controller: made by `control.make`. name: prefix of the file's definitions: NAME_reset, NAME_act (values
-            in SI units to actions, once a control period), NAME_decide (the same from the environment's observation),
-            ...
+        controller: result of `control.make`. name: prefix of the file's definitions. NAME_act maps values in SI units
+            to actions, once per control period. NAME_decide maps the environment's observation to actions. NAME_reset,
+            ... complete them.
         slew: rad; for TimeOptimal: the file contains the plan of this slew, to either side.
         elbows: (low, high), rad, for each elbow: range of its angle at the goal (for LQG also during the motion) for
             which gains are tabulated; other postures use the nearest entry. None: the full range of a two-link arm.
-        targets: (x, y, z), m, for an arm in space: the file contains the static equilibria at these points, searched
-            from joint angles 0. The controller replaces any other target by the nearest of these.
-        inside: whether NAME_act and NAME_decide have the argument `const double *beside` before the actions: actions
-            (JOINTS) that are added before the saturation, as in a policy around the controller.
+        targets: (x, y, z), m, for an arm in space. The file contains the static equilibria at these points, which are
+            searched from joint angles 0. The controller replaces any other target by the nearest of these points.
+        inside: whether NAME_act and NAME_decide have the argument `const double *beside` before the actions. It points
+            to actions (JOINTS) that are added before the saturation, as in a policy around the controller.
     Raises:
-        ValueError: MPC, which optimizes in each period; slew is missing; elbows are missing for three links or more;
-            targets are missing for an arm in space, or it has no equilibrium at a target.
+        ValueError: the controller is MPC, which optimizes in each period; slew is missing; elbows are missing for three
+            links or more; targets are missing for an arm in space, or it has no equilibrium at a target.
     """
     kind = type(controller)
     if kind not in _BODIES:
@@ -183,7 +184,7 @@ def _in_space(own: Controller, targets: Points | None) -> dict[str, Any]:
 
 
 def _filters(own: LQG, filters: Sequence[Design]) -> dict[str, Any]:
-    """Collect the tables of regulator and filter designs, one after the other, and their sizes."""
+    """Collect the tables of all regulator and filter designs, and their sizes."""
     found: dict[str, Any] = {word: np.stack([getattr(e, word) for e in filters]) for word in (*"ABCKL", "rigid")}
     found |= {"by_state": np.stack([e.stopping @ e.A for e in filters]), "coulomb": own.friction}
     found |= {"by_torque": np.stack([e.stopping @ e.B for e in filters])}
@@ -191,7 +192,10 @@ def _filters(own: LQG, filters: Sequence[Design]) -> dict[str, Any]:
 
 
 def _impulses(shapers: Sequence[Shaper], effort: Array) -> dict[str, Any]:
-    """Collect the tables of the shapers, zero-padded, with the torques (N,), N m, that references may use."""
+    """Collect the tables of the shapers, padded with zeros.
+
+    effort (N,): torques, N m, that references may use.
+    """
     most = max(len(one.delays) for one in shapers)
     found: dict[str, Any] = {"effort": effort, "IMPULSES": most}
     for word, rows in (("amplitude", [s.amplitudes for s in shapers]), ("delay", [s.delays for s in shapers])):
@@ -202,7 +206,7 @@ def _impulses(shapers: Sequence[Shaper], effort: Array) -> dict[str, Any]:
 def _in_plane(own: Controller, slew: float | None, held: Held) -> dict[str, Any]:
     """Collect the tables and sizes of a planar controller; arrays become C tables, single numbers become sizes.
 
-    slew: rad, of TimeOptimal. held: postures with tabulated gains.
+    slew: slew of TimeOptimal, rad. held: postures with tabulated gains.
     """
     setup = own.setup
     # rigid arm: inertia, lengths, limits
@@ -279,7 +283,7 @@ def _array(name: str, values: Array) -> str:
 
 
 def _places(name: str, values: list[int]) -> str:
-    """Format the declaration of an array of entry positions."""
+    """Format the declaration of an array with the positions of observation entries."""
     return f"static const int NAME_{name.lower()}[{len(values)}] = {{{', '.join(map(str, values))}}};"
 
 
@@ -316,4 +320,5 @@ _BODIES: Mapping[type[Controller], tuple[str, ...]] = {
     SpatialShapedPD: ("times", "space", "space_rigid", "reference", "space_pd"),
     **dict.fromkeys((SpatialLQR, SpatialLQG), ("times", "space", "observer", "friction", "space_lqg")),
 }  # fmt: skip
-"""Source fragments of each class, for the start of an episode, a period, and the update with the applied torque."""
+"""Source fragments of each class for three purposes: start of an episode, control period, and update with the applied
+torque."""

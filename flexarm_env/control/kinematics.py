@@ -1,4 +1,4 @@
-"""Planar kinematics of the joints' goals, for many arms at once."""
+"""Planar kinematics of goals in joint space, for many arms at once."""
 
 import numpy as np
 
@@ -15,8 +15,9 @@ def wrapped(angle: Array) -> Array:
 def tip_in_hub_frame(arm: Arm, elbows: Array, bends: Array) -> Array:
     """Compute the tip position (n, 2), m, in the frame that turns with the hub.
 
-    elbows (n, N - 1): joint angles, rad. bends (n, N): tip deflection over length w of each link. A link's tip lies at
-    L (1 - 0.6 w^2, w) in its root frame and is turned by 1.5 w, as in a cantilever bent by a force at its tip.
+    elbows (n, N - 1): joint angles, rad. bends (n, N): tip deflection w of each link, divided by its length. A link's
+    tip is at L (1 - 0.6 w^2, w) in its root frame and is turned by 1.5 w, as in a cantilever bent by a force at its
+    tip.
     """
     tip, angle = np.zeros((len(bends), 2)), np.zeros(len(bends))
     for k, link in enumerate(arm.links):
@@ -30,9 +31,10 @@ def tip_in_hub_frame(arm: Arm, elbows: Array, bends: Array) -> Array:
 
 
 def rigid_times(inertia: Array, to_go: Array, limits: Array) -> Array:
-    """Minimum time (n,), s, of a rigid arm from rest to rest with synchronized joints: 2 sqrt(max_i |I dq|_i / tau_i).
+    """Return the minimum time (n,), s, of a rigid arm from rest to rest with synchronized joints.
 
-    inertia (n, N, N): kg m^2. to_go (n, N): joint displacements dq, rad. limits (N,): largest torques tau, N m.
+    The time is 2 sqrt(max_i |I dq|_i / tau_i). inertia I (n, N, N): kg m^2. to_go (n, N): joint displacements dq, rad.
+    limits (N,): largest torques tau, N m.
     """
     load = np.abs(np.einsum("nij,nj->ni", inertia, to_go)) / limits
     times: Array = 2.0 * np.sqrt(load.max(axis=1))
@@ -40,12 +42,12 @@ def rigid_times(inertia: Array, to_go: Array, limits: Array) -> Array:
 
 
 def goal_of(lengths: Array, rates: Array, limits: Array, x: float, y: float, angles: Array) -> Array:
-    """Joint angles (N,), rad, of one straight-link arm with the tip at (x, y), m, from its root, inertial axes.
+    """Return joint angles (N,), rad, of one arm of straight links with its tip at (x, y), m, from its root.
 
-    The environments choose the same solution. lengths (N,), m; rates (N,), rad/s: a joint's time is proportional to
-    sqrt(|angle|) / rate; limits (2 N,), rad: low, high of each joint in turn; angles (N,): now, rad. For two links the
-    solution that is reached sooner is chosen, for more links the one with the least sum of squares (`tasks.angles`).
-    If the point is out of reach, the arm points along the line to it.
+    The environments choose the same solution. x, y are in inertial axes. lengths (N,), m. rates (N,), rad/s: a joint's
+    time is proportional to sqrt(|angle|) / rate. limits (2 N,), rad: low, high of each joint in turn. angles (N,):
+    present angles, rad. With two links the function returns the solution with the shorter time, with more links the one
+    with the least sum of squares (`tasks.angles`). If the point is out of reach, the arm points along the line to it.
     """
     goal: Array = angles.copy()
     if len(lengths) == 2:
@@ -58,11 +60,11 @@ def goal_of(lengths: Array, rates: Array, limits: Array, x: float, y: float, ang
 def goal_angles(arm: Arm, angles: Array, target: Array, rates: Array) -> Array:
     """Compute joint angles (n, N), rad, that place the rigid arm's tip at the target.
 
-    With two links, choose the solution reached sooner; with more, the one of least sum of squares (`tasks.angles`) with
-    the hub angle unwrapped to the nearest turn.
+    With two links, the solution with the shorter time is chosen; with more links, the one with the least sum of squares
+    (`tasks.angles`). The hub angle is unwrapped to the nearest turn.
 
     Args:
-        angles (n, N): now, rad. target (n, 2): in hub axes at these angles, m.
+        angles (n, N): present angles, rad. target (n, 2): in hub axes at these angles, m.
         rates (n, N): a joint takes sqrt(|x|) / rate for an angle x. For two links only.
     A target out of reach is approached along the line to it. Joint limits are kept, and no elbow turns past pi.
     """

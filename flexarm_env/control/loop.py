@@ -1,4 +1,4 @@
-"""Closed-loop stability about rest: the sampled linear arm with delayed torques and lagging motors."""
+"""Closed-loop stability about rest: linear arm sampled at the control period, with delayed torques and motor lag."""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -10,14 +10,14 @@ from ..validation import Array
 from .arm_model import ArmModel
 
 MOST_GAIN, MOST_DELAY = 100.0, 100
-"""Upper ends of the search for gain margins and for delay margins (control periods)."""
+"""Upper limits of the searches for gain margins and for delay margins (control periods)."""
 
 
 def plant(model: ArmModel, dt: float, delay: float = 0.0, lag: float = 0.0) -> tuple[Array, Array, Array]:
     """Discretize the arm over a control period: x+ = A x + B u, y = C x, with the commanded torques u.
 
-    Returns (A, B, C). States are the model's, then the motors' torques if they lag, then the commands in the delay
-    line.
+    Returns (A, B, C). The states are the model's; then, if the motors lag, their torques; then the commands in the
+    delay line.
 
     Args:
         dt: control period, s. delay: delay of commands and readings together, s. lag: time constant of the motors, s.
@@ -60,7 +60,7 @@ Law = tuple[Array, Array, Array, Array]
 
 
 def radius(system: tuple[Array, Array, Array], law: Law, gain: float = 1.0) -> float:
-    """Spectral radius of the closed loop with the controller's torques scaled by `gain`; below 1 the loop is stable.
+    """Return the closed loop's spectral radius with the controller's torques times `gain`; below 1 it is stable.
 
     system: (A, B, C) of `plant`. law: (P, Q, K, D) with z+ = P z + Q y, u = -(K z + D y).
     """
@@ -72,25 +72,26 @@ def radius(system: tuple[Array, Array, Array], law: Law, gain: float = 1.0) -> f
 
 
 def gain_margin(system: tuple[Array, Array, Array], law: Law) -> float:
-    """Gain margin: smallest factor on the torques that destabilizes the loop; 1 if it is unstable already.
+    """Return the gain margin: the smallest factor on the torques that destabilizes the loop; 1 if it is unstable.
 
-    Searched up to `MOST_GAIN`.
+    The search ends at `MOST_GAIN`.
     """
     return _edge(lambda factor: radius(system, law, factor) < 1.0, np.geomspace(1.0, MOST_GAIN, 60))
 
 
 def delay_margin(model: ArmModel, dt: float, law: Law, lag: float = 0.0) -> float:
-    """Delay margin, s: smallest loop delay that destabilizes it, at most `MOST_DELAY` periods; 0 if already unstable.
+    """Return the delay margin, s: the smallest loop delay that destabilizes the loop; 0 if it is already unstable.
 
-    dt: control period, s. lag: time constant of the motors, s.
+    The search ends at `MOST_DELAY` periods. dt: control period, s. lag: time constant of the motors, s.
     """
     return _edge(lambda delay: radius(plant(model, dt, delay, lag), law) < 1.0, dt * np.arange(MOST_DELAY + 1.0))
 
 
 def _edge(stable: Callable[[float], bool], grid: Sequence[float] | Array) -> float:
-    """End of the first stable interval, counted from the grid's first value: grid search, then 12 bisections.
+    """Return the end of the first stable interval: search on the grid from its first value, then 12 bisections.
 
-    stable: whether the loop is stable at a value (gain factor or delay, s). Returns the first value if unstable there.
+    stable: whether the loop is stable at a value (gain factor or delay, s). If the loop is unstable at the grid's first
+    value, the result is this value.
     """
     if not stable(float(grid[0])):
         return float(grid[0])
@@ -104,7 +105,7 @@ def _edge(stable: Callable[[float], bool], grid: Sequence[float] | Array) -> flo
 
 
 def pd_law(kp: Array, kd: Array) -> Law:
-    """Law of a joint-space PD controller u = -(kp angle + kd rate) by outputs of an `ArmModel`.
+    """Return the law of a joint-space PD controller u = -(kp angle + kd rate) by outputs of an `ArmModel`.
 
     kp (N,): N m/rad. kd (N,): N m s/rad. Returns (P, Q, K, D) without controller states.
     """
@@ -114,7 +115,7 @@ def pd_law(kp: Array, kd: Array) -> Law:
 
 
 def observer_law(A: Array, B: Array, C: Array, K: Array, L: Array) -> Law:
-    """Law of u = -K x^ with the current estimator: x^ is corrected by L (y - C x^), used, then predicted one period.
+    """Return the law u = -K x^ with an estimator: x^ is corrected by L (y - C x^), used, and predicted one period.
 
     A, B, C: discrete model. Returns (P, Q, K, D) with the predicted x^ as the controller's states.
     """

@@ -1,14 +1,14 @@
 """LQG: linear-quadratic control of a state estimated by a Kalman filter from sensor readings.
 
 The filter's model is the linearization of `flexarm_env.linear` about rest at the current joint angles, over a control
-period with the torque held. Its state contains the arm's state x, a constant disturbance torque d at each joint and
-the bias b of each gauge:
+period with constant torque. Its state contains the arm's state x, a constant disturbance torque d at each joint and the
+bias b of each gauge:
 
     x+ = A x + B (u - f + d) + w,   angles = C x + v,   gauges = C x + b + v
 
 f is the joints' Coulomb friction. A gauge's bias can be distinguished from bending because bending decays; an encoder's
 bias cannot be distinguished from a rotation of the arm. Filtered rates derive from the same angles that the filter
-reads and add no information. The model omits sensor delays and low-passes, and motor lag.
+reads and add no information. The model omits sensor delays, sensor low-passes, and motor lag.
 """
 
 from dataclasses import dataclass
@@ -33,18 +33,19 @@ FINEST_ANGLE = 1e-4
 """Smallest standard deviation, rad, that the filter assumes for an encoder's angle."""
 
 FINEST_GAUGE = 1e-2
-"""Smallest standard deviation of a gauge over its scale, the reading at the curvature caused by full joint torque."""
+"""Smallest standard deviation of a gauge, divided by the gauge's scale, which is its reading at the curvature under
+full joint torque."""
 
 SHARP = 4.0
-"""Friction compensation over the torque that would stop the motor, limited to the friction torque.
+"""Factor on the torque that stops the motor, in the friction compensation, which is limited to the friction torque.
 
-Above 1, small motions are still made; for even smaller ones there is none, so that the arm does not hunt."""
+Above 1, small motions are still made. Even smaller motions are not compensated, so that the arm does not hunt."""
 
 WALK = 1e-3
-"""Random walk of a bias per control period, over the bias's standard deviation."""
+"""Random walk of a bias per control period, divided by the bias's standard deviation."""
 
 UNREST, LEARNING = 10, 150
-"""Control periods of noise assumed before an episode; control periods until the filter gains have converged."""
+"""Control periods of noise assumed before an episode; control periods after which the filter gains have converged."""
 
 
 @dataclass(frozen=True)
@@ -52,10 +53,10 @@ class LQGGains(StateWeights):
     """`StateWeights` of the regulator and noise parameters of the filter.
 
     Args:
-        noise, push: process noise, over the torque limit, of the torques and of further forces on the links. The
+        noise, push: process noise, divided by the torque limit, of the torques and of further forces on the links. The
             further forces represent the nonlinear part of large motions; without them the filter would trust its modes
             too much.
-        drift: change of the disturbance torque per control period that the filter allows for, over the limit.
+        drift: change of the disturbance torque per control period that the filter assumes, divided by the limit.
     """
 
     noise: float = 0.02
@@ -66,9 +67,9 @@ class LQGGains(StateWeights):
 class Plant(NamedTuple):
     """Linear model of an arm about rest over a control period: x+ = A x + B u; outputs are rows . x.
 
-    rigid (2n, N): dx by the joint angles of a stiff arm, whose rigid inertia is `inertia` (N, N), kg m^2. first: lowest
-    flexible frequency, joints free, rad/s. states: names. shown: output rows of joint angles, their rates, the outputs
-    of `bent_of` and their rates.
+    rigid (2n, N): derivative of x by the joint angles of a stiff arm. inertia (N, N): rigid inertia of this arm,
+    kg m^2. first: lowest flexible frequency with free joints, rad/s. states: names of x. shown: output rows of joint
+    angles, of their rates, of the outputs of `bent_of`, and of the rates of these outputs.
     """
 
     A: Array
@@ -84,9 +85,9 @@ class Plant(NamedTuple):
 class Design(NamedTuple):
     """Regulator and filter of z = (x, d, b), s numbers: z+ = A z + B u; y = C z; u = -K z; z += L[k] (y - C z).
 
-    k: instant in the episode. x: arm state; d (N,): disturbance torques, N m; b: gauge biases. stopping (N, s): rows of
-    the motors' rates, rad/s. rigid (s, N): dz by the joint angles of a stiff arm. states: names of x, as in
-    `LinearModel.states`.
+    k: index of the period in the episode. x: arm state; d (N,): disturbance torques, N m; b: gauge biases. stopping
+    (N, s): rows of the motors' rates, rad/s. rigid (s, N): derivative of z by the joint angles of a stiff arm. states:
+    names of x, as in `LinearModel.states`.
     """
 
     A: Array
@@ -119,9 +120,10 @@ def plant(setup: Setup, posture: tuple[float, ...]) -> Plant:
 
 
 def bent_of(arm: Arm) -> list[tuple[str, float]]:
-    """Names of the linear model's outputs that correspond to `Signals.bends`, each with the length to divide it by.
+    """Return the names of the linear model's outputs that correspond to `Signals.bends`, and the divisor of each.
 
-    In space: deflections along y and z (over length) and twists (rad, over 1) of flexible links.
+    The divisor is the link's length. In space the outputs are deflections along y and z, and twists (rad, divisor 1),
+    of the flexible links.
     """
     if not arm.spatial:
         return [(f"deflection{k}", link.span) for k, link in enumerate(arm.links)]
@@ -131,7 +133,7 @@ def bent_of(arm: Arm) -> list[tuple[str, float]]:
 
 
 def _shown(arm: Arm, rows: dict[str, Array]) -> list[Array]:
-    """Output rows of joint angles, their rates, `bent_of`'s outputs and their rates, one array each (`Plant.shown`)."""
+    """Return output rows of joint angles, of `bent_of`'s outputs, and of the rates of both (`Plant.shown`)."""
     parts = [(f"joint{k}", 1.0) for k in range(arm.n_links)], bent_of(arm)
     return [
         np.array([rows[name + end] / over for name, over in part]).reshape(-1, len(rows["joint0"]))
@@ -224,13 +226,16 @@ def gauges_of(setup: Setup) -> dict[int, StrainGauge]:
 
 
 def _encoders(setup: Setup) -> list[Encoder]:
-    """Return the joints' encoders on the motor or joint side, behind their gears; ideal ones if none are known."""
+    """Return the joints' encoders on the motor or joint side of their gears; ideal encoders if none are known."""
     known = setup.sensors if setup.sensors and setup.sensors.encoders else Sensors.ideal(setup.arm.links)
     return [known.encoder(k).behind(setup.arm.joint(k).gear_ratio) for k in range(setup.n_joints)]
 
 
 def _variances(setup: Setup, encoders: list[Encoder]) -> list[float]:
-    """Measurement variances of joint angles and gauges: sensor noise, quantization, observation noise, model error."""
+    """Return the measurement variances of joint angles and gauges.
+
+    They include sensor noise, quantization, observation noise and model error.
+    """
     gauges, added = gauges_of(setup), setup.noise or (0.0,) * len(setup.names)
     places = [*(setup.names.index(f"{joint}_error") for joint in setup.arm.joint_names), *gauges]
     least = [*(FINEST_ANGLE for _ in encoders), *(FINEST_GAUGE * setup.scales[k] for k in gauges)]
@@ -242,9 +247,9 @@ def _variances(setup: Setup, encoders: list[Encoder]) -> list[float]:
 
 
 class LQG(Controller):
-    """LQG controller u = -K x - d + f: x and d from the filter, f compensates the predicted Coulomb friction.
+    """LQG controller u = -K x - d + f. The filter estimates x and d; f compensates the predicted Coulomb friction.
 
-    Attributes: z (n, s): estimates, each about its own goal (see `Design`).
+    Attributes: z (n, s): estimates relative to each arm's goal (see `Design`).
     """
 
     needs_goals = True
@@ -256,14 +261,14 @@ class LQG(Controller):
         self.centres = np.array([np.mean(gauge.biases) for gauge in gauges_of(setup).values()])
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
-        """Start the estimates from a stiff arm at rest, -to_go (n, N), rad, from its goal."""
+        """Start the estimates from a stiff arm at rest at joint angles -to_go (n, N), rad, relative to its goal."""
         self.parts = self._parts(self.goal)
         self.z = np.zeros((len(to_go), self.parts[0][0].A.shape[0]))
         for d, rows in self.parts:
             self.z[rows] = -to_go[rows] @ d.rigid.T
 
     def _parts(self, angles: Array) -> list[tuple[Design, NDArray[np.bool_]]]:
-        """Group arms by design: the designs for joint angles (n, N), rad, each with a mask (n,) of its arms."""
+        """Group arms by design: return the designs for joint angles (n, N), rad, each with a mask (n,) of its arms."""
         found = postures(angles)
         return [
             (design(self.setup, self.gains, posture), np.array([posture == one for one in found]))
@@ -271,7 +276,7 @@ class LQG(Controller):
         ]
 
     def seen(self, signals: Signals, to_go: Array) -> Array:
-        """Return the filter's measurements (n, p) relative to the goal: joint angles, rad, gauges minus mean bias."""
+        """Return the filter's measurements (n, p): joint angles minus the goal's, rad, and gauges minus mean bias."""
         return np.hstack([-to_go, signals.gauges - self.centres])
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
@@ -288,15 +293,16 @@ class LQG(Controller):
         return torques
 
     def predict(self, torques: Array) -> None:
-        """Advance the estimates by one period under the applied torques (n, N), N m, less friction."""
+        """Advance the estimates by one period under the applied torques (n, N), N m, minus the friction."""
         for d, rows in self.parts:
             z, u = self.z[rows], torques[rows]
             self.z[rows] = z @ d.A.T + (u - self._friction(d, z, u)) @ d.B.T
 
     def _friction(self, d: Design, z: Array, torques: Array, sharp: float = 1.0) -> Array:
-        """Predict Coulomb friction (n, N), N m, in the next period: the torque that stops the motors, limited.
+        """Predict the Coulomb friction (n, N), N m, in the next period: the torque that stops the motors, limited.
 
-        The motors stop by the end of the period. sharp: factor on that torque. Limit: the joints' friction torque.
+        The motors stop by the end of the period. The limit is the joints' friction torque. sharp: factor on the torque
+        before the limit.
         """
         # motor rates at the end of the period without friction; torque that makes them zero
         rates = z @ (d.stopping @ d.A).T + torques @ (d.stopping @ d.B).T
@@ -311,7 +317,7 @@ FARTHEST = 1.0
 def plant_in_space(setup: Setup, gravity: Array, angles: Array) -> tuple[Plant, dict[str, float]]:
     """Linearize an arm in space about its rest at joint angles (N,), rad, with its rigid weight compensated.
 
-    Returns the `Plant` and the outputs' values at rest by name.
+    Returns the `Plant`, and the outputs' values at rest by name.
     """
     arm, n = setup.arm, setup.n_joints
     free, joints, A = held_model(arm, gravity, angles, [gauge.spot for gauge in gauges_of(setup).values()])
@@ -346,7 +352,7 @@ class SpatialLQG(LQG, AboutRest):
         return measured(self.setup, self.gains, own)
 
     def resting(self, y: dict[str, float]) -> list[float]:
-        """Return the measurements at the goal, given the linear model's outputs y there by name."""
+        """Return the measurements at the goal. y: outputs of the linear model there, by name."""
         return [0.0] * self.setup.n_joints + [unit * y[name] for unit, name in curvatures(self.setup)]
 
     def seen(self, signals: Signals, to_go: Array) -> Array:
@@ -372,7 +378,7 @@ class SpatialLQG(LQG, AboutRest):
 
 
 class SpatialLQR(SpatialLQG):
-    """LQR in space: the same with an observer of joint angles, deflections, twists and their rates."""
+    """LQR in space: a `SpatialLQG` whose filter observes joint angles, deflections, twists and their rates."""
 
     needs_goals, needs_bends = False, True
 
@@ -382,7 +388,7 @@ class SpatialLQR(SpatialLQG):
         return designed(self.setup, self.gains, own, np.vstack(own.shown), noise**2, np.zeros(0))
 
     def resting(self, y: dict[str, float]) -> list[float]:
-        """Return the outputs at the goal, given the linear model's outputs y by name: only deflections are not zero."""
+        """Return the outputs at the goal, of which only the deflections are not zero. y: outputs there by name."""
         still = [y[name] / over for name, over in bent_of(self.setup.arm)]
         return [0.0] * (2 * self.setup.n_joints) + still + [0.0] * len(still)
 

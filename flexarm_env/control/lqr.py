@@ -1,4 +1,4 @@
-"""Discrete-time LQR with an observer: joints and bending modes together."""
+"""Discrete-time LQR with an observer, for joints and bending modes together."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,11 +14,11 @@ from .base import Controller, Gains, Setup, Signals
 
 @dataclass(frozen=True)
 class StateWeights(Gains):
-    """Dimensionless state weights, relative to a weight of 1 on each torque over its limit.
+    """Dimensionless state weights, relative to a weight of 1 on each torque divided by its limit.
 
     Args:
-        angle: on joint angles (1/rad). rate: on joint rates over the first flexible frequency.
-        bend: on tip deflections over length. bend_rate: on their rates over that frequency.
+        angle: weight of joint angles (1/rad). rate: weight of joint rates divided by the first flexible frequency.
+        bend: weight of tip deflections divided by length. bend_rate: weight of their rates divided by that frequency.
     """
 
     angle: float
@@ -29,7 +29,7 @@ class StateWeights(Gains):
     def stage(self, C: Array, first: float, joints: int) -> Array:
         """Build the stage cost matrix Q (S, S), x' Q x, from output rows C (O, S).
 
-        C: rows of `joints` joint angles, their rates, deflections and deflection rates. first: the model's first
+        C: rows of `joints` joint angles, their rates, deflections, and deflection rates. first: the model's first
         flexible frequency, rad/s.
         """
         many = len(C) // 2 - joints
@@ -44,7 +44,7 @@ class LQRGains(StateWeights):
     """`StateWeights` of the regulator and parameters of the observer.
 
     Args:
-        noise: standard deviation of the torque disturbance assumed by the observer, over the limit.
+        noise: standard deviation of the torque disturbance that the observer assumes, divided by the limit.
         flexible: number of flexible modes in the model; None: number of joints plus one.
     """
 
@@ -67,8 +67,8 @@ class Design(NamedTuple):
 
 
 SENSOR = 1e-3
-"""Standard deviation of the observer's measurements: angles (rad), tip deflections over length, and the rates of both
-over the first flexible frequency."""
+"""Standard deviation of the observer's measurements: angles (rad), tip deflections divided by length, and the rates of
+both divided by the first flexible frequency."""
 
 
 def riccati(A: Array, B: Array, Q: Array, R: Array) -> tuple[Array, Array]:
@@ -84,9 +84,9 @@ def riccati(A: Array, B: Array, Q: Array, R: Array) -> tuple[Array, Array]:
 
 
 def spread_of(setup: Setup) -> tuple[float, ...]:
-    """Standard deviations (4 N,), SI, of the observation's noise: joint angles, their rates, deflections, their rates.
+    """Return the standard deviations (4 N,), SI, of the observation's noise; () without noise.
 
-    Returns () without noise.
+    The order is joint angles, their rates, deflections, their rates.
     """
     if not any(setup.noise):
         return ()
@@ -104,8 +104,8 @@ def design(
 ) -> Design:  # fmt: skip
     """Compute regulator and observer gains from the discrete Riccati equations at a posture (elbow angles, rad).
 
-    limits (N,): torque limits, N m. dt: control period, s. spread: noise of the outputs, see `spread_of`, added to the
-    observer's own allowance (`SENSOR`).
+    limits (N,): torque limits, N m. dt: control period, s. spread: noise of the outputs, see `spread_of`; it is added
+    to the measurement noise `SENSOR` that the observer always assumes.
     """
     from scipy.linalg import solve_discrete_are
 
@@ -128,7 +128,7 @@ def design(
 
 
 class Observer:
-    """State estimates of many arms, each about its own goal, from their outputs; one design per arm."""
+    """State estimates of many arms, each relative to its own goal, from their outputs; one design per arm."""
 
     def __init__(self, designs: list[Design], outputs: Array) -> None:
         """Stack the designs' matrices and start from the minimum-norm states with outputs (n, 4 N)."""
@@ -146,13 +146,13 @@ class Observer:
 
 
 def times(matrices: Array, vectors: Array) -> Array:
-    """Multiply matrices (n, i, j) with vectors (n, j), row by row: (n, i)."""
+    """Multiply matrices (n, i, j) by vectors (n, j), one pair per row; return (n, i)."""
     product: Array = (matrices @ vectors[:, :, None])[:, :, 0]
     return product
 
 
 class LQR(Controller):
-    """State feedback u = -K x with x from the observer; gains belong to the posture at the goal."""
+    """State feedback u = -K x with x from the observer; the gains are those of the posture at the goal."""
 
     needs_bends = True
 

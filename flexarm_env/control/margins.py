@@ -11,7 +11,7 @@ from .lqr import LQRGains, design, spread_of
 from .pd import PDGains, postures_of
 
 SAFE = 0.6
-"""Share of the delay margin above which a loop rings too much to settle."""
+"""Share of the delay margin above which a loop vibrates too long to settle."""
 
 
 MARGINS_OF = ("pd", "zvd", "lqr", "time_optimal")
@@ -54,7 +54,7 @@ def _law(setup: Setup, gains: PDGains | LQRGains, posture: tuple[float, ...]) ->
 def warn_of_delay(name: str, setup: Setup, gains: Any) -> None:
     """Warn if the setup's delay exceeds `SAFE` times the delay margin, or if its motor lag destabilizes the loop.
 
-    PD warns by itself if it is unstable. name: name of the controller.
+    name: name of the controller. An unstable PD loop causes no warning here, since `PDGains.on` already warns.
     """
     if not (setup.delay or setup.lag) or setup.arm.spatial:
         return
@@ -72,9 +72,9 @@ def warn_of_delay(name: str, setup: Setup, gains: Any) -> None:
 
 
 def stand_in(setup: Setup) -> LQRGains:
-    """Gains of an LQR about as fast as the controllers that follow plans.
+    """Return the gains of an LQR about as fast as the controllers that follow plans.
 
-    These are the gains of time-optimal control, whose loop about its plan is an LQR; receding-horizon control is about
-    as fast.
+    These are the gains of time-optimal control, which follows its plan by an LQR. Receding-horizon control is about as
+    fast.
     """
     return LQRGains(angle=10.0, rate=10.0, bend=10.0, bend_rate=10.0)

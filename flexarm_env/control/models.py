@@ -1,8 +1,9 @@
 """Read Stable-Baselines3 models with NumPy alone, without executing their pickles.
 
-A model.zip stores the network's arrays in `policy.pth`, a PyTorch archive: a pickle of names, shapes and offsets, and
-raw numbers beside it. `_Arrays` rebuilds the arrays and substitutes a dummy for every other class that the file names,
-so that nothing in it is called. A `vecnormalize.pkl` beside it is read in the same way.
+A model.zip stores the network's arrays in `policy.pth`, a PyTorch archive. It consists of a pickle of names, shapes and
+offsets, and of raw numbers in separate files. `_Arrays` rebuilds the arrays. It substitutes a dummy for every other
+class that the pickle names, so that none of them is called. A `vecnormalize.pkl` beside the model is read in the same
+way.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ LAYERS = (
     (r"actor\.mu\.(\d+)", "", True),  # TD3, DDPG
     (r"mlp_extractor\.policy_net\.(\d+)", "action_net", False),  # PPO, A2C, TRPO
 )
-"""Per family of algorithms: names of the hidden layers, of the last layer, and whether tanh squashes the action."""
+"""For each family of algorithms: names of the hidden layers, name of the last layer, and whether tanh squashes the
+action."""
 
 
 class _Anything:
@@ -64,7 +66,7 @@ class _Arrays(pickle.Unpickler):
         self.storage = storage
 
     def find_class(self, module: str, name: str) -> Any:
-        """Return one of the few harmless functions that build arrays, otherwise `_Anything`."""
+        """Return the class or function if it is a harmless one that builds arrays, otherwise `_Anything`."""
         if (module, name) == ("collections", "OrderedDict"):
             return _Dictionary
         if module == "torch._utils" and name in ("_rebuild_tensor_v2", "_rebuild_parameter"):
@@ -88,7 +90,7 @@ class _Arrays(pickle.Unpickler):
 
 
 def _tensor(flat: NDArray[Any], offset: int, shape: tuple[int, ...], stride: tuple[int, ...], *rest: Any) -> Any:
-    """Slice a tensor from its flat array; only row-major tensors are accepted, as all layers are."""
+    """Slice a tensor from its flat array. Only row-major tensors, such as those of all layers, are accepted."""
     count = int(np.prod(shape, dtype=np.int64))
     # strides of a row-major array
     rows = tuple(int(np.prod(shape[k + 1 :], dtype=np.int64)) for k in range(len(shape)))
@@ -122,8 +124,8 @@ def load_model(path: Path, meta: Mapping[str, Any]) -> NumpyPolicy:
     """Load the deterministic policy in a model.zip of PPO, A2C, SAC, TD3, TQC or RecurrentPPO.
 
     Args:
-        path: the file; the `vecnormalize.pkl` beside it, if any, normalizes the observations.
-        meta: training record: env_id, env_kwargs and layout, or nothing.
+        path: the file. A `vecnormalize.pkl` in the same folder normalizes the observations.
+        meta: training record (env_id, env_kwargs and layout), possibly empty.
     Raises:
         ValueError: the file is no such model, is damaged, or has another kind of network.
     """
@@ -141,7 +143,7 @@ def load_model(path: Path, meta: Mapping[str, Any]) -> NumpyPolicy:
 def _network(
     state: dict[str, NDArray[Any]], about: dict[str, Any], meta: Mapping[str, Any], normaliser: dict[str, Any] | None
 ) -> NumpyPolicy:
-    """Build the policy from arrays by PyTorch's names.
+    """Build the policy from arrays with PyTorch's names.
 
     about: the model's parameters. meta: training record. normaliser: VecNormalize statistics or None.
     """
@@ -242,5 +244,5 @@ class RecurrentPolicy(NumpyPolicy):
 
 
 def _logistic(x: NDArray[Any]) -> NDArray[Any]:
-    """Logistic function 1 / (1 + exp(-x)), in a form without overflow."""
+    """Return the logistic function 1 / (1 + exp(-x)), in a form without overflow."""
     return 0.5 * (1.0 + np.tanh(0.5 * x))

@@ -1,15 +1,15 @@
-"""Receding-horizon control: plan the torques of the next periods in every period and apply the first.
+"""Receding-horizon control: in every period plan the torques of the next periods, and apply the first of them.
 
-`ilqr` plans on the elastica, within the torque limits, from the estimated state. The cost is effort and, from an
-arrival instant on, the distance from rest at the goal; the terminal cost is that of the linear regulator at the goal.
-(With a distance cost from the start on, saturated torques overshoot.) Each plan continues the previous one, followed by
-its gains from the present state, by one iteration. If a plan misses its arrival, the arrival is postponed: at the start
-of an episode until a plan succeeds, later as far as an arm that differs from the nominal one may need. Once the
-regulator alone stays within the limits, it takes over.
+`ilqr` plans on the elastica, within the torque limits, from the estimated state. The cost consists of the effort and,
+from an arrival instant on, of the distance from rest at the goal. The terminal cost is that of the linear regulator at
+the goal. (If the distance counted from the start on, saturated torques would overshoot.) In each period the previous
+plan is followed by its gains from the present state and improved by one iteration. A plan that misses its arrival gets
+a later arrival. At the start of an episode the arrival is postponed until a plan succeeds, later only as far as an arm
+that differs from the nominal one may need. Once the regulator alone stays within the limits, it takes over.
 
-Measurements are joint angles, tip deflections and their rates. The rest of the state is the model's prediction, drawn
-towards the shape of a link bent by a force at its tip: the prediction contains the higher modes of the nominal arm,
-which are wrong for another arm.
+Measurements are joint angles, tip deflections and their rates. The rest of the state is predicted by the model. The
+prediction contains the higher modes of the nominal arm, which are wrong for another arm. It is therefore drawn towards
+the shape of a link bent by a force at its tip.
 
 Violations of joint limits and of shapes to be avoided are penalized.
 """
@@ -34,19 +34,19 @@ from .lqr import SENSOR, StateWeights, riccati
 from .space import AboutRest
 
 LATEST = 2.0
-"""Latest arrival over the first planned one: an arm of a quarter of the stiffness, or four times the mass, takes twice
-as long. An arrival postponed forever would let the vibration before it, which costs nothing, grow where damping does
-not stop it."""
+"""Latest arrival divided by the first planned one. An arm with a quarter of the stiffness, or four times the mass,
+takes twice as long. Vibration before the arrival costs nothing. If the arrival were postponed forever, this vibration
+could grow where damping does not stop it."""
 
 STIFF = 100.0
-"""Factor on the initial penalties of optimal plans, since no multipliers are updated here."""
+"""Factor on the initial penalties of `optimal`'s plans, since no multipliers are updated here."""
 
 MOST = 60
 """Largest number of attempts at an episode's first plan."""
 
 
 class Grid:
-    """Stages of one length after a first stage that may be shorter; both `Dynamics` have the same arm and nodes."""
+    """Stages of equal length after a first stage that may be shorter; both `Dynamics` have the same arm and nodes."""
 
     def __init__(self, first: Dynamics, later: Dynamics) -> None:
         self.first, self.later = first, later
@@ -69,11 +69,12 @@ class MPCGains(StateWeights):
     """`StateWeights` and parameters of the planner.
 
     Args:
-        memory: share of the predicted state kept per period in the unmeasured part.
-        allowed: cost of the distance from the goal below which a plan has arrived.
-        block: control periods over which planned torques are held. horizon: number of such blocks in a plan.
-        iterations: per decision. first: iterations of an episode's first plan.
-        margin: distance of plans from shapes, over the arm's length, and from joint limits, rad.
+        memory: share of the prediction in the unmeasured part of the state estimate; the rest is the shape under a
+            force at the tip.
+        allowed: a plan has arrived if the cost of its distance from the goal is below this value.
+        block: number of control periods with the same planned torque. horizon: number of such blocks in a plan.
+        iterations: iLQR iterations per period. first: iterations of an episode's first plan.
+        margin: distance of plans from shapes, divided by the arm's length, and from joint limits, rad.
     """
 
     memory: float = 1.0
@@ -86,7 +87,7 @@ class MPCGains(StateWeights):
 
 
 class Regulator(NamedTuple):
-    """LQR about rest: u = -K dx costs 1/2 dx' P dx and stays within the torque limits where dx' P dx <= reach."""
+    """LQR about rest, u = -K dx, with cost 1/2 dx' P dx; it stays within the torque limits where dx' P dx <= reach."""
 
     K: Array
     P: Array
@@ -102,7 +103,7 @@ def regulator(arm: Arm, period: float, gains: MPCGains, posture: tuple[float, ..
 
 
 def regulators(plant: Dynamics, x: Array, u: Array, stage: Array) -> list[Regulator]:
-    """Compute the regulators about rest states x (n, S) held by torques u (n, N) over their limits.
+    """Compute the regulators about rest states x (n, S) with holding torques u (n, N) divided by their limits.
 
     stage (S, S): stage cost matrix.
     """
@@ -118,15 +119,15 @@ def regulators(plant: Dynamics, x: Array, u: Array, stage: Array) -> list[Regula
 class MPC(Controller):
     """Receding-horizon controller on the nonlinear elastica model.
 
-    Attributes: x (n, S): estimated states (see `dynamics.Dynamics`). plan: torques (H, n, N) over their limits, with
-        gains; the first block is held for another `left` periods. arrival (n,): control periods from the episode's
-        start, postponed up to `latest` (n,).
+    Attributes: x (n, S): estimated states (see `dynamics.Dynamics`). plan: torques (H, n, N), divided by their limits,
+        and feedback gains; its first block is held for `left` more periods. arrival (n,): planned arrival at the goal,
+        in control periods from the episode's start; it may be postponed up to `latest` (n,).
     """
 
     needs_bends = True
     wild, ahead, put_off = np.inf, 1.0, 0.03
-    """Miss cost above which a plan is discarded; first arrival tried, over the rigid arm's minimum time; share of its
-    time by which an arrival is postponed during an episode's first plan."""
+    """Miss cost above which a plan is discarded; first arrival tried, divided by the rigid arm's minimum time; share of
+    that time by which an arrival is postponed during an episode's first plan."""
 
     def __init__(self, setup: Setup, gains: MPCGains) -> None:
         """Prepare the dynamics, cost and bounds; they do not depend on the episode."""
@@ -209,15 +210,15 @@ class MPC(Controller):
 
     @property
     def _ends(self) -> Array:
-        """Instants (H + 1,) at the ends of the plan's stages, in periods from the episode's start."""
+        """Return the instants (H + 1,) at the ends of the plan's stages, in periods from the episode's start."""
         stages = np.arange(self.gains.horizon)
         return self.step + np.concatenate([[0.0], self.left + self.gains.block * stages])
 
     def _improve(self, chosen: NDArray[np.bool_], iterations: int) -> Array:
         """Improve the plans of the chosen arms from their present states; return each arm's miss at arrival, dx' P dx.
 
-        chosen (n,): mask of arms. iterations: of iLQR. The result has one number per chosen arm, inf where planning
-        failed.
+        chosen (n,): mask of arms. iterations: number of iLQR iterations. The result has one number per chosen arm, inf
+        if planning failed.
         """
         # stage cost from the arrival on, terminal cost P of the regulator
         there = self._ends[:, None] >= self.arrival[chosen]
@@ -247,15 +248,15 @@ class MPC(Controller):
         return np.asarray(np.einsum("ni,nij,nj->n", off, self.P[chosen], off))
 
     def _standing(self, signals: Signals, to_go: Array) -> Array:
-        """States (n, S) with the measured outputs, the links bent in the shape of forces at their tips."""
+        """Return states (n, S) with the measured outputs, in which forces at the tips bend the links."""
         return self.plant.corrected(self.plant.unbent(self.goal - to_go), signals.outputs(self.goal - to_go))
 
     def _inertia(self) -> Array:
-        """Inertia (n, N, N), kg m^2, of the rigid arm at its goal."""
+        """Return the inertia (n, N, N), kg m^2, of the rigid arm at its goal."""
         return rigid_inertia(self.setup.arm, self.goal[:, 1:])
 
     def _give_up(self, chosen: NDArray[np.bool_]) -> None:
-        """Discard the plans of the chosen arms (mask): zero torques and gains."""
+        """Discard the plans of the chosen arms (mask): set torques and gains to zero."""
         self.plan.controls[:, chosen], self.plan.gains[:, chosen] = 0.0, 0.0
 
     def _estimate(self, signals: Signals, to_go: Array) -> Array:
@@ -265,21 +266,21 @@ class MPC(Controller):
         return self.plant.corrected(guess, signals.outputs(self.goal - to_go))
 
     def _regulators(self) -> list[Regulator]:
-        """Return each arm's regulator, for its goal's posture on the design grid."""
+        """Return each arm's regulator at its goal's posture, rounded to the design grid."""
         own = self.setup.arm, self.setup.control_dt, self.gains
         postures = np.round(self.goal[:, 1:] / GRID) * GRID
         return [regulator(*own, tuple((0.0 + row).tolist())) for row in postures]
 
 
 SOONER, SPARE = 0.9, 1.2
-"""Factor on a successful arrival to be tried next; arrival finally planned over the soonest one found."""
+"""Factor on a successful arrival for the next attempt; final arrival divided by the soonest one found."""
 
 NOISE, UNSEEN = 0.02, 3e-4
-"""Process noise of the filter per period: torques over their limits; angles and strains, rad, and their rates over the
-first frequency."""
+"""Process noise of the filter per period: torques, divided by their limits; angles and strains, rad, and their rates
+divided by the first frequency."""
 
 RATES, UNKNOWN = 10.0, 9.0
-"""Standard deviation of measured rates over `SENSOR`; initial state variances over those of `UNSEEN`."""
+"""Standard deviation of measured rates divided by `SENSOR`; initial state variances divided by those of `UNSEEN`."""
 
 
 class SpatialMPC(MPC, AboutRest):
@@ -339,7 +340,7 @@ class SpatialMPC(MPC, AboutRest):
         return regulators(self.plant, self.home, self.still, self.stage)
 
     def _begin(self, to_go: Array) -> None:
-        """Make the episodes' first plans: find the soonest arrival that a plan can meet, then allow some more time."""
+        """Make the episodes' first plans: find the soonest arrival of a successful plan, then allow some more time."""
         gains, plan, held, everyone = self.gains, self.plan, self.grids[-1].first, np.ones(len(to_go), np.bool_)
         assert isinstance(held, SpatialDynamics)
         self.gentle = held.homing(self.home, self.still)

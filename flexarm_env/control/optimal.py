@@ -4,11 +4,11 @@
     motion = least_time(plant, plant.rest(start), plant.rest(goal), Bounds(deflection=0.1))
     motion.controls       # (T, n, N) torques over their limits, held for a period each; zero after each arm's end
 
-`ilqr` solves all of them on the nonlinear elastica with torque limits. Bounds on joint angles and deflections, and
-terminal conditions, are enforced by multipliers. Times are whole control periods, found by bisection for all arms
+`ilqr` computes all these motions on the nonlinear elastica with torque limits. Multipliers enforce bounds on joint
+angles and deflections, and terminal conditions. Times are whole control periods, found by bisection for all arms
 together. Solutions are local optima. Plans of `least_effort`, `least_time` and `follow` are replayed on a finer mesh
-with shorter steps (`Motion.replay`). In space, if the replay of a plan violates a limit, the plan is repeated with half
-the step, at most `HALVINGS` times, unless a step was passed to `dynamics`.
+with shorter steps (`Motion.replay`). In space, a plan whose replay violates a limit is computed again with half the
+step, at most `HALVINGS` times, unless a step was passed to `dynamics`.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,10 +34,10 @@ STATES = "a state an arm; of joint angles, those of `Dynamics.rest`"
 class Motion:
     """Planned motion of n arms.
 
-    controls (T, n, N): torques over their limits; states (T + 1, n, S); periods (n,): control periods until each arm
-    arrives; missed (n,): largest violation of the limits (see `TOLERANCE`). ends (n,): periods after which its controls
-    are zero. replay: replay of the controls on a finer mesh with shorter steps; None: not replayed. step: solver step
-    of the plan, s; nan: that of its plant.
+    controls (T, n, N): torques divided by their limits; states (T + 1, n, S); periods (n,): control periods until each
+    arm arrives; missed (n,): largest violation of the limits (see `TOLERANCE`). ends (n,): periods after which each
+    arm's controls are zero. replay: replay of the controls on a finer mesh with shorter steps; None: not replayed.
+    step: solver step of the plan, s; nan: that of its plant.
     """
 
     controls: Array
@@ -55,7 +55,10 @@ class Motion:
         return planned if self.replay is None else planned & self.replay.kept
 
     def energy(self, dt: float) -> Array:
-        """Effort (n,), s: the time integral of the squared torques over their limits; dt: control period, s."""
+        """Return the effort (n,), s: the time integral of (torque / limit)^2, summed over joints.
+
+        dt: control period, s.
+        """
         return np.asarray(np.sum(self.controls**2, axis=(0, 2)) * dt)
 
 
@@ -63,19 +66,19 @@ HALVINGS = 3
 """Number of times that the default step of plans in space is halved, down to 0.6 ms."""
 
 FALL = 0.9
-"""Factor on a sufficient number of periods to be tried next, until some number is known to be too small."""
+"""Factor from a sufficient number of periods to the next attempt, until some number is known to be too small."""
 
 
 def rates_of(plant: Dynamics) -> float:
-    """Characteristic joint rate, rad/s: sqrt(max_i tau_i / I_ii) of the straight rigid arm at full torque."""
+    """Return the characteristic joint rate, rad/s: sqrt(max_i tau_i / I_ii), straight rigid arm at full torque."""
     inertia = plant.inertia(np.zeros((1, plant.n_inputs)))[0]
     return float(np.sqrt(np.max(plant.limits / np.diag(inertia))))
 
 
 def rigid_periods(plant: Dynamics, start: Array, goal: Array) -> Counts:
-    """Minimum control periods (n,) of the rigid arm, in the goal's posture, from rest to rest with synchronized joints.
+    """Return the minimum control periods (n,) of the rigid arm from rest to rest with synchronized joints.
 
-    start, goal (n, N): joint angles, rad.
+    The inertia is that of the goal's posture. start, goal (n, N): joint angles, rad.
     """
     times = rigid_times(plant.inertia(goal), goal - start, plant.limits)
     return np.asarray(np.maximum(1, np.ceil(times / plant.period)), np.int64)
@@ -90,7 +93,8 @@ def optimise(
     Returns the solution and each arm's largest violation (n,). A limit whose violation is not halved in a round gets a
     larger penalty. The loop ends when every arm meets its limits, or has not improved for two rounds.
 
-    x: states (n, S). controls (T, n, N): initial guess. effort: weight of the squared controls. torque: their bound.
+    x: states (n, S). controls (T, n, N): initial guess. effort: weight of the squared controls. torque: bound of the
+    controls.
     """
     weights = np.full(plant.n_inputs, effort)
     missed, stuck = np.full(len(x), np.inf), np.zeros(len(x), np.int64)
@@ -113,7 +117,7 @@ def optimise(
 
 
 def arrive(plant: Dynamics, goal: Array, periods: Counts, total: int) -> ilqr.Limits:
-    """Terminal constraint: at rest at the goal states (n, S) after `periods` (n,) of `total` periods.
+    """Return the terminal constraint: at rest at the goal states (n, S) after `periods` (n,) of `total` periods.
 
     Rates are divided by `rates_of`.
     """
@@ -131,7 +135,7 @@ def arrive(plant: Dynamics, goal: Array, periods: Counts, total: int) -> ilqr.Li
 
 
 def _posed(plant: Dynamics, start: ArrayLike, goal: ArrayLike, bounds: Bounds | None) -> tuple[Array, Array, Bounds]:
-    """Validate start and goal states (n, S) and bounds against the arm and each other."""
+    """Validate start and goal states (n, S) and bounds against the arm and against each other."""
     begin = check.array("start", start, ("n", plant.size), STATES)
     end = check.array("goal", goal, (len(begin), plant.size), STATES)
     return begin, end, kept_by(plant, bounds, start=begin, goal=end)
@@ -140,7 +144,7 @@ def _posed(plant: Dynamics, start: ArrayLike, goal: ArrayLike, bounds: Bounds | 
 def _replayed(plant: Dynamics, motion: Motion, start: Array, goal: Array | None, bounds: Bounds) -> Motion:
     """Return the motion with its replay on a finer mesh.
 
-    goal (n, S): where the arms are at rest at the end; None: no goal.
+    goal (n, S): states at rest at the end; None: no goal.
     """
     others = replace(bounds, deflection=np.inf)
 
@@ -155,10 +159,10 @@ def _replayed(plant: Dynamics, motion: Motion, start: Array, goal: Array | None,
 
 
 def _refined(plant: Dynamics, solve: Callable[[Dynamics, Motion | None], Motion]) -> Motion:
-    """Return a replayed plan; in space it is made again in half the step while replays miss their limits, or it fails.
+    """Return a replayed plan; in space it is planned again in half the step while it fails or its replay misses limits.
 
-    solve: (plant, last plan or None) -> replayed motion. A step that the user gave is kept, and so is the plan of a
-    longer step where a shorter one finds fewer.
+    solve: (plant, last plan or None) -> replayed motion. A step that the user gave is kept. If a shorter step finds
+    fewer plans, the plan with the longer step is kept.
     """
     halvings = HALVINGS if plant.arm.spatial and plant.step == type(plant).step else 0
     best = last = None
@@ -188,7 +192,7 @@ def least_effort(
     Args:
         plant: the arm. start, goal: states (n, S), see `Dynamics.rest`. periods: control periods.
         bounds: see `Bounds`. guess: initial guess (T, n, N).
-    Returns a motion whose `found` tells which arms can do it.
+    Returns a motion whose `found` says for which arms the plan meets all limits.
     """
     start, goal, own = _posed(plant, start, goal, bounds)
     n, total = len(start), check.integer("periods", periods, minimum=1)
@@ -198,7 +202,7 @@ def least_effort(
     when = np.full(n, total)
 
     def solve(plant: Dynamics, last: Motion | None) -> Motion:
-        """Plan from the last plan, or from the guess without one; return the motion with its replay on a finer mesh."""
+        """Plan from the last plan, or without one from the guess; return the motion with its replay on a finer mesh."""
         limits = [arrive(plant, goal, when, total), *within(plant, own, n, total)]
         begun = controls if last is None else last.controls
         found, missed = optimise(plant, start, begun, [], limits, 1.0, torque=own.torque, rounds=14)
@@ -212,7 +216,8 @@ def least_time(
 ) -> Motion:
     """Plan from a state to rest in the fewest control periods.
 
-    Arguments as for `least_effort`; most: control periods. ValueError if an arm cannot arrive within `most` periods.
+    Arguments as for `least_effort`; most: largest number of control periods. Raises ValueError if an arm cannot arrive
+    within `most` periods.
     """
     start, goal, own = _posed(plant, start, goal, bounds)
     most, joints = check.integer("most", most, minimum=1), plant.joints
@@ -251,12 +256,12 @@ def least_settling(
 
     Args:
         plant: the arm. start, goal: states (n, S), the goal at rest.
-        off: (states (..., n, S), arms (n,)) -> distances (..., n, 1) of the tip from its target over the allowed one,
-            and their derivative (..., n, 1, S).
+        off: (states (..., n, S), arms (n,)) -> the tip's distances (..., n, 1) from its target divided by the allowed
+            distance, and their derivative (..., n, 1, S).
         after: cost matrices after the arrival: for a stage (S, S) and for the last stage (n, S, S).
-        guess: controls (T, n, N) that arrive after `periods` (n,) or nearly. tail: periods of the plan after the
-            arrival. most: periods.
-    `missed` is in shares of the allowed distance.
+        guess: controls (T, n, N) that arrive after about `periods` (n,). tail: periods of the plan after the arrival.
+            most: largest number of periods.
+    `missed` is divided by the allowed distance.
     """
     stage, last = after
 
@@ -285,9 +290,9 @@ def soonest(
     """Find each arm's fewest periods for which `tried` finds a motion, by bisection over all arms together.
 
     Args:
-        start: states (n, S). high: periods (n,) to begin with. tried: (arms, periods, initial guess) -> `Motion`.
-        most: periods. guess: initial guess (T, n, N). tail: periods of a motion after the counted ones. low: periods
-            (n,) known to be too few; None: 0.
+        start: states (n, S). high: first periods (n,) to be tried. tried: (arms, periods, initial guess) -> `Motion`.
+        most: largest number of periods. guess: initial guess (T, n, N). tail: periods of a motion after the counted
+            ones. low: periods (n,) known to be too few; None: 0.
     An arm without a motion of at most `most` periods has `periods` 0 and an infinite `missed`.
     """
     n = len(start)
@@ -334,12 +339,12 @@ class TipPath:
     weight: float
 
     def value(self, x: Array, k: int | slice) -> Array:
-        """Cost (..., n) of states (..., n, S) at stage k, or at a slice of stages."""
+        """Return the cost (..., n) of states (..., n, S) at stage k, or at a slice of stages."""
         off = self.plant.tip(x)[0] - self.path[k]
         return np.asarray(0.5 * self.weight * (off**2).sum(-1))
 
     def slopes(self, x: Array) -> tuple[Array, Array]:
-        """Gradient (T + 1, n, S) and Gauss-Newton Hessian (T + 1, n, S, S) at states (T + 1, n, S)."""
+        """Return gradient (T + 1, n, S) and Gauss-Newton Hessian (T + 1, n, S, S) at states (T + 1, n, S)."""
         tip, slope = self.plant.tip(x)
         off = self.weight * (tip - self.path)
         return np.einsum("...i,...is->...s", off, slope), self.weight * slope.swapaxes(-1, -2) @ slope
@@ -353,9 +358,9 @@ def follow(
 
     Args:
         plant: the arm. start: states (n, S), tips at the path's start. path (T + 1, n, 2 or 3): tip positions at the
-            control instants, m about the root. bounds: see `Bounds`. weight: weight of squared distances, 1/m^2,
-            against squared torques over their limits; a larger weight gives better tracking.
-    Returns a motion; `missed` covers the bounds alone.
+            control instants, m from the root. bounds: see `Bounds`. weight: weight of squared distances, 1/m^2,
+            relative to squared torques divided by their limits; a larger weight gives better tracking.
+    Returns a motion whose `missed` covers the bounds alone.
     """
     start = check.array("start", start, ("n", plant.size), STATES)
     own, n = kept_by(plant, bounds, start=start), len(start)

@@ -1,4 +1,4 @@
-"""PD control of the joints: planar, and in space about the arm's rest at its target under gravity."""
+"""PD control of the joints, in the plane, and in space about the arm's rest at its target under gravity."""
 
 import warnings
 from dataclasses import dataclass
@@ -14,15 +14,15 @@ from .loop import pd_law, plant, radius
 from .space import AboutRest, holding
 
 POSTURES = (0.0, 0.8, 1.6, 2.4)
-"""Elbow angles, rad, at which PD control has to be stable, as far as joint limits allow them."""
+"""Elbow angles, rad, at which PD control must be stable, unless joint limits exclude them."""
 
 
 @dataclass(frozen=True)
 class PDGains(Gains):
-    """Dimensionless joint gains, so that they carry over to an arm of another size.
+    """Dimensionless joint gains, which therefore apply to arms of any size.
 
     Args:
-        bandwidth (N,): rigid natural frequency of joint i under its own spring, over the first flexible frequency.
+        bandwidth (N,): rigid natural frequency of joint i with its own spring, divided by the first flexible frequency.
         ratio (N,): rigid damping ratio of joint i. A single number applies to all joints.
     """
 
@@ -50,9 +50,9 @@ class PDGains(Gains):
         return self.of(setup.arm)
 
     def stable(self, setup: Setup, factor: float = 1.0) -> bool:
-        """Test stability of the sampled linear loop in all `POSTURES`, with the setup's delay and lag.
+        """Return whether the sampled linear loop is stable in all `POSTURES`, with the setup's delay and lag.
 
-        factor: on the gains.
+        factor: factor on the gains.
         """
         law = pd_law(*self.of(setup.arm))
         models = [arm_model(setup.arm, posture) for posture in postures_of(setup.arm)]
@@ -61,7 +61,7 @@ class PDGains(Gains):
 
 
 def postures_of(arm: Arm) -> list[tuple[float, ...]]:
-    """Elbow angles, rad, at which loops have to be stable: all elbows at one of `POSTURES`, within joint limits."""
+    """Return elbow angles, rad, at which loops must be stable: all elbows at one of `POSTURES`, within joint limits."""
     limits = [pair for pair in (arm.joint_limits or ())[1:] if pair is not None]
     angles = [angle for angle in POSTURES if all(low <= angle <= high for low, high in limits)]
     return [(angle,) * (arm.n_links - 1) for angle in angles] if arm.n_links > 1 else [()]
@@ -77,7 +77,7 @@ class PD(Controller):
         self.kp, self.kd = gains.on(setup)
 
     def linear(self) -> Array | None:
-        """Return K (entries, N): actions before saturation are observation @ K; None where the goal is remembered."""
+        """Return K (entries, N): unsaturated actions are observation @ K; None if the goal is stored, not observed."""
         if not self.read.aimed:
             return None
         setup, first = self.setup, self.setup.size - len(self.setup.names)
@@ -101,10 +101,10 @@ class PD(Controller):
 
 @dataclass(frozen=True)
 class SpatialPDGains(Gains):
-    """Gains in space. rate: natural frequency, rad/s, of each joint under its spring, the others fixed.
+    """Gains in space. rate: natural frequency, rad/s, of each joint with its spring while the other joints are fixed.
 
-    ratio: damping ratio. lag: time constant, s, of the low-pass on rates: a beam's root has so little inertia that its
-    sampled rate must not be fed back at once.
+    ratio: damping ratio. lag: time constant, s, of the low-pass on rates. A beam's root has so little inertia that its
+    sampled rate must not be fed back without this filter.
     """
 
     rate: float
@@ -121,7 +121,7 @@ class SpatialPD(AboutRest):
         super().__init__(setup)
         self.gains = gains
         self.passed = float(1.0 - np.exp(-setup.control_dt / gains.lag))
-        """Share of a change of the rates that passes their filter per period."""
+        """Share of a change of the rates that passes the rate filter per period."""
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
         super().initialise(signals, to_go)
@@ -131,14 +131,17 @@ class SpatialPD(AboutRest):
         return self.forward(to_go) + self.pulled(signals, to_go)
 
     def pulled(self, signals: Signals, to_go: Array, rates: Array | float = 0.0) -> Array:
-        """Return inertia-scaled PD torques (n, N), N m, towards joint angles and `rates`, rad/s; updates the filter."""
+        """Update the rate filter; return PD torques (n, N), N m, scaled by inertia, towards joint angles and `rates`.
+
+        to_go (n, N): goal minus joint angles, rad. rates: desired joint rates, rad/s.
+        """
         # first-order low-pass of the rate error
         self.rates += self.passed * (signals.rates - rates - self.rates)
         found: Array = np.diagonal(self.inertia, axis1=1, axis2=2) * self._pull(to_go, self.rates)
         return found
 
     def _pull(self, to_go: Array, rates: Array) -> Array:
-        """PD accelerations of the joints, rad/s^2: rate^2 error - 2 ratio rate velocity; errors limited to 1 rad."""
+        """Return the joints' PD accelerations, rad/s^2: rate^2 error - 2 ratio rate velocity; errors at most 1 rad."""
         rate, ratio = self.gains.rate, self.gains.ratio
         found: Array = rate * rate * np.clip(to_go, -1.0, 1.0) - 2.0 * ratio * rate * rates
         return found

@@ -1,10 +1,10 @@
 """Trained policies run with NumPy alone: a small network from a `policy.npz` file.
 
-The file contains `meta` (JSON: format, env_id, env_kwargs, layout, activation, squash, versions, and further records of
-the run; with `scales`, of the observation's entries by name, and `torque_limits` it acts on other arms too), weights
-`w0`, `b0`, `w1`, ... (float32; layer k maps x to x w + b), and, for normalized observations, `mean`, `variance`
-(float64), `clip` and `epsilon`. It contains numbers and text only; reading it executes nothing, whereas reading a
-pickle (a model.zip, a checkpoint) may.
+The file contains three groups of entries. `meta` is JSON: format, env_id, env_kwargs, layout, activation, squash,
+versions, and further records of the run. If it has the observation's `scales` by name and `torque_limits`, the policy
+acts on other arms too. The weights are `w0`, `b0`, `w1`, ... (float32; layer k maps x to x w + b). For normalized
+observations there are `mean`, `variance` (float64), `clip` and `epsilon`. The file contains numbers and text only.
+Reading it executes nothing, whereas reading a pickle (a model.zip, a checkpoint) may execute code.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from .base import RESIDUAL_SHARE, Controller, Setup
 from .catalogue import Following
 
 FORMAT, FORMAT_AROUND = 1, 2
-"""Formats of files: of a network alone, and of one with a controller inside."""
+"""Formats of files: network alone, and network with a controller inside."""
 ACTIVATIONS = ("tanh", "relu")
 MOST_LAYERS, MOST_BYTES = 100, 2**28
 HOME = resources.files("flexarm_env") / "data" / "policies"
 
 
 class NumpyPolicy:
-    """Deterministic policy network: observations in, actions out.
+    """Deterministic policy network that maps observations to actions.
 
     Args:
-        meta: see the module. weights: [(w, b), ...] float32. normaliser: None, or mean, variance, clip, epsilon.
+        meta: see the module. weights: [(w, b), ...] float32. normaliser: mean, variance, clip, epsilon, or None.
     """
 
     def __init__(
@@ -60,8 +60,8 @@ class NumpyPolicy:
     def act(self, observation: NDArray[np.floating]) -> Array32:
         """Compute actions in [-1, 1], (n, N), or (N,) for a single observation.
 
-        Evaluated in float64, so that an action does not depend on the batch size. ValueError for observations of
-        another size.
+        The network is evaluated in float64, so that an action does not depend on the batch size. Raises ValueError for
+        an observation of another size.
         """
         return self._decided(self._seen(observation))
 
@@ -80,7 +80,7 @@ class NumpyPolicy:
         return x
 
     def _decided(self, x: NDArray[np.float64]) -> Array32:
-        """Evaluate the layers: actions (..., N) from the normalized observation."""
+        """Evaluate the layers; return actions (..., N) for the normalized observation."""
         # hidden layers
         for w, b in self._layers[:-1]:
             x = x @ w + b
@@ -98,7 +98,7 @@ class NumpyPolicy:
     def check(self, setup: Setup) -> NumpyPolicy:
         """Return the policy; ValueError unless the environment's observation and action are those of its training.
 
-        If the entries have the same names but other scales (of another arm), observations are converted from then on.
+        If the entries have the same names but other scales (those of another arm), later observations are converted.
         """
         self.ratio = fitted(self.meta, setup, self.size, self.weights[-1][0].shape[1])
         return self
@@ -107,7 +107,7 @@ class NumpyPolicy:
 class AroundPolicy(NumpyPolicy):
     """Network with a controller inside: action = clip(controller's action + share * network's action).
 
-    The controller requires the environment (`bound`). Its memory begins at `reset`.
+    The controller is made for the environment by `bound`. Its memory begins at `reset`.
     """
 
     def __init__(
@@ -116,20 +116,20 @@ class AroundPolicy(NumpyPolicy):
         weights: list[tuple[Array32, Array32]],
         normaliser: Mapping[str, Any] | None = None,
     ) -> None:
-        """Store network and controller's record; see `NumpyPolicy`. ValueError for an invalid `meta["around"]`."""
+        """Store the network and the controller's record; see `NumpyPolicy`. ValueError for invalid `meta["around"]`."""
         super().__init__(meta, weights, normaliser)
         self.inside = Inside.read(meta["around"])
         self.controller: Controller | Following | None = None
 
     def bound(self, env: Any) -> NumpyPolicy:
-        """Return a policy with its controller made for the environment; ValueError if one of them does not fit."""
+        """Return a policy with its controller made for the environment; ValueError if one of the two does not fit."""
         found = AroundPolicy(self.meta, self.weights, self.normaliser)
         found.check(Setup.of(env))
         found.controller = self.inside.made(env)
         return found
 
     def network(self, observation: NDArray[np.floating]) -> Array32:
-        """Compute the network's own actions, without the controller's."""
+        """Compute the network's actions without those of the controller."""
         return super().act(observation)
 
     def reset(self, observation: NDArray[np.floating]) -> None:
@@ -157,7 +157,7 @@ def of_network(
 
 
 def format_of(meta: Mapping[str, Any]) -> int:
-    """Return the format of the file that a policy with this `meta` is written to."""
+    """Return the format of the file for a policy with this `meta`."""
     return FORMAT_AROUND if "around" in meta else FORMAT
 
 
@@ -165,7 +165,8 @@ def fitted(meta: Mapping[str, Any], setup: Setup, size: int, joints: int) -> NDA
     """Check that a policy with `size` entries and `joints` actions fits an environment, by its file's `meta`.
 
     Returns:
-        the environment's scales over the policy's own if they differ for entries of the same names; otherwise None.
+        the environment's scales divided by the policy's own, if they differ for entries of the same names; otherwise
+        None.
     Raises:
         ValueError: actions or entries have another meaning than in training.
     """
@@ -203,7 +204,10 @@ def _check_action(meta: Mapping[str, Any], setup: Setup) -> None:
 
 
 def _ratio(meta: Mapping[str, Any], setup: Setup) -> NDArray[np.float64] | None:
-    """Return the environment's scales over the training arm's; None if equal, or if entries or torque limits differ."""
+    """Return the environment's scales divided by the training arm's.
+
+    The result is None if the scales are equal, or if the entries' names or the torque limits differ.
+    """
     own = meta.get("scales", {})
     alike = tuple(own) == setup.names and meta.get("torque_limits") == list(setup.torque_limits)
     if setup.layout == meta.get("layout") or not alike:
@@ -221,9 +225,9 @@ def load_npz(path: Path) -> NumpyPolicy:
 
 
 def policy_from(meta: dict[str, Any], arrays: Mapping[str, NDArray[Any]], bound: bool = True) -> NumpyPolicy:
-    """Build the policy from a file's content; bound: the file names its training environment.
+    """Build the policy from a file's content; bound: whether the file names its training environment.
 
-    Raises ValueError that names the entry, its value and the rule.
+    Raises ValueError with the entry, its value and the rule.
     """
     # metadata
     of_training = ("env_id", "env_kwargs", "layout") if bound else ()

@@ -1,4 +1,4 @@
-"""Replay of plans on a finer mesh with shorter steps, observed between control instants too."""
+"""Replay of plans on a finer mesh with shorter steps, sampled also between control instants."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,8 +15,9 @@ FINER = 4
 """Replay steps per step of a plan."""
 
 BENT, LEAST, OTHERS = 0.05, 5e-4, 0.01
-"""Tolerances of a replay: excess over the deflection bound, as a share of it; smallest such tolerance over a link's
-length; violation of the other limits and of the goal (rad, rates over the arm's own, distances over its length)."""
+"""Tolerances of a replay. BENT: excess over the deflection bound, divided by the bound. LEAST: smallest value of this
+tolerance, divided by a link's length. OTHERS: violation of the other limits and of the goal (rad; rates divided by the
+arm's own; distances divided by its length)."""
 
 Missed = Callable[[Dynamics, Array], Array]
 """Function of a plant and states (T, n, S) that returns each arm's largest violation of limits, (n,)."""
@@ -31,8 +32,8 @@ class Replay:
         off (n, N): joint angles minus those of the goal at the plan's arrival, rad; nan without a goal.
         rates (n, N): joint rates at the arrival, rad/s; nan without a goal.
         missed (n,): largest violation of the bounds and the goal, in the units of `Motion.missed`.
-        kept (n,): whether the deflection bound is exceeded by at most 5 % or 5e-4, and the other limits and the goal
-            are missed by at most 0.01 (`BENT`, `LEAST`, `OTHERS`).
+        kept (n,): whether the replay meets its tolerances (`BENT`, `LEAST`, `OTHERS`): the deflection bound is exceeded
+            by at most 5 % or 5e-4, and the other limits and the goal are missed by at most 0.01.
     """
 
     deflection: Array
@@ -44,7 +45,7 @@ class Replay:
 
 @lru_cache(maxsize=16)
 def finer(plant: Dynamics) -> Dynamics:
-    """Return a plant with a quarter of the plan's step as its period; planar: with twice as many nodes, at most 12."""
+    """Return a plant whose period is a quarter of the plan's step; planar ones have twice as many nodes, at most 12."""
     assert plant.settings.dt is not None
     period = plant.settings.dt / FINER
     if plant.arm.spatial:
@@ -53,7 +54,7 @@ def finer(plant: Dynamics) -> Dynamics:
 
 
 def _places(line: Line, tip: bool) -> Array:
-    """Arc-length positions (nodes,), m, of a link's nodes from its root; tip: whether the last node is at the tip."""
+    """Return arc-length positions (nodes,), m, of a link's nodes from its root; tip: whether the last is at the tip."""
     found = np.zeros(line.n)
     for a, b, first, functions in line.pieces:
         k = len(functions.own)
@@ -90,8 +91,9 @@ def replay(
     """Replay controls (T, n, N) from states start (n, S) on the finer plant.
 
     Args:
-        plant: plant of the plan. ends (n,): control periods after which each arm has to be at rest at the goal (n, S).
-        goal: None: no goal. bound: bound on deflections; infinite: none. missed: violation of the other limits.
+        plant: plant of the plan. ends (n,): control periods after which each arm has to be at rest at its goal.
+        goal (n, S): goal states; None: no goal. bound: bound on deflections; infinite: none. missed: function that
+            returns the violation of all other limits.
         rate: divisor of joint rates, 1/s.
     """
     fine = finer(plant)

@@ -1,6 +1,6 @@
 """Input shaping: a reference convolved with a few impulses leaves no residual vibration (ZV: Singer & Seering 1990).
 
-The impulses are designed for the modes of the arm under its PD control, so that the shaped reference excites almost no
+The impulses are designed for the modes of the arm under its PD control, so that the shaped reference causes almost no
 vibration of these modes.
 """
 
@@ -23,24 +23,24 @@ from .pd import PDGains, SpatialPD, SpatialPDGains
 from .space import held_model, holding
 
 LIGHT = 0.5
-"""Damping ratio below which modes are shaped for; better damped modes decay by themselves."""
+"""Damping ratio below which modes are shaped for; modes with more damping decay by themselves."""
 
 
 @dataclass(frozen=True)
 class Shaper:
-    """Impulse sequence: amplitudes (they sum to 1) and delays, s, both (n_impulses,)."""
+    """Impulse sequence: amplitudes (their sum is 1) and delays, s, both (n_impulses,)."""
 
     amplitudes: tuple[float, ...]
     delays: tuple[float, ...]
 
     def then(self, other: Shaper) -> Shaper:
-        """Convolve with another shaper: the result suppresses the modes of both."""
+        """Convolve with another shaper; the result suppresses the modes of both shapers."""
         amplitudes = np.outer(self.amplitudes, other.amplitudes).ravel()
         delays = np.add.outer(np.asarray(self.delays), np.asarray(other.delays)).ravel()
         return Shaper(tuple(amplitudes.tolist()), tuple(delays.tolist()))
 
     def residual(self, frequency: float, ratio: float = 0.0) -> float:
-        """Residual vibration of a mode over that of one impulse at t = 0.
+        """Return the residual vibration of a mode, divided by that of one impulse at t = 0.
 
         frequency: undamped, rad/s. ratio: damping ratio. V = exp(-zeta w t_n) |sum_i A_i exp(zeta w t_i - j w_d t_i)|.
         """
@@ -50,7 +50,7 @@ class Shaper:
 
 
 def zv(frequency: float, ratio: float = 0.0) -> Shaper:
-    """Zero-vibration shaper: two impulses half a damped period apart.
+    """Return the zero-vibration shaper: two impulses half a damped period apart.
 
     frequency: rad/s. ratio: damping ratio, 0 to 0.99. Amplitudes 1/(1 + K), K/(1 + K), K = exp(-zeta pi / sqrt(1 -
     zeta^2)).
@@ -62,9 +62,9 @@ def zv(frequency: float, ratio: float = 0.0) -> Shaper:
 
 
 def zvd(frequency: float, ratio: float = 0.0) -> Shaper:
-    """Zero-vibration-derivative shaper: three impulses; the residual grows with the square of a frequency error.
+    """Return the zero-vibration-derivative shaper: three impulses.
 
-    frequency: rad/s. ratio: damping ratio, 0 to 0.99.
+    Its residual grows with the square of a frequency error. frequency: rad/s. ratio: damping ratio, 0 to 0.99.
     """
     # the convolution of two ZV shapers
     one = zv(frequency, ratio)
@@ -77,7 +77,7 @@ SHAPERS = {"zv": zv, "zvd": zvd}
 
 @dataclass(frozen=True)
 class ShapedGains(PDGains):
-    """Dimensionless gains of the PD, and `effort`: share of the torque limit used by the reference."""
+    """Dimensionless PD gains, and `effort`: share of the torque limit that the reference uses."""
 
     effort: float
 
@@ -115,10 +115,10 @@ class Shaped(Controller):
     """
 
     kind: str
-    """Kind of the impulses, "zv" or "zvd"."""
+    """Kind of the shaper, "zv" or "zvd"."""
 
     def shape(self, shapers: Sequence[Shaper], quickest: Array, to_go: Array) -> None:
-        """Begin episodes with each arm's impulses.
+        """Begin episodes with each arm's shaper.
 
         quickest (n,): durations of the unshaped references, s. to_go (n, N): joint displacements, rad.
         """
@@ -132,7 +132,7 @@ class Shaped(Controller):
         self.period = np.maximum(quickest, 2.0 * self.setup.control_dt)
 
     def _reference(self, t: float) -> tuple[Array, Array]:
-        """Completed share of the move and its rate, 1/s, (n,) each, at time t, s."""
+        """Return the completed share of the move and the rate of this share, 1/s, (n,) each, at time t, s."""
         # unshaped reference s(x): 2 x^2 up to x = 1/2, then 1 - 2 (1 - x)^2; sum of its delayed copies
         x = np.clip((t - self.delays) / self.period[:, None], 0.0, 1.0)
         early = x < 0.5
@@ -152,7 +152,7 @@ class Shaped(Controller):
 class ShapedPD(Shaped):
     """PD control along a shaped reference with the rigid arm's inverse dynamics as feedforward.
 
-    The reference is the quickest one that the rigid arm can follow with a share `effort` of its torque.
+    The reference is the quickest one that the rigid arm can follow with the share `effort` of its torque limits.
     """
 
     def __init__(self, setup: Setup, gains: ShapedGains, kind: str) -> None:
@@ -161,7 +161,7 @@ class ShapedPD(Shaped):
         self.kp, self.kd = gains.on(setup)
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
-        """Design each arm's shaper at its goal's posture and begin its reference."""
+        """Design each arm's shaper at its goal's posture and begin the arm's reference."""
         arm = self.setup.arm
         shapers = [closed_loop_shaper(arm, self.gains, self.kind, posture) for posture in postures(self.goal)]
         inertia = rigid_inertia(arm, self.goal[:, 1:])
@@ -182,7 +182,7 @@ class ShapedPD(Shaped):
 class SpatialShapedGains(SpatialPDGains):
     """Gains of the spatial PD and of its shaped reference.
 
-    effort: share of the torque limit used by the reference. modes: largest number of shaped modes.
+    effort: share of the torque limit that the reference uses. modes: largest number of shaped modes.
     """
 
     effort: float
@@ -207,7 +207,7 @@ def shaper_in_space(arm: Arm, gravity: Array, gains: SpatialShapedGains, kind: s
 
 
 def coriolis_in_space(arm: Arm, gravity: Array, angles: Array, rates: Array) -> Array:
-    """Coriolis and centrifugal torques (n, N), N m, of the rigid arm: (dM/dt) v - 1/2 grad(v' M v).
+    """Return Coriolis and centrifugal torques (n, N), N m, of the rigid arm: (dM/dt) v - 1/2 grad(v' M v).
 
     angles, rates v (n, N): rad, rad/s. M: inertia about the joints; its derivatives are central differences.
     """
@@ -222,7 +222,7 @@ def coriolis_in_space(arm: Arm, gravity: Array, angles: Array, rates: Array) -> 
 
 
 class SpatialShapedPD(Shaped, SpatialPD):
-    """Holding torque, PD about a shaped reference and rigid feedforward (see `ShapedPD`), in space."""
+    """Holding torque, PD about a shaped reference, and rigid feedforward, in space (see `ShapedPD`)."""
 
     restarts = False
 
@@ -231,7 +231,7 @@ class SpatialShapedPD(Shaped, SpatialPD):
         self.shaped, self.kind = gains, kind
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
-        """Find rests, design each arm's shaper at its goal and begin its reference."""
+        """Find rests, design each arm's shaper at its goal, and begin the arm's reference."""
         SpatialPD.initialise(self, signals, to_go)
         shapers = [shaper_in_space(self.setup.arm, self.gravity, self.shaped, self.kind, goal) for goal in self.goal]
         self.shape(shapers, rigid_times(self.inertia, to_go, self.shaped.effort * self.limits), to_go)

@@ -43,9 +43,9 @@ class NamedPolicy:
     Attributes:
         name: for display. env_id, env_kwargs: training environment and its keywords ("" and {}: any).
             make: environment -> policy, with `reset` and `act`; ValueError if they do not fit. kind: "controller",
-            "policy" (a network run by NumPy), "onnx" or "function". policy: policy of the last three kinds, not yet
-            checked.
-            path: its file, if any. asked: keywords that the user gave to training; evaluation uses them too.
+            "policy" (a network run by NumPy), "onnx" or "function". policy: the policy, if it is not a controller; its
+            fit to an environment is not yet checked.
+            path: path of its file, if any. asked: keywords that the user gave to training; evaluation uses them too.
     """
 
     name: str
@@ -63,8 +63,8 @@ def load_policy(source: str | os.PathLike[str], env: Any = None) -> Any:
 
     Args:
         source: controller name, packaged policy, file, run folder, or module:name.
-        env: the environment, or vector environment, in which it acts. Controllers need one; every other policy is
-            checked against it.
+        env: the environment, or vector environment, in which the policy acts. A controller requires it; every other
+            policy is checked against it.
     Returns:
         an object with `reset(observation)` and `act(observation)`; observations (entries,) or (n, entries).
     Raises:
@@ -124,7 +124,7 @@ def find_policy(word: str, flag: str = "--policy") -> NamedPolicy:
 
 
 def _of_network(name: str, policy: NumpyPolicy, path: Path) -> NamedPolicy:
-    """Wrap a network as `NamedPolicy`, with its file's record of the training."""
+    """Wrap a network as `NamedPolicy`, with the record of its training from the file."""
     env_id, kwargs = str(policy.meta.get("env_id", "")), policy.meta.get("env_kwargs", {})
     asked = policy.meta.get("asked", {})
     return NamedPolicy(name, env_id, kwargs, policy.bound, "policy", policy, path, asked)
@@ -157,7 +157,7 @@ def _gains(name: str, path: Path) -> Any:
 
 
 def _gains_in_space(name: str, table: Mapping[str, Any]) -> bool:
-    """Whether a table contains valid gains for an arm in space."""
+    """Return whether a table contains valid gains for an arm in space."""
     try:
         gains_from(name, table, True)
     except ValueError:
@@ -169,7 +169,7 @@ def _gains_in_space(name: str, table: Mapping[str, Any]) -> bool:
 class OnnxPolicy:
     """Policy run by ONNX Runtime: first input observations (n, entries), first output actions (n, joints).
 
-    `meta`: training record written by `flexarm export`; {} for models of other programs.
+    `meta`: training record written by `flexarm export`; {} for models from other programs.
     """
 
     def __init__(self, path: Path) -> None:
@@ -217,7 +217,7 @@ class OnnxPolicy:
         """Do nothing: there is no memory."""
 
     def act(self, observation: NDArray[np.floating]) -> Any:
-        """Run the model on observations (n, entries) or (entries,); models of batch size 1 row by row."""
+        """Run the model on observations (n, entries) or (entries,); a model of batch size 1 is run row by row."""
         rows = np.atleast_2d(observation)
         rows = (rows if self.ratio is None else rows * self.ratio).astype(self.kind)
         try:
@@ -232,14 +232,15 @@ class OnnxPolicy:
 
 # ------------------------------------------------------------------ functions
 class FunctionPolicy:
-    """Policy given by a function of observations: of all rows (n, entries) at once if it accepts them, else row by row.
+    """Policy from a function of observations, called with all rows (n, entries) if it accepts them, else row by row.
 
-    For an object with `reset` and `act` the function is `act`. `reset`, if present, is called with the first
-    observations, and again if the function turns out to take single rows, since the trial may have changed its memory.
+    For an object with `reset` and `act` the function is `act`. The object's `reset` is called with the first
+    observations. If the function then rejects all rows together, `reset` is called again, since the failed call may
+    have changed its memory.
     """
 
     def __init__(self, word: str, function: Any, flag: str = "--policy") -> None:
-        """Store the function and its reset. word: its name in messages. flag: the option's name in messages."""
+        """Store the function and its `reset`. word: the policy's name in messages. flag: the option's name in them."""
         self.word, self.flag, self.begin = word, flag, getattr(function, "reset", None)
         self.function: Callable[[Any], Any] = function.act if _is_policy(function) else function
         self.joints: int | None = None
@@ -247,7 +248,7 @@ class FunctionPolicy:
         self.tried = ""
 
     def fitted(self, env: Any) -> FunctionPolicy:
-        """Return the policy bound to an environment, whose number of joints its actions must have."""
+        """Return the policy bound to an environment; its actions must have one number per joint."""
         bound = FunctionPolicy(self.word, self.function, self.flag)
         bound.begin, bound.joints = self.begin, int(env.action_space.shape[-1])
         return bound
@@ -307,12 +308,12 @@ class FunctionPolicy:
 
 
 def _is_policy(found: Any) -> bool:
-    """Whether an object has both `reset` and `act`; a plain function may have an attribute `reset`."""
+    """Return whether an object has both `reset` and `act`; a plain function may have an attribute `reset` too."""
     return all(callable(getattr(found, name, None)) for name in ("reset", "act"))
 
 
 def function_named(word: str, flag: str = "--policy") -> Any:
-    """Import module:name, also from the current folder: a function, a policy, or a class of either, instantiated.
+    """Import module:name, also from the current folder: a function, a policy, or an instance of a class of either.
 
     flag: the option's name in the message of a ValueError.
     """

@@ -19,25 +19,29 @@ from ..validation import Array
 from .base import Controller, Setup, Signals
 
 NEAR, MOST = 5e-4, 12
-"""Accepted distance of the resting tip from its target, over the arm's length; rests computed from one start."""
+"""Accepted distance of the resting tip from its target, divided by the arm's length; largest number of rests computed
+from one initial posture."""
 
 MOST_RESTS = 1000
-"""Rests that a controller stores, for episodes that begin again from the same seeds."""
+"""Largest number of rests that a controller stores, for episodes that begin again from the same seeds."""
 
 MOST_FOLLOWED, LOST = 500, 1e-3
-"""Instants at which a path is followed; distance at which it counts as lost, over the arm's length."""
+"""Number of instants at which a path is followed; distance at which it counts as lost, divided by the arm's length."""
 
 BENT = 0.8
-"""Joint angles, rad, of the postures from which goals are searched."""
+"""Joint angle, rad, of the bent postures from which goals are searched."""
 
 
 def tip_at(arm: Arm, angles: Array) -> Array:
-    """Forward kinematics of the rigid arm: tip position (..., 3), m, inertial axes, at joint angles (..., N), rad."""
+    """Return the rigid arm's tip position (..., 3), m, inertial axes, at joint angles (..., N), rad."""
     return frames(arm, angles)[3]
 
 
 def jacobian(arm: Arm, angles: Array) -> Array:
-    """Position Jacobian (..., 3, N), m/rad, of the rigid tip by joint angles (..., N): columns e_k x (tip - p_k)."""
+    """Return the position Jacobian (..., 3, N), m/rad, of the rigid tip: columns e_k x (tip - p_k).
+
+    angles (..., N): joint angles, rad.
+    """
     places, axes, _, tip = frames(arm, angles)
     return np.swapaxes(np.cross(axes, tip[..., None, :] - places), -1, -2)
 
@@ -45,7 +49,7 @@ def jacobian(arm: Arm, angles: Array) -> Array:
 def approach(arm: Arm, angles: Array, points: Array) -> Array:
     """Solve the inverse kinematics by damped least squares: joint angles (..., N), rad, with the tip nearest to points.
 
-    angles: start. points (..., 3), m, inertial axes. Joint limits are kept by clipping.
+    angles: initial guess. points (..., 3): m, inertial axes. Joint limits are enforced by clipping.
     """
     limits = np.array([(-np.inf, np.inf) if r is None else r for r in arm.joint_limits or (None,) * arm.n_links])
     for _ in range(60):
@@ -59,9 +63,9 @@ def approach(arm: Arm, angles: Array, points: Array) -> Array:
 
 
 def _damped_step(J: Array, off: Array, damping: Array) -> Array:
-    """Damped least-squares step J' (J J' + damping I)^-1 off, (..., N, 1), of Jacobians J (..., 3, N).
+    """Return the damped least-squares step J' (J J' + damping I)^-1 off, (..., N, 1), for Jacobians J (..., 3, N).
 
-    With fewer than three joints J J' is singular, and the equal (J' J + damping I)^-1 J' off is used.
+    With fewer than three joints J J' is singular. The equivalent form (J' J + damping I)^-1 J' off is then used.
     """
     across = np.swapaxes(J, -1, -2)
     if J.shape[-1] < 3:
@@ -80,18 +84,18 @@ def chain_of(arm: Arm) -> Array:
 
 
 def _bent(arm: Arm) -> Array:
-    """Start postures (n, N), rad, of the inverse kinematics."""
+    """Return initial postures (n, N), rad, for the inverse kinematics."""
     grid = itertools.product(*[(-2.4, -0.8, 0.8, 2.4)] * min(arm.n_links, 4))
     return np.array([(*row, *(0.3,) * (arm.n_links - len(row))) for row in grid])
 
 
 def _off(arm: Arm, angles: Array, points: Array) -> Array:
-    """Distance of the tip from points (..., 3), over the arm's length."""
+    """Return the tip's distance from points (..., 3), divided by the arm's length."""
     return np.asarray(np.linalg.norm(tip_at(arm, angles) - points, axis=-1) / arm.total_length)
 
 
 def beyond_reach(arm: Arm, points: Array) -> int | None:
-    """Return the index of the first point (n, 3) that is not finite or out of the rigid tip's reach, or None."""
+    """Return the index of the first point (n, 3) that is not finite or beyond the rigid tip's reach, or None."""
     lost = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if lost.size:
         return int(lost[0])
@@ -115,16 +119,16 @@ def beyond_reach(arm: Arm, points: Array) -> int | None:
 
 
 INVERSE = seek_point, follow_point
-"""Kernels that move joint angles to a point anywhere, and to one that has moved a little: for `lost_at`."""
+"""Kernels for `lost_at`: one moves joint angles to any point, the other to a point that has moved a little."""
 
 
 def lost_at(
     arm: Arm, start: Array, points: Array, seek: Callable[..., None], follow: Callable[..., None]
 ) -> int | None:
-    """Return the index of the first point of a path (n, 3), m, that the rigid tip cannot follow to; None: it can.
+    """Return the index of the first point of a path (n, 3), m, that the rigid tip cannot follow; None if it can.
 
-    The joints move from angles `start` (N,), rad, within their limits, as the goal posture of a moving target does.
-    seek, follow: `INVERSE`, uncompiled.
+    The joints move from angles `start` (N,), rad, within their limits, like the goal posture of a moving target. seek,
+    follow: the functions of `INVERSE`, uncompiled.
     """
     limits = np.array([(-np.inf, np.inf) if r is None else r for r in arm.joint_limits or (None,) * arm.n_links])
     known = chain_of(arm), (0,) * arm.n_links, arm.total_length, limits.ravel()
@@ -142,9 +146,9 @@ def lost_at(
 def angles_at(arm: Arm, point: Array, gravity: Sequence[float] | None = None) -> Array | None:
     """Return joint angles (N,), rad, within limits, with the rigid arm's tip at point (3,), m; None if there are none.
 
-    The tip is within 1e-9 of the arm's length. The search has many starts, and returns the solution with the least sum
-    of squares. gravity (3,): m/s^2, inertial axes; solutions that the torque limits can hold against gravity are
-    preferred.
+    The tip is within 1e-9 of the arm's length. The search has many initial postures and returns the solution with the
+    least sum of squares. gravity (3,): m/s^2, inertial axes. Solutions that the torque limits can hold against gravity
+    are preferred.
     """
     starts = _bent(arm)
     found = approach(arm, starts, np.broadcast_to(point, (len(starts), 3)))
@@ -163,7 +167,7 @@ def angles_at(arm: Arm, point: Array, gravity: Sequence[float] | None = None) ->
 
 
 def lumps(arm: Arm) -> list[tuple[int, Body]]:
-    """List the rigid arm's bodies: (index of the link whose joint moves it, `Body` in the link's root axes)."""
+    """Return the rigid arm's bodies: (index of the link whose joint moves the body, `Body` in the link's root axes)."""
     found = []
     for k, link in enumerate(arm.links):
         # bodies at the link's root: the joint's far body, and the flexible part
@@ -193,7 +197,7 @@ def _beam(link: Link, root: Array) -> Body:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Cross product of vectors (..., 3), without the call overhead of `numpy.cross`."""
+    """Return the cross product of vectors (..., 3), without the call overhead of `numpy.cross`."""
     (ax, ay, az), (bx, by, bz) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], -1)
 
@@ -201,9 +205,9 @@ def _cross(a: Array, b: Array) -> Array:
 def holding(
     arm: Arm, gravity: Array, angles: Array, parts: list[tuple[int, Body]] | None = None
 ) -> tuple[Array, Array]:
-    """Compute gravity torques (n, N), N m, and joint inertia (n, N, N), kg m^2, with rotors, of the rigid arm.
+    """Compute gravity torques (n, N), N m, and joint inertia (n, N, N), kg m^2, of the rigid arm with its rotors.
 
-    gravity (3,): m/s^2. angles (n, N): joint angles, rad. parts: its `lumps`, if known.
+    gravity (3,): m/s^2. angles (n, N): joint angles, rad. parts: the arm's `lumps`, if known.
     """
     places, axes, links, _ = frames(arm, angles)
     torques, inertia = np.zeros(angles.shape), np.zeros((*angles.shape, arm.n_links))
@@ -232,7 +236,7 @@ def held_model(
 ) -> tuple[LinearModel, Array, Array]:
     """Linearize the flexible arm about its rest at joint angles (N,), rad, with free joints and without backlash.
 
-    Returns the model, the rows (N, S) of its joint angles, and A with the rigid arm's weight compensated at every
+    Returns the model, the rows (N, S) of its joint angles, and A. In A the rigid arm's weight is compensated at every
     angle.
     """
     # x' = A x + B u about the rest, and rows of the joint angles
@@ -245,9 +249,9 @@ def held_model(
 
 
 class AboutRest(Controller):
-    """Base of controllers in space: torques of the rest at the target, plus changes of the rigid weight elsewhere.
+    """Base of controllers in space: torques of the rest at the target, corrected by the change of the rigid weight.
 
-    Goals are static rests of the flexible arm (`linear.static_equilibrium`), a few tenths of a second per arm.
+    Goals are static rests of the flexible arm (`linear.static_equilibrium`); each takes a few tenths of a second.
     """
 
     def __init__(self, setup: Setup) -> None:
@@ -258,12 +262,12 @@ class AboutRest(Controller):
         self._rests: dict[bytes, tuple[float, Array, Array]] = {}
 
     def _rest(self, angles: Array) -> tuple[Array, Array]:
-        """Return tip position (3,), m, and joint torques (N,), N m, of the rest at joint angles (N,), rad."""
+        """Return tip position (3,), m, and joint torques (N,), N m, of the arm at rest at joint angles (N,), rad."""
         found = rest(self.setup.arm, self.gravity, angles)
         return tips(self.setup.arm, found.settings, found.work.q[None])[0, 0], np.array(found.joint_torques())
 
     def _settle(self, target: Array, angles: Array) -> tuple[float, Array, Array]:
-        """Find the rest with its tip nearest to the target (3,), m, from joint angles (N,), by Broyden's method.
+        """Find the rest whose tip is nearest to the target (3,), m, by Broyden's method from joint angles (N,).
 
         Returns (distance of the tip, m, joint angles, rad, torques, N m).
         """
@@ -295,14 +299,14 @@ class AboutRest(Controller):
         return found
 
     def _goal(self, signals: Signals) -> Array:
-        """Compute joint angles (n, N), rad, of the rests at the targets, and store their torques."""
+        """Compute the joint angles (n, N), rad, of the rests at the targets, and store the torques of these rests."""
         goals, self.torque = np.zeros(signals.angles.shape), np.zeros(signals.angles.shape)
         for i, target in enumerate(self.targets(signals)):
             goals[i], self.torque[i] = self.rest_at(target, signals.angles[i])[1:]
         return goals
 
     def rest_at(self, target: Array, now: Array) -> tuple[float, Array, Array]:
-        """Find the rest with its tip nearest to a target (3,), m, from joint angles `now` (N,) and two bent postures.
+        """Find the rest whose tip is nearest to a target (3,), m, from joint angles `now` (N,) and two bent postures.
 
         Returns (distance of the tip, m, joint angles (N,), rad, torques (N,), N m).
         """
@@ -329,6 +333,6 @@ class AboutRest(Controller):
         self.torque = self.torque - weight
 
     def forward(self, to_go: Array) -> Array:
-        """Return the torques (n, N), N m, that hold the arm at its present joint angles, goal - to_go."""
+        """Return the torques (n, N), N m, that hold the arm at its present joint angles, goal minus to_go."""
         found: Array = self.torque + holding(self.setup.arm, self.gravity, self.goal - to_go, self.bodies)[0]
         return found

@@ -1,7 +1,7 @@
-"""Time-optimal slews to rest, bending modes included: a bang-bang plan, then LQR along it.
+"""Time-optimal slews to rest, bending modes included: a bang-bang plan, followed by an LQR.
 
-For one link, with the linear model of `arm_model` and torques held over a control period: bisection over linear
-programs (HiGHS, through SciPy) finds the smallest number of periods in which limited torques bring rigid motion and
+The arm has one link, the linear model of `arm_model`, and constant torques over a control period. Linear programs
+(HiGHS, through SciPy) and bisection find the smallest number of periods in which limited torques bring rigid motion and
 bending modes to rest at the goal.
 """
 
@@ -20,7 +20,7 @@ from .lqr import LQR, LQRGains, times
 class Plan:
     """Torque plan of n periods to rest at the goal.
 
-    torques (n, N): N m, one row per period; states (n + 1, m): relative to the goal, the last one zero.
+    torques (n, N): N m, one row per period; states (n + 1, m): states relative to the goal, the last one zero.
     """
 
     torques: Array
@@ -33,9 +33,9 @@ class Plan:
 
 
 def rigid_time(inertia: float, angle: float, limit: float) -> float:
-    """Time, s, of the rigid time-optimal slew, 2 sqrt(I angle / torque): the lower bound for a rigid arm.
+    """Return the time, s, of the rigid arm's time-optimal slew, 2 sqrt(I angle / torque).
 
-    inertia: kg m^2 about the hub. angle: rad. limit: N m.
+    No rigid arm is faster. inertia: kg m^2 about the hub. angle: rad. limit: N m.
     """
     return 2.0 * float(np.sqrt(inertia * abs(angle) / limit))
 
@@ -45,7 +45,7 @@ def plan(A: Array, B: Array, start: Array, limits: Array, least: int = 1, most: 
 
     Args:
         A (m, m), B (m, N): discrete model. start (m,): the state. limits (N,): N m.
-        least, most: bounds on the number of periods; None: 1000, or four times as many as `least`.
+        least, most: bounds on the number of periods; most=None: 1000, or four times `least` if that is larger.
     Raises:
         ValueError: there is no plan of at most that many periods.
     """
@@ -99,7 +99,7 @@ def slew_plan(setup: Setup, angle: float, effort: float = 1.0, flexible: int | N
     """Find the shortest rest-to-rest plan of one link.
 
     setup: arm, period and torque limit. angle: rad. effort: share of the torque limit. flexible: see `LQRGains`.
-    ValueError if none is found.
+    Raises ValueError if there is no plan.
     """
     model, limits = arm_model(setup.arm, (), flexible), np.asarray(setup.torque_limits)
     least = int(rigid_time(float(model.inertia[0, 0]), angle, float(limits[0])) / setup.control_dt)
@@ -110,7 +110,7 @@ def slew_plan(setup: Setup, angle: float, effort: float = 1.0, flexible: int | N
 
 @dataclass(frozen=True)
 class TimeOptimalGains(LQRGains):
-    """Gains of the LQR that keeps the arm on its plan, and `effort`: share of the torque limit used by plans."""
+    """Gains of the LQR that keeps the arm on its plan, and `effort`: share of the torque limit that plans use."""
 
     effort: float = field(kw_only=True)
 
@@ -126,7 +126,7 @@ class TimeOptimal(LQR):
         self.effort = gains.effort
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
-        """Make each arm's plan from its estimated state, and pad all plans with zeros to the same length."""
+        """Make each arm's plan from the arm's estimated state, and pad all plans with zeros to the same length."""
         super().initialise(signals, to_go)
         # a plan cannot be shorter than the rigid arm's minimum time at full torque
         limits, observer = self.effort * self.limits, self.observer

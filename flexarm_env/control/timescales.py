@@ -1,4 +1,4 @@
-"""Time scales of an arm: quarter-turn time, and from it episode length, control period and discount factor."""
+"""Time scales of an arm: quarter-turn time, and episode length, control period and discount factor derived from it."""
 
 import math
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from ..rigid import rate_scale
 SETTLED = 0.5
 """Time, s, for which the tip has to stay at a target to count as a success."""
 TURNS, PERIODS = 2.0, 50.0
-"""Quarter turns per episode, beside `SETTLED`; control periods per quarter turn."""
+"""Quarter turns per episode, in addition to `SETTLED`; control periods per quarter turn."""
 STEPS = (1.0, 2.0, 5.0)
 """Leading digits of suggested control periods."""
 
@@ -19,8 +19,8 @@ class TimeScales:
     """Time scales of an arm with torque limits.
 
     Attributes:
-        quarter_turns (N,): s, minimum time of a quarter turn of each joint from rest to rest: full torque, reversed
-            midway, with a straight rigid arm beyond the joint. slew: s, the longest of these.
+        quarter_turns (N,): minimum time of a quarter turn of each joint from rest to rest, s. The torque is full and
+            reversed midway, and the arm beyond the joint is straight and rigid. slew: the longest of these times, s.
         duration: duration of an episode, s. control_dt: control period, s. gamma: discount factor per control period,
             whose horizon dt/(1 - gamma) equals a slew.
     """
@@ -35,7 +35,7 @@ class TimeScales:
 def timescales(arm: Arm, control_dt: float | None = None) -> TimeScales:
     """Compute the time scales of an arm.
 
-    control_dt: given control period, s, for the discount factor; None: suggest one.
+    control_dt: control period, s, for the discount factor; None: a suggested one.
     """
     # minimum time of a quarter turn, 2 sqrt(I (pi/2) / tau)
     quarters = tuple(math.pi / rate_scale(arm, k) for k in range(arm.n_links))

@@ -1,9 +1,9 @@
 """Exchange of arms with other programs: chains of rigid bodies for MuJoCo (MJCF) and ROS (URDF), and arms from both.
 
-    chain_of an arm as rigid bodies joined by springs
-    mjcf, urdf      texts of these files
-    import_arm      an arm from a robot's URDF or MJCF file
-    differences     how far a chain is off its arm
+chain_of        converts an arm to rigid bodies joined by hinges and springs
+mjcf, urdf      write such a chain as the text of a file
+import_arm      reads an arm from a robot's URDF or MJCF file
+differences     compares a chain with its arm
 """
 
 from .chain import Body, Chain, Hinge, chain_of

@@ -1,4 +1,4 @@
-"""A URDF text for MuJoCo: checked, without shapes."""
+"""Validate a URDF file for MuJoCo and remove its shapes."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ NUMBERS = {
 """Attributes that hold numbers, by element."""
 KINDS = ("revolute", "continuous", "fixed")
 MOST_LEVELS = 100
-"""Elements of a file that may lie within each other; those of URDF are four."""
+"""Largest depth of nested elements in a file; URDF itself needs four levels."""
 
 
 def bare(robot: Element) -> tuple[str, list[str]]:
-    """Return a URDF text without shapes, whose files need not be there, and what was left out of it.
+    """Return a URDF text without shapes, and a list of the removed features.
 
-    Each fixed link is kept as a body.
+    The files of the shapes need not exist. Each link with a fixed joint remains a body of its own.
 
     Raises:
-        ValueError: a joint of a kind that an arm does not have, and limits or numbers that are none, by their names.
+        ValueError: a kind of joint that an arm does not have, or an invalid limit or number; the message names it.
     """
     _check_depth(robot)
     left_out: list[str] = []
@@ -56,7 +56,7 @@ def bare(robot: Element) -> tuple[str, list[str]]:
 
 
 def _check_depth(top: Element) -> None:
-    """Raise ValueError for elements that are nested deeper than a text can be written again."""
+    """Raise ValueError for elements nested so deeply that the text cannot be written again."""
     level = [top]
     for _ in range(MOST_LEVELS):
         level = [child for element in level for child in element]
@@ -66,7 +66,7 @@ def _check_depth(top: Element) -> None:
 
 
 def _check_joint(joint: Element, name: str) -> None:
-    """Raise ValueError for a kind of joint that an arm does not have, and for numbers that are none."""
+    """Raise ValueError for a kind of joint that an arm does not have, or for an invalid number."""
     kind = joint.get("type")
     if kind is not None and kind not in KINDS:
         raise check.InvalidValue(f"joint {name}", kind, 'must be "revolute", "continuous" or "fixed"')
@@ -77,7 +77,7 @@ def _check_joint(joint: Element, name: str) -> None:
 
 
 def _check_numbers(parent: Element, path: str) -> None:
-    """Raise ValueError for an attribute that does not hold finite numbers."""
+    """Raise ValueError for an attribute that does not consist of finite numbers."""
     for part in parent.iter():
         for word in NUMBERS.get(part.tag, ()):
             text = part.get(word)
@@ -94,7 +94,10 @@ def _check_numbers(parent: Element, path: str) -> None:
 
 
 def _limits(joint: Element, name: str) -> list[str]:
-    """Check a joint's limits; remove those of equal ends, which exporters write for none, and name what is removed."""
+    """Validate a joint's limits; return sentences on limits that are ignored.
+
+    Limits with equal ends are removed: exporters write them for joints without limits.
+    """
     limit = joint.find("limit")
     if limit is None or joint.get("type") != "revolute":
         return []

@@ -1,9 +1,9 @@
-"""An arm as a serial chain of rigid bodies joined by hinges, for its joints and for bending and torsion.
+"""An arm as a serial chain of rigid bodies joined by hinges: its joints, and springs for bending and torsion.
 
-A flexible link becomes rigid pieces. Springs between them carry the bending compliance of the link: a spring at the
-place s_i replaces the integral of compliance over a cell of the link, 1 / k_i = int ds / EI. If the places are Gauss
-points with weights w_i as cells, k_i = EI(s_i) / w_i, two springs per piece already give the exact compliance of the
-tip under tip loads. Stretch and shear are neglected.
+A flexible link becomes rigid pieces. Springs between the pieces represent the bending compliance of the link. A spring
+at the place s_i replaces the integral of compliance over a cell of the link: 1 / k_i = int ds / EI. If the places are
+Gauss points, and the cells have the lengths of their weights w_i, the stiffness is k_i = EI(s_i) / w_i. Two springs per
+smooth piece then give the exact compliance of the tip under tip loads. Stretch and shear are neglected.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from flexarm_env.validation import Array
 
 PLACEMENTS = ("gauss", "middle", "between")
 LEAST = 1e-12
-"""Least principal moment of inertia of a body, kg m^2, and least mass, kg, in a file: MuJoCo wants more than 1e-15."""
+"""Smallest principal moment of inertia, kg m^2, and smallest mass, kg, of a body in a file. MuJoCo requires more than
+1e-15."""
 _Z = np.array(bodies.Z)
 
 
@@ -30,9 +31,9 @@ _Z = np.array(bodies.Z)
 class Hinge:
     """Hinge of a body: `axis` (3,) in the body's axes, SI units.
 
-    stiffness, damping, armature (inertia about the axis alone), friction: N m/rad, N m s/rad, kg m^2, N m. joint: index
-    of the arm's joint that it belongs to; -1: a spring for bending or torsion. limits: rad, or None. driven: whether
-    the joint's torque acts on it. place: m from the root of the beam, of a spring.
+    stiffness: N m/rad. damping: N m s/rad. armature: inertia about this axis alone, kg m^2. friction: N m. joint: index
+    of the arm's joint that the hinge represents; -1: a spring for bending or torsion. limits: rad, or None. driven:
+    whether the joint's torque acts on it. place: distance of a spring from the root of the beam, m.
     """
 
     name: str
@@ -51,9 +52,9 @@ class Hinge:
 class Body:
     """Rigid body of the chain, whose frame has its origin on its hinges.
 
-    position (3,), rotation (3, 3): of its frame in that of the body before, all hinge angles 0. mass: kg. centre (3,):
-    center of mass, m. inertia (3, 3): about that, kg m^2. end (3,): where the next body or the tip is, m. link: index
-    of the arm's link.
+    position (3,), m, rotation (3, 3): of its frame in that of the preceding body, with all hinge angles 0. mass: kg.
+    centre (3,): center of mass, m. inertia (3, 3): about the center of mass, kg m^2. end (3,): position of the next
+    body's frame or of the tip, m. link: index of the arm's link.
     """
 
     name: str
@@ -95,19 +96,19 @@ class Chain:
 
 
 class _Mass:
-    """Sum of rigid parts in one frame: mass, first moment, inertia about the frame's origin."""
+    """Sum of rigid parts in one frame: mass, first moment, and inertia about the frame's origin."""
 
     def __init__(self) -> None:
         self.mass, self.moment, self.about = 0.0, np.zeros(3), np.zeros((3, 3))
 
     def add(self, mass: float, at: Array, inertia: Array) -> None:
-        """Add a part with its center of mass `at` (3,) and its inertia (3, 3) about that, in the frame's axes."""
+        """Add a part: center of mass `at` (3,), and inertia (3, 3) about this center, in the frame's axes."""
         self.mass += mass
         self.moment += mass * at
         self.about += bodies.about(inertia, mass, at)
 
     def body(self) -> tuple[float, Array, Array]:
-        """Return mass, center of mass and inertia about it."""
+        """Return mass, center of mass, and inertia about the center of mass."""
         centre = self.moment / self.mass if self.mass > 0.0 else np.zeros(3)
         own = self.about - bodies.about(np.zeros((3, 3)), self.mass, centre)
         return self.mass, centre, 0.5 * (own + own.T)
@@ -117,10 +118,10 @@ def chain_of(arm: Arm, segments: int = 4, placement: str = "gauss") -> Chain:
     """Build the chain of an arm.
 
     Args:
-        segments: springs of each flexible link, pieces for "between"; 0: links are rigid.
-        placement: "gauss": at Gauss points of each smooth piece of a link; "middle": in the middle of cells of equal
-            length; "between": between pieces of equal length, k = EI / l, the first one clamped, as chains are often
-            made by hand: the least accurate of the three.
+        segments: number of springs of each flexible link; for "between" the number of pieces; 0: links are rigid.
+        placement: "gauss": at Gauss points of each smooth piece of a link. "middle": in the middle of cells of equal
+            length. "between": between pieces of equal length, k = EI / l, the first piece clamped. Chains are often
+            made by hand in this last way, which is the least accurate of the three.
     Raises:
         ValueError: a value out of range; or an arm with backlash or mass_damping, which hinges do not have.
     """
@@ -179,7 +180,7 @@ def _with_mass(body: Body, total: _Mass) -> Body:
 
 
 def _drive(arm: Arm, k: int, joint: Joint, axis: Array) -> tuple[Hinge, ...]:
-    """Return the hinge of joint k; for an elastic gear the motor's hinge and the gear's spring."""
+    """Return the hinge of joint k; for an elastic gear, the motor's hinge and the gear's spring."""
     limits = None if arm.joint_limits is None else arm.joint_limits[k]
     own = {"friction": joint.friction_coulomb, "damping": joint.friction_viscous}
     if not joint.elastic:
@@ -197,7 +198,7 @@ def _drive(arm: Arm, k: int, joint: Joint, axis: Array) -> tuple[Hinge, ...]:
 
 
 def spring_places(link: Link, segments: int, placement: str) -> list[tuple[float, float, float]]:
-    """Return (place s_i, first and last end of its cell), m, of a link's springs, root to tip."""
+    """Return the springs of a link from root to tip: place s_i, and first and last end of its cell, m."""
     if placement == "middle":
         ends = np.linspace(0.0, link.length, segments + 1)
         return [(0.5 * (a + b), a, b) for a, b in pairwise(ends.tolist())]
@@ -221,7 +222,7 @@ def spring_places(link: Link, segments: int, placement: str) -> list[tuple[float
 def _pieces(
     arm: Arm, k: int, link: Link, segments: int, placement: str
 ) -> list[tuple[Array, float, tuple[Hinge, ...], _Mass, Array]]:
-    """Return a link's rigid pieces: place and turn of its frame in the one before, hinges, masses, its far end."""
+    """Return a link's rigid pieces: position and rotation in the preceding frame, hinges, masses, far end."""
     if isinstance(link, bodies.RigidLink):
         mass = _Mass()
         mass.add(link.mass, np.array(link.centre), bodies.tensor(link.inertia))
@@ -246,7 +247,7 @@ def _spot(link: Link, s: float) -> complex:
 
 
 def _tangent(link: Link, s: float) -> float:
-    """Return the tangent's angle of the stress-free link at s m from the beam's root, rad."""
+    """Return the angle, rad, of the stress-free link's tangent at s m from the beam's root."""
     return float(curves.angle(link.curvature, min(max(s, 0.0), link.length))) if link.curved else 0.0
 
 
@@ -257,7 +258,7 @@ def _vector(z: complex) -> Array:
 def _springs(
     arm: Arm, k: int, link: Link, i: int, cell: tuple[float, float, float], placement: str
 ) -> tuple[Hinge, ...]:
-    """Return the hinges at spring i: bending in the plane; in space torsion and bending across it as well."""
+    """Return the hinges at spring i: bending in the plane, and in space also torsion and bending out of this plane."""
     s, a, b = cell
     tau = arm.tau_d if link.tau_d is None else link.tau_d
     if placement == "gauss":
@@ -286,7 +287,7 @@ def _quadrature(ends: list[float]) -> tuple[Array, Array]:
 
 
 def _piece_mass(arm: Arm, link: Link, a: float, b: float) -> _Mass:
-    """Return the masses of a link from a to b (m from the beam's root) in the axes at a."""
+    """Return the masses of a link between a and b (m from the beam's root) in the section's axes at a."""
     total, origin, angle = _Mass(), _spot(link, a), _tangent(link, a)
 
     def there(s: float) -> Array:

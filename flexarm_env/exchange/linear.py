@@ -15,8 +15,8 @@ from .chain import Chain, chain_of
 class Posture(NamedTuple):
     """Chain with all hinge angles at 0, in the ground's axes.
 
-    anchors, axes (h, 3): points and directions of each hinge, m. frames (n, 3, 3), origins (n, 3): of the bodies.
-    body_of (h,): index of each hinge's body. tip (3,): m.
+    anchors (h, 3): a point on each hinge's axis, m. axes (h, 3): directions of the hinges. frames (n, 3, 3), origins
+    (n, 3), m: axes and origins of the bodies' frames. body_of (h,): index of each hinge's body. tip (3,): m.
     """
 
     anchors: Array
@@ -28,7 +28,7 @@ class Posture(NamedTuple):
 
 
 def posture(chain: Chain) -> Posture:
-    """Place the chain with all hinge angles at 0."""
+    """Compute the positions of all bodies with the hinge angles at 0."""
     R, origin = np.eye(3), np.zeros(3)
     anchors, axes, frames, origins, body_of = [], [], [], [], []
     for i, body in enumerate(chain.bodies):
@@ -44,7 +44,7 @@ def posture(chain: Chain) -> Posture:
 
 
 def mass_matrix(chain: Chain) -> Array:
-    """Return the inertia matrix (h, h), kg m^2, in the hinge angles, all of them 0; armature included."""
+    """Return the inertia matrix (h, h), kg m^2, by the hinge angles, at the angles 0; armature is included."""
     at = posture(chain)
     M = np.diag([hinge.armature for hinge in chain.hinges])
     for i, body in enumerate(chain.bodies):
@@ -60,8 +60,8 @@ def mass_matrix(chain: Chain) -> Array:
 def chain_modes(chain: Chain, clamped: bool = True) -> tuple[Array, Array]:
     """Return natural frequencies (Hz, ascending) and damping ratios of a chain about its stress-free posture.
 
-    clamped: whether the joints are held, behind an elastic gear its motor; otherwise they are free, and frequencies 0
-    are left out. Proportional damping is assumed for the ratios.
+    clamped: whether the joints are held (with an elastic gear: the motor). Free joints have frequency 0, which is
+    omitted. The ratios assume proportional damping.
     """
     hinges = chain.hinges
     kept = [i for i, hinge in enumerate(hinges) if not (clamped and hinge.driven)]
@@ -91,8 +91,10 @@ def chain_modes(chain: Chain, clamped: bool = True) -> tuple[Array, Array]:
 
 
 def tip_compliance(chain: Chain) -> Array:
-    """Return the tip's displacement per force, (3, 3) m/N in the ground's axes, joints held, about the stress-free
-    posture: sum over springs of (axis x lever) (axis x lever)^T / k."""
+    """Return the tip's displacement per force, (3, 3) m/N in the ground's axes, about the stress-free posture.
+
+    The joints are held. The matrix is the sum of (axis x lever) (axis x lever)^T / k over all springs.
+    """
     at, hinges = posture(chain), chain.hinges
     levers = np.cross(at.axes, at.tip - at.anchors)
     give = np.array([1.0 / hinge.stiffness if hinge.stiffness else 0.0 for hinge in hinges])
@@ -100,7 +102,7 @@ def tip_compliance(chain: Chain) -> Array:
 
 
 def exact_compliance(chain: Chain) -> Array:
-    """Return `tip_compliance` of the arm itself in bending and torsion, by 16 Gauss points a smooth piece of a link."""
+    """Return the `tip_compliance` of the arm itself in bending and torsion, by 16 Gauss points per smooth piece."""
     arm = chain.arm
     pieces = max((len(link.breaks) - 1 for link in arm.links if not link.rigid), default=1)
     return tip_compliance(chain_of(arm, len(GAUSS[0]) * pieces))

@@ -1,4 +1,4 @@
-"""MJCF: a chain as a model of MuJoCo."""
+"""Write a chain as a model of MuJoCo (MJCF)."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from .linear import chain_modes
 
 Element = ElementTree.Element
 LEAST_STEP = 1e-4
-"""Least step of the explicit integrator, s; stiffer chains need an implicit one."""
+"""Smallest step, s, of the explicit integrator; stiffer chains need an implicit one."""
 
 
 def text_of(values: Iterable[float]) -> str:
-    """Format numbers so that they read back to the same double; no -0."""
+    """Format numbers so that they read back to the same doubles, without -0."""
     return " ".join(f"{float(value) + 0.0:.17g}" for value in values)
 
 
 def legal(text: str) -> str:
-    """Return a text with "?" for each character that XML does not allow, as control characters."""
+    """Replace each character that XML does not allow, such as a control character, by "?"."""
     return re.sub("[^\\t\\n\\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "?", text)
 
 
 def comment_of(line: str) -> str:
-    """Return the text of an XML comment, without the hyphens that would end it."""
+    """Format a line as the text of an XML comment, without double hyphens, which would end the comment."""
     return f" {legal(line).replace('--', '-').rstrip('-')} "
 
 
 def diagonal(inertia: Array, floor: float = LEAST) -> tuple[Array, Array]:
     """Return principal moments (3,), none below `floor`, and the quaternion (4,) of their axes.
 
-    A moment that is 0 (a line's about itself) is raised to the floor, and the largest is kept within the sum of the
+    Zero moments (of a line about itself) are raised to the floor. The largest moment is at most the sum of the two
     others.
     """
     own, axes = np.linalg.eigh(inertia)
@@ -60,9 +60,9 @@ def diagonal(inertia: Array, floor: float = LEAST) -> tuple[Array, Array]:
 def choose_integrator(chain: Chain) -> tuple[str, float]:
     """Return MuJoCo's integrator and a step, s, that suit a chain.
 
-    "RK4", explicit and of fourth order, where h omega <= 1 for the highest frequency and h 2 zeta omega <= 1 for its
-    damping allow a step of `LEAST_STEP`, at most 2 ms; otherwise "discrete", implicit and of first order (MuJoCo 4),
-    with a step of 0.5 ms.
+    "RK4" is explicit and of fourth order. It requires h omega <= 1 for the highest frequency and h 2 zeta omega <= 1
+    for its damping. It is chosen if these conditions allow a step of at least `LEAST_STEP`; the step is at most 2 ms.
+    Otherwise the choice is "discrete", implicit and of first order (MuJoCo 4), with a step of 0.5 ms.
     """
     frequencies, ratios = chain_modes(chain, clamped=False)
     omega = 2.0 * np.pi * frequencies
@@ -84,13 +84,13 @@ def mjcf(
 ) -> str:
     """Write a chain as MJCF.
 
-    Bodies and hinges are named as in the chain. Each joint has a motor, `motor0`, ..., whose control is the torque in N
-    m, clipped to the arm's limit. The site `tip` is the arm's tip, x along the link. Geoms are for display only and do
-    not collide.
+    Bodies and hinges have their names in the chain. Each joint has a motor, `motor0`, ..., whose control is the torque
+    in N m, clipped to the arm's limit. The site `tip` is the arm's tip, with x along the link. Geoms are for display
+    only and do not collide.
 
     Args:
-        gravity: m/s^2. timestep: s, integrator: as MuJoCo names it; None: those of `choose_integrator`. comments: lines
-            at the top.
+        gravity: m/s^2. timestep: s; integrator: MuJoCo's name; None: the result of `choose_integrator`. comments: lines
+            at the top of the file.
     """
     chosen, step = choose_integrator(chain)
     if timestep is not None:
@@ -156,7 +156,7 @@ def _motors(root: Element, chain: Chain) -> None:
 
 
 def _sensors(root: Element, chain: Chain) -> None:
-    """Append joint angles and rates, the tip's place, and the arm's own sensors, with their noise."""
+    """Append sensors of joint angles, joint rates and tip position, and the arm's own sensors with their noise."""
     found, own = ElementTree.SubElement(root, "sensor"), chain.arm.sensors
     for hinge in (hinge for hinge in chain.hinges if hinge.joint >= 0):
         noise = own.encoder(hinge.joint).noise if own is not None and own.encoders and hinge.driven else 0.0

@@ -1,4 +1,4 @@
-"""Read a robot's URDF or MJCF file, by MuJoCo's own reader, as an arm of rigid links."""
+"""Read a robot's URDF or MJCF file with MuJoCo's reader, as an arm of rigid links."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from .bare import bare
 from .serial import Part, serial
 
 ROUND = 1e-12
-"""Entries of rotations and axes below this are round-off of the file's numbers."""
+"""Entries of rotations and axes below this magnitude are round-off of the file's numbers."""
 GEAR_RATIO = 100.0
-"""Gear ratio assumed for a rotor, whose inertia a file states at the joint alone (armature)."""
+"""Gear ratio assumed for a rotor, of which a file states only the inertia at the joint (armature)."""
 LONGEST = 1e9  # m, of a link
 LEAST_RATIO = 1e-9
-"""Least gear ratio: the motor inertia is divided by its square."""
+"""Smallest gear ratio: the motor inertia is divided by its square."""
 
 
 @dataclass(frozen=True)
@@ -34,14 +34,14 @@ class Imported:
     """An arm from a file.
 
     Attributes:
-        arm: with rigid links, flexible where asked for.
+        arm: the arm; its links are rigid, except those requested as flexible.
         links: names of each link's bodies in the file, joined by "+".
         joints: names of the file's joints, in the arm's order.
-        root (3,): m, where the first joint is in the file; the arm's root is at the origin.
+        root (3,): position of the first joint in the file, m; the arm's root is at the origin.
         tip: name of the body or site at the arm's tip; empty: the last link's center of mass.
-        gravity (3,): m/s^2, of the file.
+        gravity (3,): gravity in the file, m/s^2.
         left_out: features of the file that the arm lacks.
-        flexible: by link, what changed: shift of the center of mass, m, and inertia about the joint, ratio.
+        flexible: changes by link: shift of the center of mass, m, and ratio of the inertias about the joint.
     """
 
     arm: Arm
@@ -65,21 +65,21 @@ def import_arm(
 ) -> Imported:
     """Read a serial chain of hinges from a URDF (.urdf) or MJCF (.xml, .mjcf) file.
 
-    Link k's x axis leads from joint k to joint k+1 or the tip; its z axis is perpendicular to x and as near as possible
-    to the joint's axis. Bodies that are fixed to each other become one link. Angles are 0 where the file's model is in
-    its first posture.
+    Link k's x axis points from joint k to joint k+1 or the tip. Its z axis is perpendicular to x and as near as
+    possible to the joint's axis. Bodies that are fixed to each other become one link. All angles are 0 in the initial
+    posture of the file's model.
 
     Args:
-        root: body in which the chain begins, where the file has several mechanisms.
+        root: body in which the chain begins, if the file has several mechanisms.
         tip: body or site at the arm's tip. None: the body or site on the last link that is farthest from its joint, or
             the link's center of mass if there is none.
-        flexible: sections by the name of a body of the link. The link keeps its mass, evenly spread along the line
-            from joint to joint: the section's m and J are scaled to it.
-        tau_d: s, damping of the flexible links.
-        gear_ratio: assumed for joints with armature, which becomes a motor inertia of armature / gear_ratio^2.
+        flexible: sections by the name of a body of the link. The link keeps its mass, distributed evenly along the line
+            from joint to joint: the section's m and J are scaled accordingly.
+        tau_d: damping time of the flexible links, s.
+        gear_ratio: ratio assumed for joints with armature; their motor inertia is armature / gear_ratio^2.
     Raises:
-        ValueError: the file has an element that a serial chain cannot represent; the message names it. OSError: no such
-            file. ImportError: no MuJoCo.
+        ValueError: the file has an element that a serial chain cannot represent; the message names it. OSError: the
+            file does not exist. ImportError: MuJoCo is not installed.
     """
     gear_ratio = check.number("gear_ratio", gear_ratio, minimum=LEAST_RATIO, maximum=1e9)
     with check.in_file(path), np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -105,7 +105,7 @@ def _three(values: Array) -> tuple[float, float, float]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep MuJoCo from printing warnings and writing them to MUJOCO_LOG.TXT: their subjects are checked here."""
+    """Suppress MuJoCo's warnings and its file MUJOCO_LOG.TXT; this package validates the same conditions itself."""
     with check.needs("reading of URDF and MJCF files", "mujoco", "mujoco"):
         import mujoco
     before = mujoco.get_mju_user_warning()
@@ -117,7 +117,7 @@ def _quiet() -> Iterator[None]:
 
 
 def _model(path: Path) -> tuple[Any, list[str]]:
-    """Return the compiled model of a file, and what was left out of its text."""
+    """Return the compiled model of a file, and the features removed from its text."""
     import mujoco
 
     if not path.is_file():
@@ -138,7 +138,7 @@ def _model(path: Path) -> tuple[Any, list[str]]:
 
 
 def _frames(parts: tuple[Part, ...], tip: Array) -> list[Array]:
-    """Return each link's axes (3, 3) in the ground's: x to the next joint, z as near to the joint's axis as x lets."""
+    """Return each link's axes (3, 3) in the ground's: x to the next joint, z as near the joint's axis as possible."""
     anchors = [part.anchor for part in parts] + [tip]
     found: list[Array] = []
     for k, part in enumerate(parts):
@@ -162,7 +162,7 @@ def _frames(parts: tuple[Part, ...], tip: Array) -> list[Array]:
 
 
 def _clean(values: Array) -> Array:
-    """Round entries of directions that are off 0, 1 or -1 by round-off alone."""
+    """Round entries of directions that differ from 0, 1 or -1 by round-off alone."""
     nearest = np.round(values)
     return np.where(np.abs(values - nearest) < ROUND, nearest, values)
 
@@ -208,15 +208,15 @@ def _link_of(parts: tuple[Part, ...], name: str) -> int:
 
 
 def made_flexible(arm: Arm, k: int, section: Section, tau_d: float = 0.0) -> tuple[Arm, dict[str, float]]:
-    """Replace rigid link k by a beam along its x axis with the same mass, evenly spread.
+    """Replace rigid link k by a beam along its x axis with the same mass, distributed evenly.
 
     Args:
-        section: its m and J, J_y are scaled to the link's mass. tau_d: s.
+        section: section of the beam; its m, J and J_y are scaled to the link's mass. tau_d: damping time, s.
     Returns:
-        The arm, and what changed: centre_shift (m), inertia_ratio: beam to rigid link, largest principal moments about
-        the joint.
+        The arm, and the changes: centre_shift, m, of the center of mass; inertia_ratio, the beam's largest principal
+        moment about the joint over the rigid link's.
     Raises:
-        ValueError: a link that is flexible already, or without length or mass.
+        ValueError: the link is already flexible, or has no length or mass.
     """
     rigid = arm.links[k]
     if not isinstance(rigid, RigidLink):

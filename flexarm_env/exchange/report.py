@@ -22,15 +22,15 @@ from .mjcf import choose_integrator, mjcf
 
 FORMULATION = "geometrically_exact"
 COUNT = 3
-"""Frequencies that are compared."""
+"""Number of frequencies that are compared."""
 PUSH = 0.25
-"""Share of the torque limits that the tips are compared under."""
+"""Torque, as a share of the limits, under which the tips are compared."""
 DURATION = 1.0
-"""s, of that comparison."""
+"""Duration of this comparison, s."""
 
 
 def arm_modes(arm: Arm, count: int = COUNT) -> tuple[Array, Array]:
-    """Return the arm's lowest natural frequencies (Hz) and damping ratios, joints held, without gravity."""
+    """Return the arm's lowest natural frequencies (Hz) and damping ratios with held joints, without gravity."""
     if all(link.rigid for link in arm.links) and not any(joint.elastic for joint in arm.joints):
         return np.zeros(0), np.zeros(0)
     scene = Scene("modes", arm.taut, duration=1.0, dt=1e-3)
@@ -45,9 +45,9 @@ def _undamped(arm: Arm) -> Arm:
 
 
 def calibrated(chain: Chain) -> tuple[Chain, float]:
-    """Scale the springs so that the lowest frequency, joints held, is the arm's; return the chain and the factor.
+    """Scale the springs so that the chain's lowest frequency with held joints is the arm's; return chain and factor.
 
-    Of an arm whose first mode does not oscillate the undamped frequency counts.
+    If the arm's first mode does not oscillate, the undamped frequency counts.
 
     Raises:
         ValueError: double precision does not resolve the first frequency.
@@ -75,10 +75,11 @@ def differences(chain: Chain, gravity: tuple[float, float, float] = (0.0, 0.0, 0
     """Compare a chain with its arm.
 
     Returns:
-        frequency_K_hz, chain_frequency_K_hz: frequencies of the arm, joints held, and of the chain, as many as it has.
+        frequency_K_hz, chain_frequency_K_hz: frequencies of the arm and of the chain with held joints, as many as the
+            chain has.
         tip_compliance_error: largest relative error of the tip's displacement under a static tip force.
-        tip_apart: largest distance of the two tips over the arm's length in `DURATION` s, under `PUSH` of the torque
-        limits, reversed halfway; by MuJoCo, where it is installed and the arm has torque limits.
+        tip_apart: largest distance between the two tips over the arm's length in `DURATION` s, under `PUSH` of the
+            torque limits, reversed halfway. MuJoCo simulates the chain. The entry requires MuJoCo and torque limits.
         left_out: features of the arm that the chain lacks.
     """
     found: dict[str, Any] = {}
@@ -116,8 +117,10 @@ def pushed(arm: Arm, gravity: tuple[float, float, float]) -> Scene:
 
 
 def tip_apart(chain: Chain, gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> float:
-    """Return the largest distance of the chain's tip, by MuJoCo, from the arm's, over the arm's length; see
-    `differences`. ImportError without MuJoCo."""
+    """Return the largest distance between the chain's tip, by MuJoCo, and the arm's, over the arm's length.
+
+    See `differences`. Raises ImportError without MuJoCo.
+    """
     with check.needs("the comparison of tips", "mujoco", "mujoco"):
         import mujoco
     scene = pushed(chain.arm, gravity)

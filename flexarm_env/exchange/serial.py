@@ -1,4 +1,4 @@
-"""Extract the serial chain of hinges from a compiled model of MuJoCo; other features are rejected or listed."""
+"""Extract the serial chain of hinges from a compiled model of MuJoCo; reject or list all other features."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from flexarm_env import validation as check
 from flexarm_env.validation import Array
 
 HINGE, JOINT = 3, 0
-"""MuJoCo's numbers of a hinge (mjtJoint) and of a joint as what an actuator drives (mjtTrn)."""
+"""MuJoCo's numbers of a hinge (mjtJoint), and of an actuator's transmission to a joint (mjtTrn)."""
 BODY, JOINT_OBJECT, SITE = 1, 3, 6
-"""MuJoCo's numbers of the objects that an equality constraint joins (mjtObj)."""
+"""MuJoCo's numbers of objects in an equality constraint (mjtObj)."""
 KINDS = ("free", "ball", "slide", "hinge")
 
 
@@ -22,8 +22,9 @@ KINDS = ("free", "ball", "slide", "hinge")
 class Part:
     """Link of a chain with its joint, in the ground's axes with all angles 0; SI units.
 
-    names: names of its bodies. joint: name. anchor, axis (3,): point and direction of the joint. centre (3,), inertia
-    (3, 3): center of mass, and the tensor about it. limits: rad, or None. torque: N m, or None.
+    names: names of its bodies. joint: name of its joint. anchor (3,): point on the joint's axis. axis (3,): direction
+    of the joint. centre (3,): center of mass. inertia (3, 3): about the center of mass. limits: rad, or None. torque:
+    N m, or None.
     """
 
     names: tuple[str, ...]
@@ -42,7 +43,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Serial:
-    """Parts from root to tip; the tip's place (3,), m, and the name of the body or site there."""
+    """Links from root to tip, the tip's position (3,), m, and the name of the body or site at the tip."""
 
     parts: tuple[Part, ...]
     tip: Array
@@ -55,7 +56,7 @@ def serial(model: Any, root: str | None, tip: str | None) -> Serial:
     """Find the chain that begins in the body `root` (None: the only one with joints) of a compiled model.
 
     Raises:
-        ValueError: branches, loops, joints other than hinges, springs at joints: each by its name in the file.
+        ValueError: branches, loops, joints other than hinges, or springs at joints; the message names them.
     """
     import mujoco
 
@@ -75,7 +76,7 @@ def serial(model: Any, root: str | None, tip: str | None) -> Serial:
 
 
 class _Reader:
-    """A compiled model and its posture, by bodies."""
+    """Reader of a compiled model in its initial posture."""
 
     def __init__(self, model: Any, data: Any) -> None:
         self.model, self.data = model, data
@@ -88,7 +89,7 @@ class _Reader:
         return self.model.body(body).name or f"body {body}"
 
     def moves(self, body: int) -> bool:
-        """Whether the body or one behind it has joints."""
+        """Return whether the body, or a body that it carries, has joints."""
         return bool(self.model.body_jntnum[body]) or any(self.moves(child) for child in self.children[body])
 
     def first(self, root: str | None) -> int:
@@ -109,7 +110,7 @@ class _Reader:
         return moving[0]
 
     def groups(self, first: int) -> list[list[int]]:
-        """Return the bodies of each link, those of the joint first; bodies fixed to the ground are left out."""
+        """Return the bodies of each link, the body with the joint first; bodies fixed to the ground are omitted."""
         found: list[list[int]] = []
         body: int | None = first
         while body is not None:
@@ -132,7 +133,7 @@ class _Reader:
         return found
 
     def check_loops(self, inside: set[int]) -> None:
-        """Reject equality constraints on bodies of the chain, and tendons: they close loops, or couple joints."""
+        """Reject equality constraints on bodies of the chain, and tendons: they close loops or couple joints."""
         model = self.model
         of_body = {BODY: lambda i: i, JOINT_OBJECT: lambda i: int(model.jnt_bodyid[i]),
                    SITE: lambda i: int(model.site_bodyid[i])}  # fmt: skip
@@ -148,7 +149,7 @@ class _Reader:
             raise check.InvalidValue(name, "tendon", "must not be there: joints of an arm have motors of their own")
 
     def parts(self, group: list[int]) -> list[Part]:
-        """Return a link for each hinge of the group's first body; all but the last are without mass."""
+        """Return one link for each hinge of the group's first body; all links but the last are massless."""
         model, data, body = self.model, self.data, group[0]
         first = int(model.body_jntadr[body])
         joints = range(first, first + int(model.body_jntnum[body]))
@@ -181,7 +182,7 @@ class _Reader:
         return found
 
     def total(self, group: list[int]) -> tuple[float, Array, Array]:
-        """Return mass, center of mass and inertia about it of bodies that are fixed to each other."""
+        """Return total mass, center of mass, and inertia about it, of bodies that are fixed to each other."""
         model, data = self.model, self.data
         masses = [float(model.body_mass[b]) for b in group]
         total = sum(masses)
@@ -196,7 +197,7 @@ class _Reader:
         return total, centre, inertia
 
     def torque(self, j: int) -> float | None:
-        """Return the torque limit of a joint, N m: the least of its own and its motor's; None: no limit."""
+        """Return the torque limit of a joint, N m: the smaller one of its own and its motor's; None: no limit."""
         model, limits = self.model, []
         name = model.joint(j).name or f"joint {j}"
         if model.jnt_actfrclimited[j]:
@@ -219,7 +220,7 @@ class _Reader:
         return min(limits) if limits and min(limits) > 0.0 else None
 
     def tip(self, group: list[int], wanted: str | None, last: Part) -> tuple[Array, str]:
-        """Return the tip's place and name."""
+        """Return the tip's position, m, and its name."""
         model, data = self.model, self.data
         places = {self.name(b): np.array(data.xpos[b]) for b in group}
         for site in range(model.nsite):
@@ -235,7 +236,7 @@ class _Reader:
         return last.centre, ""
 
     def left_out(self, inside: set[int]) -> list[str]:
-        """Name what the file has and an arm does not."""
+        """Return the names of the file's features that an arm does not have."""
         model, found = self.model, []
         if any(int(model.geom_bodyid[g]) in inside and (model.geom_contype[g] or model.geom_conaffinity[g])
                for g in range(model.ngeom)):  # fmt: skip
@@ -255,13 +256,13 @@ class _Reader:
 
 
 def _check_span(path: str, span: Array) -> None:
-    """Raise ValueError for a range that does not increase; MuJoCo ignores such a range, and one of zeros is none."""
+    """Raise ValueError for a range whose ends do not increase, since MuJoCo ignores it; two zeros mean no range."""
     if np.any(span) and not span[0] < span[1]:
         raise check.InvalidValue(path, tuple(span.tolist()), "must increase")
 
 
 def _least(path: str, span: Array) -> float:
-    """Return the least of a range's two directions. ValueError: it does not reach from below to above 0."""
+    """Return the smaller magnitude of a range's ends. ValueError unless the range contains 0 in its interior."""
     low, high = map(float, span)
     if not low < 0.0 < high:
         raise check.InvalidValue(path, (low, high), "must reach from below 0 to above: an arm's motors turn both ways")

@@ -1,4 +1,4 @@
-"""URDF: an arm with rigid links, for ROS and other programs."""
+"""Write an arm with rigid links as URDF, for ROS and other programs."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from .chain import LEAST, Body, Chain
 from .mjcf import comment_of, legal, text_of
 
 RATE = 100.0
-"""Velocity limit that URDF wants of each joint, rad/s, for arms, which have none."""
+"""Velocity limit of each joint, rad/s. URDF requires one; the package's arms have none."""
 
 
 def urdf(chain: Chain, comments: Iterable[str] = ()) -> str:
     """Write a chain without springs as URDF.
 
-    Links and joints are named as in the chain; `base` is the ground, `tip` the arm's tip. Joints have the arm's torque
-    limits as effort, its joint limits, viscous and Coulomb friction.
+    Links and joints have their names in the chain; `base` is the ground and `tip` the arm's tip. The joints have the
+    arm's torque limits as effort, and its joint limits, viscous friction and Coulomb friction.
 
     Raises:
-        ValueError: a chain with springs, which URDF does not have: build it with segments=0; or with elastic gears.
+        ValueError: a chain with springs, which URDF does not have (build it with segments=0), or with elastic gears.
     """
     for hinge in chain.hinges:
         if hinge.stiffness:
@@ -51,7 +51,7 @@ def urdf(chain: Chain, comments: Iterable[str] = ()) -> str:
 
 
 def rpy(R: Array) -> tuple[float, float, float]:
-    """Return roll, pitch and yaw, rad, of a rotation matrix: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Return roll, pitch and yaw, rad, of a rotation matrix R = Rz(yaw) Ry(pitch) Rx(roll)."""
     pitch = math.atan2(-R[2, 0], math.hypot(R[0, 0], R[1, 0]))
     if math.hypot(R[0, 0], R[1, 0]) < 1e-12:
         # pitch of a right angle: roll and yaw turn about one axis; yaw is set to 0
@@ -84,7 +84,7 @@ def _link(root: ElementTree.Element, body: Body, chain: Chain) -> None:
 
 
 def _onto(direction: Array) -> Array:
-    """Return a rotation whose third column is the direction (3,)."""
+    """Return a rotation matrix whose third column is the direction (3,)."""
     other = np.eye(3)[int(np.argmin(np.abs(direction)))]
     first = np.cross(other, direction)
     first /= np.linalg.norm(first)

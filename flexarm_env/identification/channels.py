@@ -2,7 +2,7 @@
 
 Each test adds one more parameter e to a finished fit. To first order its value is the last component of
 -(K'K)^-1 K' r, where r are the residuals and K = [J, g] their derivatives by the fitted parameters and by e. A log is
-suspect if e is larger than its own 95 % interval explains, and large enough to matter.
+suspect if e is significant, which means larger than its own 95 % interval explains, and large enough to matter.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from .fit import Problem
 from .uncertainty import interval_of_last
 
 CERTAIN = 2.0
-"""A deviation is significant above this many half widths of its 95 % interval."""
+"""A deviation is significant if it exceeds this many half widths of its 95 % interval."""
 
 LEAST_GAIN = 0.02
 LEAST_DELAY = 0.25
 """In sampling intervals of the log."""
 LEAST_CLOCK = 0.005
-"""Smaller deviations of a gain, a delay and a clock are not reported."""
+"""LEAST_GAIN, LEAST_DELAY and LEAST_CLOCK are the smallest reported deviations of a gain, a delay and a clock."""
 
 CLOCK_STEP = 1e-4
 """Relative change of the time axis for the derivative by the clock."""
@@ -52,14 +52,14 @@ class Deviation:
 
 
 Candidate = tuple[float, str, str, list[Array]]
-"""Smallest deviation that matters, sentence with a placeholder, remedy, derivatives of each run's residuals (kept,
-outputs)."""
+"""Candidate for a deviation: its smallest value that matters, sentence with a placeholder, remedy, and derivatives of
+each run's residuals (kept, outputs)."""
 
 
 def deviations(problem: Problem, z: Array) -> list[Deviation]:
-    """Estimate gain and delay of each output and the clock of the logs, unless fitted; the most significant first.
+    """Estimate the errors of each output's gain and delay and of the logs' clock, the most significant error first.
 
-    z (p,): fitted parameters, relative.
+    Fitted gains and delays are omitted. z (p,): fitted parameters in units of their sizes.
     """
     J, errors = problem.slopes(z), problem.errors(z)
     found = []
@@ -81,7 +81,7 @@ def _sentence(pattern: str, value: float, half: float) -> str:
 
 
 def _of_outputs(problem: Problem, z: Array) -> Iterator[Candidate]:
-    """Yield for each output a `Candidate` for an error of its gain and one for a delay, unless they are fitted."""
+    """Yield for each output a `Candidate` for a gain error and one for a delay, unless these are fitted."""
     experiment = problem.experiment
     outputs = experiment.config.outputs
     predicted = [experiment.predict(problem.values(z), run) for run in problem.runs]
@@ -103,7 +103,10 @@ def _of_outputs(problem: Problem, z: Array) -> Iterator[Candidate]:
 
 
 def _of_one(problem: Problem, k: int, changes: list[Array]) -> list[Array]:
-    """Derivatives of each run's residuals (kept, outputs) if only output k changes, by `changes` (n,) of each run."""
+    """Return derivatives of each run's residuals (kept, outputs) if only output k changes.
+
+    changes (n,): change of the output in each run.
+    """
     blocks, outputs = [], problem.experiment.config.outputs
     for run, change in zip(problem.runs, changes, strict=True):
         # residuals are relative to the reading's standard deviation; a fitted offset removes the mean
@@ -115,7 +118,7 @@ def _of_one(problem: Problem, k: int, changes: list[Array]) -> list[Array]:
 
 
 def _of_clock(problem: Problem, z: Array) -> Candidate:
-    """Return the candidate of a clock that is fast by e: derivative of the residuals by a stretched time axis."""
+    """Return the candidate for a clock that is fast by e: the residuals' derivative by a stretched time axis."""
     longer = [dataclasses.replace(run, t=run.t * (1.0 + CLOCK_STEP)) for run in problem.runs]
     pairs = zip(Problem(problem.experiment.anew(), longer).errors(z), problem.errors(z), strict=True)
     column = problem.experiment.config.time.column

@@ -1,4 +1,4 @@
-"""Description of a log and of the parameters to fit: the tables of a TOML file, validated (docs/identification.md)."""
+"""Description of a log and of the parameters to fit: validated tables of a TOML file (docs/identification.md)."""
 
 import math
 import os
@@ -26,7 +26,7 @@ _UNITS_OF: dict[str, tuple[str, ...]] = {
     "t": ("s", "ms", "us"), "joint": _ANGLES, "motor": _ANGLES, "angle": _ANGLES, "torque": ("N m", "mN m"),
     "current": ("A", "mA"), "voltage": ("V", "mV"),
 }  # fmt: skip
-"""Accepted units by kind of channel; other kinds accept any unit."""
+"""Accepted units for each kind of channel; other kinds accept any unit."""
 
 _CHANNEL = ("column", "unit", "gain", "offset", "shift", "low_pass")
 
@@ -38,9 +38,10 @@ class Channel:
     Args:
         name: name of the input ("joint0", "motor0", "torque0", "current0", "voltage0") or of the reading
             ("strain_gauge_1", "hub_angle", ...; `Trajectory.measured`).
-        column: name in the file. factor: SI per unit of the column, times a gain. offset: in the column's unit; None,
-            for outputs: a constant of each run, fitted. shift: delay of the column, s; positive or negative.
-        low_pass: cut-off, Hz, of a zero-phase second-order Butterworth filter; None: none.
+        column: name in the file. factor: SI value per unit of the column, times a gain. offset: in the column's unit;
+            None (outputs only): a constant of each run that is fitted. shift: delay of the column, s; positive or
+            negative.
+        low_pass: cut-off, Hz, of a zero-phase second-order Butterworth filter; None: no filter.
     """
 
     name: str
@@ -71,11 +72,12 @@ class Parameter:
     """Parameter to be fitted.
 
     Args:
-        path: its key path, in the arm ("links[0].section.EI"), in its sensors ("sensors.strain_gauge_1.gain"), or in
+        path: key path in the arm ("links[0].section.EI"), in its sensors ("sensors.strain_gauge_1.gain"), or in
             the experiment ("loads[0].force_x", "gravity[0]", "inputs.joint0.gain", "outputs.hub_angle.shift").
         name: short name. low, high: bounds. start: initial value; None: the arm's value.
-        prior: mean and standard deviation of prior knowledge, or None. size: scale of a significant change; None: the
-            size of the start. nuisance: it belongs to the fitted logs only and keeps its start in all others.
+        prior: mean and standard deviation from prior knowledge, or None. size: scale of a significant change; None: the
+            magnitude of the initial value. nuisance: whether the parameter belongs to the fitted logs only and keeps
+            its initial value in all others.
     """
 
     path: str
@@ -92,7 +94,8 @@ class Parameter:
 class Config:
     """Contents of the config file.
 
-    time: column of the instants; start: start of a run, as of a `Scene`; skip: initial time, s, that is not compared.
+    time: column of the instants. start: initial state of a run, as in a `Scene`. skip: initial time, s, that is not
+    compared.
     """
 
     time: Channel
@@ -112,7 +115,7 @@ class Config:
     seed: int = 0
 
     def chosen(self, names: tuple[str, ...] | None = None) -> tuple[Parameter, ...]:
-        """Return the parameters to be fitted, by name or key path; names None: the config's own choice."""
+        """Return the parameters to be fitted, by name or key path; names=None: those that the config selects."""
         wanted = self.fit if names is None else names
         known = {key: p for p in self.parameters for key in (p.name, p.path)}
         for name in wanted:
@@ -195,7 +198,7 @@ def _config(table: dict[str, Any], arm: Arm) -> Config:
 
 
 def _leaves_the_plane(experiment: Mapping[str, Any]) -> bool:
-    """Whether the experiment needs an arm in space: gravity has three components, or a load has a force along z."""
+    """Return whether the experiment needs an arm in space: gravity with three components, or a load with force_z."""
     loads = check.sequence("loads", experiment.get("loads", ()), "tables")
     return np.size(experiment.get("gravity", ())) == 3 or any(
         "force_z" in check.table_of(f"loads[{i}]", load) for i, load in enumerate(loads)
@@ -211,7 +214,7 @@ def _channels(what: str, table: Mapping[str, Any], offsets: bool) -> tuple[Chann
 
 
 def _channel(path: str, name: str, entry: Any, offsets: bool, keys: tuple[str, ...] = _CHANNEL) -> Channel:
-    """Read one channel, a column's name or a table.
+    """Read one channel: a column's name, or a table.
 
     offsets: whether offset = "fit" is allowed and the default. keys: accepted keys.
     """

@@ -1,11 +1,11 @@
-"""Time step and mesh of a fit, refined until they change no parameter by more than a share of its interval.
+"""Refine time step and mesh of a fit until they change no parameter by more than a share of its interval.
 
 A companion model with half the step, or with a finer mesh, predicts other readings at the same parameters. To first
-order the best parameters z then change by the Gauss-Newton step -(J'J)^-1 J' d, where J is the derivative of the
-residuals by z and d the difference of the residuals. The error of a step is of second order in dt, so that the shift
-to dt = 0 is 4/3 of the shift by half the step (Richardson). If a shift exceeds `SHARE` of the 95 % half width, the
-model is refined and fitted again from there. The remaining shift is finally added to the parameters, and half of its
-magnitude to the interval.
+order the best parameters z then change by the Gauss-Newton step -(J'J)^-1 J' d. J is the derivative of the residuals by
+z, and d is the difference of the residuals. The error of a step is of second order in dt, so that the shift to dt = 0
+is 4/3 of the shift by half the step (Richardson). If a shift exceeds `SHARE` of the 95 % half width, the refined model
+is fitted again, starting from the present parameters. The remaining shift is finally added to the parameters, and half
+of its magnitude to the interval.
 """
 
 import dataclasses
@@ -18,25 +18,25 @@ from .fit import Fit, Problem, Solver
 from .uncertainty import Uncertainty, uncertainty
 
 SHARE = 0.2
-"""Largest accepted shift of a parameter over the half width of its 95 % interval."""
+"""Largest accepted shift of a parameter, divided by the half width of its 95 % interval."""
 
 LEAST = 1e-4
-"""Shifts below this share of a parameter's size are never refined."""
+"""Smallest shift, as a share of a parameter's size, that causes a refinement."""
 
 MOST = {"step": 5, "mesh": 2}
 """Largest numbers of refinements of time step and mesh."""
 
 FACTOR = {"step": 4.0 / 3.0, "mesh": 1.0}
-"""Remaining shift to dt = 0, or to the exact mesh, over the shift by one refinement."""
+"""Ratio of the remaining shift to dt = 0, or to the exact mesh, to the shift by one refinement."""
 
 WORSE = 2.0
 """A refinement is rejected if it increases the cost by more than this factor."""
 
 EVALUATIONS = 8
-"""Largest number of evaluations of a fit after a refinement, which starts close to its solution."""
+"""Largest number of evaluations of a fit after a refinement; such a fit starts close to its solution."""
 
 FAR = 3.0
-"""A shift by more than this many sizes of a parameter means that the companion failed."""
+"""Number of sizes of a parameter; a larger shift means that the companion failed."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ class Resolved:
 
     Attributes:
         problem: the problem with the last step and mesh. fit: the fit, with z (p,) corrected for the shifts.
-            uncertainty: intervals that include the remaining shifts. shifts: by "step" and "mesh", (p,), in the
-            parameters' sizes. coarse: names of parameters that step or mesh change by more than their interval,
-            although both were refined.
+            uncertainty: intervals that include the remaining shifts. shifts: shifts (p,) by "step" and by "mesh", in
+            the parameters' sizes. coarse: names of parameters whose shift by step or mesh still exceeds their interval
+            after all refinements.
     """
 
     problem: Problem
@@ -108,7 +108,8 @@ def refined(problem: Problem, kind: str) -> Problem:
 def _shift(problem: Problem, z: Array, kind: str) -> Array:
     """Predict the change of z (p,) to dt = 0, or to the exact mesh; 0 if the companion model fails.
 
-    -FACTOR (J'J)^-1 J' d over the parameters that are not at a bound; d: residuals of the companion minus the model's.
+    The change is -FACTOR (J'J)^-1 J' d for the parameters that are not at a bound. d: residuals of the companion minus
+    the model's.
     """
     finer = refined(problem, kind)
     here, there = (np.concatenate([e.ravel() for e in one.errors(z)]) for one in (problem, finer))

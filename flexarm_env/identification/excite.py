@@ -1,9 +1,10 @@
-"""Excitation torques for identification, within bounds: safe for a real arm, and informative.
+"""Excitation torques for identification, which stay within bounds that are safe for a real arm, and are informative.
 
 The acceleration of a rigid arm's joints is a multisine with random phases (Schroeder 1970; Ljung 1999, section 13.3),
 each joint with its own frequencies. The motion begins and ends at rest in the same place, so that any drift measures
-the difference between the arm and a rigid one. The torques are the rigid arm's inverse dynamics. Simulations of the
-flexible arm, and of some perturbed arms, measure how far they turn; torques are reduced until all bounds hold.
+the difference between the real arm and a rigid one. The torques are the rigid arm's inverse dynamics. Simulations of
+the flexible arm, and of some perturbed arms, measure their joint rotations. The torques are reduced until all bounds
+hold.
 """
 
 import dataclasses
@@ -27,15 +28,15 @@ from flexarm_env.time_functions import linear_table
 from flexarm_env.validation import Array
 
 LINES = 12
-"""Frequencies per joint."""
+"""Number of frequencies per joint."""
 SLOWEST = 3.0
-"""Periods of the lowest frequency in the whole excitation."""
+"""Number of periods of the lowest frequency in the whole excitation."""
 BEYOND = 1.4
-"""Highest frequency over that of the highest mode to be excited."""
+"""Highest frequency, divided by that of the highest mode to be excited."""
 FASTEST = 0.2
-"""Upper limit of all frequencies over the sampling rate."""
+"""Upper limit of all frequencies, divided by the sampling rate."""
 TAPER = 0.1
-"""Duration of the fade-in, and of the fade-out, over the whole."""
+"""Duration of the fade-in, and of the fade-out, divided by the whole duration."""
 TRIES = 8
 
 
@@ -44,9 +45,10 @@ class Excitation:
     """Excitation signal and its simulated effect.
 
     Attributes:
-        t (n,): s, evenly spaced. torques (n, N): N m, each held until the next. band: rad/s, lowest and highest
-            frequency. modes (M,): rad/s, frequencies of the arm's modes in the band, joints free. angle: rad, largest
-            joint rotation of the arm and the perturbed arms. deflection: largest tip deflection over its link's length.
+        t (n,): s, evenly spaced. torques (n, N): N m, each held until the next. band: lowest and highest frequency,
+            rad/s. modes (M,): frequencies of the arm's modes in the band with free joints, rad/s. angle: largest joint
+            rotation of the arm and the perturbed arms, rad. deflection: largest tip deflection divided by its link's
+            length.
     """
 
     t: Array
@@ -71,13 +73,13 @@ def excite(
     """Design torques that excite an arm within bounds, for `flexarm run FILE.csv --to HOST:PORT` or any other player.
 
     Args:
-        arm: prior knowledge of it; a name or a TOML file is accepted too. It starts straight, at rest, without gravity.
-        seconds: duration. rate: Hz, at which torques change. modes: number of flexible modes in the band, whose upper
-            limit is a fifth of the rate. most_angle: largest joint rotation to either side, rad. most_torque: largest
-            motor torque, N m; default: half of each joint's limit. drawn: number of perturbed arms for which the bounds
-            must hold too; their EI, tip masses, hub inertia and damping vary each by factors up to `spread`.
-            most_deflection: largest tip deflection over its link's length. seed: seed of phases and perturbed arms.
-            options: options of the solver, as in `simulate`.
+        arm: approximate model of the arm; also a name or a TOML file. It starts straight, at rest, without gravity.
+        seconds: duration. rate: frequency at which torques change, Hz. modes: number of flexible modes in the band,
+            whose upper limit is a fifth of the rate. most_angle: largest joint rotation to either side, rad.
+            most_torque: largest motor torque, N m; default: half of each joint's limit. drawn: number of perturbed arms
+            for which the bounds must hold too; their EI, tip masses, hub inertia and damping vary each by factors up to
+            `spread`. most_deflection: largest tip deflection divided by its link's length. seed: seed of phases and
+            perturbed arms. options: options of the solver, as in `simulate`.
     Raises:
         ValueError: an invalid value; an arm without torque limits and no most_torque.
     """
@@ -156,7 +158,7 @@ def _motion(t: Array, joints: int, low: float, high: float, rng: np.random.Gener
 
 
 def _torques(arm: Arm, motion: tuple[Array, Array, Array], angle: float) -> Array:
-    """Inverse dynamics of the rigid arm (n, N), N m, for a motion scaled to a largest angle `angle`, rad."""
+    """Return the inverse dynamics of the rigid arm (n, N), N m, for a motion scaled to a largest angle `angle`, rad."""
     q, v, a = (angle * x for x in motion)
     torques: Array = np.einsum("njk,nk->nj", rigid_inertia(arm, q[:, 1:]), a) + coriolis(arm, q[:, 1:], v)
     return torques
@@ -183,9 +185,9 @@ def _stiffer(section: Any, factor: float) -> Any:
 
 
 def _reach(arm: Arm, scene: Scene, t: Array, torques: Array, options: dict[str, Any]) -> tuple[float, float]:
-    """Simulate an arm under the torques (n, N): largest joint rotation, rad, and tip deflection over length.
+    """Simulate an arm under the torques (n, N); return largest joint rotation, rad, and tip deflection over length.
 
-    Both are inf if the simulation fails.
+    Both results are inf if the simulation fails.
     """
     loads = tuple(JointTorque(k, linear_table(t, torques[:, k])) for k in range(arm.n_links))
     run = simulate(dataclasses.replace(scene, arm=arm, loads=loads), sample=float(t[1]), **options)

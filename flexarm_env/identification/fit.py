@@ -16,17 +16,17 @@ from .log import Run
 from .model import Experiment
 
 FIRST = 8
-"""Evaluations per start, before only the best one is continued."""
+"""Number of evaluations per initial guess, after which only the best fit is continued."""
 
 HORIZONS = (0.05, 0.15, 0.4)
-"""Shares of the readings' variance up to which a run is fitted before the whole run. A long vibration has many local
-minima that differ by whole periods; a few periods have one."""
+"""Shares of the readings' variance. The first part of a run with such a share is fitted before the whole run. A long
+vibration has many local minima that differ by whole periods; a few periods have only one."""
 
 SPREAD = 0.5
-"""Further starts are drawn within this many sizes around the first."""
+"""Further initial guesses are random, within this many sizes around the first one."""
 
 ROUGH = 0.1
-"""Assumed relative size of the residuals, against which priors are weighed, before it is known."""
+"""Relative size of the residuals that is assumed in the weight of priors until the actual size is known."""
 
 
 @dataclass(frozen=True)
@@ -57,11 +57,11 @@ class Problem:
         return np.asarray(self.experiment.start + self.sizes * z)
 
     def errors(self, z: Array) -> list[Array]:
-        """Prediction minus log of each run (kept, outputs), over the log's standard deviation, no fitted offsets."""
+        """Return prediction minus log of each run (kept, outputs) over the log's deviation, without fitted offsets."""
         return [self._of_run(z, run) for run in self.runs]
 
     def _of_run(self, z: Array, run: Run) -> Array:
-        """Errors of one run (kept, outputs); see `errors`."""
+        """Return the errors of one run (kept, outputs); see `errors`."""
         predicted = self.experiment.predict(self.values(z), run)
         columns = []
         for channel in self.experiment.config.outputs:
@@ -72,7 +72,7 @@ class Problem:
         return np.array(columns).T
 
     def slopes(self, z: Array, careful: bool = False) -> Array:
-        """Derivatives (n, p) of all errors by z, runs concatenated; careful: see `Experiment.slopes`."""
+        """Return the derivatives (n, p) of all errors by z, runs concatenated; careful: see `Experiment.slopes`."""
         blocks = []
         for run in self.runs:
             columns, found = [], self.experiment.slopes(self.values(z), run, self.sizes, careful)
@@ -84,16 +84,16 @@ class Problem:
         return np.concatenate(blocks)
 
     def priors(self, z: Array) -> Array:
-        """Prior residuals (p,): (value - mean) / deviation for parameters with a prior, otherwise 0."""
+        """Return prior residuals (p,): (value - mean) / deviation for parameters with a prior, otherwise 0."""
         known = zip(self.experiment.parameters, self.values(z), strict=True)
         return np.array([0.0 if p.prior is None else (x - p.prior[0]) / p.prior[1] for p, x in known])
 
     def residuals(self, z: Array, noise: float) -> Array:
-        """All errors and, at the end, the priors times `noise`, in one vector."""
+        """Return all errors, followed by the priors' residuals times `noise`, in one vector."""
         return np.concatenate([*(e.ravel() for e in self.errors(z)), noise * self.priors(z)])
 
     def jacobian(self, z: Array, noise: float) -> Array:
-        """Derivatives of `residuals` by z, (n + p, p)."""
+        """Return the derivatives of `residuals` by z, (n + p, p)."""
         known = zip(self.experiment.parameters, self.sizes, strict=True)
         # derivative of the priors, diagonal
         own = [0.0 if p.prior is None else noise * size / p.prior[1] for p, size in known]
@@ -104,9 +104,9 @@ class Problem:
 class Fit:
     """Result of a fit.
 
-    z: best point. cost: sum of squared residuals. starts: costs of all starts. evaluations: their number. ended: the
-    optimizer's message. runs: number of simulations. by_differences: parameters differentiated by finite differences of
-    whole runs, with the reason.
+    z: best point. cost: sum of squared residuals. starts: costs from all initial guesses. evaluations: number of
+    evaluations. ended: the optimizer's message. runs: number of simulations. by_differences: parameters differentiated
+    by finite differences of whole runs, with the reason.
     """
 
     z: Array
@@ -119,12 +119,12 @@ class Fit:
 
 
 class Solver:
-    """Fit a problem from several starts; the state is kept in a file, from which an interrupted fit resumes."""
+    """Fit a problem from several initial guesses. The state is saved in a file, so that an interrupted fit resumes."""
 
     def __init__(
         self, problem: Problem, *, progress: Callable[[float], None] | None = None, state: Path | None = None
     ) -> None:
-        """Prepare a fit; progress: called with the share done. state: file of the saved state, or None."""
+        """Prepare a fit. progress: called with the completed share. state: file of the saved state, or None."""
         self.problem, self.progress, self.state_file = problem, progress, state
         self.config = problem.experiment.config
         self.count, self.done = 0, 0.0
@@ -132,7 +132,7 @@ class Solver:
         self.state = self._read()
 
     def run(self) -> Fit:
-        """Fit from all starts and refine the best one."""
+        """Fit from all initial guesses and refine the best result."""
         noise, costs = ROUGH, []
         for k, z in enumerate(self._starts()):
             found = self.state["starts"][k] if k < len(self.state["starts"]) else None
@@ -158,7 +158,7 @@ class Solver:
         return Fit(z, cost, tuple(costs), self.count, ended, own.runs, dict(own.by_differences))
 
     def _starts(self) -> list[Array]:
-        """Starting points z: the config's start, twice (the second goes through short horizons), then random ones."""
+        """Return initial guesses z: the config's values twice (the second time with short horizons), then random."""
         low, high = self.problem.bounds
         rng = np.random.default_rng(self.config.seed)
         n = len(low)
@@ -167,24 +167,24 @@ class Solver:
         return [np.zeros(n), np.zeros(n), *drawn][: self.config.starts]
 
     def polish(self, problem: Problem, z: Array, most: int) -> tuple[Array, float, str]:
-        """Fit a problem that differs little from this solver's, from a nearby z; returns z, cost and message.
+        """Fit a problem that differs little from this solver's, from a nearby z; return z, cost and message.
 
-        most: number of evaluations.
+        most: largest number of evaluations.
         """
         errors = np.concatenate([e.ravel() for e in problem.errors(z)])
         return self._search(problem, z, float(errors.std()), most)
 
     def _least_squares(self, z: Array, noise: float, most: int, share: float = 1.0) -> tuple[Array, float, str]:
-        """Fit from z with at most `most` evaluations; returns z, cost and message. share: fitted part of the runs."""
+        """Fit from z with at most `most` evaluations; return z, cost and message. share: fitted part of the runs."""
         problem = self.problem
         if share < 1.0:
             problem = Problem(problem.experiment, [run.until(share) for run in problem.runs])
         return self._search(problem, z, noise, most)
 
     def _search(self, problem: Problem, z: Array, noise: float, most: int) -> tuple[Array, float, str]:
-        """Minimize the problem's residuals from z by a trust-region reflective method; returns z, cost and message.
+        """Minimize the problem's residuals from z by a trust-region reflective method; return z, cost and message.
 
-        noise: weight of the priors. most: number of evaluations.
+        noise: weight of the priors. most: largest number of evaluations.
         """
         from scipy.optimize import least_squares
 
@@ -195,7 +195,7 @@ class Solver:
             return problem.residuals(x, noise)
 
         def slopes(x: Array) -> Array:
-            """Jacobian of the residuals at x; saves x during the final fit."""
+            """Return the Jacobian of the residuals at x; during the final fit also save x."""
             # the final fit saves every iterate, so that it can be resumed
             if len(self.state["starts"]) == self.config.starts:  # the last fit, from the best of them
                 self.state["best"] = x.tolist()
@@ -209,14 +209,14 @@ class Solver:
         return found.x, 2.0 * float(found.cost), str(found.message).strip()
 
     def _show_share(self, share: float) -> None:
-        """Report the progress, at least `share`, from the number of evaluations."""
+        """Report the progress: the share of completed evaluations, at least `share`."""
         if self.progress is not None:
             whole = FIRST * (4 * self.config.starts - 3) + self.config.evaluations
             self.done = max(self.done, share, min(self.count / whole, 0.99))
             self.progress(self.done)
 
     def _key(self) -> str:
-        """Hash of the problem and its data: a saved state of another problem is ignored."""
+        """Hash the problem and its data, so that a saved state of another problem is ignored."""
         config = self.config
         # config, arm, parameters, then all data
         seed = repr((config, self.problem.experiment.arm, self.problem.experiment.parameters)).encode()
@@ -238,6 +238,6 @@ class Solver:
         return kept if isinstance(kept, dict) and kept.get("key") == self.key else fresh
 
     def _keep(self) -> None:
-        """Save the state, if there is a file."""
+        """Save the state if the solver has a file for it."""
         if self.state_file is not None:
             write_whole(self.state_file, json.dumps(self.state).encode())

@@ -1,4 +1,4 @@
-"""Measured runs: the columns of a CSV file named by a Config, in SI and validated; unusable logs are rejected."""
+"""Measured runs: read the columns of a CSV file that a Config names, convert them to SI, and reject unusable logs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..validation import Array
 from .config import Channel, Config
 
 UNEVEN = 0.02
-"""Accepted deviation of instants from even spacing, over the sampling interval."""
+"""Accepted deviation of instants from even spacing, divided by the sampling interval."""
 
 SATURATED = 4
 """Number of consecutive samples at a column's extreme value that indicates a saturated sensor."""
@@ -36,7 +36,7 @@ class Run:
     kept: NDArray[np.bool_]
 
     def until(self, share: float) -> Run:
-        """Return the first part of the run, which contains the given share of the variance of the compared readings."""
+        """Return the first part of the run that contains the given share of the variance of the compared readings."""
         # cumulative squared deviation of all readings
         power = np.zeros(len(self.t))
         for y in self.outputs.values():
@@ -56,7 +56,7 @@ class Run:
 
 
 class BadLog(ValueError):
-    """A log is unusable; the message names the file, the column and the row."""
+    """Error for an unusable log; the message names the file, the column and the row."""
 
 
 def read_run(path: str | os.PathLike[str], config: Config) -> Run:
@@ -95,7 +95,7 @@ def read_run(path: str | os.PathLike[str], config: Config) -> Run:
 
 
 def _numbers(where: str, k: int, channel: Channel, lines: list[list[str]]) -> Array:
-    """Parse column k (n,); BadLog for a cell that is not a finite number."""
+    """Parse column k (n,); raise BadLog for a cell that is not a finite number."""
     values = np.empty(len(lines))
     for i, line in enumerate(lines):
         cell = line[k].strip() if k < len(line) else ""
@@ -110,7 +110,7 @@ def _numbers(where: str, k: int, channel: Channel, lines: list[list[str]]) -> Ar
 
 
 def _even(where: str, column: str, t: Array) -> float:
-    """Validate the instants t (n,), s, and return the sampling interval, s; BadLog unless evenly spaced."""
+    """Return the sampling interval, s, of the instants t (n,), s; raise BadLog unless they are evenly spaced."""
     steps = np.diff(t)
     # increasing, without gaps, and close to a straight line
     bad = np.flatnonzero(steps <= 0.0)
@@ -137,7 +137,7 @@ def _even(where: str, column: str, t: Array) -> float:
 def _prepared(where: str, channel: Channel, values: Array, t: Array) -> Array:
     """Convert a channel's values to SI, filter them, and shift them in time.
 
-    values (n,): of the column. t (n,): s.
+    values (n,): values of the column. t (n,): s.
     """
     values = channel.factor * (values - (channel.offset or 0.0))
     period = t[1]

@@ -33,17 +33,17 @@ OFFSET = 1e-5
 STEP = 1e-4
 """Step for finite differences of whole runs, the fallback."""
 BEGUN: dict[str, Any] = {"low": -0.2, "high": 0.2, "start": 0.0, "size": 0.05, "nuisance": True}
-"""Parameter of a joint's initial angle, rad, relative to its first reading."""
+"""Defaults of the parameter for a joint's initial angle, rad, relative to the joint's first reading."""
 LOST = 1e3
-"""Readings, over their scale, of an arm whose run fails: far from any log."""
+"""Readings, divided by their scale, of an arm whose simulation fails; they are far from any log."""
 _LOAD = {"link": 0, "end": "tip", "force_x": 0.0, "force_y": 0.0, "force_z": 0.0}
 
 
 class Experiment:
-    """An arm with its sensors, its loads beside the log's inputs, and the parameters to be found.
+    """An arm with its sensors, its loads in addition to the log's inputs, and the parameters to be found.
 
     A joint without prescribed angle starts at its first reading, which has the same error as all others. If the reading
-    is used as it is (offset = 0.0), the initial angle of each fitted log (logs: their stems) is a parameter too.
+    has a known offset (offset = 0.0), the initial angle in each fitted log is a parameter too. logs: stems of the logs.
 
     Attributes:
         parameters (p,): the requested ones, then the initial angles. start (p,): their initial values.
@@ -121,7 +121,7 @@ class Experiment:
         return names
 
     def _usual(self, parameter: Parameter, place: tuple[Any, ...]) -> float:
-        """Return the value of the arm, its sensors or the experiment at a parameter's place."""
+        """Return the value that the arm, its sensors or the experiment has at a parameter's place."""
         value = _got(self._table, place)
         if value is None:
             value = _got(_whole(self.arm, self.config), place)
@@ -157,7 +157,7 @@ class Experiment:
         return self._readings(played.trajectory, self.table(values), run)
 
     def slopes(self, values: Array, run: Run, sizes: Array, careful: bool = False) -> dict[str, Array]:
-        """Derivatives of `predict` by each parameter over its size, by output, (n, p); 0 if the simulation fails.
+        """Return derivatives of `predict` by each parameter over its size, by output, (n, p); 0 if simulation fails.
 
         By `derivatives.Run`, else by differences of whole runs, forward or (`careful`) fourth-order central.
         """
@@ -180,7 +180,7 @@ class Experiment:
         return found
 
     def _tangent(self, played: Played, here: Any, values: Array, run: Run, k: int, step: float) -> dict[str, Array]:
-        """Derivative of the readings (n,) by parameter k, by output: readings of the tangent motion of `played`."""
+        """Return the readings' derivative (n,) by parameter k, by output: readings of `played`'s tangent motion."""
         around = self._around(values, k, step)
         others = [self._simulation(self._at(values, k, offset), run) for offset, _ in around]
         # sensor parameters do not change the motion
@@ -199,7 +199,7 @@ class Experiment:
         return total
 
     def _around(self, values: Array, k: int, step: float) -> list[tuple[float, float]]:
-        """Offsets of parameter k and difference weights: central, or one-sided of second order next to a bound."""
+        """Return offsets of parameter k and difference weights: central, or one-sided second-order next to a bound."""
         p = self.parameters[k]
         up, down = values[k] + step <= p.high, values[k] - step >= p.low
         if up and down:
@@ -216,7 +216,7 @@ class Experiment:
     def _difference(
         self, here: Mapping[str, Array], values: Array, run: Run, k: int, sizes: Array, careful: bool
     ) -> dict[str, Array]:
-        """Derivative of the readings (n,) by parameter k over its size, by output, by differences of whole runs."""
+        """Return the readings' derivative (n,) by parameter k over its size, by output: differences of whole runs."""
         p, step = self.parameters[k], STEP * sizes[k]
 
         def at(times: float) -> dict[str, Array]:
@@ -243,7 +243,7 @@ class Experiment:
         return found
 
     def anew(self, kind: str | None = None) -> Experiment:
-        """Copy without stored runs; with half the time step (kind "step") or a finer mesh ("mesh")."""
+        """Return a copy without stored runs; with half the time step (kind "step") or a finer mesh ("mesh")."""
         other = copy(self)
         other._kept, other._motions = {}, {}
         if kind is not None:
@@ -328,7 +328,7 @@ class Experiment:
 
 
 def _drive(arm: Arm, k: int, kind: str) -> tuple[float, Arm]:
-    """Return the joint torque per unit of a torque, current or voltage, and the arm with back-emf as motor friction."""
+    """Return the joint torque per unit of torque, current or voltage, and the arm, with back-emf as motor friction."""
     joint = arm.joint(k)
     if kind == "torque":
         return 1.0, arm
@@ -353,7 +353,7 @@ def _drive(arm: Arm, k: int, kind: str) -> tuple[float, Arm]:
 
 
 def _quiet(given: sensing.Sensors, names: Iterable[str]) -> sensing.Sensors:
-    """Return the sensors needed for these readings, without noise and quantization: smooth functions of parameters."""
+    """Return the sensors of these readings, without noise and quantization: smooth functions of the parameters."""
 
     def still(law: Any) -> Any:
         gain, bias = 0.5 * sum(law.gains), 0.5 * sum(law.biases)
@@ -376,7 +376,7 @@ def _quiet(given: sensing.Sensors, names: Iterable[str]) -> sensing.Sensors:
 
 # ------------------------------------------------------------------------------------------------- key paths
 def _place(path: str, sensors: Mapping[str, tuple[Any, ...]], arm: Arm) -> tuple[Any, ...]:
-    """Parse a key path, "links[0].section.EI" -> ("links", 0, "section", "EI"); ValueError if an arm has none."""
+    """Parse a key path, "links[0].section.EI" -> ("links", 0, "section", "EI"); ValueError if no arm can have it."""
     if not re.fullmatch(r"\w+(\[\d+\])*(\.\w+(\[\d+\])*)*", path):
         raise check.InvalidValue("parameters", path, "must be a key path such as links[0].section.EI")
     words: list[Any] = [int(w) if w.isdigit() else w for w in re.findall(r"\w+", path)]
@@ -390,7 +390,7 @@ def _place(path: str, sensors: Mapping[str, tuple[Any, ...]], arm: Arm) -> tuple
 
 
 def _check_place(path: str, place: Sequence[Any], table: Any) -> None:
-    """Raise ValueError unless the table has such a place, or one that is optional and absent."""
+    """Raise ValueError unless the table has such a place, or the place is optional and absent."""
     where = ""
     for word in place:
         if table is None:
@@ -412,7 +412,7 @@ def _check_place(path: str, place: Sequence[Any], table: Any) -> None:
 
 
 def _got(table: Any, place: Sequence[Any]) -> Any:
-    """Return the entry of a nested table at a place, None if absent."""
+    """Return the entry of a nested table at a place; None if it is absent."""
     for word in place:
         try:
             table = table[word]
@@ -422,7 +422,7 @@ def _got(table: Any, place: Sequence[Any]) -> Any:
 
 
 def _put(table: Any, place: Sequence[Any], value: float) -> None:
-    """Set the number at a place of a nested table; of a symmetric tensor, both entries."""
+    """Set the number at a place of a nested table; in a symmetric tensor, set both entries."""
     *before, last = place
     for word in before:
         above, table = table, table.setdefault(word, {}) if isinstance(table, dict) else table[word]

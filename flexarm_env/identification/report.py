@@ -24,7 +24,7 @@ from .uncertainty import Direction, Uncertainty
 
 @dataclass(frozen=True)
 class Prediction:
-    """Prediction of one run by one model: readings (n,) by output; VAF and NRMSE, %, by output."""
+    """Prediction of one run by one model: readings (n,), VAF (%) and NRMSE (%), each by output."""
 
     run: Run
     readings: Mapping[str, Array]
@@ -37,14 +37,14 @@ class Identification:
     """Result of an identification.
 
     Attributes:
-        arm: as fitted, with the sensors of the given arm. given: that arm.
-        parameters, values (p,), start (p,): fitted parameters, their values, the arm's values before.
+        arm: the fitted arm, with the sensors of the given arm. given: the given arm.
+        parameters: fitted parameters. values (p,): their values. start (p,): the given arm's values.
         uncertainty: uncertainty of the values. verdict: "good", or a sentence on why the fit should not be trusted.
-        train, held_out: Predictions by the fitted arm, of held-out runs without nuisances. unfitted, baseline:
-            predictions of the same runs, training first, by the given arm and by one oscillator per output.
-            oscillators: their frequency (Hz) and damping ratio, by output.
-        frequencies, damping: frequencies and damping ratios of the fitted arm with the prescribed joints held, Hz and
-            ratios; seen: ringing measured in the runs, by output.
+        train, held_out: predictions by the fitted arm; held-out runs without nuisances. unfitted, baseline: predictions
+            of the same runs, training first, by the given arm and by one oscillator per output. oscillators: frequency
+            (Hz) and damping ratio of each oscillator, by output.
+        frequencies, damping: frequencies (Hz) and damping ratios of the fitted arm while the prescribed joints are
+            held; seen: ringing measured in the runs, by output.
         fit: record of the fit. ranges: factors for `randomization`. experiment: the fitted model, with the joints'
             initial angles of the logs. files: files of the runs.
     """
@@ -94,7 +94,7 @@ class Identification:
                 draw(row, figure.subplots(2 * len(names), 1, sharex=True, height_ratios=[2, 1] * len(names)))
 
     def lines(self) -> dict[str, Any]:
-        """Return the command's output as `name: value`: held-out runs without prefix, everything else with one."""
+        """Return the command's output as lines `name: value`; only lines on held-out runs have no prefix."""
         worth = self.uncertainty
         told: dict[str, Any] = {"verdict": self.verdict}
         # parameters with their 95 % half widths
@@ -126,20 +126,20 @@ class Identification:
 
 
 def _pairs(result: Identification) -> list[tuple[Direction, Direction | None]]:
-    """Pair each unidentifiable direction with the best known combination of the same parameters, or None."""
+    """Pair each unidentifiable direction with the best known combination of the same parameters, or with None."""
     worth = result.uncertainty
     by_names = {frozenset(known.shares): known for known in worth.identifiable}
     return [(blind, by_names.get(frozenset(blind.shares))) for blind in worth.directions]
 
 
 def direction(of: Direction) -> str:
-    """Format a direction as "EI_1 +1.00, elbow +0.97 (+-0.004)": relative changes that go together, 95 % half width."""
+    """Format a direction as "EI_1 +1.00, elbow +0.97 (+-0.004)": joint relative changes, with the 95 % half width."""
     parts = ", ".join(f"{name} {share:+.2f}" for name, share in of.shares.items())
     return f"{parts} (+-{of.deviation:.2g})"
 
 
 def draw(row: Prediction, axes: Any) -> None:
-    """Draw measured and predicted readings, and the residual below, for each output of a run."""
+    """For each output of a run, draw the measured and predicted readings, and the residual below them."""
     run = row.run
     for k, name in enumerate(row.readings):
         above, below = axes[2 * k], axes[2 * k + 1]
@@ -240,7 +240,7 @@ def _correlations(result: Identification) -> str:
 
 
 def _vibration(result: Identification) -> str:
-    """Format the frequencies (Hz) and damping ratios of the fitted arm, oscillators and measured ringing as a table."""
+    """Format a table of frequencies (Hz) and damping ratios: fitted arm, oscillators, and measured ringing."""
     rows = [(f"fitted arm, mode {k + 1}, prescribed joints held", f"{f:.3f}", f"{z:.4f}", "")
             for k, (f, z) in enumerate(zip(result.frequencies, result.damping, strict=True))]  # fmt: skip
     rows += [(f"one oscillator, {name}", f"{f:.3f}", f"{z:.4f}", "") for name, (f, z) in result.oscillators.items()]

@@ -1,4 +1,4 @@
-"""Identification as a whole: read logs, fit, estimate uncertainty, evaluate predictions (`report.Identification`)."""
+"""Complete identification: read logs, fit, estimate uncertainty, and evaluate predictions (`report.Identification`)."""
 
 import dataclasses
 import os
@@ -27,7 +27,7 @@ from .signals import nrmse, oscillator, read_off, vaf
 from .uncertainty import Uncertainty
 
 FAR_OFF = 100.0
-"""Ratio of a log's readings to the arm's, or its inverse, above which the log must be in another unit."""
+"""Ratio of a log's readings to the arm's, or inverse ratio, above which the log must be in another unit."""
 
 
 def identify(
@@ -105,7 +105,7 @@ def identify(
 
 
 def _units(experiment: Experiment, run: Run, where: str) -> None:
-    """Raise BadLog if a log's values look like another unit than the config's, compared with the arm's own motion."""
+    """Raise BadLog if a log seems to be in another unit than the config's, compared with the arm's own motion."""
     for name, values in run.inputs.items():
         if name.startswith(("joint", "motor")) and np.abs(values).max() > 100.0:
             raise BadLog(f"{where}: {name} reaches {np.abs(values).max():.4g} rad: another unit than the config says?")
@@ -123,7 +123,7 @@ def _units(experiment: Experiment, run: Run, where: str) -> None:
 
 
 def _judged(run: Run, readings: Mapping[str, Array], config: Config) -> Prediction:
-    """Evaluate predicted readings of a run: VAF and NRMSE, %, by output; a fitted offset is added to the readings."""
+    """Return VAF and NRMSE, %, by output, of predicted readings of a run; a fitted offset is added to the readings."""
     explained, error, shown = {}, {}, {}
     for channel in config.outputs:
         y, own = run.outputs[channel.name], readings[channel.name]
@@ -137,7 +137,7 @@ def _judged(run: Run, readings: Mapping[str, Array], config: Config) -> Predicti
 
 
 def _modes(arm: Arm, config: Config) -> tuple[Array, Array]:
-    """Frequencies, Hz, and damping ratios of the straight arm's modes with the prescribed joints held."""
+    """Return frequencies, Hz, and damping ratios of the straight arm's modes while the prescribed joints are held."""
     held = tuple(c.joint for c in config.inputs if c.moves)
     solver = {key: value for key, value in config.solver.items() if key not in ("formulation", "dt")}
     rest = Scene("rest", arm, duration=1.0, dt=0.005, space=config.space)
@@ -150,7 +150,7 @@ def _modes(arm: Arm, config: Config) -> tuple[Array, Array]:
 
 
 BEATEN = 4.0
-"""A fit is poor if its unexplained variance exceeds this many times one oscillator's, and 2 %."""
+"""A fit is poor if its unexplained variance exceeds both 2 % and this many times one oscillator's."""
 
 
 def _verdict(resolved: Resolved, train: Sequence[Prediction], baseline: Sequence[Prediction]) -> str:
@@ -178,7 +178,10 @@ def _verdict(resolved: Resolved, train: Sequence[Prediction], baseline: Sequence
 
 
 def _swapped(problem: Problem, best: Fit) -> str:
-    """Name two columns whose exchange would fit better, with the parameters adjusted to first order; "" if none."""
+    """Return a sentence on two columns whose exchange would fit better, or "".
+
+    The parameters are adjusted to the exchange to first order.
+    """
     pairs = combinations(problem.experiment.config.outputs, 2)
     # only outputs of the same kind can be confused
     alike = [(a, b) for a, b in pairs if a.name.split("_")[:2] == b.name.split("_")[:2]]
@@ -205,7 +208,7 @@ def _swapped(problem: Problem, best: Fit) -> str:
 
 # ------------------------------------------------------------------------------------------------- randomization
 def _ranges(parameters: Sequence[Parameter], values: Array, worth: Uncertainty) -> dict[str, tuple[float, float]]:
-    """Randomization factors on the fitted arm: the widest 95 % interval among the parameters of each key."""
+    """Return randomization factors on the fitted arm: for each key, the widest 95 % interval of its parameters."""
     kinds = {"EI": "EI", "payload": "mass", "damping": "tau_d", "torque_constant": "torque_constant"}
     found: dict[str, tuple[float, float]] = {}
     for p, value, half in zip(parameters, values, worth.half, strict=True):

@@ -1,4 +1,4 @@
-"""Signal measures: variance accounted for, NRMSE, ringing, amplitude-dependent decay, and a one-oscillator model."""
+"""Signal measures: variance accounted for, NRMSE, ringing, decay by amplitude, and a one-oscillator model."""
 
 from dataclasses import dataclass
 
@@ -13,23 +13,23 @@ from .log import Run
 
 
 def vaf(measured: Array, predicted: Array) -> float:
-    """Variance accounted for, %: 100 (1 - var(measured - predicted) / var(measured)); offsets do not count.
+    """Return the variance accounted for, %: 100 (1 - var(measured - predicted) / var(measured)); offsets do not count.
 
-    Raises ValueError for a constant log, or a prediction of another length; so does `nrmse`.
+    Raises ValueError for a constant log, or a prediction of another length, as does `nrmse`.
     """
     measured, predicted = _comparable(measured, predicted)
     return float(100.0 * (1.0 - np.var(measured - predicted) / np.var(measured)))
 
 
 def nrmse(measured: Array, predicted: Array, offset: bool) -> float:
-    """Root mean square error over the log's standard deviation, %; offset: whether the error's mean is removed."""
+    """Return the root mean square error over the log's standard deviation, %; offset: whether to remove its mean."""
     measured, predicted = _comparable(measured, predicted)
     e = measured - predicted
     return float(100.0 * np.sqrt(np.mean((e - e.mean() if offset else e) ** 2)) / np.std(measured))
 
 
 def _comparable(measured: Array, predicted: Array) -> tuple[Array, Array]:
-    """Validate two signals of equal length, the measured one not constant."""
+    """Validate two signals: they have equal lengths, and the measured one is not constant."""
     measured, predicted = check.array("measured", measured, ("n",)), check.floats("predicted", predicted)
     if predicted.shape != measured.shape:
         raise check.InvalidValue("shape of predicted", predicted.shape, f"must be that of measured, {measured.shape}")
@@ -44,7 +44,7 @@ class Ringing:
     """Damped cosine fitted to an interval of a signal.
 
     start: s. frequency: undamped, Hz. damping: ratio. amplitude: at the interval's start, in the signal's unit. error:
-    root mean square of the fit's residual, over the interval's standard deviation.
+    root mean square of the fit's residual, divided by the interval's standard deviation.
     """
 
     start: float
@@ -57,7 +57,8 @@ class Ringing:
 def ringing(t: Array, y: Array, low: float = 0.0, high: float = np.inf) -> Ringing | None:
     """Fit the strongest damped cosine of a signal y (n,) between two frequencies, Hz; None if there is none.
 
-    A spectrum's peak, then least squares of offset + exp(-d t) (a cos w t + b sin w t).
+    The initial guess is a peak of the spectrum. Then offset + exp(-d t) (a cos w t + b sin w t) is fitted by least
+    squares.
     """
     from scipy.optimize import least_squares
 
@@ -78,7 +79,7 @@ def ringing(t: Array, y: Array, low: float = 0.0, high: float = np.inf) -> Ringi
         return table, np.linalg.lstsq(table, y, rcond=None)[0]
 
     def error(x: Array) -> Array:
-        """Residual of the fit over the signal's standard deviation."""
+        """Return the residual of the fit, divided by the signal's standard deviation."""
         table, c = parts(x)
         return np.asarray((table @ c - y) / (y.std() + 1e-300))
 
@@ -150,9 +151,10 @@ def read_off(run: Run, name: str) -> list[Ringing]:
 # -------------------------------------------------------------------------------------------- one oscillator
 @dataclass(frozen=True)
 class Oscillator:
-    """Linear oscillator y'' + 2 damping w y' + w^2 y = sum of gains times inputs, with the sensor's filter; w = 2 pi f.
+    """Linear oscillator y'' + 2 damping w y' + w^2 y = (sum of gains times inputs), with the sensor's filter; w = 2 pi
+    f.
 
-    frequency f: Hz. For inputs that prescribe angles, the accelerations of these angles are used.
+    frequency: f, Hz. For inputs that prescribe angles, the accelerations of these angles are used.
     """
 
     frequency: float
@@ -166,14 +168,14 @@ class Oscillator:
 
 
 def _through(run: Run, frequency: float, damping: float, law: Law) -> Array:
-    """Filter each input by the oscillator with unit gain and the sensor's low-pass, (n, inputs).
+    """Filter each input by the oscillator with unit gain and by the sensor's low-pass, (n, inputs).
 
-    frequency: Hz. damping: ratio. law: of the sensor.
+    frequency: Hz. damping: ratio. law: law of the sensor.
     """
     from scipy.signal import cont2discrete, lfilter, ss2tf
 
     def second(w: float, damping: float, gain: float) -> tuple[Array, Array]:
-        """State space (A, B) of y'' + 2 damping w y' + w^2 y = gain u with states (y, y'/w)."""
+        """Return the state space (A, B) of y'' + 2 damping w y' + w^2 y = gain u with states (y, y'/w)."""
         return np.array([[0.0, w], [-w, -2.0 * damping * w]]), np.array([[0.0], [gain / w]])
 
     filters = [second(2.0 * np.pi * frequency, damping, 1.0)]
@@ -198,16 +200,16 @@ def _through(run: Run, frequency: float, damping: float, law: Law) -> Array:
 
 
 def oscillator(runs: list[Run], name: str, law: Law) -> Oscillator:
-    """Fit the oscillator closest to an output of all runs, without offsets; law: law of its sensor.
+    """Fit one oscillator to an output of all runs, without offsets; law: law of the output's sensor.
 
-    Grid over the frequency (25 values, 0.3 to 30 Hz), then least squares in log frequency and log damping.
+    A grid over the frequency (25 values, 0.3 to 30 Hz) is followed by least squares in log frequency and log damping.
     """
     from scipy.optimize import least_squares
 
     target = np.concatenate([y - y.mean() for y in (run.outputs[name][run.kept] for run in runs)])
 
     def solved(x: Array) -> tuple[Array, Array]:
-        """Relative residual, and the gains, which are linear; x: logarithms of frequency and damping ratio."""
+        """Return the relative residual, and the gains, which are linear; x: log frequency and log damping ratio."""
         tables = [_through(run, float(np.exp(x[0])), float(np.exp(x[1])), law)[run.kept] for run in runs]
         table = np.concatenate([columns - columns.mean(axis=0) for columns in tables])
         gains = np.linalg.lstsq(table, target, rcond=None)[0]

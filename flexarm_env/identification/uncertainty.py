@@ -1,9 +1,10 @@
 """Uncertainty of a fit: parameter intervals, unidentifiable parameters, and identifiable combinations.
 
 Residuals of a slightly wrong model, and of filtered sensors, are correlated between samples. The covariance is the
-sandwich (J'J)^-1 S (J'J)^-1 with a heteroskedasticity- and autocorrelation-consistent S (Newey & West 1987), the
-bandwidth of Andrews (1991), and quantiles of Student's t with the degrees of freedom of S (Kiefer & Vogelsang 2005:
-1.5 n over the bandwidth of Bartlett's kernel). It is never smaller than that of independent residuals.
+sandwich (J'J)^-1 S (J'J)^-1. S is heteroskedasticity- and autocorrelation-consistent (Newey & West 1987), with the
+bandwidth of Andrews (1991). The intervals use quantiles of Student's t with the degrees of freedom of S (Kiefer &
+Vogelsang 2005: 1.5 n over the bandwidth of Bartlett's kernel). The covariance is never smaller than that of independent
+residuals.
 """
 
 from collections.abc import Sequence
@@ -16,21 +17,21 @@ from ..validation import Array
 from .fit import Problem
 
 UNTOLD = 0.5
-"""A parameter is unidentifiable if its 95 % half width exceeds this many of its sizes."""
+"""A parameter is unidentifiable if its 95 % half width exceeds this share of its size."""
 
 SHOWN = 0.2
-"""Smallest share of a parameter in a direction, over the largest share, at which it is named."""
+"""Smallest share of a named parameter in a direction, divided by the largest share."""
 
 AT_BOUND = 1e-4
-"""A parameter is at a bound if its distance is below this share of the bounds' distance."""
+"""A parameter is at a bound if its distance from the bound is below this share of the distance between both bounds."""
 
 SMALLEST = 1e-7
-"""Lower limit of the derivatives' singular values over the largest."""
+"""Lower limit of the derivatives' singular values, divided by the largest one."""
 
 
 @dataclass(frozen=True)
 class Direction:
-    """Combination of parameter changes in units of their sizes, the largest 1.
+    """Combination of parameter changes in units of their sizes; the largest change is 1.
 
     deviation: 95 % half width of the combination, in units of the largest change.
     """
@@ -48,11 +49,10 @@ class Uncertainty:
         condition: condition number of the derivatives by parameters in their sizes. at_bound: names of parameters at a
             bound; they have no interval (nan).
         unidentifiable: names of the parameters that the logs do not determine, at a bound or not. directions: changes
-        of
-            several parameters with almost no effect; identifiable: for each, the best known combination of the same
-            parameters.
-        noise: root mean square of the residuals over the readings' standard deviation. samples: equivalent number of
-            independent residuals.
+            of several parameters with almost no effect. identifiable: for each direction, the best known combination of
+            the same parameters.
+        noise: root mean square of the residuals, divided by the readings' standard deviation. samples: equivalent
+            number of independent residuals.
     """
 
     half: Array
@@ -102,7 +102,7 @@ def uncertainty(problem: Problem, z: Array) -> Uncertainty:
 
 
 def interval_of_last(J: Array, errors: Sequence[Array]) -> tuple[float, float]:
-    """Gauss-Newton value of the last parameter of J (n, p), and the half width of its 95 % interval.
+    """Return the Gauss-Newton value of the last parameter of J (n, p), and the half width of its 95 % interval.
 
     errors: residuals of each run (samples, outputs).
     """
@@ -120,9 +120,9 @@ def interval_of_last(J: Array, errors: Sequence[Array]) -> tuple[float, float]:
 
 
 def _with_priors(problem: Problem, free: NDArray[np.intp], covariance: Array) -> Array:
-    """Standard deviations of the free parameters, in their sizes, from the logs and the priors together.
+    """Return standard deviations of the free parameters, in their sizes, from the logs and the priors together.
 
-    covariance: from the logs alone. Information matrices are added: (C^-1 + diag(1 / s^2))^-1.
+    covariance: covariance from the logs alone. Information matrices are added: (C^-1 + diag(1 / s^2))^-1.
     """
     alone = np.sqrt(np.diag(covariance))
     prior = [problem.experiment.parameters[i].prior for i in free]
@@ -135,10 +135,10 @@ def _with_priors(problem: Problem, free: NDArray[np.intp], covariance: Array) ->
 
 
 def _covariance(J: Array, errors: Sequence[Array], noise2: float) -> tuple[Array, float, float, float]:
-    """Covariance (p, p) of the parameters by the sandwich formula, from J (n, p) and the residuals of each run.
+    """Return the covariance (p, p) of the parameters by the sandwich formula, from J (n, p) and each run's residuals.
 
-    noise2: mean squared residual. Returns covariance, degrees of freedom, condition of J, and the number of residuals
-    that amount to one independent residual.
+    noise2: mean squared residual. Further results: degrees of freedom, condition of J, and the number of residuals that
+    amount to one independent residual.
     """
     p = J.shape[1]
     _, values, right = np.linalg.svd(J, full_matrices=False)
@@ -167,7 +167,7 @@ def _covariance(J: Array, errors: Sequence[Array], noise2: float) -> tuple[Array
 
 
 def _long_run(scores: Sequence[Array]) -> tuple[Array, float]:
-    """Long-run covariance S (p, p) of the scores with Bartlett weights, and its degrees of freedom.
+    """Return the long-run covariance S (p, p) of the scores with Bartlett weights, and its degrees of freedom.
 
     scores: (samples, p) of each run.
     """
@@ -197,7 +197,7 @@ def _directions(
 ) -> tuple[tuple[Direction, ...], tuple[Direction, ...]]:
     """Find unidentifiable combinations of parameters, and for each the best known combination of the same parameters.
 
-    covariance (p, p): in units of the parameters' sizes. quantile: of Student's t, 97.5 %.
+    covariance (p, p): in units of the parameters' sizes. quantile: 97.5 % quantile of Student's t.
     """
     values, vectors = np.linalg.eigh(covariance)
     blind, told = [], []

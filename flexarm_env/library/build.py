@@ -1,4 +1,4 @@
-"""Build a C library from an environment: a folder with shared object, header, example, CMake and pkg-config file."""
+"""Build a C library from an environment: a folder with shared object, header, example, CMake and pkg-config files."""
 
 import platform
 import shutil
@@ -28,10 +28,10 @@ CPU = "x86-64-v2"
 CHANGING = (
     "block", "action", "queue", "observation", "table", "reward", "terminated", "truncated", "stream", "request",
 )  # fmt: skip
-"""Arrays of a `tasks.program.Program` that stepping and starting write to; all others are constant data."""
+"""Arrays of a `tasks.program.Program` that steps and resets write to; all others are constant data."""
 
 TAKEN = ("example", "m", "c")
-"""Names that a library cannot have: the example beside it, and the libraries that it is linked with."""
+"""Names that a library cannot have: that of its example, and those of the libraries with which it is linked."""
 
 LAWS = ("model.data", *(f"models.{word}.data" for word in Models._fields))
 """Arrays of the joints' parameters, which a user of the library may set."""
@@ -41,8 +41,8 @@ LAWS = ("model.data", *(f"models.{word}.data" for word in Models._fields))
 class Built:
     """Result of `write`.
 
-    files: names of the files in the folder. objects: those that hold compiled programs. source: the generated texts.
-    library: name of the shared object, or None; `why` then gives the reason.
+    files: names of the files in the folder. objects: names of the files with compiled programs. source: the generated
+    texts. library: name of the shared object, or None; `why` then gives the reason.
     """
 
     folder: Path
@@ -57,13 +57,14 @@ class Built:
 def write(env: Any, folder: Path, name: str, cpu: str | None = None, derivatives: bool = True) -> Built:
     """Write an environment's arm and task as a C library into a folder.
 
-    The library computes the same bits as the environment: same arm, random streams and task; actions are float64 and
-    the energy balance is kept. There is no time limit: the caller ends an episode.
+    The library computes the same bits as the environment, with the same arm, random streams and task. Actions are
+    float64, and the energy balance is computed. There is no time limit: the caller ends an episode.
 
     Args:
         env: single environment of this package, without a prescribed motion. folder: created if missing. name: C
-            identifier, prefix of all that the library defines. cpu: LLVM's name of the processor, "native" for this
-            machine; default `CPU`. derivatives: include jvp and vjp of a control period, where the arm has them.
+            identifier, prefix of all names that the library defines. cpu: LLVM's name of the processor, "native" for
+            this machine; default `CPU`. derivatives: whether to include jvp and vjp of a control period, if the arm has
+            them.
     Raises:
         ValueError: another environment; a machine other than Linux on x86-64; uncompiled mode.
     """
@@ -117,7 +118,7 @@ def write(env: Any, folder: Path, name: str, cpu: str | None = None, derivatives
 
 
 def _periods(batch: Any) -> tuple[Periods | None, str]:
-    """Return the derivatives of the batch's arm and "", or None and the reason why there are none."""
+    """Return the derivatives of the batch's arm and "", or None and the reason why the arm has no derivatives."""
     try:
         periods = Periods(batch, whole=True)
     except (ValueError, NotImplementedError) as error:

@@ -22,7 +22,7 @@ from .build import Built, linked, write
 from .source import VERSION, fill, flat, number
 
 FORMS = {"2.0": "linux64", "3.0": "x86_64-linux"}
-"""Supported versions of the FMI standard, and each one's folder name for Linux on x86-64."""
+"""Supported versions of the FMI standard, and the name of the folder for Linux on x86-64 in each."""
 
 UNITS: dict[str, dict[str, int]] = {
     "m": {"m": 1}, "s": {"s": 1}, "kg": {"kg": 1}, "rad": {"rad": 1}, "m/s": {"m": 1, "s": -1},
@@ -33,17 +33,17 @@ UNITS: dict[str, dict[str, int]] = {
 """Units of variables, as exponents of SI base units."""
 
 UNIT = "co-simulation.c"
-"""File name of the FMU's C source; not a C identifier, so that it cannot collide with the library's files."""
+"""File name of the FMU's C source. It is not a C identifier, so that it cannot collide with the library's files."""
 
 LEFT_OUT = ("target", "terms", "reason", "reward", "truncated", "further")
-"""Entries of `info` that the FMU does not export: those of the task, and the status that fails a step."""
+"""Entries of `info` that the FMU does not export: entries of the task, and the status, which makes a step fail."""
 
 
 class Variable(NamedTuple):
     """One variable of the FMU.
 
-    kind, at: table of the C source (`fmu.c`) and index in it. start: initial value, None if the variable is computed.
-    least, most: bounds of an input or parameter.
+    kind, at: table of the C source (`fmu.c`), and index in this table. start: initial value, None if the variable is
+    computed. least, most: bounds of an input or parameter.
     """
 
     name: str
@@ -65,9 +65,9 @@ class Variable(NamedTuple):
 def write_fmu(env: Any, path: Path, name: str, form: str = "3.0", cpu: str | None = None) -> Built:
     """Write an environment's arm with its motors as a co-simulation FMU.
 
-    Inputs are torques (N m), or actions in another action mode; they are constant over a control period, and a
-    communication step is a whole number of periods. Start and parameters are set, not drawn; noise follows from `seed`.
-    States can be saved and restored. Directional derivatives are in the library only (`build.write`).
+    Inputs are torques (N m), or the actions of another action mode; they are constant over a control period. A
+    communication step is a whole number of periods. Initial state and parameters are set, not random; noise follows
+    from `seed`. States can be saved and restored. Only the library has directional derivatives (`build.write`).
 
     Args:
         env, name, cpu: as in `build.write`. path: path of the file. form: version of the standard, a key of `FORMS`.
@@ -100,9 +100,9 @@ def write_controller_fmu(
 ) -> None:  # fmt: skip
     """Write a controller as a co-simulation FMU with sensor readings as inputs and torques (N m) as outputs.
 
-    The readings are those of an arm's FMU. In a communication step the controller acts once per control period, always
-    on the readings at the step's start; the outputs are the torques of the last period. The importing tool steps the
-    controller before the arm.
+    The readings are the outputs of an arm's FMU. In a communication step the controller acts once per control period,
+    always on the readings at the step's start. The outputs are the torques of the last period. The importing tool steps
+    the controller before the arm.
 
     Args:
         controller, slew, elbows, targets: as in `control.in_c.controller_source`. path, form: as in `write_fmu`.
@@ -144,10 +144,10 @@ def _check_form(form: str) -> None:
 def _pack(
     path: Path, about: _About, variables: list[Variable], part: str, inside: str, code: str, files: list[Path]
 ) -> None:
-    """Compile the FMU's C source in the folder of `files` and zip it with the model description to `path`.
+    """Compile the FMU's C source in the folder of `files`, and zip it with the model description to `path`.
 
     part: C text with the types and functions of arm or controller. inside: file that the source includes, which is not
-    compiled separately. code: C text that the token (FMI's identity check) is a hash of.
+    compiled separately. code: C text whose hash is the token, FMI's identity check.
     """
     name, folder = about.name, files[0].parent
     token = hashlib.sha256(code.encode()).hexdigest()[:32]

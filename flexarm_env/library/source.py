@@ -25,18 +25,18 @@ from ..tasks.program import ENERGIES, INFO, REQUEST, TORQUE_FACTOR
 VERSION = metadata.version("flexarm_env")
 
 MEANINGS = {"further": "costs, payload, push, drawn factors, ...: flexarm_env.tasks.program.FURTHER says where each is"}
-"""Comments of `info` entries whose layout description refers to another layout."""
+"""Comments on `info` entries whose description in the layout refers to another layout."""
 
 LEAST = 1e-30
 """Lower bound of parameters that must be positive."""
 
 LEAST_DAMPED = 1e-3
-"""An arm without damping may be given a tau_d of up to ten times this value, s."""
+"""Damping time tau_d, s, assumed for an undamped arm in the upper limit of tau_d, which is ten times larger."""
 _OWN = (
     ("payload_mass", "kg", "of the arm", 0.0), ("payload_inertia", "kg m2", "of the arm", 0.0),
     ("EI_factor", "", "on all stiffness to bending", LEAST), ("tau_d", "s", "of the damping", 0.0),
 )  # fmt: skip
-"""Parameters of every arm in the plane: name, unit, meaning, lower bound."""
+"""Parameters of every planar arm: name, unit, meaning, lower bound."""
 
 _OWN_IN_SPACE = (
     _OWN[0], ("payload_inertia", "", "a factor on the payload's tensor", 0.0), ("EI_factor", "", "on EI", LEAST),
@@ -53,7 +53,7 @@ SENTENCES = {
     "action_not_finite": "the action is not finite",
     "joint_limit": "a joint is beyond its limits",
 }
-"""Sentence for each status word of `REASONS`; "ok" if there is none."""
+"""Sentence for each status word of `REASONS`; "ok" if there is no reason."""
 
 
 def fill(file: str, name: str, known: Mapping[str, Any]) -> str:
@@ -68,7 +68,7 @@ class Parameter(NamedTuple):
     """A parameter of the arm that the compiled programs read at run time.
 
     start: value in the environment. least, most: permitted range. law: index in the joints' parameters, or None for a
-    parameter that the environment draws at reset; `at` is then its entry in the arm's block of memory.
+    parameter that the environment draws at reset; `at` is then the index of its entry in the arm's block of memory.
     """
 
     name: str
@@ -87,8 +87,7 @@ class Source:
     Args:
         env: environment. name: prefix of all C names. worlds: memory images of stepping and, if present, of the
             derivatives. periods: the derivatives, or None; `absent` then gives the reason. symbols: C names of the
-                programs.
-            cpu: processor, for the header's comment.
+            programs. cpu: name of the processor for the header's comment.
     """
 
     def __init__(
@@ -113,13 +112,13 @@ class Source:
         }
 
     def filled(self, file: str, **more: str) -> str:
-        """Return the template `file` filled with this library's values and those of `more`."""
+        """Return the template `file` filled with this library's values and the values in `more`."""
         return fill(file, self.name, self._known | more)
 
     # --- the numbers ------------------------------------------------------------------------------
     @cached_property
     def _known(self) -> dict[str, Any]:
-        """Values of the template marks: sizes, byte offsets in the memory image, units and comments."""
+        """Return the values of the template marks: sizes, byte offsets in the memory image, units and comments."""
         batch, plan, world = self.batch, self.plan, self.worlds[0]
         # byte offsets of the program's arrays in world 0, and entries of a request
         at, request = {key: place[0] for key, place in world.places.items()}, REQUEST.offsets(0, self.joints, 0)
@@ -165,7 +164,7 @@ class Source:
 
     @property
     def reach(self) -> tuple[float, float]:
-        """Smallest and largest distance (m) of a target from the root; zeros if the target is no point."""
+        """Smallest and largest distance (m) of a target from the root; zeros if the target is not a point."""
         near, far = reach(self.plan.arm) if self.point else (0.0, 0.0)
         return float(near), float(far)
 
@@ -187,7 +186,7 @@ class Source:
 
         # whether double precision resolves the arm with this stiffness factor and tau_d
         def carried(factor: float, damping: float) -> bool:
-            """Return whether double precision carries the arm at a factor on its stiffness and a tau_d, s."""
+            """Return whether double precision resolves the arm with a factor on its stiffness and a tau_d, s."""
             factors = dict.fromkeys(STIFFNESSES, factor)
             try:
                 precision.check_parameters(batch.arm, batch.settings, factors, damping, 0.0, "")
@@ -244,7 +243,7 @@ class Source:
     def _settable(self, block: int) -> dict[str, Any]:
         """Return the template values of the parameters: offsets, limits, list for the header, and copies to keep equal.
 
-        A joint's parameter has a copy in every model of the program (one for each step size).
+        A joint's parameter has a copy in every model of the program; there is one model for each step size.
         """
         copies = [(k, at + 8 * p.law) for k, p in enumerate(self.parameters) if p.law is not None
                   for at in self._laws(0, "")]  # fmt: skip
@@ -309,7 +308,7 @@ class Source:
 
     @property
     def _declared(self) -> str:
-        """Declarations of the derivatives for the header, "" without derivatives."""
+        """Return the declarations of the derivatives for the header; "" without derivatives."""
         if self.periods is None:
             return ""
         # comment with the names of the state's entries
@@ -318,7 +317,7 @@ class Source:
 
     @property
     def _derived(self) -> str:
-        """Definitions of the derivatives for the C file, "" without derivatives."""
+        """Return the definitions of the derivatives for the C file; "" without derivatives."""
         if self.periods is None:
             return ""
         p, world = self.periods, self.worlds[1]
@@ -334,7 +333,7 @@ class Source:
         )  # fmt: skip
 
     def _tables(self) -> Iterator[str]:
-        """Yield the C arrays of each world: words, pointers to relocate and data, then a table of the worlds."""
+        """Yield the C arrays of each world (words, pointers to relocate, and data), then a table of the worlds."""
         rows = []
         for k, world in enumerate(self.worlds):
             # pointers: word `word` is to hold the address of byte `byte` of the data
@@ -377,16 +376,16 @@ def _entries(setup: Setup) -> list[str]:
 
 
 def _listed(lines: Iterable[str], start: str = " *   ") -> str:
-    """Return lines as a C comment, each behind `start`."""
+    """Format lines as a C comment, each after `start`."""
     return "\n".join(f"{start}{harmless(line)}" for line in lines)
 
 
 def _rows(words: Iterable[str]) -> str:
-    """Return words as C initializers, six per line."""
+    """Format words as C initializers, six per line."""
     found = list(words)
     return ",\n".join("    " + ", ".join(found[k : k + 6]) for k in range(0, len(found), 6))
 
 
 def number(value: float) -> str:
-    """Return a double as a C literal that reads back to the same bits."""
+    """Format a double as a C literal that reads back to the same bits."""
     return repr(float(value))

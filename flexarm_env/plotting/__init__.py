@@ -1,9 +1,9 @@
-"""Figures of trajectories, one function for each kind; the path's ending selects PNG, PDF or SVG. Needs matplotlib
-(`plot` extra).
+"""Figures of trajectories, one function for each kind; needs matplotlib (extra `plot`).
 
-`plot_trajectory` draws the paper's figure: deformed shapes with time labels, beside tip deflection and energy.
-`plot_comparison` compares runs with each other and with a reference. `plot_energies` and `plot_spectrum` show energies
-and frequencies. `plot_all` writes all figures of a run to a folder.
+`plot_trajectory` plots deformed shapes with time labels, beside tip deflection and energy, like the figures of the
+paper. `plot_comparison` compares runs with each other and with a reference. `plot_energies` and `plot_spectrum` plot
+energies and frequencies. `plot_all` writes all figures of a run to a folder. The ending of a file's name selects PNG,
+PDF or SVG.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def plot_energies(trajectory: Trajectory, path: str | os.PathLike[str], title: s
 
 
 LABELLED, LEAST_LABELLED = 4, 1e-2
-"""Peaks of a spectrum that are labelled, at most; and their least height over the highest."""
+"""Largest number of labelled peaks of a spectrum; smallest height of a labelled peak over the highest."""
 
 
 def spectrum(t: Array, x: Array) -> tuple[Array, Array]:
@@ -234,7 +234,7 @@ def plot_all(
 
 # ------------------------------------------------------------------ parts
 def _title(trajectory: Trajectory, title: str | None) -> str:
-    """Return the given title, or scene, formulation and options."""
+    """Return the given title; without one, scene, formulation and options."""
     if title is not None:
         return title
     settings = trajectory.settings
@@ -251,7 +251,7 @@ def _last_drive(trajectory: Trajectory) -> float:
 
 
 def _stages(trajectory: Trajectory) -> list[NDArray[np.intp]]:
-    """Return the samples of each panel: all, or driven and free motion if the arm would be drawn over itself."""
+    """Return the samples of each panel: all, or driven and free motion separately if the shapes would overlap."""
     t, everything = trajectory.t, np.arange(trajectory.t.size)
     stop = _last_drive(trajectory)
     moved = float(np.ptp(trajectory.start[:, :2], axis=0).max())
@@ -262,7 +262,7 @@ def _stages(trajectory: Trajectory) -> list[NDArray[np.intp]]:
 
 
 def _larger(trajectory: Trajectory, chosen: NDArray[np.intp]) -> float:
-    """Return the factor 1, 2, 5, 10 or 20 by which a small deflection is drawn larger."""
+    """Return the factor 1, 2, 5, 10 or 20 by which a small deflection is enlarged."""
     turned = float(np.ptp(trajectory.joint_angles[chosen], axis=0).max())
     largest = float(np.abs(trajectory.tip_deflection[chosen]).max())
     if turned > 0.2 or largest == 0.0:
@@ -271,7 +271,7 @@ def _larger(trajectory: Trajectory, chosen: NDArray[np.intp]) -> float:
 
 
 def _extent(points: Array) -> tuple[float, float]:
-    """Return width and height of shapes, m, neither much smaller than the other."""
+    """Return the width and the height of the shapes, m; neither is much smaller than the other."""
     flat = points.reshape(-1, 2)
     width, height = np.ptp(flat[:, 0]), np.ptp(flat[:, 1])
     least = 0.35 * max(width, height, 1e-12)
@@ -284,8 +284,7 @@ def _draw_shapes(
 ) -> None:  # fmt: skip
     """Draw the arm at `count` instants, the path of its tip, and a reference's tip.
 
-    chosen: sampled rows that are shown. size: of the figure, inches. factor: deflections are drawn this many times as
-    large.
+    chosen: sampled rows that are shown. size: size of the figure, inches. factor: factor on the deflections.
     """
     t = trajectory.t[chosen]
     times = np.linspace(t[0], t[-1], min(count, t.size))
@@ -315,7 +314,7 @@ def _draw_shapes(
 def _label_times(axes: Any, shapes: Array, times: Array, free: bool, size: tuple[float, float]) -> None:
     """Label each shape with its time where the label covers least; omit labels that would overlap.
 
-    free: at either end. size: of the panel, inches.
+    free: whether labels may be at either end of a shape. size: size of the panel, inches.
     """
     drawn = shapes.reshape(-1, 2)
     point = float(np.max(np.ptp(drawn, axis=0) / (np.array(size) * 72.0 * 0.8)))  # m
@@ -361,7 +360,7 @@ def _draw_deflection(axes: Any, trajectory: Trajectory) -> None:
 
 
 def _floor(axes: Any) -> None:
-    """Keep zero distances from stretching a logarithmic axis."""
+    """Prevent zero distances from stretching a logarithmic axis."""
     values = np.concatenate([np.asarray(line.get_ydata(), dtype=float) for line in axes.lines] or [np.ones(1)])
     values = values[np.isfinite(values)]
     if values.size:
@@ -369,7 +368,7 @@ def _floor(axes: Any) -> None:
 
 
 def _peaks(amplitude: Array) -> list[int]:
-    """Return the indices of peaks that stand out by at least a factor of three, the highest first."""
+    """Return the indices of peaks that are at least three times as high as their surroundings, the highest first."""
     from scipy.signal import find_peaks
 
     level = np.log(np.maximum(amplitude[1:], 1e-300))  # without the mean

@@ -73,7 +73,7 @@ def shade(i: int, count: int, start: float = 0.0) -> Any:
 
 
 def mark_kinks(axes: Any, trajectory: Trajectory) -> None:
-    """Draw a thin line at each instant at which a drive jumps, unless there are many."""
+    """Draw a thin line at each instant at which a drive jumps, unless there are many such instants."""
     kinks = [t for t in trajectory.scene.kinks if t < trajectory.t[-1]]
     if len(kinks) <= 8:
         for t in kinks:
@@ -81,7 +81,7 @@ def mark_kinks(axes: Any, trajectory: Trajectory) -> None:
 
 
 def draw_energies(axes: Any, trajectory: Trajectory) -> None:
-    """Draw energies over time, and their sum."""
+    """Draw the energies and their sum over time."""
     parts = {"kinetic": trajectory.kinetic, "strain": trajectory.strain_energy}
     if np.any(trajectory.gravity != 0.0):
         parts["gravity"] = trajectory.gravity

@@ -34,15 +34,14 @@ from .packet import (
 )
 
 PATIENCE = 3.0
-"""Seconds to wait for the answer to a HELLO, or for the first reading."""
+"""Time to wait for the answer to a HELLO, or for the first reading, s."""
 WATCHDOG = "watchdog expired"
 REASONS = ("no_reading", "stopped", "held", WATCHDOG)
-"""Reasons for the end of an episode: no reading arrived in time; the arm has stopped; a limit holds the arm; its
-watchdog holds it, because commands were late.
-"""
+"""Reasons for the end of an episode: no reading arrived in time; the arm has stopped; a limit holds the arm; the arm's
+watchdog holds it, because commands were late."""
 TRIES = 3
 LONGEST, LEAST = 3600.0, 1e-8
-"""Largest period that a client accepts, s; smallest scale, at which every reading is still a float32."""
+"""Longest period that a client accepts, s; smallest scale, for which every reading divided by it is still a float32."""
 
 
 class Wire:
@@ -53,7 +52,8 @@ class Wire:
             reading, s; default: ten periods.
     Attributes:
         period: control period, s. limits (N,): torque limits, N m. scales (M,): scales of the observation's entries.
-        watchdog: periods without a command until the arm is held. lost: readings that never arrived.
+        watchdog: number of periods without a command after which the arm is held. lost: number of readings that never
+            arrived.
         angles, rates, torques (N,), seen (M,), flags, status, time: last reading, in rad, rad/s, N m, SI units and s.
     Raises:
         ConnectionError: no answer, or the server serves another peer.
@@ -63,7 +63,7 @@ class Wire:
     def __init__(self, host: str, port: int, key: bytes | None = None, timeout: float | None = None) -> None:
         """Connect to a served arm by HELLO and challenge.
 
-        key: shared secret of at least 16 bytes, or None. timeout: s that a reading is waited for; ten periods if None.
+        key: shared secret of at least 16 bytes, or None. timeout: longest wait for a reading, s; None: ten periods.
 
         Raises:
             ConnectionError: no server answers. ValueError: a wrong key, port or timeout.
@@ -83,7 +83,7 @@ class Wire:
         self.seen, self.flags, self.status, self.time = np.zeros(len(self.scales)), HELD, 0.0, 0.0
 
     def _meet(self, where: str) -> None:
-        """Perform the handshake with the server `where` and store period, watchdog, limits and scales from its WELCOME.
+        """Connect to the server `where`, and store period, watchdog, limits and scales from its WELCOME.
 
         Raises:
             ConnectionError: the numbers of the WELCOME are inconsistent.
@@ -99,9 +99,9 @@ class Wire:
             raise ConnectionError(f"{where}: a welcome that does not say what its arm has")
 
     def _hello(self, where: str) -> tuple[float, ...]:
-        """Send HELLO, return the cookie of the CHALLENGE, and return the numbers of the WELCOME.
+        """Send HELLO, send back the cookie of the CHALLENGE, and return the numbers of the WELCOME.
 
-        Repeats every 0.1 s for `PATIENCE` seconds, since datagrams may be lost.
+        Packets are repeated every 0.1 s for `PATIENCE` seconds, since datagrams may be lost.
         """
         ends, cookie, tries = time.monotonic() + PATIENCE, NO_COOKIE, 0
         while time.monotonic() < ends:
@@ -125,7 +125,7 @@ class Wire:
         raise ConnectionError(f"{where}: no answer within {PATIENCE:g} s: {what}")
 
     def _put(self, packet: Packet) -> None:
-        """Send a packet. Raises ConnectionError if the system refuses it, except for a HELLO, which is repeated."""
+        """Send a packet. Raises ConnectionError if the system rejects it, except for a HELLO, which is repeated."""
         try:
             self.socket.send(pack(packet, self.key))
         except OSError as error:
@@ -135,9 +135,9 @@ class Wire:
     def _take(self, until: float, *kinds: Kind, wait: bool = True) -> Packet | None:
         """Return the next packet of the given kinds that arrives before `until` (monotonic clock, s), or None.
 
-        Other packets are dropped, and so are readings of another connection or out of order. wait False: only packets
-        that have already arrived. A packet of another protocol version is returned as kind OTHER_VERSION, with that
-        version in place of the sequence number.
+        All other packets are dropped, as are readings of another connection or out of order. wait=False: consider only
+        packets that have already arrived. A packet of another protocol version is returned as kind OTHER_VERSION, with
+        that version in place of the sequence number.
         """
         while (left := until - time.monotonic()) > 0.0:
             # a wait is rounded up to whole ms, hence 0 for none
@@ -175,7 +175,7 @@ class Wire:
         return found
 
     def command(self, torques: Any, flags: int = 0) -> None:
-        """Send torques (N,), N m, clipped to the limits; with the flag `SET_POINTS` joint angles, rad.
+        """Send torques (N,), N m, clipped to the limits; with the flag `SET_POINTS`, send joint angles, rad.
 
         Args:
             flags: bits `ARM`, `SET_POINTS`, `RESET` of `remote.packet`.
@@ -191,10 +191,10 @@ class Wire:
         self._put(Packet(Kind.COMMAND, self.connection, self.sequence, time.time(), tuple(asked.tolist()), flags))
 
     def read(self) -> bool:
-        """Wait for a reading, store the newest that has arrived in the attributes, and return whether there was one.
+        """Wait for a reading, and store the newest one in the attributes; return whether a reading arrived.
 
         Raises:
-            ConnectionError: a reading whose size differs from the one announced in the WELCOME.
+            ConnectionError: a reading whose size differs from the size announced in the WELCOME.
         """
         # wait for one reading, then empty the queue without waiting; gaps in the numbers count as lost
         until, n, newest = time.monotonic() + self.timeout, len(self.limits), None
@@ -213,7 +213,7 @@ class Wire:
         return True
 
     def close(self) -> None:
-        """Send BYE, upon which the server holds the arm, and close the socket."""
+        """Send BYE, after which the server holds the arm, and close the socket."""
         self.sequence += 1
         try:
             self._put(Packet(Kind.BYE, self.connection, self.sequence))
@@ -227,9 +227,9 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
 
     Action (N,): torques divided by their limits, within +-1. Observation (M,): sensor readings divided by their scales,
     as in the environment that the server runs. The remote arm has no task: rewards are 0. `step` sends the torques and
-    waits for the next reading. An episode is truncated if no reading arrives or the arm is held (by its watchdog or a
-    limit), and terminated if the arm has stopped; `info["reason"]` is then one of `REASONS`. `reset` arms the arm and
-    requests a new start, which a simulated arm makes and a real one may ignore.
+    waits for the next reading. An episode is truncated if no reading arrives, or if the watchdog or a limit holds the
+    arm. It is terminated if the arm has stopped. `info["reason"]` is then one of `REASONS`. `reset` ends the hold
+    of the arm and requests a new start, which a simulated arm makes and a real one may ignore.
 
     Args:
         host, port: address of `flexarm serve`, or of any server of these packets. key: shared secret.
@@ -249,19 +249,19 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array32, dict[str, Any]]:
-        """Arm the arm, request a new start, and return the first observation and info. `options` must be empty."""
+        """End the hold, request a new start, and return the first observation and info. `options` must be empty."""
         super().reset(seed=seed)
         if options:
             raise check.InvalidValue("options", options, "must be left out: a remote arm has none")
         return self.arm(RESET)
 
     def arm(self, flags: int = 0) -> tuple[Array32, dict[str, Any]]:
-        """Arm the arm where it is (flag `RESET`: at a new start) and return the first observation and info.
+        """End the hold where the arm is (flag `RESET`: at a new start); return the first observation and info.
 
-        Connects again if the server has dropped this peer after a long silence.
+        If the server has dropped this peer after a long silence, the client connects again.
 
         Raises:
-            ConnectionError: not armed within `PATIENCE` seconds.
+            ConnectionError: the arm is still held after `PATIENCE` seconds.
         """
         ends, silent = time.monotonic() + PATIENCE, 0
         while time.monotonic() < ends:
@@ -276,7 +276,7 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
         raise ConnectionError(f"the arm cannot be armed within {PATIENCE:g} s")
 
     def _connect_again(self) -> None:
-        """Connect anew to the same address. Raises ConnectionError if another arm is served there."""
+        """Connect again to the same address. Raises ConnectionError if another arm is served there."""
         before = self.wire
         before.close()
         self.wire = Wire(*self._address)
@@ -285,7 +285,7 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
             raise ConnectionError(f"{self._address[0]}:{self._address[1]}: another arm is served there now")
 
     def step(self, action: Any) -> tuple[Array32, float, bool, bool, dict[str, Any]]:
-        """Send torques, `action` (N,) times their limits, await the next reading, return Gymnasium's five values."""
+        """Send torques, `action` (N,) times their limits; wait for the next reading; return Gymnasium's five values."""
         self.wire.command(np.clip(self.wire.numbers("action", action), -1.0, 1.0) * self.wire.limits)
         came = self.wire.read()
         # reason in order of precedence: no reading, stopped, watchdog expired, held by a limit
@@ -309,7 +309,7 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
         }  # fmt: skip
 
     def close(self) -> None:
-        """Close the connection, upon which the server holds the arm."""
+        """Close the connection, after which the server holds the arm."""
         self.wire.close()
 
 
@@ -317,8 +317,8 @@ class Played:
     """Policy that plays torques from a CSV file, one row per period, then zero torque.
 
     Args:
-        path: CSV file with the columns t (s, evenly spaced) and torque0, ... (N m). period: control period of the arm
-            to be driven, s. limits (N,): its torque limits, N m.
+        path: CSV file with the columns t (s, evenly spaced) and torque0, ... (N m). period: control period of the
+            driven arm, s. limits (N,): torque limits of this arm, N m.
     Attributes:
         seconds: duration of the file, s.
     Raises:
@@ -328,7 +328,7 @@ class Played:
     def __init__(self, path: str | os.PathLike[str], period: float, limits: Array) -> None:
         """Read torques (N m) from a CSV file with columns t, torque0, ...
 
-        period: s, the arm's control period, by which t must be spaced. limits (N,): N m, largest torques.
+        period: the arm's control period, s, which must be the spacing of t. limits (N,): largest torques, N m.
         """
         header, lines = csv_lines(path)
         names = ["t", *(f"torque{k}" for k in range(len(limits)))]
@@ -344,11 +344,11 @@ class Played:
         self.seconds = len(t) * period
 
     def reset(self, observation: Any) -> None:
-        """Start again with the first row."""
+        """Start again at the first row."""
         self._next = 0
 
     def act(self, observation: Any) -> Array:
-        """Return the next row divided by the torque limits, (N,); zeros after the last row."""
+        """Return the next row divided by the torque limits, (N,); after the last row, zeros."""
         row = self.torques[self._next] if self._next < len(self.torques) else np.zeros(len(self.limits))
         self._next += 1
         found: Array = row / self.limits
@@ -360,9 +360,10 @@ def run_policy(
 ) -> dict[str, Any]:
     """Drive an arm by a policy for `seconds` and return a summary: steps, seconds, lost (readings) and ended.
 
-    policy: object with `reset(observation)` and `act(observation)`, or a function of observations. If its first action
-    takes longer than the watchdog waits (it designs a controller, say), the arm is held by then: it is armed again and
-    the policy called again, at most `TRIES` times. `ended` is "time", one of `REASONS`, "angle" or "rate".
+    policy: object with `reset(observation)` and `act(observation)`, or a function of observations. The first action may
+    take longer than the watchdog waits, for example because the policy designs a controller. The arm is then held. Its
+    hold is ended and the policy is called again, at most `TRIES` times. `ended` is "time", one of `REASONS`, "angle" or
+    "rate".
 
     most_angle (rad), most_rate (rad/s): the run ends if a joint exceeds one of them; closing the environment holds the
     arm.

@@ -45,16 +45,15 @@ MAGIC, VERSION = b"FXRM", 2
 HEAD, DIGEST = struct.Struct("<4sHBBQIId"), hashlib.sha256().digest_size
 MOST_NUMBERS = (1200 - HEAD.size - DIGEST) // 8
 LAST = 2**32 - 1
-"""Largest sequence number; a connection ends there."""
+"""Largest sequence number; it ends a connection."""
 SHORTEST = 16
 """Minimum length of a key in bytes."""
 
 ARM, SET_POINTS, RESET = 1, 2, 4
-"""Flags of a command: end the hold; the numbers are joint angles; reset to a new start, if the arm can."""
+"""Flags of a command: end the hold; the numbers are joint angles; reset to a new start, if the arm can do this."""
 HELD, LIMITED, OVER, EXPIRED = 1, 2, 4, 8
 """Flags of a reading: the arm is held; a limit has changed the commanded torque; the arm has stopped; the watchdog has
-expired and therefore the arm is held.
-"""
+expired, so that the arm is held."""
 NO_COOKIE = (0.0, 0.0)
 """Numbers of a HELLO whose sender has no cookie yet."""
 
@@ -111,7 +110,7 @@ def pack(packet: Packet, key: bytes | None = None) -> bytes:
 
 
 def unpack(content: bytes, key: bytes | None = None) -> Packet | Refusal:
-    """Decode bytes to a `Packet`, or return the `Refusal` that says why they are none. Never raises."""
+    """Decode bytes to a `Packet`, or return the `Refusal` with the reason why this is impossible. Never raises."""
     tail = 0 if key is None else DIGEST
     size = len(content) - HEAD.size - tail
     if size < 0 or size % 8 or size // 8 > MOST_NUMBERS:
@@ -136,7 +135,7 @@ def unpack(content: bytes, key: bytes | None = None) -> Packet | Refusal:
 
 
 def version_of(content: bytes) -> tuple[int, int]:
-    """Return (version, kind) of a packet that `unpack` refused because of its version."""
+    """Return (version, kind) of a packet that `unpack` rejected because of its version."""
     _, version, kind, *_ = HEAD.unpack_from(content)
     return version, kind
 
@@ -145,7 +144,7 @@ def checked(key: bytes | None) -> bytes | None:
     """Validate a shared key and return it; None means that packets are not signed.
 
     Raises:
-        ValueError: not bytes, or shorter than `SHORTEST` bytes and soon guessed.
+        ValueError: the key is not bytes, or shorter than `SHORTEST` bytes and therefore easy to guess.
     """
     if key is not None and (not isinstance(key, bytes) or len(key) < SHORTEST):
         of = f"{type(key).__name__} of {len(key)}" if isinstance(key, bytes | str) else type(key).__name__
@@ -160,12 +159,12 @@ def bound(name: str, value: float) -> float:
 
 @contextmanager
 def datagrams(host: str, port: int, least: int) -> Iterator[socket.socket]:
-    """Open a UDP socket for an address; close it if the block that uses it raises.
+    """Open a UDP socket for an address, in a `with` block; the socket is closed if the block raises.
 
     Args:
         host: name or IPv4 address. port: `least` to 65535.
     Raises:
-        ValueError: invalid host or port. OSError: the system refuses the address; the message names it.
+        ValueError: invalid host or port. OSError: the system rejects the address; the message names it.
     """
     check.text("host", host, empty=False)
     check.integer("port", port, minimum=least, maximum=65535)

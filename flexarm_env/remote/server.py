@@ -48,21 +48,21 @@ from .packet import (
 Address = tuple[str, int]
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 TIMED_OUT = 5.0
-"""Status of an arm whose episode has reached its time limit, in the numbering of the solver's status codes."""
+"""Status of an arm whose episode has reached its time limit; the numbers of all other statuses are the solver's."""
 COOKIE_LIFE = 10.0
 """Minimum lifetime of a cookie, s; the maximum is twice as long."""
 BACKLOG = 10_000
 """Maximum number of packets read after a pause."""
 SILENCE = 10.0
-"""Seconds without a command until a peer is dropped (or the watchdog's periods, if these are longer)."""
+"""Time without a command after which a peer is dropped, s (or the watchdog's periods, if these take longer)."""
 
 
 @dataclass(frozen=True)
 class Limits:
     """Limits that the server applies to every command; inf means no limit.
 
-    angle (rad), rate (rad/s): of every joint; the arm is held beyond them. slew: largest change of a torque per period,
-    as a fraction of the torque limit. watchdog: periods without a command until the arm is held.
+    angle (rad), rate (rad/s): limits of every joint, beyond which the arm is held. slew: largest change of a torque per
+    period, divided by the torque limit. watchdog: number of periods without a command after which the arm is held.
     """
 
     angle: float = math.inf
@@ -82,7 +82,7 @@ class Session:
 
     Args:
         env: single environment of this package whose actions are torques. limits: see `Limits`. key: shared secret;
-            None: unsigned packets. hold: watchdog's action, "zero" torque or "angles" held by PD. seed: of the resets.
+            None: unsigned packets. hold: watchdog's action, "zero" torque or "angles" held by PD. seed: seed of resets.
     Attributes:
         row: last period: time (s) and readings at its start, and the torques applied in it. counts: packets by
             `Refusal` and by "accepted", "challenged", "busy", "missing" (gaps in the peer's sequence numbers).
@@ -132,7 +132,7 @@ class Session:
         self._reset()
 
     def _reset(self) -> None:
-        """Reset the environment, torque and status; the joint angles (rad) at the start become the held ones."""
+        """Reset the environment, torque and status, and store the initial joint angles (rad) as the angles to hold."""
         self.observation, _ = self.env.reset(seed=self.seed)
         self.status, self.torque = 0.0, np.zeros(len(self.torque_limits))
         (self._angles, self._slow), self.row = self.plain.batch.joints(0), tuple[float, ...]()
@@ -141,7 +141,7 @@ class Session:
     def receive(self, content: bytes, address: Any) -> bytes | None:
         """Process one packet from `address`; return the bytes of an immediate answer, or None.
 
-        A command is stored for the next period. Refused packets are counted in `counts`.
+        A command is stored for the next period. Rejected packets are counted in `counts`.
         """
         found = unpack(content, self.key)
         if isinstance(found, Refusal):
@@ -172,7 +172,7 @@ class Session:
         return None
 
     def _welcome(self, hello: Packet, address: Any) -> bytes | None:
-        """Answer a HELLO: by a CHALLENGE with a cookie for its address, then, if the cookie returns, by a WELCOME.
+        """Answer a HELLO: first by a CHALLENGE with a cookie for its address; if the cookie returns, by a WELCOME.
 
         A HELLO repeated before the first command is answered again; a later replay is ignored.
         """
@@ -206,8 +206,8 @@ class Session:
         """Return the cookie of an address and HELLO number: 64 bits of an HMAC, as two whole numbers below 2^32.
 
         The HMAC covers address, HELLO, time span (`back` spans ago) and the count of connections, under a secret of
-        this session. Nothing is stored for a sender that only asks. The count makes each cookie open one connection,
-        and its replay none.
+        this session. Nothing is stored until a sender returns its cookie. Because of the count each cookie opens one
+        connection, and its replay opens none.
         """
         span = int(self.period * self.plain.dt / COOKIE_LIFE) - back
         text = repr((address, hello, span, self._connections)).encode()
@@ -215,7 +215,7 @@ class Session:
         return float(int.from_bytes(made[:4], "little")), float(int.from_bytes(made[4:8], "little"))
 
     def _other_version(self, content: bytes, address: Any) -> bytes | None:
-        """Answer a HELLO of another version by a head of this one, no larger; None otherwise: servers never loop."""
+        """Answer a HELLO of another version by a head of this one, which is no larger; None for any other packet."""
         version, kind = version_of(content)
         if kind != Kind.HELLO:
             return None
@@ -229,7 +229,7 @@ class Session:
     def _packed(
         self, kind: Kind, sequence: int, numbers: tuple[float, ...], flags: int, connection: int | None = None
     ) -> bytes:
-        """Return the bytes of a packet of this session, stamped with the arm's time; connection None: the peer's."""
+        """Return the bytes of a packet of this session, with the arm's time. connection=None: that of the peer."""
         number = self.connection if connection is None else connection
         return pack(Packet(kind, number, sequence, self.period * self.plain.dt, numbers, flags), self.key)
 
@@ -252,7 +252,7 @@ class Session:
         """Count periods that passed without a step.
 
         If more periods passed than the watchdog allows, hold the arm and drop any command that has arrived in the
-        meantime: it was meant for a past instant.
+        meantime, because this command was meant for a past instant.
         """
         self.silent += periods
         if periods > self.limits.watchdog:
@@ -336,7 +336,7 @@ class Server:
             or `insecure`. log: CSV file, one row per period. tell: called once with `Session.notice`, if there is one.
     Attributes:
         times: (due, begun, finished) of the last 100,000 periods, s of the monotonic clock.
-        missed: periods that were skipped because they had passed before they could begin; later ones keep time.
+        missed: number of periods that were skipped because they had passed before they could begin.
     """
 
     session: Session

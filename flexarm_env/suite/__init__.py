@@ -1,8 +1,8 @@
 """Benchmark suite: named, versioned tasks for learning and control, frozen as data (docs/suite.md).
 
-    tasks(), task(id)        the tasks; a `Task` each
-    make(id), make_vec(id, n)    a task's environment, single or vector
-    digest(task)             hash of the resolved task, to verify that it is unchanged
+    tasks(), task(id)            return all tasks, or one, as `Task`
+    make(id), make_vec(id, n)    create a task's environment, single or vector
+    digest(task)                 returns a hash of the resolved task, to verify that it is unchanged
 
 `gymnasium.make("flexarm_env:flexarm/slew-measured-v2")` and `gymnasium.make_vec` make the same environments.
 """
@@ -15,8 +15,8 @@ from .data import Task, task, tasks
 def make(task_id: str, **more: Any) -> Any:
     """Create the environment of a task, like `gymnasium.make`.
 
-    more: `render_mode`, `info_level`. Other keywords change the task, so that its score is not the suite's, and cause a
-    warning (except `duration` and `reward`, for training).
+    more: `render_mode`, `info_level`. Any other keyword changes the task, so that its score does not belong to the
+    suite, and causes a warning (except `duration` and `reward`, for training).
     """
     import gymnasium
 
@@ -26,7 +26,7 @@ def make(task_id: str, **more: Any) -> Any:
 def make_vec(task_id: str, num_envs: int, **more: Any) -> Any:
     """Create the vector environment of a task, like `gymnasium.make_vec`.
 
-    more: as in `make`, and `threads`, `autoreset_mode`.
+    more: keywords of `make`, and `threads`, `autoreset_mode`.
     """
     import gymnasium
 
@@ -36,8 +36,8 @@ def make_vec(task_id: str, num_envs: int, **more: Any) -> Any:
 def digest(one: Task) -> str:
     """Hash a resolved task: 16 hexadecimal digits.
 
-    Covers environment, keywords and, with them resolved, the arm, solver, times, reward weights, starts and observation
-    layout; numbers to ten digits.
+    The hash covers environment and keywords, and the values that follow from them: the arm, solver, times, reward
+    weights, starts and observation layout. Numbers count to ten digits.
     """
     from .frozen import digest_of
 

@@ -1,7 +1,7 @@
-"""Records: the best known actions and value of each of a task's hundred public episodes, dated, for replay.
+"""Records: the best known actions of each of a task's hundred public episodes, with values and date, for replay.
 
 The reference values of scores (`flexarm_env.suite.score`) do not change with the records. A score above 1 is therefore
-possible, and the page of results lists runs that beat the record in an episode. `agents.record` of a checkout makes
+possible, and the page of results lists runs that beat the record in an episode. `agents.record` in a checkout computes
 the records.
 """
 
@@ -20,9 +20,10 @@ from .judge import Policy, judge
 from .score import FIRST
 
 ROUNDING, UPRIGHT = 1e-6, {"swing-up-v1": 1e-3}
-"""Largest differences of replayed values. Replays are bitwise equal on every x86-64 processor tested. If sines are
-rounded differently, as on other architectures, values differ by less than this: a change of the last bit of the models'
-matrices caused at most 2e-8, and 3e-4 (of J 298) for arms balanced upright for seconds by open-loop torques."""
+"""Largest differences of values in a replay. Replays are bitwise equal on every x86-64 processor tested. Other
+architectures round sines differently, and values then differ by less than these numbers. A change of the last bit of
+the models' matrices caused at most 2e-8. For arms balanced upright for seconds by open-loop torques it caused 3e-4 (of
+J 298)."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Record:
 
     Attributes:
         actions: (T, n, N) float32. values: (n,), return minus price times cost. by: (n,), the policy that played each
-            episode, or the start of the search that found it. digest: digest of the task. date: ISO.
+            episode, or the policy from which the search began. digest: digest of the task. date: ISO.
     """
 
     actions: NDArray[np.float32]
@@ -52,7 +53,7 @@ class Actions(Policy):
         self.k = 0
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the next actions (n, N); the last ones are repeated."""
+        """Return the next actions (n, N); after the end, repeat the last ones."""
         self.k += 1
         now: NDArray[np.float32] = self.actions[min(self.k, len(self.actions)) - 1].astype(np.float32)
         return now
@@ -60,14 +61,14 @@ class Actions(Policy):
 
 @cache
 def known() -> tuple[str, ...]:
-    """Ids of the tasks with a record that belongs to their present version."""
+    """Return the ids of the tasks with a record that belongs to their present version."""
     return tuple(
         task.id for task in tasks(earlier=True) if _path(task).is_file() and record(task).digest == task.digest
     )
 
 
 def _path(task: Task) -> Any:
-    """Path of a task's record file."""
+    """Return the path of a task's record file."""
     return resources.files("flexarm_env") / "data" / "suite" / "best" / f"{task.id}.npz"
 
 
@@ -95,7 +96,7 @@ def record(task: Task) -> Record:
 
 
 def rounding(task_id: str) -> float:
-    """Largest difference of a record's values when replayed on any processor; see ROUNDING."""
+    """Return the largest difference of a record's values when replayed on any processor; see ROUNDING."""
     return UPRIGHT.get(task_id, ROUNDING)
 
 

@@ -1,4 +1,4 @@
-"""The suite's tasks as data: one TOML file each in `flexarm_env/data/suite`, read and validated."""
+"""The suite's tasks as data: read and validate the TOML files, one per task, in `flexarm_env/data/suite`."""
 
 import tomllib
 from collections.abc import Mapping
@@ -18,14 +18,14 @@ _MAY = ("price", "rules")
 
 @dataclass(frozen=True)
 class Task:
-    """Task of the suite: an environment with fixed keywords; a changed version gets another id.
+    """Task of the suite: an environment with fixed keywords. A changed version gets another id.
 
     Attributes:
-        id: name and version, "slew-measured-v2". number: its position in the suite. title: a short one.
+        id: name and version, "slew-measured-v2". number: position in the suite. title: short title.
         environment: id of the underlying environment. keywords: keywords of that environment.
-        budget: control periods allowed for training. hard: the difficulty that it isolates.
-        price: per unit of an episode's cost (info["episode_cost"] at its end); scores use return minus price times
-        cost.
+        budget: control periods allowed for training. hard: difficulty that the task isolates.
+        price: price per unit of an episode's cost (info["episode_cost"] at its end); scores use return minus price
+            times cost.
         rules: version of the rules of rewards and drawn targets (keyword `rules` of the environment).
         digest: digest of the resolved arm and keywords (`flexarm_env.suite.digest`), as recorded in the file.
     """
@@ -43,7 +43,7 @@ class Task:
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """Keyword arguments of its environment: `keywords` and the task's rules."""
+        """Keyword arguments of the environment: `keywords` and the task's rules."""
         return {**self.keywords, "rules": self.rules}
 
     @property
@@ -90,7 +90,10 @@ def read(text: str, task_id: str) -> Task:
 
 @cache
 def tasks(*, earlier: bool = False) -> tuple[Task, ...]:
-    """Return all tasks in order, each in its latest version; earlier: also in the previous versions."""
+    """Return all tasks in order, each in its latest version.
+
+    earlier: whether to include the previous versions.
+    """
     folder = resources.files("flexarm_env") / "data" / "suite"
     files = [entry for entry in folder.iterdir() if entry.name.endswith(".toml")]
     found = [read(entry.read_text("utf-8"), entry.name[:-5]) for entry in files]

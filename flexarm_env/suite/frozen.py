@@ -1,4 +1,4 @@
-"""Resolved tasks as one canonical text, its hash, and bounds of returns."""
+"""Canonical text of a resolved task, hash of this text, and bounds of returns."""
 
 import dataclasses
 import hashlib
@@ -24,7 +24,7 @@ def resolved(one: Task) -> Plan:
 
 
 class Possible(NamedTuple):
-    """Bounds of an episode of a task: largest number of control periods, smallest and largest return."""
+    """Bounds of an episode of a task: largest number of control periods, smallest return, and largest return."""
 
     periods: int
     least: float
@@ -35,8 +35,8 @@ class Possible(NamedTuple):
 def possible(task_id: str) -> Possible:
     """Compute the bounds of an episode's length and return, for a task id, from the reward's terms (docs/suite.md).
 
-    Per period accuracy and settle pay at most 1, distance, vibration and attitude cost at most 1, effort 1 and change 4
-    per joint, each times its weight; a failure costs once.
+    In each period, accuracy and settle pay at most 1; distance, vibration and attitude cost at most 1. Per joint,
+    effort costs at most 1, and change at most 4. Each term is multiplied by its weight. A failure costs once.
     """
     made = resolved(task(task_id))
     weight = dict(zip(made.kind.rewards, made.record.weights.tolist(), strict=True))
@@ -51,7 +51,7 @@ def possible(task_id: str) -> Possible:
 
 @cache
 def instants(task_id: str) -> tuple[float, int]:
-    """Return a task's control period, s, and the number of periods for which the bounds of success have to hold."""
+    """Return a task's control period, s, and the number of periods for which the bounds of success must hold."""
     made = resolved(task(task_id))
     return made.period, int(made.record.hold) - 1
 

@@ -1,4 +1,4 @@
-"""Evaluation of a policy on a task's episodes: returns, successes, costs, and computing time."""
+"""Evaluation of a policy in a task's episodes: returns, successes, costs, and computing time."""
 
 import time
 from dataclasses import dataclass
@@ -12,7 +12,10 @@ from .score import FIRST
 
 
 class Policy(Protocol):
-    """Policy for n episodes that begin together: `reset` receives their first observations, `act` every one in turn."""
+    """Policy for n episodes that begin together.
+
+    `reset` receives the first observations; `act` then receives every observation in turn, the first included.
+    """
 
     def reset(self, observation: NDArray[np.float32]) -> Any:
         """Begin episodes; by default there is no memory."""
@@ -27,10 +30,11 @@ class Judged:
     """Results of n episodes, one entry each.
 
     Attributes:
-        returns: sums of rewards. successes: "is_success" at the end, not terminated early. costs: sums of info["cost"]
-            (0 on tasks without it). lengths: control periods. settled: number of the control period, counted from 1,
-            from whose end on the bounds of success hold; 0 without success. wall_s, cpu_s: total, without compilation.
-            decision_us: wall time per decision and episode, microseconds.
+        returns: sums of rewards. successes: "is_success" at the end of an episode that was not terminated early.
+            costs: sums of info["cost"] (0 on tasks without it). lengths: control periods. settled: number of the first
+            control period, counted from 1, at whose end and after which the bounds of success hold; 0 without success.
+            wall_s, cpu_s: total time, without compilation. decision_us: wall time per decision and episode,
+            microseconds.
     """
 
     returns: list[float]
@@ -44,7 +48,7 @@ class Judged:
 
 
 def judge(env: Any, policy: Policy, first: int = FIRST) -> Judged:
-    """Run one episode in each environment of a native vector environment, from seeds first, first + 1, ....
+    """Run one episode in each environment of a native vector environment; the seeds are first, first + 1, ....
 
     Raises:
         ValueError: actions of the wrong shape, or not finite.

@@ -1,4 +1,4 @@
-"""Page of all results files of a folder: scores over tasks, and a table per task."""
+"""Page of all results files in a folder: scores over all tasks, and a table per task."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -58,7 +58,7 @@ class Line:
     entries: list[dict[str, Any]]
 
     def mean(self, key: str) -> float | None:
-        """Mean of a summary's number over the runs; None if one run lacks it."""
+        """Return the mean of a summary's number over the runs; None if one run lacks it."""
         values = [one[key] for one in self.summaries]
         return None if any(value is None for value in values) else float(np.mean(values))
 
@@ -68,11 +68,11 @@ class Line:
         return all(entry["policy"].get("kind") != "actions" for entry in self.entries)
 
     def trained(self, key: str) -> float:
-        """Mean training effort per run ("steps", "wall_s" or "cpu_s")."""
+        """Return the mean training effort per run ("steps", "wall_s" or "cpu_s")."""
         return float(np.mean([(entry["training"] or {}).get(key, 0.0) for entry in self.entries]))
 
     def short(self, task: Task) -> bool:
-        """Whether the method was trained with less than the task's budget."""
+        """Return whether the method was trained with less than the task's budget."""
         return 0.0 < self.trained("steps") < 0.99 * task.budget
 
 
@@ -93,7 +93,7 @@ def page(found: Sequence[Results]) -> str:
 
 
 def _finding(known: Sequence[Task], rows: Mapping[str, Sequence[Line]]) -> str:
-    """Format the finding in a sentence or two: how often which policy is the best of a task, and its scores."""
+    """Format the finding in one or two sentences: which policy is the best on how many tasks, and its scores."""
     of_task = ([line for line in rows[task.id] if line.policy and not line.short(task)] for task in known)
     first = [lines[0] for lines in of_task if lines]
     scores = [score for line in first if (score := line.mean("score")) is not None]
@@ -173,7 +173,7 @@ def less_pd(task: Task, numbers: Mapping[str, Any]) -> NDArray[np.float64]:
 
 
 def _second(task: Task, line: Line, learnt: set[int]) -> tuple[str, str, str]:
-    """Format success, settling and value minus PD's on the second hundred, the latter beside that of the public one."""
+    """Format success, settling, and value minus PD's on the second hundred, the last one with the public hundred's."""
     others = [entry["second"] for entry in line.entries if entry.get("second")]
     if len(others) < len(line.entries):
         return "public alone" if any("second" in entry for entry in line.entries) else "", "", ""
@@ -188,9 +188,10 @@ def _second(task: Task, line: Line, learnt: set[int]) -> tuple[str, str, str]:
 
 
 def gap(task: Task, line: Line, first: Line) -> tuple[float, float, int] | None:
-    """Compare a method's score with another's on their common episodes, paired.
+    """Return the difference between a method's score and another's on their common episodes, paired by episode.
 
-    Returns the mean difference, the half width of its 95 % interval, and the number of episodes; None without scores.
+    The result has the mean difference, the half width of its 95 % interval, and the number of episodes; None without
+    scores.
     """
     known = reference(task)
     if known is None:
@@ -203,14 +204,14 @@ def gap(task: Task, line: Line, first: Line) -> tuple[float, float, int] | None:
 
 
 def widest(task: Task, lines: Sequence[Line]) -> float:
-    """Largest half width of a score difference over all pairs of policies with the task's full budget."""
+    """Return the largest half width of a score difference over all pairs of policies with the task's full budget."""
     own = [line for line in lines if line.policy and not line.short(task)]
     gaps = [gap(task, line, other) for k, line in enumerate(own) for other in own[:k]]
     return max((found[1] for found in gaps if found is not None), default=0.0)
 
 
 def _behind(task: Task, line: Line, first: Line | None) -> str:
-    """Format a method's score difference to the best policy `first`, with the episodes needed for `WIDTH`."""
+    """Format a method's score difference to the best policy `first`, and the number of episodes needed for `WIDTH`."""
     found = None if first is None or line is first else gap(task, line, first)
     if found is None:
         return ""

@@ -1,4 +1,4 @@
-"""Policies by name as evaluated by the suite: with fingerprint and policy-specific second seeds."""
+"""Policies by name for evaluation in the suite, with a fingerprint and policy-specific second seeds."""
 
 import hashlib
 import inspect
@@ -32,7 +32,7 @@ class Chosen:
         fingerprint: changes with the policy. make: vector environment -> Policy, or a ValueError if they do not fit.
             run: training seed, if its file records it. training: record of the training (steps, wall_s, cpu_s).
             canonical: function that returns the policy's numbers as bytes, which determine the seeds of its second
-                hundred episodes (`flexarm_env.suite.second`); None: only the public hundred.
+                hundred episodes (`flexarm_env.suite.second`); None: the policy has only the public hundred.
     """
 
     kind: str
@@ -76,9 +76,9 @@ def choose(word: str, task: Task) -> Chosen:
 
 
 def controller(name: str, env: Any) -> Policy:
-    """Create a controller by name. On tasks of the suite it has the tuned gains, so that scores do not change.
+    """Create a controller by name. On tasks of the suite it has the package's gains, so that scores do not change.
 
-    Warnings of unstable gains are suppressed: the score of PD control is 0 by definition.
+    Warnings of unstable gains are suppressed, because the score of PD control is 0 by definition.
     """
     frozen = getattr(env.unwrapped.spec, "namespace", None) == NAMESPACE and name in control.NAMES
     with warnings.catch_warnings():
@@ -99,7 +99,7 @@ def _gains(name: str, env: Any) -> Any:
 
 
 def default_name(word: str) -> str:
-    """Default name of a method's results: that of the controller, the file, its folder or the function."""
+    """Return the default name of a method's results: that of the controller, file, file's folder, or function."""
     name, _, gains = word.partition("@")
     if gains and name in control.NAMES:
         return f"{name}-{Path(gains).stem}"

@@ -31,7 +31,7 @@ PACKAGES = (
 
 _NUMBERS = ("returns", "successes", "costs", "lengths")
 LOT = 1000
-"""Further episodes evaluated per batch."""
+"""Number of further episodes evaluated per batch."""
 
 
 @dataclass
@@ -39,13 +39,13 @@ class Results:
     """Results file.
 
     Attributes:
-        name: name of the method. run: seed, if there are several runs. tasks: by id, the results: "digest",
+        name: name of the method. run: seed, if there are several runs. tasks: results by task id: "digest",
             "first_seed", "episodes", "returns", "successes", "costs", "lengths", "settled" (one number per episode;
             older files lack the last), "wall_s", "cpu_s", "decision_us", "policy" (kind, source, fingerprint),
             "training" (algorithm, steps, wall_s, cpu_s; or null), "pd" (values of PD on the same episodes), "second"
             (the numbers of the second hundred, its "first_seed" and "pd"; or null), "further" (values of the episodes
             with the following seeds, if differences between methods require more; or null), "versions", "date".
-            refused: by id, the reason why it could not be evaluated.
+            refused: by task id, the reason why the method could not be evaluated.
     """
 
     name: str
@@ -68,9 +68,10 @@ class Results:
         return path
 
     def known(self, task: Task, chosen: Chosen, episodes: int) -> int:
-        """Number of episodes on which this policy has been evaluated on this task; 0 if they differ from the request.
+        """Return the number of episodes on which this policy has been evaluated on this task.
 
-        0 also for functions, since their source does not determine their behavior.
+        It is 0 if these episodes differ from the request. It is 0 also for functions, since their source does not
+        determine their behavior.
         """
         entry = self.tasks.get(task.id)
         if entry is None or chosen.kind == "function" or entry["policy"]["fingerprint"] != chosen.fingerprint:
@@ -79,7 +80,7 @@ class Results:
         return length(entry) if (entry["digest"], entry["first_seed"], entry["episodes"]) == asked else 0
 
     def other_than(self, word: str, chosen: Chosen) -> str:
-        """Source of the file's results if it differs from the given name for each task; "" otherwise."""
+        """Return the source of the file's results if it differs from the source that the word names; "" otherwise."""
         for task, entry in self.tasks.items():
             source = entry["policy"].get("source", "")
             if os.path.normpath(source) != os.path.normpath(word.replace(PLACE, task)) and (
@@ -100,15 +101,16 @@ def judged(
     again: bool = False,
     choose: Callable[[str, Task], Chosen] = choose,
 ) -> tuple[Results, list[str], dict[str, str]]:
-    """Evaluate a policy on tasks and update its results file after each task; earlier results are kept unless `again`
-    is True.
+    """Evaluate a policy on tasks and update its results file after each task.
 
-    A result on all episodes of the protocol is never replaced by one on fewer: the latter is returned, not written.
+    Earlier results are kept unless `again` is True. A result on all episodes of the protocol is never replaced by one
+    on fewer: the latter is returned, not written.
 
     Args:
         word, choose: as in `flexarm_env.suite.policies`. name, run: name and run of the results; default: those of the
-            policy, whose file must then contain only this policy. episodes: from the protocol's first on; beyond the
-            protocol's hundred only the values are kept, and no fewer than before.
+            policy, whose file must then contain only this policy. episodes: number of episodes from the protocol's
+            first one on, at least as many as before. Only the values of episodes beyond the protocol's hundred are
+            kept.
     Returns:
         the results on these tasks; messages on the tasks that failed; by task, a note on results not evaluated now.
     """
@@ -184,7 +186,7 @@ def _entry(task: Task, chosen: Chosen, episodes: int) -> dict[str, Any]:
 
 
 def further(task: Task, chosen: Chosen, begin: int, end: int) -> list[float]:
-    """Evaluate the episodes of seeds FIRST + begin to FIRST + end - 1: values to three decimals."""
+    """Evaluate the episodes of seeds FIRST + begin to FIRST + end - 1; return values to three decimals."""
     found: list[float] = []
     for first in range(begin, end, LOT):
         with closing(make_vec(task.id, min(LOT, end - first))) as env:
@@ -194,7 +196,7 @@ def further(task: Task, chosen: Chosen, begin: int, end: int) -> list[float]:
 
 
 def _pd(task: Task, env: Any, first: int) -> list[float] | None:
-    """Values of PD control on the episodes from a first seed on; None if it does not apply to the task."""
+    """Return values of PD control on the episodes from a first seed on; None if PD does not apply to the task."""
     try:
         found = judge(env, policies.controller("pd", env), first)
     except ValueError:
@@ -205,7 +207,7 @@ def _pd(task: Task, env: Any, first: int) -> list[float] | None:
 def summary(task: Task, entry: Mapping[str, Any]) -> dict[str, Any]:
     """Compute means over the episodes of a task's entry.
 
-    "value" is return minus price times cost; "score" is None without a reference.
+    "value" is the return minus price times cost; "score" is None without a reference.
     """
     mean = value(task, entry)
     return {
@@ -220,29 +222,29 @@ def summary(task: Task, entry: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def value(task: Task, entry: Mapping[str, Any]) -> float:
-    """J: the mean over an entry's episodes of return minus the task's price times cost."""
+    """Return J: the mean, over an entry's episodes, of return minus the task's price times cost."""
     return float(np.mean(entry["returns"]) - task.price * np.mean(entry["costs"]))
 
 
 def values(task: Task, entry: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Return minus the task's price times cost, for each episode (n,)."""
+    """Return, for each episode (n,), the return minus the task's price times cost."""
     return np.array(entry["returns"], float) - task.price * np.array(entry["costs"], float)
 
 
 def length(entry: Mapping[str, Any]) -> int:
-    """Number of episodes of an entry, from the protocol's first seed on."""
+    """Return the number of episodes of an entry, counted from the protocol's first seed."""
     return int(entry["episodes"]) + len(entry.get("further") or ())
 
 
 def all_values(task: Task, entry: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Values of all episodes of an entry, further ones included."""
+    """Return the values of all episodes of an entry, further ones included."""
     return np.concatenate([values(task, entry), np.array(entry.get("further") or (), float)])
 
 
 def settling(task: Task, entry: Mapping[str, Any]) -> float | None:
-    """Mean time, s, until the bounds of success hold to the end; a failed episode counts with a full episode's length.
+    """Return the mean time, s, after which the bounds of success hold to the end.
 
-    None if the entry does not record it.
+    A failed episode counts with a full episode's length. The result is None if the entry does not record the time.
     """
     if "settled" not in entry:
         return None
@@ -252,7 +254,7 @@ def settling(task: Task, entry: Mapping[str, Any]) -> float | None:
 
 
 def of_the_protocol(task: Task, entry: Mapping[str, Any]) -> bool:
-    """Whether an entry belongs to the present version of the task and to the protocol's episodes."""
+    """Return whether an entry belongs to the present version of the task and to the protocol's episodes."""
     return (entry["digest"], entry["first_seed"], entry["episodes"]) == (task.digest, FIRST, EPISODES)
 
 
@@ -298,7 +300,7 @@ def read(path: Path, *, earlier: bool = False) -> Results:
 
 
 def _check_entry(path: str, entry: Any, task: Task | None, earlier: bool) -> None:
-    """Reject an entry that cannot result from the task; task: None if this version does not know its name."""
+    """Reject an entry that cannot result from the task; task: None if this version of the package lacks the task."""
     table = check.table_of(path, entry)
     for key in ("digest", "first_seed", "episodes", *_NUMBERS, "wall_s", "cpu_s", "decision_us", "policy", "training"):
         check.needed(path, table, key, "every task's entry says it")
@@ -337,7 +339,7 @@ def _check_entry(path: str, entry: Any, task: Task | None, earlier: bool) -> Non
 
 
 def _check_numbers(path: str, table: Mapping[str, Any], count: int, can: Possible) -> None:
-    """Validate that each episode has one plausible number of each kind, within the bounds `can`."""
+    """Check that each episode has one plausible number of each kind, within the bounds `can`."""
     numbers = {key: check.sequence(f"{path}.{key}", table[key], "numbers", count) for key in _NUMBERS}
     for k in range(count):
         if numbers["successes"][k] not in (0, 1):
@@ -387,7 +389,7 @@ def versions() -> dict[str, str]:
 
 
 def chosen_tasks(words: str | None) -> tuple[Task, ...]:
-    """Return the tasks of ids separated by commas, each once; all for None."""
+    """Return the tasks whose ids are given, separated by commas, each once; None means all tasks."""
     if words is None:
         return tasks()
     return tuple({one.id: one for one in map(data.task, listed("--task", words))}.values())

@@ -1,9 +1,9 @@
 """The suite's protocol: evaluation episodes, a policy's score, and means over tasks with intervals.
 
-The score of a policy on a task is (J - J_PD) / (J_best - J_PD), with its mean return J (minus the task's price times
-cost): 0 for PD control, 1 for the best known. A method is summarized over tasks and runs by the interquartile mean (the
-mean of the middle half of all scores), with a percentile interval by a bootstrap that resamples runs within each task
-(Agarwal et al. 2021).
+The score of a policy on a task is (J - J_PD) / (J_best - J_PD). J is its mean return minus the task's price times cost.
+The score is 0 for PD control and 1 for the best known policy. A method is summarized over tasks and runs by the
+interquartile mean (the mean of the middle half of all scores). Its interval is a percentile interval by a bootstrap
+that resamples runs within each task (Agarwal et al. 2021).
 """
 
 import json
@@ -30,8 +30,8 @@ FLOOR = "pd"
 class Reference:
     """Reference values J of a task for scores, on the episodes of the protocol.
 
-    digest: digest of the task they belong to. pd, best: value of PD control, and the best known. by: the method that
-    reached the best.
+    digest: digest of the task version. pd: value of PD control. best: best known value. by: the method that reached the
+    best value.
     """
 
     digest: str
@@ -40,7 +40,7 @@ class Reference:
     by: str
 
     def score(self, value: float) -> float:
-        """Score of a value J: (J - J_PD) / (J_best - J_PD)."""
+        """Return the score of a value J: (J - J_PD) / (J_best - J_PD)."""
         return (value - self.pd) / (self.best - self.pd)
 
 
@@ -74,20 +74,20 @@ def reference(task: Task) -> Reference | None:
 
 
 def score(task: Task, value: float) -> float | None:
-    """Score of a value J on a task; None without a reference."""
+    """Return the score of a value J on a task; None without a reference."""
     known = reference(task)
     return None if known is None else known.score(value)
 
 
 def interquartile_mean(scores: Mapping[str, Sequence[float]]) -> float:
-    """Mean of the middle half of all scores; scores: those of each task's runs."""
+    """Return the mean of the middle half of all scores; scores: for each task, the scores of its runs."""
     return float(_middle(np.concatenate([np.asarray(runs, float) for runs in scores.values()])[None])[0])
 
 
 def interval(
     scores: Mapping[str, Sequence[float]], *, resamples: int = RESAMPLES, seed: int = 0
 ) -> tuple[float, float] | None:
-    """Bootstrap percentile interval (`LEVEL`) of the interquartile mean, runs resampled within each task.
+    """Return the bootstrap interval (`LEVEL`) of the interquartile mean, with runs resampled within each task.
 
     Returns None if no task has two runs.
     """
@@ -100,7 +100,7 @@ def interval(
 
 
 def _middle(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mean of each row without its lowest and highest quarter (rounded down)."""
+    """Return the mean of each row without its lowest and highest quarter (rounded down)."""
     cut = values.shape[1] // 4
     means: NDArray[np.float64] = np.sort(values, axis=1)[:, cut : values.shape[1] - cut].mean(axis=1)
     return means

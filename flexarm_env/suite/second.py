@@ -1,9 +1,9 @@
 """Second hundred of episodes, with seeds that follow from the policy, so that they cannot be memorized.
 
-The seeds begin at 2^32 plus the first eight hexadecimal digits of SHA-256(digest of the task, numbers of the policy):
-a network's arrays and its normalizer, or a controller's name and gains, without metadata or file bytes. There is no
-defense against changing a policy until its seeds suit it (each attempt is another policy). Other policies (Python
-functions, ONNX models, actions optimized beforehand) have the public hundred only.
+The seeds begin at 2^32 plus the first eight hexadecimal digits of SHA-256(digest of the task, numbers of the policy).
+The numbers are a network's arrays and its normalizer, or a controller's name and gains, without metadata or file bytes.
+There is no defense against changing a policy until its seeds suit it (each attempt is another policy). All other
+policies (Python functions, ONNX models, actions optimized beforehand) have the public hundred only.
 
 A permutation test detects a significant difference between both hundreds: the values minus PD's on the same seeds are
 redistributed over two hundreds, and p is the share of permutations whose means differ at least as much. Holm's method
@@ -25,22 +25,22 @@ from .data import Task
 from .frozen import resolved
 
 BEGIN = 2**32
-"""Smallest first seed."""
+"""Smallest possible first seed."""
 
 LEVEL = 0.01
 """Significance level of a difference."""
 
 FEW, MANY, ENOUGH = 2000, 100_000, 10
-"""Permutations of a test: FEW, or MANY if fewer than ENOUGH of the few differ at least as much."""
+"""Permutations of a test: FEW, or MANY if in fewer than ENOUGH of the FEW the means differ at least as much."""
 
 
 def first_seed(task: Task, canonical: bytes) -> int:
-    """First seed of a policy's second hundred of episodes; canonical: the policy's numbers."""
+    """Return the first seed of a policy's second hundred of episodes; canonical: the policy's numbers."""
     return BEGIN + int(hashlib.sha256(task.digest.encode() + canonical).hexdigest()[:8], 16)
 
 
 def of_arrays(policy: NumpyPolicy) -> bytes:
-    """Serialize a network: shape and float64 values of each array, of its normalizer, and the controller inside."""
+    """Serialize a network: shape and float64 values of each array, its normalizer, and the controller inside it."""
     arrays: list[Any] = [array for pair in policy.weights for array in pair]
     if policy.normaliser is not None:
         arrays += [policy.normaliser[name] for name in ("mean", "variance", "clip", "epsilon")]
@@ -59,7 +59,7 @@ def of_controller(name: str, task: Task) -> bytes:
 
 
 def chance(one: NDArray[np.float64], other: NDArray[np.float64], seed: int = 0) -> float:
-    """p value of the difference of two means by a permutation test, in (0, 1]."""
+    """Return the p value, in (0, 1], of the difference between two means by a permutation test."""
     values = np.concatenate([one, other])
     seen, rng = abs(float(np.mean(one) - np.mean(other))) * (1.0 - 1e-12), np.random.default_rng(seed)
     # few permutations decide clear cases

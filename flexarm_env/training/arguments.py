@@ -1,4 +1,4 @@
-"""Command lines from documented dataclasses: one flag a field, its help from the class's docstring."""
+"""Command lines from documented dataclasses: each field becomes a flag, with help from the class's docstring."""
 
 import argparse
 import dataclasses
@@ -34,8 +34,8 @@ class Parser(argparse.ArgumentParser):
 def parse(kind: type[T], program: str, description: str | None, words: Sequence[str] | None = None) -> T:
     """Create a dataclass instance from the command line.
 
-    Fields of type bool become switches (--name; --no-name if the default is True), dicts are given as JSON, tuples item
-    by item (--name A --name B).
+    Fields of type bool become switches: --name, or --no-name if the default is True. Dicts are given as JSON, and
+    tuples item by item (--name A --name B).
     """
     parser = Parser(prog=program, description=description, epilog="exit code: 0 done, 2 wrong input, 130 interrupted")
     texts, types = _texts(kind), typing.get_type_hints(kind)

@@ -5,15 +5,16 @@ import os
 from pathlib import Path
 
 KINDS = (*(f"{front}openblas_{{}}_num_threads{back}" for front in ("", "scipy_") for back in ("", "64_")),)
-"""C functions that read and set the threads of an OpenBLAS, for its builds (the Fortran ones take pointers)."""
+"""C functions that read and set the number of threads, in the various builds of OpenBLAS (the Fortran ones take
+pointers)."""
 VARIABLES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
 def set_threads(count: int) -> None:
     """Set the number of threads of matrix products.
 
-    Applies to every loaded OpenBLAS, and by environment variables to libraries loaded later. One thread multiplies the
-    matrices of small networks faster than several.
+    The number applies to every loaded OpenBLAS and, by environment variables, to libraries loaded later. One thread
+    multiplies the matrices of small networks faster than several.
     """
     os.environ.update(dict.fromkeys(VARIABLES, str(count)))
     for library, kind in _libraries():
@@ -26,7 +27,7 @@ def threads() -> list[int]:
 
 
 def _libraries() -> list[tuple[ctypes.CDLL, str]]:
-    """Return the OpenBLAS libraries of this process with their naming scheme; none on systems other than Linux."""
+    """Return this process's OpenBLAS libraries with the naming scheme of their functions; none except on Linux."""
     try:
         lines = Path("/proc/self/maps").read_text().splitlines()
     except OSError:

@@ -1,8 +1,8 @@
 """Hyper-parameters from files in RL Zoo's format: one entry per environment id.
 
-Beside the entries a file may contain a table `env_kwargs`, also keyed by id: keywords of the environment for which
-these hyper-parameters are meant. RL Zoo ignores it; there, the same keywords follow `--env-kwargs`. A table `around`,
-keyed by id too, names the controller inside the policy (`control.around.Inside`) and the network's share.
+A file may contain two further tables, also keyed by id. `env_kwargs` has keywords of the environment for which the
+hyper-parameters are meant. RL Zoo ignores this table; its users pass the same keywords by `--env-kwargs`. `around`
+names the controller inside the policy (`control.around.Inside`) and the network's share.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ sys.modules.setdefault("agents.config", sys.modules[__name__])  # as pickles of 
 
 _PLACES = [Path(__file__).resolve().parents[k] / name for k, name in ((1, "data/configs"), (2, "configs"))]
 HOME = next((place for place in _PLACES if place.is_dir()), _PLACES[0])
-"""Folder of the package's own files; in a checkout it is at the top level."""
+"""Folder of the package's own files; in a checkout it is the top-level folder configs/."""
 
 TABLES = ("env_kwargs", "around")
-"""Tables of a file beside the entries of environments."""
+"""Tables of a file in addition to the entries of environments."""
 
 ZOO = ("n_envs", "n_timesteps", "normalize", "policy")
 """Keys that are not arguments of the algorithm's class."""
@@ -39,7 +39,8 @@ WHOLE = ("n_steps", "batch_size", "n_epochs")
 REAL = {"gamma": 1.0, "gae_lambda": 1.0} | dict.fromkeys(
     ("learning_rate", "clip_range", "ent_coef", "vf_coef", "max_grad_norm"), LARGEST
 )
-"""Integer keys (from 1), and real keys with their maxima (from 0); the latter may also be texts for `schedule`."""
+"""Integer keys, with minimum 1, and real keys with their maxima, with minimum 0. Real keys also accept texts for
+`schedule`."""
 SCHEDULED = ("learning_rate", "clip_range", "clip_range_vf")
 CLASSES = {
     "ppo": "stable_baselines3:PPO", "sac": "stable_baselines3:SAC", "tqc": "sb3_contrib:TQC",
@@ -54,7 +55,7 @@ class Config:
 
     Args:
         algorithm: a key of CLASSES. text: key -> value of the file. env_kwargs: keywords of the environment.
-        around: controller inside the policy: controller, share and gains; {}: none.
+        around: controller inside the policy (controller, share and gains); {}: no controller.
     """
 
     algorithm: str
@@ -115,7 +116,7 @@ class Config:
 
 
 def _literal(text: str) -> Any:
-    """Parse a number, True, False, None or a list; any other text is returned unchanged (lin_1e-3, dict(...))."""
+    """Parse a number, True, False, None or a list; return any other text unchanged (lin_1e-3, dict(...))."""
     try:
         return ast.literal_eval({"true": "True", "false": "False", "null": "None"}.get(text, text))
     except (ValueError, SyntaxError, MemoryError, RecursionError):
@@ -123,15 +124,15 @@ def _literal(text: str) -> Any:
 
 
 def default_path(algorithm: str, env_id: str = "") -> Path:
-    """Default file of an algorithm; tasks of the suite have their own."""
+    """Return the default file of an algorithm; tasks of the suite have a file of their own."""
     return HOME / algorithm / ("suite.yml" if env_id.startswith("flexarm/") else "default.yml")
 
 
 def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str] | None = None) -> Config:
     """Read the entry of an environment. ValueError names the file, the key and the rule.
 
-    path: a file; otherwise a file of the package, named as in a checkout (configs/ppo/robust.yml) or, among the
-    algorithm's own, without folder and suffix (robust). Default: `default_path`.
+    path: a file, or the name of a file of the package. Such a name is the path in a checkout (configs/ppo/robust.yml);
+    among the algorithm's own files, folder and suffix may be omitted (robust). Default: `default_path`.
     allowed: accepted keys of the entry; default: those of Stable-Baselines3's class.
     """
     yaml = _yaml()
@@ -205,7 +206,7 @@ def checked(config: Config, path: str, env_id: str, allowed: Collection[str]) ->
 
 @contextmanager
 def fitting(algorithm: str) -> Iterator[None]:
-    """Convert errors of an algorithm's construction into a ValueError about its hyper-parameters."""
+    """Convert errors in an algorithm's construction into a ValueError about its hyper-parameters."""
     try:
         yield
     except (AssertionError, TypeError, RuntimeError) as error:
@@ -261,7 +262,7 @@ def schedule(key: str, text: str) -> Linear:
 
 
 def _value(key: str, text: str) -> Any:
-    """Evaluate an expression of dict(...), literals and nn.NAME; nothing else is executed."""
+    """Evaluate an expression of dict(...), literals and nn.NAME. Nothing else is executed."""
     # no names but dict and nn.NAME are evaluated
     try:
         return _node(ast.parse(text.strip(), mode="eval").body)

@@ -1,4 +1,4 @@
-"""Fixed episodes of an environment under a policy, and their measures.
+"""Fixed episodes of an environment under a policy, and performance measures.
 
 All episodes run together in one native vector environment. Episode i has seed `first + i` for every policy, so that
 policies are compared on the same starts, targets and arms.
@@ -22,7 +22,7 @@ FROZEN = "flexarm/"
 """Prefix of the suite's task ids, after the package's name."""
 
 TEST, VALIDATION, TUNING = 10_000, 20_000, 30_000
-"""First seeds of the episodes for evaluation, for model selection in training, and for tuning controllers."""
+"""First seeds of the episodes for three purposes: evaluation, model selection in training, tuning of controllers."""
 
 RANDOMIZED: dict[str, list[float]] = {"payload": [0.5, 2.0], "EI": [0.7, 1.3]}
 """Ranges of the factors on payload and bending stiffness in randomized episodes."""
@@ -31,25 +31,25 @@ LENGTHS = "lengths"
 """Keyword of training environments for arms of several lengths (`envs.lengths`)."""
 
 TRAINING_ONLY = ("duration", "reward", "reward_terms")
-"""Environment keywords that hyper-parameter files set for training only; evaluation uses the environment's own values,
-or the user's."""
+"""Environment keywords that hyper-parameter files set for training only. Evaluation uses the environment's own values,
+or those of the user."""
 
 SLEW_BAND, SLEW_BAND_LEAST, REACH_BAND = 0.02, float(np.radians(0.5)), 0.02
-"""Bands of a settled tip: share of the slew angle, at least that many rad; share of the arm's length for positions."""
+"""Bands of a settled tip: share of the slew angle; minimum of this band, rad; share of the arm's length (reach)."""
 
 
 def judged_in(kwargs: Mapping[str, Any], asked: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Return the environment keywords for evaluation or display, given those of training.
 
-    asked: the user's own keywords, see `user_keywords`; None: none.
+    asked: the user's own keywords, see `user_keywords`; None: no such keywords.
     """
     return {k: v for k, v in kwargs.items() if k not in (*TRAINING_ONLY, "randomization", LENGTHS)} | dict(asked or {})
 
 
 def user_keywords(env_id: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the user's own keywords among `TRAINING_ONLY`, which evaluation then uses too.
+    """Return the user's own keywords among `TRAINING_ONLY`; evaluation uses them too.
 
-    None for tasks of the suite, which are evaluated unchanged whatever the training.
+    The result is None for tasks of the suite, whose evaluation never changes.
     """
     if FROZEN in env_id:
         return {}
@@ -59,8 +59,8 @@ def user_keywords(env_id: str, given: Mapping[str, Any]) -> dict[str, Any]:
 def validation(env_id: str, kwargs: Mapping[str, Any], asked: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Return the environment keywords of the validation episodes, given those of training.
 
-    The reward is the user's (`user_keywords`), otherwise the environment's own, with training's price `cost` if it has
-    one. All links have their own lengths.
+    The reward is the user's (`user_keywords`), otherwise the environment's own, with the price `cost` of the training
+    if it has one. The arm has its own link lengths, even if training draws them (`LENGTHS`).
     """
     left_out = (*TRAINING_ONLY, LENGTHS)
     judged, reward = {k: v for k, v in kwargs.items() if k not in left_out}, kwargs.get("reward")
@@ -79,9 +79,9 @@ class Episodes:
 
     Attributes:
         task, dt: task and control period, s, of the environment. success (n,), settled (n,), terminated (n,): whether
-            an episode succeeded, settled, and ended early. settling (n,): s, the full duration if it never settled.
-        vibration (n,): m. overshoot (n,): share of the way. effort (n,): s. returns (n,): returns.
-        errors (steps + 1, n): tip errors over time. way (n,): error at the start.
+            an episode succeeded, settled, and ended early. settling (n,): settling time, s; the full duration if the
+            tip never settled. vibration (n,): m. overshoot (n,): share of the initial error. effort (n,): s. returns
+            (n,): returns. errors (steps + 1, n): tip errors over time. way (n,): initial error.
     """
 
     task: str
@@ -117,7 +117,7 @@ def make_episodes(env_id: str, n: int, /, **arguments: Any) -> Any:
 
 
 def run(env: Any, policy: Policy, first: int = TEST) -> Episodes:
-    """Run one episode in each environment of a native vector environment, from seeds first, first + 1, ...."""
+    """Run one episode in each environment of a native vector environment; the seeds are first, first + 1, ...."""
     plain = env.unwrapped
     setup, limit, n = Setup.of(env), int(plain.plan.limit), int(env.num_envs)
     lengths = np.array([link.span for link in setup.arm.links])
@@ -161,7 +161,10 @@ def run(env: Any, policy: Policy, first: int = TEST) -> Episodes:
 
 
 def _miss(setup: Setup, info: Mapping[str, Any], before: Array) -> Array:
-    """Target minus tip: (n, 1) rad, unwrapped relative to the previous one `before`, or (n, 2) m in inertial axes."""
+    """Return target minus tip: (n, 1), rad, or (n, 2), m in inertial axes.
+
+    Angles are unwrapped relative to the previous result `before`.
+    """
     if setup.task == "slew":
         tip = np.arctan2(info["tip_position"][:, 1], info["tip_position"][:, 0])
         # choose the turn nearest to the previous value
@@ -173,20 +176,21 @@ def _miss(setup: Setup, info: Mapping[str, Any], before: Array) -> Array:
 
 
 def _bend(setup: Setup, info: Mapping[str, Any], n: int) -> Array:
-    """Tip deflections over length, (n, N); in space their magnitudes."""
+    """Return tip deflections divided by length, (n, N); in space their magnitudes."""
     bend: Array = np.asarray(info["tip_deflection"]).reshape(n, -1, setup.n_joints)
     return bend[:, 0] if bend.shape[1] == 1 else np.asarray(np.linalg.norm(bend, axis=1))
 
 
 def reach_band(setup: Setup) -> float:
-    """Largest distance of a settled tip from its target, m."""
+    """Return the largest distance of a settled tip from its target, m."""
     return REACH_BAND * setup.arm.total_length
 
 
 def _settling(setup: Setup, errors: Array, early: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
-    """Settling times (n,), s, after which the error stays in its band to the end, and whether it settled (n,).
+    """Return settling times (n,), s, and whether each episode settled (n,).
 
-    errors (steps + 1, n): tip errors. early (n,): terminated early. Unsettled episodes have the full duration.
+    A settled error stays in its band to the end. errors (steps + 1, n): tip errors. early (n,): terminated early.
+    Unsettled episodes have the full duration.
     """
     steps = len(errors) - 1
     band = np.maximum(SLEW_BAND * errors[0], SLEW_BAND_LEAST) if setup.task == "slew" else reach_band(setup)
@@ -199,9 +203,9 @@ def _settling(setup: Setup, errors: Array, early: NDArray[np.bool_]) -> tuple[Ar
 
 
 def _vibration(bends: Array, last: NDArray[np.int64], window: int) -> Array:
-    """Half the peak-to-peak tip deflection over the last `window` periods (1 s), m, of the link with the largest.
+    """Return half the peak-to-peak tip deflection, m, over the last `window` periods (1 s).
 
-    bends (steps + 1, n, N): m. last (n,): final step of each episode.
+    Of several links the largest value counts. bends (steps + 1, n, N): m. last (n,): final step of each episode.
     """
     out = np.empty(len(last))
     for i, end in enumerate(last):
@@ -211,7 +215,7 @@ def _vibration(bends: Array, last: NDArray[np.int64], window: int) -> Array:
 
 
 def _overshoot(misses: Array) -> Array:
-    """Largest excursion beyond the target along the initial direction, as a share of the way, (n,).
+    """Return the largest excursion beyond the target along the initial direction, (n,), over the initial error.
 
     misses (steps + 1, n, 1 or 2): target minus tip.
     """

@@ -96,7 +96,7 @@ def keywords(arguments: Arguments, chosen: NamedPolicy) -> dict[str, Any]:
 
 
 def bounds(env: Any, result: fixed.Episodes) -> dict[str, float]:
-    """Median times, s, of the rigid time-optimal slew and of the flexible plan to rest; only for one link."""
+    """Return median times, s, of two plans of one link: rigid time-optimal slew, and flexible plan to rest."""
     setup = Setup.of(env)
     if setup.task != "slew":
         return {}
@@ -113,7 +113,7 @@ def bounds(env: Any, result: fixed.Episodes) -> dict[str, float]:
 
 
 def report(arguments: Arguments, rows: Mapping[str, Any], limits: Mapping[str, float]) -> dict[str, Any]:
-    """Return the JSON content: one policy's numbers at the top level, several under `policies`."""
+    """Return the JSON content: the numbers of a single policy at the top level, those of several under `policies`."""
     head = {
         "env": arguments.env, "episodes": arguments.episodes, "first_seed": arguments.first,
         "formulation": arguments.formulation, "randomized": arguments.randomized, "bounds": dict(limits),
@@ -126,7 +126,7 @@ def report(arguments: Arguments, rows: Mapping[str, Any], limits: Mapping[str, f
 
 
 def judge(arguments: Arguments) -> None:
-    """Evaluate, print, and write the requested files."""
+    """Evaluate the policies, print the result, and write the requested files."""
     if arguments.out is not None:
         to_folder("--out", arguments.out)
     elif arguments.video:

@@ -46,7 +46,10 @@ def weights_of(layers: Iterable[Any]) -> list[tuple[Array32, Array32]]:
 
 
 def numpy_policy(model: Any, meta: Mapping[str, Any], normaliser: Any = None) -> NumpyPolicy:
-    """Convert a PPO, SAC or TQC model to its deterministic NumPy policy. normaliser: its VecNormalize, or None."""
+    """Convert a PPO, SAC or TQC model to its deterministic NumPy policy.
+
+    normaliser: the model's VecNormalize, or None.
+    """
     from torch import nn
 
     policy = model.policy
@@ -82,7 +85,7 @@ def save(policy: NumpyPolicy, path: Path) -> None:
 
 
 def difference(policy: NumpyPolicy, model: Any, normaliser: Any = None, n: int = 4096, seed: int = 0) -> float:
-    """Largest difference between both networks' actions on n random observations of the space."""
+    """Return the largest difference between both networks' actions on n random observations of the space."""
     rng = np.random.default_rng(seed)
     # random observations, normalized as in training
     bounds = np.minimum(model.observation_space.high, 3.0)
@@ -94,7 +97,7 @@ def difference(policy: NumpyPolicy, model: Any, normaliser: Any = None, n: int =
 
 
 def export(run: Path) -> float:
-    """Export a run folder's model to policy.npz; returns the largest difference of actions."""
+    """Export a run folder's model to policy.npz; return the largest difference between the actions of both."""
     record = read_run(run)
     model, normaliser = load_model(run, record["algorithm"])
     meta = {key: record[key] for key in OF_POLICY if key in record}  # older runs have fewer
@@ -108,7 +111,7 @@ def export(run: Path) -> float:
 
 
 def run_export(arguments: Arguments) -> None:
-    """Export, and print the largest difference."""
+    """Export the policy, and print the largest difference between the actions."""
     print(f"{arguments.run / 'policy.npz'}: largest difference from the model {export(arguments.run):.1e}")
 
 

@@ -1,9 +1,10 @@
 """Policy learning by gradients of the return through differentiable simulation, in short windows, with a critic.
 
-After Xu et al. 2022 (Accelerated policy learning with parallel differentiable simulation): n arms act for a window of
-periods. The discounted rewards, plus the critic's estimate of the return beyond the window, are differentiated by the
-policy's weights through all periods of the window; the critic is fitted to the returns. The class has the interface of
-a Stable-Baselines3 algorithm: policies, checkpoints and all their readers are those of PPO.
+The method follows Xu et al. 2022 (Accelerated policy learning with parallel differentiable simulation). n arms act for
+a window of periods. The objective is the sum of the discounted rewards and the critic's estimate of the return after
+the window. It is differentiated by the policy's weights through all periods of the window; the critic is fitted to the
+returns. The class has the interface of a Stable-Baselines3 algorithm: policies, checkpoints and the functions that read
+them are those of PPO.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from flexarm_env.validation import Array, Array32
 Flags = NDArray[np.bool_]
 
 SEEDS = (10**6, 2**31)
-"""Range of seeds of training episodes, disjoint from those of evaluation."""
+"""Range of the seeds of training episodes; it does not overlap with the seeds of evaluation."""
 
 NOT_OF_ARMS = ("autoreset_mode", "num_envs", "vectorization_mode", "render_mode", "info_level")
 """Keywords of a vector environment that do not concern its arms."""
@@ -36,11 +37,11 @@ NOT_OF_ARMS = ("autoreset_mode", "num_envs", "vectorization_mode", "render_mode"
 class Window:
     """Record of T control periods of n arms: lists of T entries.
 
-    states (n, S), seen (n, O): before each period; inputs: inputs of the policy's layers; wanted, noise (n, A): actions
-    before clipping, and their random part; total (n, A): actions with those of the controller inside, if any, before
-    saturation. rewards (T, n): including the costs of limits and the price of failure. slopes (n, O): derivatives of
-    the limits' part by the observation after the period. ended, failed (T, n): whether the episode ended, and whether
-    the solver failed. after (T, n, O): observations after each period.
+    states (n, S), seen (n, O): states and observations before each period. inputs: inputs of the policy's layers.
+    wanted, noise (n, A): actions before clipping, and their random part. total (n, A): actions plus those of a
+    controller inside, before saturation. rewards (T, n): rewards including the costs of limits and the price of
+    failure. slopes (n, O): derivatives of the limits' costs by the observation after the period. ended, failed (T, n):
+    whether the episode ended, and whether the solver failed. after (T, n, O): observations after each period.
     """
 
     states: list[Array]
@@ -94,7 +95,7 @@ class Gradient(BaseAlgorithm):
 
     # --- set up, saved, loaded -------------------------------------------------------------------------
     def _setup_model(self) -> None:
-        """Create the policy with actor and critic, restore loaded optimizer memories, and set up the arms."""
+        """Create the policy with actor and critic, restore the state of loaded optimizers, and set up the arms."""
         self._setup_lr_schedule()
         self.set_random_seed(self.seed)
         self.policy = self.policy_class(
@@ -109,7 +110,7 @@ class Gradient(BaseAlgorithm):
             self._setup_arms()
 
     def _setup_arms(self) -> None:
-        """Create differentiable arms like the environment's, at staggered ages, and compile their kernels."""
+        """Create differentiable arms like the environment's, started at times spread over an episode; compile them."""
         env: Any = self.env
         spec = env.unwrapped.env.spec
         keywords = {k: v for k, v in spec.kwargs.items() if k not in NOT_OF_ARMS}
@@ -142,7 +143,7 @@ class Gradient(BaseAlgorithm):
         return [int(seed) for seed in self.rng.integers(*SEEDS, size=count)]
 
     def _excluded_save_params(self) -> list[str]:
-        """Names of attributes that are not saved but rebuilt on loading."""
+        """Return the names of attributes that are not saved but rebuilt on loading."""
         return [*super()._excluded_save_params(), "arms", "actor", "critic", "law"]
 
     # --- learning --------------------------------------------------------------------------------------
@@ -228,7 +229,10 @@ class Gradient(BaseAlgorithm):
             self.ages, self.returns = np.where(chosen, 0, self.ages), np.where(chosen, 0.0, self.returns)
 
     def _near_limits(self, seen: Array) -> tuple[Array, Array]:
-        """Cost of joints near their limits (n,), and the derivatives (n, O) of minus that cost by the observation."""
+        """Return the cost of joints near their limits (n,), and the derivatives (n, O) of minus this cost by `seen`.
+
+        seen (n, O): observations.
+        """
         cost, slopes = np.zeros(self.n_envs), np.zeros(seen.shape)
         for sine, cosine, low, high in self.margins:
             s, c = seen[:, sine], seen[:, cosine]
@@ -248,7 +252,7 @@ class Gradient(BaseAlgorithm):
     def _improve(self, window: Window, rate: float) -> None:
         """Take one optimizer step of the actor along the gradient of the window's return.
 
-        The return is the sum of discounted rewards plus the critic's value beyond the window. rate: learning rate.
+        The return is the sum of discounted rewards plus the critic's value after the window. rate: learning rate.
         """
         n, steps = self.n_envs, self.n_steps
         # discount factors since the window's, or an episode's, beginning
@@ -300,7 +304,7 @@ class Gradient(BaseAlgorithm):
                 self.critic.parameters.descend(rate)
 
     def _paid(self, window: Window) -> Array:
-        """TD(lambda) returns (T, n) from each period on."""
+        """Return TD(lambda) returns (T, n), each from its period on."""
         entries = window.after.shape[-1]
         expected = self.critic.forward(window.after.reshape(-1, entries))[0].reshape(window.rewards.shape)
         paid, beyond = np.zeros(window.rewards.shape), expected[-1].astype(np.float64)
@@ -313,7 +317,7 @@ class Gradient(BaseAlgorithm):
 
 
 def _within(slope: Array, value: Array | Array32) -> Array:
-    """Propagate derivatives through clipping to [-1, 1]; beyond the limits only those that lead back."""
+    """Propagate derivatives through clipping to [-1, 1]; outside, keep only those that lead back to the range."""
     return np.where((np.abs(value) < 1.0) | (slope * value < 0.0), slope, 0.0)
 
 

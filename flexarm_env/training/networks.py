@@ -1,7 +1,7 @@
-"""Small networks in NumPy, forward and backward, that share the memory of PyTorch's parameters.
+"""Small networks in NumPy, forward and backward, that share memory with PyTorch's parameters.
 
-For networks this small PyTorch's overhead per operation exceeds the arithmetic. The learned parameters remain those of
-a PyTorch module, which is saved, loaded and evaluated as usual.
+For networks this small, PyTorch's overhead per operation exceeds the time of the arithmetic. The learned parameters
+remain those of a PyTorch module, which is saved, loaded and evaluated as usual.
 """
 
 from typing import Any
@@ -15,14 +15,15 @@ DECAY, SQUARES, FLOOR = 0.9, 0.999, 1e-5
 
 
 class Parameters:
-    """PyTorch parameters in one contiguous array, whose memory they share from here on.
+    """PyTorch parameters in one contiguous array, with which they share memory from then on.
 
     Attributes:
-        values (n,): all parameters. gradient (n,): to be filled. memory (2 n + 1,): Adam's moments and step count.
+        values (n,): all parameters. gradient (n,): gradient, written by the caller. memory (2 n + 1,): Adam's moments
+            and step count.
     """
 
     def __init__(self, tensors: list[Any]) -> None:
-        """Copy the tensors into one array and let them point into it."""
+        """Copy the tensors into one array and make them views of it."""
         import torch
 
         sizes = [tensor.numel() for tensor in tensors]
@@ -40,7 +41,7 @@ class Parameters:
         return [of[own].reshape(shape) for own, shape in zip(self._slices, self._shapes, strict=True)]
 
     def descend(self, rate: float, most: float | None = None) -> float:
-        """Take one Adam step with the gradient clipped to norm `most`; returns the norm before clipping.
+        """Take one Adam step with the gradient clipped to norm `most`; return the norm before clipping.
 
         No step is taken if the gradient is not finite. rate: learning rate.
         """
@@ -65,12 +66,12 @@ class Network:
     """Chain of linear layers with tanh or ReLU between them.
 
     Args:
-        layers: torch.nn.Linear, from the observation on. relu: instead of tanh. more: further parameters that are
-            learned with them.
+        layers: torch.nn.Linear, from the observation to the output. relu: whether to use ReLU instead of tanh. more:
+            further parameters that are learned together with the layers.
     """
 
     def __init__(self, layers: list[Any], relu: bool, more: tuple[Any, ...] = ()) -> None:
-        """Collect the parameters and views of weights, biases and their gradients."""
+        """Collect the parameters, and views of weights, biases and their gradients."""
         self.parameters = Parameters([t for layer in layers for t in (layer.weight, layer.bias)] + list(more))
         self.relu, count = relu, 2 * len(layers)
         values, slopes = (self.parameters.views(x) for x in (self.parameters.values, self.parameters.gradient))
@@ -79,7 +80,7 @@ class Network:
         self._slopes = list(zip(slopes[0:count:2], slopes[1:count:2], strict=True))
 
     def forward(self, x: Array32) -> tuple[Array32, list[Array32]]:
-        """Return the output (n, out) for inputs x (n, in), and each layer's input."""
+        """Return the output (n, out) for inputs x (n, in), and the input of each layer."""
         inputs = [x]
         for w, b in zip(self.weights[:-1], self.biases[:-1], strict=True):
             x = x @ w.T
@@ -89,7 +90,7 @@ class Network:
         return x @ self.weights[-1].T + self.biases[-1], inputs
 
     def backward(self, slope: Array32, inputs: list[Array32]) -> tuple[Array32, list[Array32]]:
-        """Propagate derivatives (n, out) by the output back: by the input (n, in), and by each layer's output."""
+        """Propagate derivatives (n, out) by the output back: by the input (n, in), and by the output of each layer."""
         slopes = [slope]
         for k in range(len(self.weights) - 1, 0, -1):
             slope = slope @ self.weights[k]
@@ -101,7 +102,7 @@ class Network:
     def note(self, inputs: list[Array32], slopes: list[Array32]) -> None:
         """Write the gradients by weights and biases, summed over rows, into `parameters.gradient`.
 
-        inputs, slopes: each layer's inputs and the derivatives by its outputs.
+        inputs: each layer's inputs. slopes: derivatives by each layer's outputs.
         """
         for (w, b), x, slope in zip(self._slopes, inputs, slopes, strict=True):
             np.matmul(slope.T, x, out=w)
@@ -109,9 +110,9 @@ class Network:
 
 
 def of_policy(policy: Any) -> tuple[Network, Network]:
-    """Return actor, with its log standard deviation, and critic of a Stable-Baselines3 actor-critic policy.
+    """Return the actor, with its log standard deviation, and the critic of a Stable-Baselines3 actor-critic policy.
 
-    ValueError for networks with activations other than Tanh or ReLU.
+    Raises ValueError for networks with activations other than Tanh or ReLU.
     """
     from torch import nn
 

@@ -13,7 +13,7 @@ from flexarm_env.training.export_policy import numpy_policy
 
 
 class TorchPolicy:
-    """A Stable-Baselines3 model with its normalizer, as a Policy; models of RecurrentPPO have a memory."""
+    """A Stable-Baselines3 model with its normalizer, as a Policy. Models of RecurrentPPO have a memory."""
 
     def __init__(self, model: Any, normaliser: Any) -> None:
         """Store the model and its normalizer, with an empty memory."""
@@ -34,14 +34,14 @@ class TorchPolicy:
 
 
 def acting(model: Any, meta: Mapping[str, Any], normaliser: Any) -> NumpyPolicy | TorchPolicy:
-    """Wrap a model as a Policy: for NumPy alone if possible, otherwise with PyTorch."""
+    """Wrap a model as a Policy that needs only NumPy if possible, and otherwise PyTorch."""
     if hasattr(model.policy, "lstm_actor"):
         return TorchPolicy(model, normaliser)
     return numpy_policy(model, meta, normaliser)
 
 
 def choose(word: str, env_id: str) -> NamedPolicy:
-    """Find the policy that a name denotes, for an environment. ValueError if it was trained on another one."""
+    """Find the policy that a name denotes, for an environment. ValueError if it was trained on another environment."""
     if not word.strip():
         raise ValueError("--policy: must name at least one, or several with commas between them")
     found = find_policy(word)

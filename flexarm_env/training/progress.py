@@ -1,4 +1,4 @@
-"""Progress of a training run: rows of the learning curve, the best policy so far, and the time of solution."""
+"""Progress of a training run: rows of the learning curve, the best policy so far, and the time of the solution."""
 
 import sys
 from collections.abc import Callable
@@ -17,17 +17,16 @@ COLUMNS = (
     "steps", "success_rate", "settling_mean", "settling_median", "return_mean", "train_return", "std", "learning_rate",
     "wall_s", "cpu_s",
 )  # fmt: skip
-"""Columns of the learning curve; all but the last two are reproducible for the same seed on the same machine."""
+"""Columns of the learning curve. All but the last two are reproducible with the same seed on the same machine."""
 
 
 @dataclass
 class Progress:
     """Progress of a run; part of every checkpoint.
 
-    curve: rows of COLUMNS. best: smallest cost so far (see `cost`); best_return: mean return of that evaluation, which
-    breaks ties (before the first success all costs are equal). solved: row at which the task was solved, or None.
-    wall_s,
-    cpu_s: time spent so far, without evaluation and checkpoints.
+    curve: rows of COLUMNS. best: smallest cost so far (see `cost`). best_return: mean return of the evaluation with
+    this cost. It breaks ties, since all costs are equal before the first success. solved: row at which the task was
+    solved, or None. wall_s, cpu_s: time spent so far, without evaluation and checkpoints.
     """
 
     curve: list[dict[str, float]] = field(default_factory=list)
@@ -41,10 +40,10 @@ class Progress:
     def add(
         self, result: episodes.Episodes, steps: int, solved_at: float, best_by: str = "settling", **others: float
     ) -> bool:
-        """Add an evaluation after `steps` steps; returns whether it is the best so far.
+        """Add an evaluation after `steps` steps; return whether it is the best so far.
 
-        solved_at: success rate at which the task counts as solved. best_by: as in `cost`. others: train_return, std,
-        learning_rate.
+        solved_at: success rate at which the task counts as solved. best_by: see `cost`. others: values of train_return,
+        std and learning_rate.
         """
         # row of the learning curve
         row = {
@@ -68,7 +67,7 @@ class Progress:
         return better
 
     def judged(self, steps: int) -> bool:
-        """Whether the last evaluation took place after this many steps."""
+        """Return whether the last evaluation took place after this many steps."""
         return steps in [row["steps"] for row in self.curve[-1:]]
 
     def outcome(self) -> dict[str, Any]:
@@ -85,9 +84,9 @@ class Progress:
 
 
 def cost(result: episodes.Episodes, by: str = "settling") -> float:
-    """Cost that the best policy minimizes: mean settling time, s, where a failed episode counts twice the duration.
+    """Return the cost that the best policy minimizes: mean settling time, s; a failure counts twice the duration.
 
-    by="return": minus the mean return.
+    With by="return" the cost is minus the mean return.
     """
     if by == "return":
         return -float(result.returns.mean())
@@ -138,7 +137,7 @@ def finish(folder: Path, record: dict[str, Any], progress: Progress) -> None:
 
 
 def training_program(program: str, train: Callable[[Any], Any], arguments: Any) -> int:
-    """Train and print the result, or an error with advice on how to continue; returns the exit code."""
+    """Train and print the result, or print an error with advice on how to continue; return the exit code."""
     try:
         progress = train(arguments)
     except ValueError as error:
@@ -160,7 +159,7 @@ def training_program(program: str, train: Callable[[Any], Any], arguments: Any) 
 
 
 def finished(trainer: Any, folder: Path, **given: Any) -> str:
-    """Make sure that a run is finished (train, resume, or keep it) and describe its result."""
+    """Finish a run (train it, resume it, or keep it if it is finished) and describe its result."""
     begun = (folder / "run.json").exists()
     if begun and read_run(folder).get("finished"):
         return f"kept from an earlier call ({folder})"

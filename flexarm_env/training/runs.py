@@ -1,4 +1,4 @@
-"""Files of training runs, written atomically, and errors reported in one sentence."""
+"""Files of training runs, which are written atomically, and errors, which are reported in one sentence."""
 
 import contextlib
 import csv
@@ -30,7 +30,7 @@ T = TypeVar("T")
 
 INTERRUPTED = 130
 MOST_SEED = FIRST - 1001
-"""Largest seed of a training run, whose environments use the thousand seeds from it on."""
+"""Largest seed of a training run; its environments use a thousand seeds, beginning with it."""
 
 
 def write_rows(path: Path, heads: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
@@ -51,7 +51,7 @@ def report(folder: Path, title: str, began: float, lines: list[str]) -> None:
 
 
 def own_folder(folder: Path, fresh: bool) -> Path:
-    """Return the folder, created if it does not exist; fresh: emptied first."""
+    """Return the folder; create it if it does not exist. fresh: whether to empty it first."""
     if fresh and folder.exists():
         shutil.rmtree(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -65,7 +65,10 @@ def command(
     work: Callable[[T], int | None],
     words: Sequence[str] | None = None,
 ) -> int:
-    """Parse a command line (`arguments`) and run `work`; returns the exit code, 2 after an error in one sentence."""
+    """Parse a command line (`arguments`) and run `work`.
+
+    Returns the exit code, which is 2 after an error. The error is printed in one sentence.
+    """
     arguments = parse(kind, program, description, words)
     try:
         return work(arguments) or 0
@@ -74,7 +77,7 @@ def command(
 
 
 def fail(sentence: object) -> int:
-    """Print an error in one line on standard error; returns exit code 2."""
+    """Print an error in one line on standard error; return exit code 2."""
     sys.stderr.write(f"{' '.join(str(sentence).split())}\n")
     return 2
 
@@ -128,8 +131,8 @@ class Training:
     def begun(self, *kept: str, algorithm: str | None = None) -> Self:
         """Return the validated arguments of a new run, or of the run to be resumed.
 
-        A resumed run keeps its original arguments except those named in `kept`. ValueError if the run exists already
-        (new run), if it has finished and --n-timesteps does not extend it, if it belongs to another algorithm, or if
+        A resumed run keeps its original arguments except those named in `kept`. ValueError in four cases: a new run
+        exists already; the run has finished and --n-timesteps does not extend it; it belongs to another algorithm; or
         its seed is reserved for evaluation.
         """
         own = self._resumed(kept, algorithm) if self.resume else self
@@ -198,7 +201,7 @@ OF_POLICY = (
 
 
 def new_record(arguments: Any, algorithm: str, env_kwargs: dict[str, Any], setup: Any, **more: Any) -> dict[str, Any]:
-    """Return the content of run.json at a run's start; setup: `Setup.of` its training environment."""
+    """Return the content of run.json at a run's start. setup: result of `Setup.of` for the training environment."""
     given = {k: str(v) if isinstance(v, Path) else v for k, v in dataclasses.asdict(arguments).items()}
     return {
         "algorithm": algorithm, "env_id": arguments.env, "env_kwargs": env_kwargs, "layout": setup.layout,
@@ -228,9 +231,10 @@ def checkpoints(folder: Path) -> list[Path]:
 
 @contextlib.contextmanager
 def new_checkpoint(folder: Path, steps: int, best: Iterable[str]) -> Iterator[Path]:
-    """Provide a folder to be filled, which then becomes the checkpoint after `steps` steps, atomically.
+    """Provide a folder to be filled, which then atomically becomes the checkpoint after `steps` steps.
 
-    The last two checkpoints are kept. best: files of the run's best model so far, restored together with the curve.
+    The last two checkpoints are kept. best: files of the run's best model so far; they are restored together with the
+    learning curve.
     """
     home = folder / "checkpoints"
     part, final = home / f".part-{os.getpid()}", home / f"{steps:012d}"
@@ -253,7 +257,7 @@ def new_checkpoint(folder: Path, steps: int, best: Iterable[str]) -> Iterator[Pa
 
 
 def restored(folder: Path, read: Callable[[Path, Any], T]) -> T:
-    """Restore the last readable checkpoint: the result of `read(folder, state)`; the best files are restored too."""
+    """Restore the last readable checkpoint and the best files; return the result of `read(folder, state)`."""
     problem = f"{folder}: no checkpoint to resume from"
     for path in reversed(checkpoints(folder)):
         try:
@@ -295,7 +299,7 @@ def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:
 
 
 def load_normaliser(path: Path, model: Any) -> Any:
-    """Load the VecNormalize statistics of a model. ValueError for another file, or another model's."""
+    """Load the VecNormalize statistics of a model. ValueError for another kind of file, or those of another model."""
     try:
         with path.open("rb") as file:
             found = pickle.load(file)

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 def staggered(native: Any, seed: int) -> NDArray[np.float32] | None:
     """Advance reset environments to times spread over an episode; return the observations there, (n, O).
 
-    Episodes of one length that start together would show each rollout a single phase of the task: all arms moving, then
-    all at rest. The arms run without action, each reset at a time of its own. None if episodes are a single step.
+    Episodes of equal length that start together would show each rollout a single phase of the task: all arms moving,
+    then all at rest. The arms run without action and are reset at different times. The result is None if episodes
+    consist of a single step.
 
     Args:
         native: a native vector environment. seed: seed of the order of the times.

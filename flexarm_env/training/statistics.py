@@ -14,7 +14,10 @@ LEVEL = 0.95
 
 
 def bootstrap(values: Array, statistic: Callable[..., Any], seed: int = 0) -> tuple[float, float]:
-    """Percentile bootstrap interval (95 %) of a statistic, called with an axis, of the values (n,)."""
+    """Return the percentile bootstrap interval (95 %) of a statistic of the values (n,).
+
+    statistic: function that is called with an axis.
+    """
     from scipy import stats
 
     if len(values) == 1:  # SciPy rejects a single value
@@ -34,11 +37,11 @@ QUANTITIES: dict[str, tuple[str, Callable[..., Any], Callable[[Episodes], Array]
     "effort_median": ("effort (s)", np.median, lambda e: e.effort),
     "return_mean": ("return", np.mean, lambda e: e.returns),
 }
-"""JSON key -> (heading, statistic, values of an Episodes). Vibration is in mm, overshoot in %."""
+"""JSON key -> (heading, statistic, function from Episodes to values). Vibration is in mm, overshoot in %."""
 
 
 def summary(result: Episodes) -> dict[str, Any]:
-    """Compute every quantity and its interval (key + "_interval"), and the rates of settling and early ends."""
+    """Return every quantity with its interval (key + "_interval"), and the rates of settling and of early ends."""
     out: dict[str, Any] = {"episodes": len(result.success)}
     for key, (_, statistic, values) in QUANTITIES.items():
         numbers = values(result)
@@ -50,7 +53,7 @@ def summary(result: Episodes) -> dict[str, Any]:
 
 
 def markdown(rows: Mapping[str, Mapping[str, Any]], bounds: Mapping[str, float] | None = None) -> str:
-    """Format a table: a row per policy, intervals in brackets; medians of the bounds below."""
+    """Format a table: a row per policy, intervals in brackets; below it the medians of the bounds."""
     lines = []
     for name, row in rows.items():
         lines.append((name, *(_cell(key, row[key], row[f"{key}_interval"]) for key in QUANTITIES)))

@@ -132,9 +132,9 @@ def train(arguments: Arguments) -> Any:
 
 
 def controller_inside(config: configs.Config, arguments: Arguments, env: Any) -> Inside | None:
-    """Return the controller inside the policy, of the flags or else of the config; None: there is none.
+    """Return the controller inside the policy, from the flags or otherwise from the config; None if there is none.
 
-    env: an environment of the training. ValueError for an invalid or an unsupported one.
+    env: an environment of the training. Raises ValueError for an invalid or an unsupported controller.
     """
     table, share = config.around, arguments.share
     if arguments.around and not (arguments.resume and table):
@@ -160,8 +160,8 @@ def controller_inside(config: configs.Config, arguments: Arguments, env: Any) ->
 def fitted(config: configs.Config, arguments: Arguments) -> tuple[configs.Config, dict[str, Any]]:
     """Adapt discount factor, episode duration and control period to the user's own arm (`control.timescales`).
 
-    Returns the config, and the chosen environment keywords. Values given by the user, or by the user's own file, are
-    kept; the chosen ones are printed.
+    Returns the config, and the chosen environment keywords. Values from the user, or from the user's own file, are
+    kept; the chosen values are printed.
     """
     given, text = arguments.env_kwargs, dict(config.text)
     named = given.get("arm")
@@ -181,7 +181,7 @@ def fitted(config: configs.Config, arguments: Arguments) -> tuple[configs.Config
 
 
 def _check_installed() -> None:
-    """Raise ValueError that names all missing packages of the extra `train` at once."""
+    """Raise one ValueError that names all missing packages of the extra `train`."""
     missing = [name for module, name in NEEDED.items() if find_spec(module) is None]
     if missing:
         hint = "; PyTorch's CPU build, which is enough, comes by PyTorch's own instructions"
@@ -189,7 +189,7 @@ def _check_installed() -> None:
 
 
 def _keep_last(folder: Path, model: Any, progress: Progress) -> None:
-    """Keep one checkpoint, from which the run can be extended; none with a replay buffer, which is large."""
+    """Keep one checkpoint, from which the run can be extended. Keep none with a replay buffer, because it is large."""
     from flexarm_env.training import watch
 
     if hasattr(model, "replay_buffer"):

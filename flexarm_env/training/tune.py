@@ -50,10 +50,10 @@ SEARCHED: dict[str, dict[str, tuple[float, float]]] = {
 """Searched gains with their ranges, on a logarithmic scale."""
 
 OWN: dict[str, tuple[float, float]] = {"bandwidth": (0.02, 3.0), "ratio": (0.02, 3.0)}
-"""Ranges for a user's own arm: with a light hub or elbow the sampled loop tolerates little damping."""
+"""Ranges for a user's own arm; with a light hub or elbow the sampled loop tolerates little damping."""
 
 WIDE: dict[str, tuple[float, float]] = {"bandwidth": (0.02, 3.0), "ratio": (0.3, 10.0)}
-"""Ranges for randomized arms: loops that suit them all are slower and better damped."""
+"""Ranges for randomized arms; loops that suit all of them are slower and better damped."""
 
 PER_JOINT = ("bandwidth", "ratio")
 
@@ -61,7 +61,7 @@ NONE = 1e3
 """Cost of unusable gains."""
 
 MARGIN = 2.0
-"""Gain margin required of PD control: 6 dB."""
+"""Required gain margin of PD control: 6 dB."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class Arguments:
 
 
 class SearchProgress:
-    """Cost function that reports a search's progress on standard error, in place on a terminal, elsewhere now and then.
+    """Cost function that reports a search's progress on standard error: in place on a terminal, elsewhere now and then.
 
     Args:
         cost: cost function of gains. name: name of the controller. total: largest number of evaluations of the search.
@@ -162,7 +162,7 @@ def search(
 
 
 def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], episodes.Episodes]:
-    """Tune a controller's gains; returns them as a table, and the episodes run with them."""
+    """Tune a controller's gains; return the table of gains, and the episodes run with these gains."""
     setup = control.Setup.of(env)
     names, bounds = [], []
     # ranges of the PD gains depend on the arms
@@ -173,7 +173,7 @@ def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], epi
             bounds.append(limits)
 
     def table(values: Array) -> dict[str, Any]:
-        """Gains by name, from the vector of searched values, to four digits."""
+        """Return gains by name, to four digits, from the vector of searched values."""
         out: dict[str, Any] = {}
         for key, value in zip(names, values, strict=True):
             number = float(f"{value:.4g}")
@@ -186,7 +186,7 @@ def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], epi
         return episodes.run(env, controller, episodes.TUNING)
 
     def cost(values: Array) -> float:
-        """Mean settling time plus the duration times the failure rate, s; NONE for unusable gains."""
+        """Return mean settling time plus the duration times the failure rate, s; NONE for unusable gains."""
         gains = gains_from(name, table(values))
         # PD loops need the gain margin
         if arguments.margin > 0.0 and isinstance(gains, control.PDGains) and not gains.stable(setup, arguments.margin):
@@ -216,12 +216,12 @@ def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], epi
 
 
 def place(task: str, arguments: Arguments) -> Path:
-    """Return the file of a task's gains."""
+    """Return the path of the file with a task's gains."""
     return Path(arguments.out) if arguments.out else arguments.home / f"{task}.toml"
 
 
 def current(path: Path) -> dict[str, Any]:
-    """Read the gains on file. ValueError if they are invalid, since rewriting the file would lose them."""
+    """Read the existing file of gains. ValueError if it is invalid, because rewriting it would lose the gains."""
     tables = read_toml(path)[0] if path.is_file() else {}
     with check.in_file(path):
         check.known_keys("", tables, control.NAMES, "controller")

@@ -75,7 +75,7 @@ class Watch(BaseCallback):
         return not self._over
 
     def _on_training_end(self) -> None:
-        """Evaluate the final model unless already done, and close the progress bar."""
+        """Evaluate the final model if it is not yet evaluated, and close the progress bar."""
         self._tick()
         if not self._over and not self.state.judged(self.num_timesteps):
             self.judge()
@@ -138,7 +138,7 @@ def start_staggered(model: Any, seed: int) -> None:
 
 # ------------------------------------------------------------------ checkpoints
 def save_checkpoint(folder: Path, model: Any, progress: Progress) -> None:
-    """Save the complete state, so that a resumed run continues as if uninterrupted."""
+    """Save the complete state, so that a resumed run continues as if it had not been interrupted."""
     import torch
 
     with new_checkpoint(folder, model.num_timesteps, ("model.zip", "vecnormalize.pkl")) as part:

@@ -1,4 +1,4 @@
-"""Contents of a player: points of the arm over time, forces and torques, charts; enlarged deflections."""
+"""Contents of a player: points of the arm over time, forces and torques, charts, and enlarged deflections."""
 
 from __future__ import annotations
 
@@ -18,10 +18,9 @@ from ..validation import Array
 class Pull:
     """A force or torque on a point of the chain.
 
-    name: shown in the legend. point: index of the point. values: (n,) N m, a torque; or (n, 2) N, a force, in space (n,
-    3).
-    limit: largest torque, N m; None, or a value that is exceeded: the largest of the values. axis (n, 3): axis of a
-    torque in space.
+    name: name in the legend. point: index of the point. values: torques (n,), N m, or forces (n, 2), N, in space
+    (n, 3). limit: largest torque, N m. If it is None, or the values exceed it, the largest value replaces it. axis
+    (n, 3): axis of a torque in space.
     """
 
     name: str
@@ -33,7 +32,7 @@ class Pull:
 
 @dataclass(frozen=True)
 class Chart:
-    """Curves over time on common axes. title: with its unit. series: by name, (n,) each."""
+    """Curves over time on common axes. title: title with unit. series: values (n,) by the curve's name."""
 
     title: str
     series: Mapping[str, Array]
@@ -48,14 +47,16 @@ class Clip:
         t (n,): s. points (n, P, 2): from root to tip, m. cuts (N + 1,): indices of root, joints and tip.
         angles (n, N, 2): angles of the tangents at each link's root and tip, rad.
         rigid (n, N): angles of the links' roots in the rigid arm at the same joint angles, rad (`rigid_angles`).
-        rest (P, 2): the links without stress, each from its root and its tangent there, m; of a joint, that tip.
-        curvature (n, P): 1/m, at the points; at a joint, of the link that ends there.
-        surface: m, from the neutral axis to the surface, where one number tells it; strain is curvature times that.
+        rest (P, 2): points of the stress-free links, m, each relative to the link's root and tangent there; a joint
+            belongs to the link that ends there.
+        curvature (n, P): 1/m, at the points; a joint belongs to the link that ends there.
+        surface: distance from the neutral axis to the surface, m, or None if it is unknown or varies; strain is
+            curvature times this distance.
         target (n, 2): m, or None. polar: whether the target is an angle, so that its distance has no meaning.
         pulls: forces and torques. charts: charts in the order shown.
         pinned: whether the root is on a motor. payload: whether the tip carries a payload. walls: outlines of shapes to
             avoid.
-        base (n,): attitude of a base that floats with the motor on it, rad, or None.
+        base (n,): attitude, rad, of a floating base that carries the motor, or None.
     """
 
     label: str
@@ -79,7 +80,7 @@ class Clip:
     skipped: int = field(default=1)  # of so many instants one is left
 
     def every(self, step: int) -> Clip:
-        """Return the clip with every `step`-th instant and the last."""
+        """Return the clip with every `step`-th instant and the last one."""
         optional = (name for name in ("target", "base") if getattr(self, name) is not None)
         names = ("t", "points", "angles", "rigid", "curvature", *optional)
         thin: Clip = thinner(self, names, step)
@@ -87,7 +88,7 @@ class Clip:
 
 
 def thinner(clip: Any, names: Sequence[str], step: int) -> Any:
-    """Return a clip with every `step`-th instant and the last; names: names of its arrays over time."""
+    """Return a clip with every `step`-th instant and the last one; names: names of its arrays over time."""
     if step <= 1:
         return clip
     i = np.unique(np.append(np.arange(0, len(clip.t), step), len(clip.t) - 1))
@@ -98,7 +99,10 @@ def thinner(clip: Any, names: Sequence[str], step: int) -> Any:
 
 
 def cuts_of(points: Array, hinges: Array) -> tuple[int, ...]:
-    """Return the indices of root, hinges and tip among points (n, P, 2). hinges: (n, N - 1, 2)."""
+    """Return the indices of root, hinges and tip among points (n, P, 2).
+
+    hinges (n, N - 1, 2): positions of the hinges.
+    """
     gaps = np.abs(points[:, None] - hinges[:, :, None]).sum(axis=-1)  # (n, N - 1, P)
     inner = gaps.max(axis=0).argmin(axis=-1) if len(points) else ()
     cuts = (0, *(int(k) for k in inner), points.shape[1] - 1)
@@ -108,7 +112,7 @@ def cuts_of(points: Array, hinges: Array) -> tuple[int, ...]:
 
 
 def thinned(cuts: Sequence[int], most: int) -> tuple[NDArray[np.intp], tuple[int, ...]]:
-    """Return indices of points to keep, at most `most` a link, and the cuts among them."""
+    """Return the indices of the points to keep, at most `most` per link, and the cuts among these points."""
     kept = [np.unique(np.linspace(a, b, min(most, b - a + 1)).round().astype(int)) for a, b in pairwise(cuts)]
     places = np.unique(np.concatenate(kept))
     return places, tuple(int(np.searchsorted(places, c)) for c in cuts)
@@ -117,8 +121,8 @@ def thinned(cuts: Sequence[int], most: int) -> tuple[NDArray[np.intp], tuple[int
 def rigid_angles(joints: ArrayLike, turns: ArrayLike) -> Array:
     """Return the angles (..., N), rad, at the roots of the links of the rigid arm.
 
-    joints (..., N): angles of the joints, joint 0 from the x axis, joint k from the tip of link k - 1. turns (N,):
-        angle from root to tip of each stress-free link; 0 for straight links.
+    joints (..., N): joint angles; joint 0 from the x axis, joint k from the tip of link k - 1. turns (N,): angle from
+    root to tip of each stress-free link; 0 for straight links.
     """
     before = np.concatenate([[0.0], np.cumsum(turns)[:-1]])
     return np.asarray(np.cumsum(joints, axis=-1) + before)
@@ -127,15 +131,15 @@ def rigid_angles(joints: ArrayLike, turns: ArrayLike) -> Array:
 def magnified(
     points: ArrayLike, cuts: Sequence[int], angles: ArrayLike, rigid: ArrayLike, rest: ArrayLike, factor: float
 ) -> Array:
-    """Return the chain with its deflection from the rigid arm at the same joint angles multiplied by a factor.
+    """Return the chain with its deflection multiplied by a factor.
 
-    The factor multiplies each link's deflection from its root's tangent, and the angle by which its bending turns the
-    following links. Lengths along the tangents, the root and the joint angles do not change. A factor of 1 returns the
-    points unchanged.
+    The deflection is the difference from the rigid arm at the same joint angles. The factor multiplies each link's
+    deflection from its root's tangent, and the angle by which its bending turns the following links. Lengths along the
+    tangents, the root and the joint angles do not change. A factor of 1 returns the points unchanged.
 
     Args:
         points (P, 2): from root to tip, m. cuts (N + 1,): indices of root, joints and tip. angles (N, 2): angles of the
-            tangents at each link's root and tip, rad. rigid (N,), rest (P, 2): as those of a `Clip`. factor: positive.
+            tangents at each link's root and tip, rad. rigid (N,), rest (P, 2): see `Clip`. factor: positive.
     Returns:
         (P, 2), m.
     """

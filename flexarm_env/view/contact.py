@@ -11,14 +11,15 @@ from .clip import Chart, Pull
 
 
 def obstacles_of(plan: Any) -> list[Shape]:
-    """Return the shapes of an environment's plan: those to stay out of, and those that the arm may touch."""
+    """Return all shapes of an environment's plan: shapes to avoid, and shapes that the arm may touch."""
     return [*plan.keep_out, *(contact.obstacle for contact in plan.contacts)]
 
 
 def contact_pulls(plan: Any, views: Sequence[Any], tips: Sequence[int], axes: int) -> list[Pull]:
     """Return the contact force on each point that may touch, as a `Pull` on the tip of its link.
 
-    views: `batch.View` of each instant. tips: index of the chain's point at the tip of each link. axes: 2 or 3.
+    views: `batch.View` of each instant. tips: for each link, the index of the chain's point at the link's tip. axes: 2
+    or 3.
     """
     links = sorted({k for contact in plan.contacts for k in contact.links(plan.arm)})
     found = []

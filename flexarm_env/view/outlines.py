@@ -1,4 +1,4 @@
-"""Drawn outlines of planar shapes, and flat faces of shapes in space."""
+"""Outlines of planar shapes, and flat faces of shapes in space, for drawing."""
 
 from itertools import pairwise
 
@@ -16,7 +16,7 @@ def _circle(count: int) -> Array:
 def outline_of(shape: Shape, center: Array, far: float) -> Array:
     """Return the corners (n, 2), m, of a planar shape.
 
-    A half-space's outline reaches `far` m from its point nearest to `center`.
+    A half-space's outline extends `far` m from the half-space's point nearest to `center`.
     """
     place = np.array(shape.place)
     if isinstance(shape, HalfSpace):
@@ -33,13 +33,14 @@ _CUBE = [
     for axis in range(3)
     for way in (1.0, -1.0)
 ]
-"""Corners of each face, anticlockwise from outside."""
+"""Corners of each face of the cube, anticlockwise seen from outside."""
 
 
 def faces_of(shape: Shape, center: Array, far: float) -> list[Array]:
     """Return the faces (n, 3), m, of a shape in space, corners anticlockwise seen from outside.
 
-    A half-space has one square with sides 2 `far`, m, about its point nearest to `center`, seen from behind.
+    A half-space has one square with sides 2 `far`, m, around the point of the half-space nearest to `center`. Its
+    corners are anticlockwise seen from behind.
     """
     place, axes = np.array(shape.place), shape.axes
     if isinstance(shape, HalfSpace):

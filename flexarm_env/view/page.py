@@ -1,4 +1,4 @@
-"""The page: clips as numbers in base64, with the player's HTML, style and script, in one file that needs no network."""
+"""The player's page: clips as numbers in base64 with HTML, style and script, in one file that needs no network."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .clip import Chart, Clip
 from .space import SpaceClip, check_alike
 
 MOST_BYTES = 2_900_000
-"""Of a page; where all instants would need more, they are thinned evenly."""
+"""Largest size of a page; if all instants need more, instants are omitted evenly."""
 
 
 class Player:
@@ -33,7 +33,7 @@ class Player:
 
     Args:
         clips: at least one, with different labels. title: title of the page; default the labels.
-        most_bytes: largest size of the page; longer runs are thinned evenly to fit.
+        most_bytes: largest size of the page; instants of longer runs are omitted evenly to meet it.
     Raises:
         ValueError: no clip, or clips that do not fit even with two instants each.
     """
@@ -41,10 +41,10 @@ class Player:
     def __init__(
         self, clips: Sequence[Clip | SpaceClip], title: str | None = None, most_bytes: int = MOST_BYTES
     ) -> None:
-        """Pack clips for the page; instants are left out until it has at most most_bytes.
+        """Pack clips for the page; omit instants until the page has at most most_bytes.
 
         Raises:
-            ValueError: no clips, clips that differ in what they show, or most_bytes too small for two instants.
+            ValueError: no clips, planar and spatial clips together, or most_bytes too small for two instants.
         """
         if not clips:
             raise check.InvalidValue("clips", clips, "must hold at least one")
@@ -62,7 +62,7 @@ class Player:
     def of(cls, runs: Sequence[Any], labels: Sequence[str] | None, *how: Any) -> Player:
         """Return a player of runs, each with a method `clip(label, *how)`.
 
-        Raises ValueError unless labels match runs.
+        Raises ValueError unless there is one label per run.
         """
         names = [None] * len(runs) if labels is None else list(labels)
         if len(names) != len(runs):
@@ -75,7 +75,7 @@ class Player:
         return page(self.data, self.title)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write the page to a file, completely or not at all; create its folder. Raises OSError."""
+        """Write the page to a file atomically, and create its folder if necessary. Raises OSError."""
         target = Path(path)
         write_text(target, self.html)
         return target
@@ -86,7 +86,7 @@ class Player:
 
 
 def frame(source: str, title: str) -> str:
-    """Return an iframe that shows a player. source: its src or srcdoc attribute."""
+    """Return an iframe that shows a player. source: the iframe's attribute src or srcdoc."""
     style = 'style="width: 100%; height: 44rem; border: 1px solid #8884; border-radius: 8px"'
     name = f'title="{html.escape(f"Player: {title}")}"'
     return f'<iframe {source} {name} sandbox="allow-scripts" allow="fullscreen" loading="lazy" {style}></iframe>'
@@ -126,7 +126,7 @@ def _clip(clip: Clip | SpaceClip) -> dict[str, Any]:
 
 
 def _in_plane(clip: Clip) -> dict[str, Any]:
-    """Return a planar clip's own entries of the page's data."""
+    """Return the entries of the page's data that only planar clips have."""
     return {
         **{name: _packed("f4", getattr(clip, name)) for name in ("angles", "rest")},
         "surface": clip.surface,
@@ -138,7 +138,7 @@ def _in_plane(clip: Clip) -> dict[str, Any]:
 
 
 def _in_space(clip: SpaceClip) -> dict[str, Any]:
-    """Return a spatial clip's own entries of the page's data; walls are split into triangles."""
+    """Return the entries of the page's data that only spatial clips have; walls are split into triangles."""
     faces = [[face[0], *pair] for face in clip.walls for pair in pairwise(face[1:])]
     return {
         "across": _short(clip.across),
@@ -184,7 +184,7 @@ def _packed(kind: str, values: NDArray[Any]) -> dict[str, Any]:
 
 
 def _short(values: Array) -> dict[str, Any]:
-    """Pack values as 16-bit integers between least and greatest; 0 is exact if it lies between.
+    """Pack values as 16-bit integers between their minimum and maximum; 0 is exact if it lies between.
 
     -32768 stands for NaN.
     """
@@ -203,7 +203,10 @@ def _listed(labels: Sequence[str]) -> str:
 
 
 def _apart(clips: list[Any]) -> list[Any]:
-    """Return clips with distinct labels. If none has a tip error, each gets the distance from the first clip's tip."""
+    """Return clips with distinct labels.
+
+    If no clip has a chart of the tip error, each gets a chart of its tip's distance from the first clip's tip.
+    """
     seen: dict[str, int] = {}
     own = []
     for clip in clips:

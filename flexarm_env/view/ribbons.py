@@ -1,4 +1,4 @@
-"""Links in space as ribbons: smooth lines with the direction of their width, read off coordinates."""
+"""Links in space as ribbons: smooth lines with the direction of their width, computed from coordinates."""
 
 import math
 from itertools import pairwise
@@ -17,7 +17,7 @@ from .clip import cuts_of, thinned
 
 
 class Ribbons(NamedTuple):
-    """N links at n instants, P points in all; link k has the points cuts[k] to cuts[k + 1] - 1, root to tip.
+    """N links at n instants, with P points in total; link k has the points cuts[k] to cuts[k + 1] - 1, root to tip.
 
     points (n, P, 3): m. across (n, P, 3): unit vectors along the width, the z axes of sections.
     """
@@ -27,15 +27,15 @@ class Ribbons(NamedTuple):
     cuts: tuple[int, ...]
 
     def chain(self, i: int) -> list[tuple[Array, Array]]:
-        """Return points (P_k, 3), m, and width directions of each link at instant i."""
+        """Return the points (P_k, 3), m, and the width directions of each link at instant i."""
         return [(self.points[i, a:b], self.across[i, a:b]) for a, b in pairwise(self.cuts)]
 
 
 def ribbons(arm: Arm, settings: Settings, q: Array, pieces: int = 6) -> Ribbons:
     """Return the links as ribbons from states q (n, rows).
 
-    Between sections the line is the cubic that leaves one and reaches the next along their x axes, and the width turns
-    evenly about one axis; pieces: number of pieces of each such part.
+    Between two sections the line is a cubic that is tangent to both sections' x axes. The width direction turns evenly
+    about one axis. pieces: number of pieces between two sections.
     """
     lines, cuts = [], [0]
     for link, motion in zip(arm.links, links(arm, settings, q, np.zeros_like(q)), strict=True):
@@ -50,7 +50,7 @@ def ribbons(arm: Arm, settings: Settings, q: Array, pieces: int = 6) -> Ribbons:
 
 
 def ribbons_of(run: Any, pieces: int = 6) -> Ribbons:
-    """Return the ribbons of a `SpatialTrajectory`; a run that stays in a plane is read from its planar scene."""
+    """Return the ribbons of a `SpatialTrajectory`; a planar motion is read from its planar scene."""
     flat = in_plane(run.scene)
     if flat is None:
         return ribbons(run.scene.arm, run.settings, run.q, pieces)
@@ -68,12 +68,12 @@ def ribbons_of(run: Any, pieces: int = 6) -> Ribbons:
 
 
 def sides(arm: Arm) -> Array:
-    """Return width and thickness (N, 2), m, of the links from the stiffnesses in their middle; 0 for rigid links."""
+    """Return width and thickness (N, 2), m, of the links from the stiffnesses at mid-length; 0 for rigid links."""
     return np.array([_sides(link) for link in arm.links])
 
 
 def _sides(link: Link) -> tuple[float, float]:
-    """Return width and thickness, m, of the rectangle with a link's EI, EI_y and EA in its middle; 0 if rigid."""
+    """Return width and thickness, m, of the rectangle with a link's EI, EI_y and EA at mid-length; 0 if rigid."""
     if link.rigid:
         return 0.0, 0.0
     middle = np.array([0.5 * link.length])
@@ -86,7 +86,7 @@ def _at(section: Frame) -> tuple[Array, Array]:
 
 
 def _between(a: Frame, b: Frame, pieces: int) -> tuple[Array, Array]:
-    """Return places and widths behind section a up to section b, (n, pieces, 3)."""
+    """Return positions and width directions after section a up to section b, (n, pieces, 3) each."""
     s = (np.arange(1, pieces + 1) / pieces)[:, None]
     chord = np.linalg.norm(b.r - a.r, axis=1)[:, None, None]
     leaving, reaching = chord * a.A[:, None, :, 0], chord * b.A[:, None, :, 0]

@@ -21,12 +21,15 @@ from .outlines import outline_of
 from .space import SpaceClip
 
 MOST_POINTS = 21
-"""Points that are kept of a link."""
+"""Largest number of points per link."""
 
 
 # ------------------------------------------------------------- trajectories
 def of_trajectory(run: Any, label: str | None, curvature: Any) -> Clip | SpaceClip:
-    """Return the clip of a `Trajectory`. curvature: function that returns (n, G) 1/m at places (link, 0 to 1)."""
+    """Return the clip of a `Trajectory`.
+
+    curvature: function that returns the curvatures (n, G), 1/m, at places (link, 0 to 1).
+    """
     scene: Scene = run.scene
     arm = scene.arm
     if scene.spatial:
@@ -88,7 +91,7 @@ def _joints(arm: Arm) -> list[str]:
 
 
 def shapes_of(run: Any, frames: Any, factor: float) -> Array:
-    """Return points (n, points, 2), m, of a trajectory at given samples, the deflection times the factor."""
+    """Return points (n, points, 2), m, of a trajectory at given samples, with deflections times the factor."""
     shapes: Array = run.shapes[frames]
     if factor == 1.0:
         return shapes
@@ -99,26 +102,26 @@ def shapes_of(run: Any, frames: Any, factor: float) -> Array:
 
 
 def turns_of(arm: Arm) -> Array:
-    """Return the angles (N,), rad, from root to tip of each unstressed link."""
+    """Return the angles (N,), rad, from root to tip of each stress-free link."""
     return np.array([link.turn for link in arm.links])
 
 
 def rest_of(arm: Arm, points: Array, cuts: Sequence[int]) -> Array:
-    """Return the points (P, 2), m, of a chain in their unstressed links: `Clip.rest`."""
+    """Return the points (P, 2), m, of a chain in its stress-free links; see `Clip.rest`."""
     places = [arm.links[k].place(s) for k, s in _along(arm, points, cuts)]
     return np.column_stack([np.real(places), np.imag(places)])
 
 
 def _moving(series: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the series that are not zero throughout."""
+    """Return the series that have nonzero values."""
     return {name: values for name, values in series.items() if np.any(np.nan_to_num(values) != 0.0)}
 
 
 def _surface(arm: Arm, curvature: Array) -> float | None:
     """Return half the thickness (m) of the rectangle with the sections' m and J (`sensors.surface`), or None.
 
-    None where J = 0, where it differs along the arm, or where the surface would strain by 0.1 or more at the largest
-    curvature (1/m): such m and J belong to no real section.
+    The result is None in three cases: J = 0; the thickness varies along the arm; or the surface would strain by 0.1 or
+    more at the largest curvature (1/m), so that such m and J belong to no real section.
     """
     sections = [link.along(share * link.length) for link in arm.links for share in (0.0, 0.5, 1.0)]
     if any(float(s.J) <= 0.0 for s in sections):
@@ -129,7 +132,7 @@ def _surface(arm: Arm, curvature: Array) -> float | None:
 
 
 def _along(arm: Arm, points: Array, cuts: Sequence[int]) -> list[tuple[int, float]]:
-    """Return each point's link (at a joint, the one before) and its arc length from the link's root, m."""
+    """Return each point's link (at a joint, the link that ends there) and its arc length from the link's root, m."""
     places: list[tuple[int, float]] = []
     for k, (a, b) in enumerate(pairwise(cuts)):
         link, steps = arm.links[k], np.hypot(*np.diff(points[a : b + 1], axis=0).T)
@@ -139,7 +142,7 @@ def _along(arm: Arm, points: Array, cuts: Sequence[int]) -> list[tuple[int, floa
 
 
 def _places(arm: Arm, points: Array, cuts: Sequence[int]) -> list[tuple[int, float]]:
-    """Return each point's link and place, 0 to 1 along its flexible part."""
+    """Return each point's link, and its place from 0 to 1 along the link's flexible part."""
     return [(k, float(np.clip(s / arm.links[k].length, 0.0, 1.0))) for k, s in _along(arm, points, cuts)]
 
 
@@ -178,7 +181,7 @@ def _reference_error(run: Any) -> list[Chart]:
 
 
 def _bridged(values: Array) -> Array:
-    """Return values with gaps interpolated linearly; those at the ends remain."""
+    """Interpolate gaps in the values linearly; gaps at the ends remain."""
     good = np.flatnonzero(np.isfinite(values))
     if not len(good):
         return values
@@ -191,7 +194,7 @@ UNITS = {"angle": "rad", "rate": "rad/s", "acceleration": "m/s²", "camera": "m"
 
 
 def _sensors(run: Any) -> list[Chart]:
-    """Return charts of the arm's sensor readings, ideal ones if it has none: one chart per unit."""
+    """Return charts of the arm's sensor readings, one per unit; an arm without sensors has ideal ones."""
     try:
         read: dict[str, Array] = run.measured()
     except ValueError:  # samples at uneven distances: no sensor reads them
@@ -216,8 +219,8 @@ def of_episode(
 
     Args:
         plan: plan of its environment. views: `batch.View` of each instant. rows: observations and infos by name.
-        rewards: rewards of its steps. label: name of the clip. rate: gives (G, rows) curvature, 1/m, from the state at
-            places.
+        rewards: rewards of its steps. label: name of the clip. rate: function that returns the matrix (G, rows) from
+            the state to curvatures, 1/m, at given places.
     """
     arm: Arm = plan.arm
     energies = {k.removeprefix("energy_"): x for k, x in rows.items() if k.startswith("energy_") or k == "work"}
@@ -260,7 +263,7 @@ def _attitude(base: Array | None) -> list[Chart]:
 
 
 def _miss(tip: Array, target: Array, angle: Array, polar: bool) -> Chart:
-    """Return a chart of the tip's distance from the target, m, or of its polar angle from it, rad."""
+    """Return a chart of the tip's distance from the target, m, or of the difference of their polar angles, rad."""
     if not polar:
         apart = np.hypot(tip[:, POSE.tip_x] - target[:, 0], tip[:, POSE.tip_y] - target[:, 1])
         return Chart("tip error: distance from the target (m)", {"tip": apart})

@@ -26,10 +26,10 @@ class SpaceClip:
     """A run in space as shown by the player: n instants, N links, P points; SI units.
 
     Attributes:
-        label, note, t, pulls, charts, pinned, payload: as those of a `Clip`; forces are (n, 3).
+        label, note, t, pulls, charts, pinned, payload: see `Clip`; forces are (n, 3).
         points, across (n, P, 3), cuts (N + 1,): see `view.ribbons.Ribbons`. sides (N, 2): width and thickness, m.
-        length: length of the arm, m. ground: its height, m. rigid (n, N + 1, 3): joints and tip of the rigid arm, m, or
-            None.
+        length: length of the arm, m. ground: height of the ground, m. rigid (n, N + 1, 3): joints and tip of the rigid
+            arm, m, or None.
         target (n, 3): m, or None. walls: faces of shapes to avoid, (corners, 3) m each.
     """
 
@@ -52,7 +52,7 @@ class SpaceClip:
     skipped: int = field(default=1)
 
     def every(self, step: int) -> SpaceClip:
-        """Return the clip with every `step`-th instant and the last."""
+        """Return the clip with every `step`-th instant and the last one."""
         names = [name for name in ("t", "points", "across", "rigid", "target") if getattr(self, name) is not None]
         thin: SpaceClip = thinner(self, names, step)
         return thin
@@ -82,7 +82,7 @@ def _clip(
 
 
 def _bending(arm: Arm, deflection: Array, twist: Array) -> list[Chart]:
-    """Return charts of deflection (n, N, 2) and twist (n, N), rad, of the flexible links."""
+    """Return charts of deflections (n, N, 2) and twists (n, N), rad, of the flexible links."""
     soft = [k for k, link in enumerate(arm.links) if not link.rigid]
     bend = {f"link {k + 1}, {axis}": deflection[:, k, i] for k in soft for i, axis in enumerate("yz")}
     turn = {f"link {k + 1}": np.degrees(twist[:, k]) for k in soft}
@@ -92,7 +92,7 @@ def _bending(arm: Arm, deflection: Array, twist: Array) -> list[Chart]:
 def of_run(run: Any, label: str | None, note: str, charts: Sequence[Chart]) -> SpaceClip:
     """Return the clip of a `SpatialTrajectory`.
 
-    charts: charts of torques and energies, shown after those of deflection and twist. label: the scene's name if None.
+    charts: charts of torques and energies, shown after those of deflection and twist. label: None: the scene's name.
     """
     scene: Scene = run.scene
     far = 0.7 * scene.arm.total_length
@@ -127,7 +127,7 @@ def _loads(loads: Sequence[PointLoad], cuts: Sequence[int], t: Array) -> list[Pu
 
 
 def of_episode(plan: Any, views: Sequence[Any], label: str, note: str, charts: Sequence[Chart]) -> SpaceClip:
-    """Return the clip of an episode. views: `batch.View` of each instant. charts: further ones."""
+    """Return the clip of an episode. views: `batch.View` of each instant. charts: further charts."""
     arm, q = plan.arm, np.array([view.q for view in views])
     target = np.array([view.target for view in views])
     poses = np.array([view.poses for view in views])

@@ -336,7 +336,7 @@ def _less(rows):
 
 @kernel
 def _columns(frame):
-    """Return `Column`s by left place, left rotation, right place, right rotation (places: frame axes, rotations: own)."""
+    """Return `Column`s by left place, left rotation, right place, right rotation (frame axes; own axes of sections)."""
     a, b, share, zero = frame.left, frame.right, frame.over, frame.length * 0.0
     none, full = Vector(zero, zero, zero), zero + 1.0
     nothing, one = Matrix(none, none, none), about_identity(full, none, zero, none)
